@@ -1,0 +1,8 @@
+#pragma once
+#include <map>
+#include <string>
+
+namespace vsr2 {
+/// What this library was built from: version, Bullet, Eigen, compiler, scalar width, sanitizers.
+std::map<std::string, std::string> build_facts();
+}  // namespace vsr2

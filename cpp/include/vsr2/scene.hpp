@@ -1,0 +1,129 @@
+#pragma once
+// The scene: what a world is built from. Immutable after construction and shared by all worlds
+// and threads; collision shapes are built once.
+//
+// Frames: W world (z up, pedestal moves along x); M the model frame in which the rock's collision
+// parts are given; B the rock's body frame (origin at the mass centre, axes principal); P the
+// pedestal frame, which starts at p_WP0 with the world's axes. SI units throughout.
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include <Eigen/Dense>
+
+namespace vsr2 {
+
+/// Raised for a scene or trial that cannot be simulated; the message names the value.
+class InvalidInput : public std::invalid_argument {
+ public:
+  using std::invalid_argument::invalid_argument;
+};
+
+/// A rigid transform: position [m] and unit orientation.
+struct Pose {
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
+};
+
+/// Body-level contact inputs (supplement S2.1).
+struct Material {
+  double restitution = 0.35;
+  double lateral_friction = 0.7;
+  double spinning_friction = 0.5;
+  double rolling_friction = 0.0;
+  double stiffness = 2.6e9;  ///< per contact point [N/m]
+  double damping = 1.0e7;    ///< per contact point [N s/m]
+};
+
+/// Settings of the physics engine (supplement S1.2).
+struct EngineSettings {
+  double gravity = 9.81;     ///< downwards [m/s^2]
+  double time_step = 1e-3;   ///< between two drive set-points [s]
+  int substeps = 1;          ///< solver steps per time_step
+  int solver_iterations = 150;
+  double residual_threshold = 0.0;               ///< [(m/s)^2]
+  double restitution_velocity_threshold = 0.2;   ///< [m/s]
+  bool cone_friction = true;
+  bool deterministic_overlapping_pairs = true;
+  double collision_margin = 1e-3;                ///< [m]
+  /// Distance at which a cached contact point is dropped, per angular motion disc (about the
+  /// greatest radius) of the smaller shape [1].
+  double contact_breaking_threshold = 0.02;
+  // Bullet's default is the single-precision 0.04; its bits are part of the parity.
+  double linear_damping = 0.04F;   ///< [1/s]
+  double angular_damping = 0.04F;  ///< [1/s]
+};
+
+/// Convex hull of points, shape (k, 3) [m].
+struct HullPart {
+  std::vector<Eigen::Vector3d> points;
+};
+/// Box with full edge lengths `size` [m] at `pose`.
+struct BoxPart {
+  Eigen::Vector3d size = Eigen::Vector3d::Ones();
+  Pose pose;
+};
+/// Exact triangle surface (pedestals only).
+struct TrianglesPart {
+  std::vector<Eigen::Vector3d> vertices;
+  std::vector<std::array<std::int32_t, 3>> faces;
+};
+using Part = std::variant<HullPart, BoxPart, TrianglesPart>;
+
+struct RockSpec {
+  std::vector<Part> parts;  ///< in M
+  double mass = 0.0;        ///< [kg]
+  Eigen::Vector3d principal_inertia = Eigen::Vector3d::Zero();  ///< about B [kg m^2]
+  bool inertia_from_aabb = false;  ///< Bullet's bounding-box inertia instead of principal_inertia
+  Pose X_MB;
+  Material material;
+};
+
+struct PedestalSpec {
+  std::vector<Part> parts;  ///< in P
+  Eigen::Vector3d p_WP0 = Eigen::Vector3d(0, 0, 2.25);
+  double mass = 2e5;  ///< carried by the prismatic joint [kg]
+  Eigen::Vector3d base_size = Eigen::Vector3d(50, 14, 2);  ///< static base standing on z = 0 [m]
+  double top = 2.5;   ///< greatest z of the pedestal at the start [m]
+  Material material;
+};
+
+/// A validated scene with its collision shapes. Thread safe: nothing changes after construction.
+class Scene {
+ public:
+  /// @throws InvalidInput for values no engine can use (zero mass, empty parts, NaN, ...).
+  Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock);
+  ~Scene();
+  Scene(const Scene&) = delete;
+  Scene& operator=(const Scene&) = delete;
+
+  const EngineSettings& engine() const { return engine_; }
+  const PedestalSpec& pedestal() const { return pedestal_; }
+  const RockSpec& rock() const { return rock_; }
+
+  /// The rock's inertia about B that worlds use, after `inertia_from_aabb` [kg m^2].
+  Eigen::Vector3d rock_inertia() const;
+  /// Vertices of the rock's collision hulls in B after hull reduction, shape (k, 3) [m].
+  std::vector<Eigen::Vector3d> rock_hull_vertices() const;
+
+  /// Collision shapes, for the engines.
+  struct Shapes;
+  const Shapes& shapes() const { return *shapes_; }
+
+ private:
+  EngineSettings engine_;
+  PedestalSpec pedestal_;
+  RockSpec rock_;
+  std::unique_ptr<Shapes> shapes_;
+};
+
+/// Diagonalises a symmetric inertia tensor as Bullet's URDF reader does (Jacobi, 1e-6, 30 sweeps).
+/// Returns the rotation R_MB and the diagonal.
+std::pair<Eigen::Matrix3d, Eigen::Vector3d> diagonalise_inertia(const Eigen::Matrix3d& I_M);
+
+}  // namespace vsr2

@@ -1,0 +1,106 @@
+#pragma once
+// A trial: settle, shake, let it come to rest, tell the outcome.
+
+#include <atomic>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "vsr2/world.hpp"
+
+namespace vsr2 {
+
+enum class Status : std::int32_t {
+  ok = 0,
+  settling_timeout = 1,  ///< did not come to rest before the motion
+  tail_timeout = 2,      ///< did not come to rest after the motion; the outcome is of the last state
+  diverged = 3,          ///< the state became infinite or NaN
+  error = 4,             ///< an exception; see the message
+  cancelled = 5,
+  not_run = 6,
+};
+
+enum class Outcome : std::int32_t {
+  stable = 0,
+  rocked = 1,
+  slid = 2,
+  rotated = 3,
+  overturned = 4,
+  failed = 5,  ///< no outcome: status tells why
+};
+
+struct RestCriterion {
+  double linear_speed = 1e-3;   ///< relative to the pedestal [m/s]
+  double angular_speed = 2e-3;  ///< [rad/s]
+  double window = 0.25;         ///< [s]
+};
+
+struct OutcomeThresholds {
+  double overturned_tilt = 1.4;  ///< irreversible [rad]
+  double toppled_tilt = 0.35;    ///< at the end [rad]
+  double rocked_tilt = 0.01;     ///< peak [rad]
+  double slid_distance = 0.005;  ///< at the end [m]
+  double rotated_angle = 0.035;  ///< at the end [rad]
+};
+
+struct TrialSpec {
+  std::shared_ptr<const Scene> scene;
+  Drive drive = Drive::prescribed;
+  Pose X_WB0;                                 ///< start pose of the rock
+  std::shared_ptr<const std::vector<double>> position;  ///< set-points, first at time 0 [m]
+  std::shared_ptr<const std::vector<double>> velocity;  ///< set-points [m/s]; null: differences
+  RestCriterion rest;
+  double settling_timeout = 60.0;             ///< [s]; 0: no settling
+  double tail = 30.0;                         ///< longest run after the motion [s]
+  OutcomeThresholds outcome;
+  bool stop_early = true;
+  std::int64_t log_every = 0;                 ///< [time steps]; 0: none
+  bool log_settling = false;
+  std::int64_t contacts_every = 0;            ///< [time steps]; 0: none
+};
+
+/// Columns of a state log row.
+enum LogColumn : int {
+  kTime, kCommandedPosition, kCommandedVelocity, kPedestalPosition, kPedestalVelocity,
+  kRockX, kRockY, kRockZ, kRockQx, kRockQy, kRockQz, kRockQw,
+  kRockVx, kRockVy, kRockVz, kRockWx, kRockWy, kRockWz,
+  kLogColumns
+};
+/// Columns of a contact log row: time, rock point, pedestal point, normal, distance, normal and
+/// two lateral impulses, two lateral directions.
+inline constexpr int kContactColumns = 20;
+
+struct TrialResult {
+  Status status = Status::not_run;
+  Outcome outcome = Outcome::failed;
+  std::string message;
+  double settling_time = std::numeric_limits<double>::quiet_NaN();   ///< [s]
+  double simulated_time = std::numeric_limits<double>::quiet_NaN();  ///< after settling [s]
+  double overturning_time = std::numeric_limits<double>::quiet_NaN();///< irreversible from [s]
+  double peak_tilt = std::numeric_limits<double>::quiet_NaN();       ///< [rad]
+  double final_tilt = std::numeric_limits<double>::quiet_NaN();      ///< [rad]
+  double final_slip = std::numeric_limits<double>::quiet_NaN();      ///< [m]
+  double final_yaw = std::numeric_limits<double>::quiet_NaN();       ///< [rad]
+  double peak_tracking_error = std::numeric_limits<double>::quiet_NaN();  ///< [m]
+  std::int64_t steps = 0;  ///< time steps, settling included
+  /// NaN until settled.
+  Pose X_WB_settled{Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()),
+                    Eigen::Quaterniond(Eigen::Vector4d::Constant(std::numeric_limits<double>::quiet_NaN()))};
+  Eigen::Vector3d p_B_foot = Eigen::Vector3d::Constant(
+      std::numeric_limits<double>::quiet_NaN());  ///< body point whose travel is the slip [m]
+  std::vector<double> log;       ///< rows of kLogColumns
+  std::vector<double> contacts;  ///< rows of kContactColumns
+};
+
+/// Tilt of R_WB away from R_WB0: angle between the body's settled vertical and the vertical [rad].
+double tilt_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB);
+/// Turn about the vertical between the two (twist of the swing-twist decomposition) [rad].
+double yaw_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB);
+
+/// Runs one trial in a freshly built world. Never throws for what happens in the trial: see status.
+/// `cancel` is looked at every few steps.
+TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel);
+
+}  // namespace vsr2

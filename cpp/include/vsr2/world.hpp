@@ -1,0 +1,77 @@
+#pragma once
+// A world: one rock on one driven pedestal, advanced step by step.
+
+#include <memory>
+#include <vector>
+
+#include "vsr2/scene.hpp"
+
+namespace vsr2 {
+
+/// How the prismatic joint follows its set-points.
+enum class Drive {
+  prescribed,                ///< exactly: position reached at the end of each step
+  motor_position,            ///< Bullet's joint motor, position reference only (recordings, S1.3)
+  motor_position_velocity,   ///< Bullet's joint motor, both references (cosine modes, S1.3)
+};
+
+/// Set-point for the end of a step.
+struct DriveTarget {
+  double position = 0.0;  ///< [m]
+  double velocity = 0.0;  ///< [m/s]
+};
+
+struct PedestalState {
+  double position = 0.0;  ///< displacement along x from the start [m]
+  double velocity = 0.0;  ///< [m/s]
+};
+
+struct RockState {
+  Eigen::Vector3d p_WB = Eigen::Vector3d::Zero();  ///< mass centre [m]
+  Eigen::Quaterniond q_WB = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d v_WB = Eigen::Vector3d::Zero();  ///< [m/s]
+  Eigen::Vector3d w_WB = Eigen::Vector3d::Zero();  ///< angular velocity in W [rad/s]
+};
+
+/// One contact point between rock and pedestal (or base), as the last step used it.
+struct ContactPoint {
+  Eigen::Vector3d p_W_rock;      ///< [m]
+  Eigen::Vector3d p_W_pedestal;  ///< [m]
+  Eigen::Vector3d normal_W;      ///< from pedestal to rock, unit
+  double distance;               ///< negative: penetration [m]
+  double normal_impulse;         ///< over the last solver step [N s]
+  double lateral_impulse_1;      ///< along direction_1 [N s]
+  double lateral_impulse_2;      ///< along direction_2 [N s]
+  Eigen::Vector3d direction_1;
+  Eigen::Vector3d direction_2;
+  // Pair values the solver used.
+  double lateral_friction;
+  double restitution;
+  double spinning_friction;
+  double stiffness;
+  double damping;
+};
+
+/// A world owns its state and shares the scene. One thread at a time.
+class World {
+ public:
+  virtual ~World() = default;
+  /// Puts a rock at X_WB, at rest. @throws InvalidInput if there is one already or the pose is bad.
+  virtual void spawn_rock(const Pose& X_WB) = 0;
+  /// @throws InvalidInput if there is none.
+  virtual void delete_rock() = 0;
+  virtual bool has_rock() const = 0;
+  /// Sets the rock's velocities [m/s], [rad/s] in W.
+  virtual void set_rock_velocity(const Eigen::Vector3d& v_WB, const Eigen::Vector3d& w_WB) = 0;
+  /// Advances by one time step (all its substeps) towards the set-point.
+  virtual void step(const DriveTarget& target) = 0;
+  virtual PedestalState pedestal() const = 0;
+  virtual RockState rock() const = 0;
+  /// Replaces `out` by the current contacts of the rock.
+  virtual void contacts(std::vector<ContactPoint>& out) const = 0;
+};
+
+/// A world that steps exactly as PyBullet does.
+std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive);
+
+}  // namespace vsr2

@@ -1,0 +1,313 @@
+// The `parity` engine: Bullet's multibody world with PyBullet's settings, order of creation and
+// way of placing bodies, so that both give the same bits.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include <btBulletDynamicsCommon.h>
+#include <BulletDynamics/Featherstone/btMultiBody.h>
+#include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
+#include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
+#include <BulletDynamics/Featherstone/btMultiBodyJointMotor.h>
+#include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
+
+#include "scene_shapes.hpp"
+#include "vsr2/world.hpp"
+
+static_assert(sizeof(btScalar) == 8, "link Bullet's double-precision (-float64) libraries");
+
+namespace vsr2 {
+namespace {
+
+// PyBullet's motor: gains of setJointMotorControl2 and the original's force and speed bounds.
+constexpr double kMotorPositionGain = 0.1;
+constexpr double kMotorVelocityGain = 1.0;
+constexpr double kMotorMaximumForce = 5e8;   // [N]
+constexpr double kMotorSpeedClamp = 200.0;   // [m/s]
+// A prescribed pedestal carries this mass [kg]: no impulse of a rock changes a bit of its speed.
+constexpr double kPrescribedMass = 1e30;
+// The original's start orientation has five digits and is used as it stands.
+constexpr double kQuaternionTolerance = 1e-3;
+constexpr int kStaticGroup = btBroadphaseProxy::StaticFilter;
+constexpr int kDefaultGroup = btBroadphaseProxy::DefaultFilter;
+
+// Bullet takes the relative contact breaking threshold from a process-wide variable; this keeps it
+// a property of the world. As there, the smaller of the two shapes' thresholds counts.
+class Dispatcher final : public btCollisionDispatcher {
+ public:
+  Dispatcher(btCollisionConfiguration* configuration, double relative_threshold)
+      : btCollisionDispatcher(configuration), relative_threshold_(relative_threshold) {}
+  btPersistentManifold* getNewManifold(const btCollisionObject* a, const btCollisionObject* b) override {
+    btPersistentManifold* manifold = btCollisionDispatcher::getNewManifold(a, b);
+    manifold->setContactBreakingThreshold(
+        std::min(a->getCollisionShape()->getContactBreakingThreshold(relative_threshold_),
+                 b->getCollisionShape()->getContactBreakingThreshold(relative_threshold_)));
+    return manifold;
+  }
+
+ private:
+  double relative_threshold_;
+};
+
+btDefaultCollisionConstructionInfo small_pools() {
+  // A world has a handful of pairs; Bullet's default pools take 9 MB.
+  btDefaultCollisionConstructionInfo info;
+  info.m_defaultMaxPersistentManifoldPoolSize = 16;
+  info.m_defaultMaxCollisionAlgorithmPoolSize = 16;
+  return info;
+}
+
+struct Body {
+  std::unique_ptr<btMultiBody> multibody;
+  std::vector<std::unique_ptr<btMultiBodyLinkCollider>> colliders;
+};
+
+class BulletWorld final : public World {
+ public:
+  BulletWorld(std::shared_ptr<const Scene> scene, Drive drive)
+      : scene_(std::move(scene)),
+        drive_(drive),
+        configuration_(small_pools()),
+        dispatcher_(&configuration_, scene_->engine().contact_breaking_threshold),
+        broadphase_(&pair_cache_),
+        world_(&dispatcher_, &broadphase_, &solver_, &configuration_) {
+    const EngineSettings& engine = scene_->engine();
+    world_.setGravity(btVector3(0, 0, -engine.gravity));
+    world_.getDispatchInfo().m_deterministicOverlappingPairs = engine.deterministic_overlapping_pairs;
+    btContactSolverInfo& info = world_.getSolverInfo();
+    info.m_erp2 = 0.08;
+    info.m_frictionERP = 0.2;
+    info.m_linearSlop = 1e-5;
+    info.m_numIterations = engine.solver_iterations;
+    info.m_leastSquaresResidualThreshold = engine.residual_threshold;
+    info.m_minimumSolverBatchSize = 0;
+    info.m_warmstartingFactor = 0.1;
+    info.m_splitImpulse = true;
+    info.m_splitImpulsePenetrationThreshold = -0.04;
+    info.m_restitutionVelocityThreshold = engine.restitution_velocity_threshold;
+    info.m_solverMode |= SOLVER_USE_2_FRICTION_DIRECTIONS;
+    if (!engine.cone_friction) info.m_solverMode |= SOLVER_DISABLE_IMPLICIT_CONE_FRICTION;
+    add_ground();
+    add_robot();
+  }
+
+  ~BulletWorld() override {
+    if (rock_.multibody) remove(rock_);
+    if (motor_) world_.removeMultiBodyConstraint(motor_.get());
+    remove(robot_);
+    remove(ground_);
+  }
+
+  void spawn_rock(const Pose& X_WB) override {
+    if (rock_.multibody) throw InvalidInput("there is a rock already; delete it first");
+    if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
+        std::abs(X_WB.orientation.norm() - 1.0) > kQuaternionTolerance)
+      throw InvalidInput("the rock's start pose is not finite or its quaternion is not of norm 1");
+    const Scene::Shapes& shapes = scene_->shapes();
+    const EngineSettings& engine = scene_->engine();
+    rock_.multibody = std::make_unique<btMultiBody>(0, scene_->rock().mass, shapes.rock_inertia,
+                                                    false, false);
+    btMultiBody& body = *rock_.multibody;
+    body.setHasSelfCollision(false);
+    body.setLinearDamping(engine.linear_damping);
+    body.setAngularDamping(engine.angular_damping);
+    body.finalizeMultiDof();
+    btMultiBodyLinkCollider& collider = add_collider(rock_, -1, shapes.rock);
+    set_material(collider, scene_->rock().material);
+    world_.addCollisionObject(&collider, kDefaultGroup, btBroadphaseProxy::AllFilter);
+    world_.addMultiBody(&body);
+    body.setBaseVel(btVector3(0, 0, 0));
+    body.setBasePos(to_bullet(X_WB.position));
+    body.setBaseOmega(btVector3(0, 0, 0));
+    // Not normalised: PyBullet places a body with the quaternion as given.
+    body.setWorldToBaseRot(to_bullet(X_WB.orientation).inverse());
+    refresh(body);
+    world_.updateSingleAabb(&collider);
+  }
+
+  void delete_rock() override {
+    if (!rock_.multibody) throw InvalidInput("there is no rock to delete");
+    remove(rock_);
+  }
+
+  bool has_rock() const override { return rock_.multibody != nullptr; }
+
+  void set_rock_velocity(const Eigen::Vector3d& v_WB, const Eigen::Vector3d& w_WB) override {
+    if (!rock_.multibody) throw InvalidInput("there is no rock");
+    rock_.multibody->setBaseVel(to_bullet(v_WB));
+    rock_.multibody->setBaseOmega(to_bullet(w_WB));
+  }
+
+  void step(const DriveTarget& target) override {
+    const EngineSettings& engine = scene_->engine();
+    const double dt = engine.time_step / engine.substeps;
+    btMultiBody& robot = *robot_.multibody;
+    if (drive_ == Drive::prescribed) {
+      const double start = robot.getJointPos(0);
+      for (int i = 0; i < engine.substeps; ++i) {
+        const double goal = start + (target.position - start) * (i + 1) / engine.substeps;
+        robot.setJointVel(0, (goal - robot.getJointPos(0)) / dt);
+        world_.stepSimulation(dt, 0);
+      }
+    } else {
+      motor_->setVelocityTarget(drive_ == Drive::motor_position_velocity ? target.velocity : 0.0,
+                                kMotorVelocityGain);
+      motor_->setPositionTarget(target.position, kMotorPositionGain);
+      motor_->setMaxAppliedImpulse(kMotorMaximumForce * engine.time_step);
+      for (int i = 0; i < engine.substeps; ++i) world_.stepSimulation(dt, 0);
+    }
+  }
+
+  PedestalState pedestal() const override {
+    return {robot_.multibody->getJointPos(0), robot_.multibody->getJointVel(0)};
+  }
+
+  RockState rock() const override {
+    if (!rock_.multibody) throw InvalidInput("there is no rock");
+    const btMultiBody& body = *rock_.multibody;
+    // Through a transform, as PyBullet reads an orientation out.
+    const btQuaternion orientation = btTransform(body.getWorldToBaseRot().inverse()).getRotation();
+    return {to_eigen(body.getBasePos()), to_eigen(orientation), to_eigen(body.getBaseVel()),
+            to_eigen(body.getBaseOmega())};
+  }
+
+  void contacts(std::vector<ContactPoint>& out) const override {
+    out.clear();
+    if (!rock_.multibody) return;
+    const btCollisionObject* rock = rock_.colliders.front().get();
+    for (int m = 0; m < dispatcher_.getNumManifolds(); ++m) {
+      const btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(m);
+      const bool rock_is_a = manifold->getBody0() == rock;
+      if (!rock_is_a && manifold->getBody1() != rock) continue;
+      for (int i = 0; i < manifold->getNumContacts(); ++i) {
+        const btManifoldPoint& point = manifold->getContactPoint(i);
+        const double sign = rock_is_a ? 1.0 : -1.0;
+        out.push_back({
+            .p_W_rock = to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
+            .p_W_pedestal = to_eigen(rock_is_a ? point.m_positionWorldOnB : point.m_positionWorldOnA),
+            .normal_W = sign * to_eigen(point.m_normalWorldOnB),
+            .distance = point.getDistance(),
+            .normal_impulse = point.m_appliedImpulse,
+            .lateral_impulse_1 = point.m_appliedImpulseLateral1,
+            .lateral_impulse_2 = point.m_appliedImpulseLateral2,
+            .direction_1 = sign * to_eigen(point.m_lateralFrictionDir1),
+            .direction_2 = sign * to_eigen(point.m_lateralFrictionDir2),
+            .lateral_friction = point.m_combinedFriction,
+            .restitution = point.m_combinedRestitution,
+            .spinning_friction = point.m_combinedSpinningFriction,
+            .stiffness = point.m_combinedContactStiffness1,
+            .damping = point.m_combinedContactDamping1,
+        });
+      }
+    }
+  }
+
+ private:
+  void add_ground() {
+    ground_.multibody = std::make_unique<btMultiBody>(0, 0.0, btVector3(0, 0, 0), true, false);
+    btMultiBody& body = *ground_.multibody;
+    body.setHasSelfCollision(false);
+    body.finalizeMultiDof();
+    body.setBasePos(btVector3(0, 0, -5));
+    btMultiBodyLinkCollider& collider = add_collider(ground_, -1, scene_->shapes().ground.get());
+    collider.setFriction(1.0);
+    collider.setCollisionFlags(collider.getCollisionFlags() | btCollisionObject::CF_STATIC_OBJECT);
+    refresh(body);
+    world_.addCollisionObject(&collider, kStaticGroup, btBroadphaseProxy::AllFilter ^ kStaticGroup);
+    world_.addMultiBody(&body);
+  }
+
+  void add_robot() {
+    const Scene::Shapes& shapes = scene_->shapes();
+    const PedestalSpec& pedestal = scene_->pedestal();
+    const EngineSettings& engine = scene_->engine();
+    const bool prescribed = drive_ == Drive::prescribed;
+    const double mass = prescribed ? kPrescribedMass : pedestal.mass;
+    const btVector3 inertia = shapes.pedestal_inertia * (mass / pedestal.mass);
+    const Eigen::Vector3d base_centre(0, 0, 0.5 * pedestal.base_size.z());
+    robot_.multibody = std::make_unique<btMultiBody>(1, 0.0, btVector3(0, 0, 0), true, false);
+    btMultiBody& body = *robot_.multibody;
+    body.setHasSelfCollision(false);
+    body.setBasePos(to_bullet(base_centre));
+    body.setupPrismatic(0, mass, inertia, -1, btQuaternion(0, 0, 0, 1), btVector3(1, 0, 0),
+                        to_bullet(Eigen::Vector3d(pedestal.p_WP0 - base_centre)), btVector3(0, 0, 0),
+                        true);
+    // Damping would slow a prescribed pedestal between the two ends of a step.
+    body.setLinearDamping(prescribed ? 0.0 : engine.linear_damping);
+    body.setAngularDamping(prescribed ? 0.0 : engine.angular_damping);
+    body.finalizeMultiDof();
+    btMultiBodyLinkCollider& base = add_collider(robot_, -1, shapes.base.get());
+    base.setCollisionFlags(base.getCollisionFlags() | btCollisionObject::CF_STATIC_OBJECT);
+    btMultiBodyLinkCollider& link = add_collider(robot_, 0, shapes.pedestal);
+    set_material(link, pedestal.material);
+    refresh(body);
+    world_.addCollisionObject(&base, kDefaultGroup, kDefaultGroup);
+    world_.addCollisionObject(&link, kDefaultGroup, kDefaultGroup);
+    world_.addMultiBody(&body);
+    if (!prescribed) {
+      motor_ = std::make_unique<btMultiBodyJointMotor>(&body, 0, 0, 0.0, 1.0);
+      motor_->setPositionTarget(0, 0);
+      motor_->setVelocityTarget(0, kMotorVelocityGain);
+      motor_->setRhsClamp(kMotorSpeedClamp);
+      motor_->finalizeMultiDof();
+      world_.addMultiBodyConstraint(motor_.get());
+    }
+  }
+
+  btMultiBodyLinkCollider& add_collider(Body& body, int link, btCollisionShape* shape) {
+    auto collider = std::make_unique<btMultiBodyLinkCollider>(body.multibody.get(), link);
+    collider->setCollisionShape(shape);
+    if (link < 0) {
+      body.multibody->setBaseCollider(collider.get());
+    } else {
+      body.multibody->getLink(link).m_collider = collider.get();
+    }
+    body.colliders.push_back(std::move(collider));
+    return *body.colliders.back();
+  }
+
+  static void set_material(btCollisionObject& object, const Material& material) {
+    object.setRestitution(material.restitution);
+    object.setFriction(material.lateral_friction);
+    object.setSpinningFriction(material.spinning_friction);
+    object.setRollingFriction(material.rolling_friction);
+    object.setContactStiffnessAndDamping(material.stiffness, material.damping);
+  }
+
+  void refresh(btMultiBody& body) {
+    body.forwardKinematics(scratch_q_, scratch_m_);
+    body.updateCollisionObjectWorldTransforms(scratch_q_, scratch_m_);
+  }
+
+  void remove(Body& body) {
+    for (auto& collider : body.colliders) world_.removeCollisionObject(collider.get());
+    world_.removeMultiBody(body.multibody.get());
+    body.colliders.clear();
+    body.multibody.reset();
+  }
+
+  std::shared_ptr<const Scene> scene_;
+  Drive drive_;
+  btDefaultCollisionConfiguration configuration_;
+  mutable Dispatcher dispatcher_;
+  btHashedOverlappingPairCache pair_cache_;
+  btDbvtBroadphase broadphase_;
+  btMultiBodyConstraintSolver solver_;
+  btMultiBodyDynamicsWorld world_;
+  Body ground_;
+  Body robot_;
+  Body rock_;
+  std::unique_ptr<btMultiBodyJointMotor> motor_;
+  btAlignedObjectArray<btQuaternion> scratch_q_;
+  btAlignedObjectArray<btVector3> scratch_m_;
+};
+
+}  // namespace
+
+std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive) {
+  return std::make_unique<BulletWorld>(std::move(scene), drive);
+}
+
+}  // namespace vsr2

@@ -1,0 +1,230 @@
+#include "vsr2/scene.hpp"
+
+#include <cmath>
+#include <string>
+
+#include "scene_shapes.hpp"
+
+namespace vsr2 {
+namespace {
+
+template <typename... Values>
+void require(bool condition, const std::string& message) {
+  if (!condition) throw InvalidInput(message);
+}
+
+bool finite(const Eigen::Vector3d& v) { return v.allFinite(); }
+
+void check_pose(const Pose& pose, const std::string& what) {
+  require(finite(pose.position) && pose.orientation.coeffs().allFinite(), what + " is not finite");
+  require(std::abs(pose.orientation.norm() - 1.0) < 1e-6,
+          what + ": the quaternion has norm " + std::to_string(pose.orientation.norm()) + ", not 1");
+}
+
+void check_material(const Material& m, const std::string& what) {
+  for (double value : {m.restitution, m.lateral_friction, m.spinning_friction, m.rolling_friction,
+                       m.damping})
+    require(std::isfinite(value) && value >= 0, what + ": a contact value is negative or not finite");
+  require(std::isfinite(m.stiffness) && m.stiffness > 0, what + ": stiffness must be positive");
+}
+
+void check_engine(const EngineSettings& e) {
+  require(std::isfinite(e.gravity) && e.gravity >= 0, "engine: gravity must be at least 0");
+  require(std::isfinite(e.time_step) && e.time_step > 0 && e.time_step <= 0.1,
+          "engine: time_step must lie in (0, 0.1] s, got " + std::to_string(e.time_step));
+  require(e.substeps >= 1 && e.substeps <= 100000, "engine: substeps must be at least 1");
+  require(e.solver_iterations >= 1, "engine: solver_iterations must be at least 1");
+  require(e.residual_threshold >= 0, "engine: residual_threshold must be at least 0");
+  require(e.restitution_velocity_threshold >= 0,
+          "engine: restitution_velocity_threshold must be at least 0");
+  require(e.collision_margin >= 0, "engine: collision_margin must be at least 0");
+  require(e.contact_breaking_threshold > 0, "engine: contact_breaking_threshold must be positive");
+  require(e.linear_damping >= 0 && e.angular_damping >= 0, "engine: damping must be at least 0");
+}
+
+// Builds the shapes of one body. `X_BM` takes the parts' model frame into the body frame.
+class ShapeBuilder {
+ public:
+  ShapeBuilder(Scene::Shapes& shapes, double margin) : shapes_(shapes), margin_(margin) {}
+
+  btCollisionShape* body(const std::vector<Part>& parts, const btTransform& X_BM,
+                         const std::string& what) {
+    require(!parts.empty(), what + " has no collision part");
+    // As PyBullet's createMultiBody: a lone part whose frame is the body's stays as it is, all else
+    // goes into one compound.
+    std::vector<std::pair<btTransform, btCollisionShape*>> children;
+    for (const Part& part : parts) {
+      if (const auto* hull = std::get_if<HullPart>(&part)) {
+        children.emplace_back(btTransform::getIdentity(), convex_hull(*hull, what));
+      } else if (const auto* box = std::get_if<BoxPart>(&part)) {
+        require(finite(box->size) && box->size.minCoeff() > 0, what + ": box sizes must be positive");
+        check_pose(box->pose, what + ": box pose");
+        auto* shape = own(std::make_unique<btBoxShape>(to_bullet(Eigen::Vector3d(0.5 * box->size))));
+        children.emplace_back(to_bullet(box->pose), shape);
+      } else {
+        children.emplace_back(btTransform::getIdentity(),
+                              triangles(std::get<TrianglesPart>(part), what));
+      }
+    }
+    btCollisionShape* root = nullptr;
+    if (children.size() == 1 && X_BM * children[0].first == btTransform::getIdentity()) {
+      root = children[0].second;
+    } else {
+      // The compound has no margin of its own: it would widen the bounding box, and with it the
+      // contact breaking threshold.
+      auto compound = std::make_unique<btCompoundShape>();
+      for (const auto& [X_MC, child] : children) compound->addChildShape(X_BM * X_MC, child);
+      root = compound.get();
+      shapes_.owned.push_back(std::move(compound));
+    }
+    return root;
+  }
+
+ private:
+  template <typename Shape>
+  Shape* own(std::unique_ptr<Shape> shape) {
+    Shape* raw = shape.get();
+    raw->setMargin(margin_);
+    shapes_.owned.push_back(std::move(shape));
+    return raw;
+  }
+
+  btConvexHullShape* convex_hull(const HullPart& part, const std::string& what) {
+    require(part.points.size() >= 4, what + ": a convex hull needs at least 4 points, got " +
+                                         std::to_string(part.points.size()));
+    auto hull = std::make_unique<btConvexHullShape>();
+    hull->setMargin(margin_);
+    for (const Eigen::Vector3d& p : part.points) {
+      require(finite(p), what + ": a hull point is not finite");
+      hull->addPoint(to_bullet(p), false);
+    }
+    // The box is taken before the hull is reduced, as PyBullet does.
+    hull->recalcLocalAabb();
+    hull->optimizeConvexHull();
+    require(hull->getNumVertices() >= 4, what + ": the hull's points lie in one plane");
+    return own(std::move(hull));
+  }
+
+  btCollisionShape* triangles(const TrianglesPart& part, const std::string& what) {
+    require(!part.faces.empty(), what + ": the surface has no triangle");
+    auto mesh = std::make_unique<btTriangleMesh>();
+    mesh->preallocateVertices(static_cast<int>(part.faces.size() * 3));
+    const auto count = static_cast<std::int32_t>(part.vertices.size());
+    for (const auto& face : part.faces) {
+      std::array<btVector3, 3> corner;
+      for (int k = 0; k < 3; ++k) {
+        require(face[k] >= 0 && face[k] < count, what + ": a triangle names a vertex that is not there");
+        require(finite(part.vertices[face[k]]), what + ": a vertex is not finite");
+        corner[k] = to_bullet(part.vertices[face[k]]);
+      }
+      mesh->addTriangle(corner[0], corner[1], corner[2]);
+    }
+    auto* shape = own(std::make_unique<btBvhTriangleMeshShape>(mesh.get(), true, true));
+    shapes_.triangle_meshes.push_back(std::move(mesh));
+    return shape;
+  }
+
+  Scene::Shapes& shapes_;
+  double margin_;
+};
+
+bool has_triangles(const std::vector<Part>& parts) {
+  for (const Part& part : parts)
+    if (std::holds_alternative<TrianglesPart>(part)) return true;
+  return false;
+}
+
+btVector3 box_inertia(const btCollisionShape& shape, double mass) {
+  btVector3 lower;
+  btVector3 upper;
+  shape.getAabb(btTransform::getIdentity(), lower, upper);
+  const btVector3 e = upper - lower;
+  return mass / 12.0 *
+         btVector3(e.y() * e.y() + e.z() * e.z(), e.x() * e.x() + e.z() * e.z(),
+                   e.x() * e.x() + e.y() * e.y());
+}
+
+}  // namespace
+
+Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock)
+    : engine_(engine),
+      pedestal_(std::move(pedestal)),
+      rock_(std::move(rock)),
+      shapes_(std::make_unique<Shapes>()) {
+  check_engine(engine_);
+  check_material(rock_.material, "rock");
+  check_material(pedestal_.material, "pedestal");
+  require(std::isfinite(rock_.mass) && rock_.mass > 0,
+          "rock: mass must be positive, got " + std::to_string(rock_.mass) + " kg");
+  require(std::isfinite(pedestal_.mass) && pedestal_.mass > 0,
+          "pedestal: mass must be positive, got " + std::to_string(pedestal_.mass) + " kg");
+  require(finite(pedestal_.base_size) && pedestal_.base_size.minCoeff() > 0,
+          "pedestal: base sizes must be positive");
+  require(finite(pedestal_.p_WP0) && std::isfinite(pedestal_.top), "pedestal: position is not finite");
+  check_pose(rock_.X_MB, "rock: body frame");
+  require(!has_triangles(rock_.parts),
+          "rock: an exact triangle surface cannot move freely; use its convex hull or a decomposition");
+  if (!rock_.inertia_from_aabb) {
+    const Eigen::Vector3d& I = rock_.principal_inertia;
+    require(finite(I) && I.minCoeff() > 0, "rock: principal inertia must be positive");
+    // Equality holds for a plate; the tolerance covers rounding.
+    require(I.sum() * (1 + 1e-9) >= 2 * I.maxCoeff(),
+            "rock: principal inertia breaks the triangle inequality; no body has it");
+  }
+
+  ShapeBuilder build(*shapes_, engine_.collision_margin);
+  shapes_->ground = std::make_unique<btBoxShape>(btVector3(100, 100, 5));
+  shapes_->ground->setMargin(engine_.collision_margin);
+  shapes_->base = std::make_unique<btBoxShape>(to_bullet(Eigen::Vector3d(0.5 * pedestal_.base_size)));
+  shapes_->base->setMargin(engine_.collision_margin);
+  shapes_->pedestal = build.body(pedestal_.parts, btTransform::getIdentity(), "pedestal");
+  shapes_->pedestal_inertia = box_inertia(*shapes_->pedestal, pedestal_.mass);
+  shapes_->rock = build.body(rock_.parts, to_bullet(rock_.X_MB).inverse(), "rock");
+  if (rock_.inertia_from_aabb) {
+    shapes_->rock->calculateLocalInertia(rock_.mass, shapes_->rock_inertia);
+  } else {
+    shapes_->rock_inertia = to_bullet(rock_.principal_inertia);
+  }
+}
+
+Scene::~Scene() = default;
+
+Eigen::Vector3d Scene::rock_inertia() const { return to_eigen(shapes_->rock_inertia); }
+
+namespace {
+void collect_vertices(const btCollisionShape* shape, const btTransform& X_BS,
+                      std::vector<Eigen::Vector3d>& out) {
+  if (shape->isCompound()) {
+    const auto* compound = static_cast<const btCompoundShape*>(shape);
+    for (int i = 0; i < compound->getNumChildShapes(); ++i)
+      collect_vertices(compound->getChildShape(i), X_BS * compound->getChildTransform(i), out);
+  } else if (shape->isPolyhedral()) {
+    const auto* polyhedron = static_cast<const btPolyhedralConvexShape*>(shape);
+    for (int i = 0; i < polyhedron->getNumVertices(); ++i) {
+      btVector3 v;
+      polyhedron->getVertex(i, v);
+      out.push_back(to_eigen(X_BS * v));
+    }
+  }
+}
+}  // namespace
+
+std::vector<Eigen::Vector3d> Scene::rock_hull_vertices() const {
+  std::vector<Eigen::Vector3d> out;
+  collect_vertices(shapes_->rock, btTransform::getIdentity(), out);
+  return out;
+}
+
+std::pair<Eigen::Matrix3d, Eigen::Vector3d> diagonalise_inertia(const Eigen::Matrix3d& I_M) {
+  if (!I_M.allFinite()) throw InvalidInput("inertia tensor is not finite");
+  btMatrix3x3 tensor(I_M(0, 0), I_M(0, 1), I_M(0, 2), I_M(1, 0), I_M(1, 1), I_M(1, 2), I_M(2, 0),
+                     I_M(2, 1), I_M(2, 2));
+  btMatrix3x3 rotation = btMatrix3x3::getIdentity();
+  if (I_M(0, 1) != 0 || I_M(0, 2) != 0 || I_M(1, 2) != 0) tensor.diagonalize(rotation, 1e-6, 30);
+  Eigen::Matrix3d R_MB;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) R_MB(i, j) = rotation[i][j];
+  return {R_MB, Eigen::Vector3d(tensor[0][0], tensor[1][1], tensor[2][2])};
+}
+
+}  // namespace vsr2

@@ -1,0 +1,31 @@
+#pragma once
+// Bullet collision shapes of a scene; private to the core.
+
+#include <memory>
+#include <vector>
+
+#include <btBulletCollisionCommon.h>
+
+#include "vsr2/scene.hpp"
+
+namespace vsr2 {
+
+struct Scene::Shapes {
+  // Owned pieces, in the order of construction; the roots below point into them.
+  std::vector<std::unique_ptr<btTriangleMesh>> triangle_meshes;
+  std::vector<std::unique_ptr<btCollisionShape>> owned;
+  std::unique_ptr<btCollisionShape> ground;
+  std::unique_ptr<btCollisionShape> base;
+  btCollisionShape* pedestal = nullptr;
+  btCollisionShape* rock = nullptr;
+  btVector3 pedestal_inertia{0, 0, 0};
+  btVector3 rock_inertia{0, 0, 0};
+};
+
+inline btVector3 to_bullet(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+inline btQuaternion to_bullet(const Eigen::Quaterniond& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+inline btTransform to_bullet(const Pose& X) { return btTransform(to_bullet(X.orientation), to_bullet(X.position)); }
+inline Eigen::Vector3d to_eigen(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
+inline Eigen::Quaterniond to_eigen(const btQuaternion& q) { return {q.w(), q.x(), q.y(), q.z()}; }
+
+}  // namespace vsr2

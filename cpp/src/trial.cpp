@@ -1,0 +1,278 @@
+#include "vsr2/trial.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <exception>
+
+namespace vsr2 {
+namespace {
+
+constexpr std::int64_t kStepsBetweenCancelChecks = 64;
+
+bool finite(const RockState& rock) {
+  return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
+         rock.w_WB.allFinite();
+}
+
+// Counts how long the rock has been slow relative to the pedestal without a break.
+class RestClock {
+ public:
+  RestClock(const RestCriterion& criterion, double time_step)
+      : criterion_(criterion),
+        needed_(std::max<std::int64_t>(1, std::llround(criterion.window / time_step))) {}
+  void restart() { quiet_ = 0; }
+  bool at_rest(const RockState& rock, const PedestalState& pedestal) {
+    const Eigen::Vector3d v = rock.v_WB - Eigen::Vector3d(pedestal.velocity, 0, 0);
+    const bool slow = v.norm() < criterion_.linear_speed && rock.w_WB.norm() < criterion_.angular_speed;
+    quiet_ = slow ? quiet_ + 1 : 0;
+    return quiet_ >= needed_;
+  }
+
+ private:
+  RestCriterion criterion_;
+  std::int64_t needed_;
+  std::int64_t quiet_ = 0;
+};
+
+void check(const TrialSpec& spec) {
+  if (!spec.scene) throw InvalidInput("the trial has no scene");
+  if (!spec.position || spec.position->empty()) throw InvalidInput("the motion is empty");
+  if (spec.velocity && spec.velocity->size() != spec.position->size())
+    throw InvalidInput("the motion's position and velocity differ in length");
+  const auto all_finite = [](const std::vector<double>& values) {
+    return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
+  };
+  if (!all_finite(*spec.position) || (spec.velocity && !all_finite(*spec.velocity)))
+    throw InvalidInput("the motion has a value that is not finite");
+  if (spec.log_every < 0 || spec.contacts_every < 0)
+    throw InvalidInput("log intervals must be at least 0");
+  if (!(spec.tail >= 0) || !(spec.settling_timeout >= 0))
+    throw InvalidInput("settling time-out and tail must be at least 0 s");
+}
+
+class Trial {
+ public:
+  Trial(const TrialSpec& spec, const std::atomic<bool>& cancel, TrialResult& result)
+      : spec_(spec),
+        cancel_(cancel),
+        result_(result),
+        dt_(spec.scene->engine().time_step),
+        rest_(spec.rest, dt_) {}
+
+  void run() {
+    world_ = make_bullet_world(spec_.scene, spec_.drive);
+    world_->spawn_rock(spec_.X_WB0);
+    if (!settle()) return;
+    start_from_settled();
+    if (!shake()) return;
+    if (!come_to_rest()) return;
+    judge();
+  }
+
+ private:
+  // Advances one step; false: the trial ends here (diverged or cancelled).
+  bool advance(double position, double velocity) {
+    world_->step({position, velocity});
+    ++result_.steps;
+    rock_ = world_->rock();
+    pedestal_ = world_->pedestal();
+    if (!finite(rock_)) {
+      result_.status = Status::diverged;
+      result_.message = "the rock's state became infinite or NaN at step " +
+                        std::to_string(result_.steps) +
+                        "; check contact stiffness, damping and the time step";
+      return false;
+    }
+    if (result_.steps % kStepsBetweenCancelChecks == 0 && cancel_.load(std::memory_order_relaxed)) {
+      result_.status = Status::cancelled;
+      result_.message = "cancelled";
+      return false;
+    }
+    return true;
+  }
+
+  bool settle() {
+    const auto limit = static_cast<std::int64_t>(std::llround(spec_.settling_timeout / dt_));
+    const double position = spec_.position->front();
+    bool settled = limit == 0;
+    rock_ = world_->rock();
+    pedestal_ = world_->pedestal();
+    std::vector<double> times;
+    for (std::int64_t i = 0; i < limit && !settled; ++i) {
+      if (spec_.log_settling && spec_.log_every > 0 && i % spec_.log_every == 0) {
+        log_row(static_cast<double>(i) * dt_, position, 0.0);
+      }
+      if (!advance(position, 0.0)) return false;
+      settled = rest_.at_rest(rock_, pedestal_);
+    }
+    result_.settling_time = static_cast<double>(result_.steps) * dt_;
+    // Settling rows carry negative times: the motion starts at 0.
+    for (std::size_t row = 0; row < result_.log.size(); row += kLogColumns)
+      result_.log[row + kTime] -= result_.settling_time;
+    if (!settled) {
+      result_.status = Status::settling_timeout;
+      result_.message = "the rock did not come to rest within " +
+                        std::to_string(spec_.settling_timeout) +
+                        " s before the motion; raise settling.timeout or the rest speeds, or start "
+                        "it nearer to equilibrium";
+    }
+    return settled;
+  }
+
+  void start_from_settled() {
+    result_.X_WB_settled = {rock_.p_WB, rock_.q_WB};
+    double lowest = 0.0;
+    for (const Eigen::Vector3d& vertex : spec_.scene->rock_hull_vertices())
+      lowest = std::min(lowest, (rock_.q_WB * vertex).z());
+    height_ = -lowest;
+    result_.p_B_foot = rock_.q_WB.conjugate() * Eigen::Vector3d(0, 0, lowest);
+    result_.peak_tilt = 0.0;
+    result_.peak_tracking_error = 0.0;
+    rest_.restart();
+    observe(0, spec_.position->front(), 0.0);
+  }
+
+  bool shake() {
+    const std::vector<double>& x = *spec_.position;
+    for (std::size_t k = 1; k < x.size(); ++k) {
+      const double v = spec_.velocity ? (*spec_.velocity)[k] : (x[k] - x[k - 1]) / dt_;
+      if (!advance(x[k], v)) return false;
+      ++shaken_;
+      observe(shaken_, x[k], v);
+      if (overturned_ && spec_.stop_early) return true;
+    }
+    return true;
+  }
+
+  bool come_to_rest() {
+    if (overturned_ && spec_.stop_early) return true;
+    const auto limit = static_cast<std::int64_t>(std::llround(spec_.tail / dt_));
+    const double position = spec_.position->back();
+    rest_.restart();
+    bool resting = false;
+    for (std::int64_t i = 0; i < limit; ++i) {
+      if (!advance(position, 0.0)) return false;
+      ++shaken_;
+      observe(shaken_, position, 0.0);
+      if (overturned_ && spec_.stop_early) return true;
+      resting = rest_.at_rest(rock_, pedestal_);
+      if (resting && spec_.stop_early) return true;
+    }
+    if (!resting && limit > 0) {
+      result_.status = Status::tail_timeout;
+      result_.message = "the rock was still moving " + std::to_string(spec_.tail) +
+                        " s after the motion; the outcome is of that state";
+    }
+    return true;
+  }
+
+  void observe(std::int64_t k, double commanded, double commanded_velocity) {
+    const double tilt = tilt_from(result_.X_WB_settled.orientation, rock_.q_WB);
+    result_.peak_tilt = std::max(result_.peak_tilt, tilt);
+    result_.peak_tracking_error =
+        std::max(result_.peak_tracking_error, std::abs(pedestal_.position - commanded));
+    const bool fallen = rock_.p_WB.z() < result_.X_WB_settled.position.z() - height_;
+    if (!overturned_ && (tilt >= spec_.outcome.overturned_tilt || fallen)) {
+      overturned_ = true;
+      result_.overturning_time = static_cast<double>(k) * dt_;
+    }
+    const double time = static_cast<double>(k) * dt_;
+    if (spec_.log_every > 0 && k % spec_.log_every == 0) log_row(time, commanded, commanded_velocity);
+    if (spec_.contacts_every > 0 && k % spec_.contacts_every == 0) log_contacts(time);
+  }
+
+  void log_row(double time, double commanded, double commanded_velocity) {
+    const std::array<double, kLogColumns> row = {
+        time, commanded, commanded_velocity, pedestal_.position, pedestal_.velocity,
+        rock_.p_WB.x(), rock_.p_WB.y(), rock_.p_WB.z(),
+        rock_.q_WB.x(), rock_.q_WB.y(), rock_.q_WB.z(), rock_.q_WB.w(),
+        rock_.v_WB.x(), rock_.v_WB.y(), rock_.v_WB.z(),
+        rock_.w_WB.x(), rock_.w_WB.y(), rock_.w_WB.z()};
+    result_.log.insert(result_.log.end(), row.begin(), row.end());
+  }
+
+  void log_contacts(double time) {
+    world_->contacts(contacts_);
+    for (const ContactPoint& c : contacts_) {
+      const std::array<double, kContactColumns> row = {
+          time, c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(), c.p_W_pedestal.x(),
+          c.p_W_pedestal.y(), c.p_W_pedestal.z(), c.normal_W.x(), c.normal_W.y(), c.normal_W.z(),
+          c.distance, c.normal_impulse, c.lateral_impulse_1, c.lateral_impulse_2,
+          c.direction_1.x(), c.direction_1.y(), c.direction_1.z(),
+          c.direction_2.x(), c.direction_2.y(), c.direction_2.z()};
+      result_.contacts.insert(result_.contacts.end(), row.begin(), row.end());
+    }
+  }
+
+  void judge() {
+    if (result_.status == Status::not_run) result_.status = Status::ok;
+    const Pose& settled = result_.X_WB_settled;
+    const OutcomeThresholds& limit = spec_.outcome;
+    const Eigen::Vector3d foot = rock_.p_WB + rock_.q_WB * result_.p_B_foot;
+    const Eigen::Vector3d foot0 = settled.position + settled.orientation * result_.p_B_foot;
+    Eigen::Vector3d travel = foot - foot0;
+    travel.x() -= pedestal_.position - spec_.position->front();
+    result_.simulated_time = static_cast<double>(shaken_) * dt_;
+    result_.final_tilt = tilt_from(settled.orientation, rock_.q_WB);
+    result_.final_slip = travel.head<2>().norm();
+    result_.final_yaw = yaw_from(settled.orientation, rock_.q_WB);
+    if (overturned_ || result_.final_tilt >= limit.toppled_tilt) {
+      result_.outcome = Outcome::overturned;
+    } else if (std::abs(result_.final_yaw) >= limit.rotated_angle) {
+      result_.outcome = Outcome::rotated;
+    } else if (result_.final_slip >= limit.slid_distance) {
+      result_.outcome = Outcome::slid;
+    } else if (result_.peak_tilt >= limit.rocked_tilt) {
+      result_.outcome = Outcome::rocked;
+    } else {
+      result_.outcome = Outcome::stable;
+    }
+  }
+
+  const TrialSpec& spec_;
+  const std::atomic<bool>& cancel_;
+  TrialResult& result_;
+  double dt_;
+  RestClock rest_;
+  std::unique_ptr<World> world_;
+  RockState rock_;
+  PedestalState pedestal_;
+  std::vector<ContactPoint> contacts_;
+  double height_ = 0.0;
+  std::int64_t shaken_ = 0;
+  bool overturned_ = false;
+};
+
+}  // namespace
+
+double tilt_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB) {
+  // The turn q = q_WB q_WB0* takes the vertical to a direction with z component
+  // 1 - 2 (x^2 + y^2); the half-angle form keeps its digits near 0.
+  const Eigen::Quaterniond q = q_WB * q_WB0.conjugate();
+  const double sine = std::min(1.0, std::hypot(q.x(), q.y()) / q.norm());
+  return 2.0 * std::asin(sine);
+}
+
+double yaw_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB) {
+  const Eigen::Quaterniond q = q_WB * q_WB0.conjugate();
+  double yaw = 2.0 * std::atan2(q.z(), q.w());
+  if (yaw > M_PI) yaw -= 2.0 * M_PI;
+  if (yaw < -M_PI) yaw += 2.0 * M_PI;
+  return yaw;
+}
+
+TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
+  TrialResult result;
+  try {
+    check(spec);
+    Trial(spec, cancel, result).run();
+  } catch (const std::exception& error) {
+    result.status = Status::error;
+    result.outcome = Outcome::failed;
+    result.message = error.what();
+  }
+  return result;
+}
+
+}  // namespace vsr2

@@ -1,0 +1,27 @@
+"""Errors a user can act on; every message names what is wrong, where, and the remedy."""
+
+from __future__ import annotations
+
+
+class Vsr2Error(Exception):
+    """Base of every error VSR2 raises on purpose; the command line prints it without a traceback."""
+
+
+class ConfigError(Vsr2Error):
+    """A configuration file or value that cannot be used (names file, key, value, remedy)."""
+
+
+class GeometryError(Vsr2Error):
+    """A mesh, URDF or body description that cannot be used (names file and remedy)."""
+
+
+class MotionError(Vsr2Error):
+    """A ground motion that cannot be used (names file, sample or value, and remedy)."""
+
+
+class SimulationError(Vsr2Error):
+    """A simulation that cannot be started or stepped as asked."""
+
+
+class ResultError(Vsr2Error):
+    """A result file or folder that cannot be read or written."""
