@@ -21,7 +21,6 @@ class RestClock {
   RestClock(const RestCriterion& criterion, double time_step)
       : criterion_(criterion),
         needed_(std::max<std::int64_t>(1, std::llround(criterion.window / time_step))) {}
-  void restart() { quiet_ = 0; }
   bool at_rest(const RockState& rock, const PedestalState& pedestal) {
     const Eigen::Vector3d v = rock.v_WB - Eigen::Vector3d(pedestal.velocity, 0, 0);
     const bool slow = v.norm() < criterion_.linear_speed && rock.w_WB.norm() < criterion_.angular_speed;
@@ -36,7 +35,7 @@ class RestClock {
 };
 
 void check(const TrialSpec& spec) {
-  if (!spec.scene) throw InvalidInput("the trial has no scene");
+  if (!spec.start) throw InvalidInput("the trial has no start");
   if (!spec.position || spec.position->empty()) throw InvalidInput("the motion is empty");
   if (spec.velocity && spec.velocity->size() != spec.position->size())
     throw InvalidInput("the motion's position and velocity differ in length");
@@ -47,36 +46,43 @@ void check(const TrialSpec& spec) {
     throw InvalidInput("the motion has a value that is not finite");
   if (spec.log_every < 0 || spec.contacts_every < 0)
     throw InvalidInput("log intervals must be at least 0");
-  if (!(spec.tail >= 0) || !(spec.settling_timeout >= 0))
-    throw InvalidInput("settling time-out and tail must be at least 0 s");
+  if (!(spec.tail >= 0)) throw InvalidInput("the tail must be at least 0 s");
 }
 
-class Trial {
+void append_row(std::vector<double>& log, double time, double commanded,
+                double commanded_velocity, const PedestalState& pedestal, const RockState& rock) {
+  const std::array<double, kLogColumns> row = {
+      time, commanded, commanded_velocity, pedestal.position, pedestal.velocity,
+      rock.p_WB.x(), rock.p_WB.y(), rock.p_WB.z(),
+      rock.q_WB.x(), rock.q_WB.y(), rock.q_WB.z(), rock.q_WB.w(),
+      rock.v_WB.x(), rock.v_WB.y(), rock.v_WB.z(),
+      rock.w_WB.x(), rock.w_WB.y(), rock.w_WB.z()};
+  log.insert(log.end(), row.begin(), row.end());
+}
+
+// One world with a rock in it, and what of its story both settling and shaking need.
+class Run {
  public:
-  Trial(const TrialSpec& spec, const std::atomic<bool>& cancel, TrialResult& result)
-      : spec_(spec),
+  Run(const std::shared_ptr<const Scene>& scene, Drive drive, const Pose& X_WB,
+      const std::atomic<bool>& cancel, TrialResult& result)
+      : world_(make_bullet_world(scene, drive)),
         cancel_(cancel),
         result_(result),
-        dt_(spec.scene->engine().time_step),
-        rest_(spec.rest, dt_) {}
-
-  void run() {
-    world_ = make_bullet_world(spec_.scene, spec_.drive);
-    world_->spawn_rock(spec_.X_WB0);
-    if (!settle()) return;
-    start_from_settled();
-    if (!shake()) return;
-    if (!come_to_rest()) return;
-    judge();
+        dt_(scene->engine().time_step) {
+    world_->spawn_rock(X_WB);
+    read();
   }
 
- private:
+  const World& world() const { return *world_; }
+  const RockState& rock() const { return rock_; }
+  const PedestalState& pedestal() const { return pedestal_; }
+  double dt() const { return dt_; }
+
   // Advances one step; false: the trial ends here (diverged or cancelled).
   bool advance(double position, double velocity) {
     world_->step({position, velocity});
     ++result_.steps;
-    rock_ = world_->rock();
-    pedestal_ = world_->pedestal();
+    read();
     if (!finite(rock_)) {
       result_.status = Status::diverged;
       result_.message = "the rock's state became infinite or NaN at step " +
@@ -92,44 +98,81 @@ class Trial {
     return true;
   }
 
-  bool settle() {
-    const auto limit = static_cast<std::int64_t>(std::llround(spec_.settling_timeout / dt_));
-    const double position = spec_.position->front();
+  // Holds the pedestal until the rock rests. Log rows get times up to 0 at the end of settling.
+  bool settle(const RestCriterion& criterion, double timeout, double position,
+              std::int64_t log_every) {
+    RestClock rest(criterion, dt_);
+    const auto limit = static_cast<std::int64_t>(std::llround(timeout / dt_));
     bool settled = limit == 0;
-    rock_ = world_->rock();
-    pedestal_ = world_->pedestal();
-    std::vector<double> times;
     for (std::int64_t i = 0; i < limit && !settled; ++i) {
-      if (spec_.log_settling && spec_.log_every > 0 && i % spec_.log_every == 0) {
-        log_row(static_cast<double>(i) * dt_, position, 0.0);
-      }
+      if (log_every > 0 && i % log_every == 0)
+        append_row(result_.log, static_cast<double>(i) * dt_, position, 0.0, pedestal_, rock_);
       if (!advance(position, 0.0)) return false;
-      settled = rest_.at_rest(rock_, pedestal_);
+      settled = rest.at_rest(rock_, pedestal_);
     }
     result_.settling_time = static_cast<double>(result_.steps) * dt_;
-    // Settling rows carry negative times: the motion starts at 0.
     for (std::size_t row = 0; row < result_.log.size(); row += kLogColumns)
       result_.log[row + kTime] -= result_.settling_time;
     if (!settled) {
       result_.status = Status::settling_timeout;
-      result_.message = "the rock did not come to rest within " +
-                        std::to_string(spec_.settling_timeout) +
+      result_.message = "the rock did not come to rest within " + std::to_string(timeout) +
                         " s before the motion; raise settling.timeout or the rest speeds, or start "
                         "it nearer to equilibrium";
     }
     return settled;
   }
 
-  void start_from_settled() {
-    result_.X_WB_settled = {rock_.p_WB, rock_.q_WB};
+ private:
+  void read() {
+    rock_ = world_->rock();
+    pedestal_ = world_->pedestal();
+  }
+
+  std::unique_ptr<World> world_;
+  const std::atomic<bool>& cancel_;
+  TrialResult& result_;
+  double dt_;
+  RockState rock_;
+  PedestalState pedestal_;
+};
+
+class Trial {
+ public:
+  Trial(const TrialSpec& spec, const std::atomic<bool>& cancel, const TrialResult& settled,
+        TrialResult& result)
+      : spec_(spec),
+        result_(result),
+        run_(spec.start->scene(), spec.start->drive(), settled.X_WB_settled, cancel, result),
+        dt_(run_.dt()),
+        tail_rest_(spec.tail_rest, dt_) {}
+
+  void run(const TrialResult& settled) {
+    const SettledStart& start = *spec_.start;
+    if (!run_.settle(start.rest(), start.timeout(), spec_.position->front(), start.log_every()))
+      return;
+    // The shared settling came before this trial's own.
+    std::vector<double> earlier = settled.log;
+    for (std::size_t row = 0; row < earlier.size(); row += kLogColumns)
+      earlier[row + kTime] -= result_.settling_time;
+    result_.log.insert(result_.log.begin(), earlier.begin(), earlier.end());
+    result_.settling_time += settled.settling_time;
+    begin();
+    if (!shake()) return;
+    if (!come_to_rest()) return;
+    judge();
+  }
+
+ private:
+  void begin() {
+    const RockState& rock = run_.rock();
+    result_.X_WB_settled = {rock.p_WB, rock.q_WB};
     double lowest = 0.0;
-    for (const Eigen::Vector3d& vertex : spec_.scene->rock_hull_vertices())
-      lowest = std::min(lowest, (rock_.q_WB * vertex).z());
+    for (const Eigen::Vector3d& vertex : spec_.start->scene()->rock_hull_vertices())
+      lowest = std::min(lowest, (rock.q_WB * vertex).z());
     height_ = -lowest;
-    result_.p_B_foot = rock_.q_WB.conjugate() * Eigen::Vector3d(0, 0, lowest);
+    result_.p_B_foot = rock.q_WB.conjugate() * Eigen::Vector3d(0, 0, lowest);
     result_.peak_tilt = 0.0;
     result_.peak_tracking_error = 0.0;
-    rest_.restart();
     observe(0, spec_.position->front(), 0.0);
   }
 
@@ -137,7 +180,7 @@ class Trial {
     const std::vector<double>& x = *spec_.position;
     for (std::size_t k = 1; k < x.size(); ++k) {
       const double v = spec_.velocity ? (*spec_.velocity)[k] : (x[k] - x[k - 1]) / dt_;
-      if (!advance(x[k], v)) return false;
+      if (!run_.advance(x[k], v)) return false;
       ++shaken_;
       observe(shaken_, x[k], v);
       if (overturned_ && spec_.stop_early) return true;
@@ -149,14 +192,13 @@ class Trial {
     if (overturned_ && spec_.stop_early) return true;
     const auto limit = static_cast<std::int64_t>(std::llround(spec_.tail / dt_));
     const double position = spec_.position->back();
-    rest_.restart();
     bool resting = false;
     for (std::int64_t i = 0; i < limit; ++i) {
-      if (!advance(position, 0.0)) return false;
+      if (!run_.advance(position, 0.0)) return false;
       ++shaken_;
       observe(shaken_, position, 0.0);
       if (overturned_ && spec_.stop_early) return true;
-      resting = rest_.at_rest(rock_, pedestal_);
+      resting = tail_rest_.at_rest(run_.rock(), run_.pedestal());
       if (resting && spec_.stop_early) return true;
     }
     if (!resting && limit > 0) {
@@ -168,32 +210,23 @@ class Trial {
   }
 
   void observe(std::int64_t k, double commanded, double commanded_velocity) {
-    const double tilt = tilt_from(result_.X_WB_settled.orientation, rock_.q_WB);
+    const double tilt = tilt_from(result_.X_WB_settled.orientation, run_.rock().q_WB);
     result_.peak_tilt = std::max(result_.peak_tilt, tilt);
     result_.peak_tracking_error =
-        std::max(result_.peak_tracking_error, std::abs(pedestal_.position - commanded));
-    const bool fallen = rock_.p_WB.z() < result_.X_WB_settled.position.z() - height_;
+        std::max(result_.peak_tracking_error, std::abs(run_.pedestal().position - commanded));
+    const bool fallen = run_.rock().p_WB.z() < result_.X_WB_settled.position.z() - height_;
     if (!overturned_ && (tilt >= spec_.outcome.overturned_tilt || fallen)) {
       overturned_ = true;
       result_.overturning_time = static_cast<double>(k) * dt_;
     }
     const double time = static_cast<double>(k) * dt_;
-    if (spec_.log_every > 0 && k % spec_.log_every == 0) log_row(time, commanded, commanded_velocity);
+    if (spec_.log_every > 0 && k % spec_.log_every == 0)
+      append_row(result_.log, time, commanded, commanded_velocity, run_.pedestal(), run_.rock());
     if (spec_.contacts_every > 0 && k % spec_.contacts_every == 0) log_contacts(time);
   }
 
-  void log_row(double time, double commanded, double commanded_velocity) {
-    const std::array<double, kLogColumns> row = {
-        time, commanded, commanded_velocity, pedestal_.position, pedestal_.velocity,
-        rock_.p_WB.x(), rock_.p_WB.y(), rock_.p_WB.z(),
-        rock_.q_WB.x(), rock_.q_WB.y(), rock_.q_WB.z(), rock_.q_WB.w(),
-        rock_.v_WB.x(), rock_.v_WB.y(), rock_.v_WB.z(),
-        rock_.w_WB.x(), rock_.w_WB.y(), rock_.w_WB.z()};
-    result_.log.insert(result_.log.end(), row.begin(), row.end());
-  }
-
   void log_contacts(double time) {
-    world_->contacts(contacts_);
+    run_.world().contacts(contacts_);
     for (const ContactPoint& c : contacts_) {
       const std::array<double, kContactColumns> row = {
           time, c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(), c.p_W_pedestal.x(),
@@ -208,15 +241,16 @@ class Trial {
   void judge() {
     if (result_.status == Status::not_run) result_.status = Status::ok;
     const Pose& settled = result_.X_WB_settled;
+    const RockState& rock = run_.rock();
     const OutcomeThresholds& limit = spec_.outcome;
-    const Eigen::Vector3d foot = rock_.p_WB + rock_.q_WB * result_.p_B_foot;
+    const Eigen::Vector3d foot = rock.p_WB + rock.q_WB * result_.p_B_foot;
     const Eigen::Vector3d foot0 = settled.position + settled.orientation * result_.p_B_foot;
     Eigen::Vector3d travel = foot - foot0;
-    travel.x() -= pedestal_.position - spec_.position->front();
+    travel.x() -= run_.pedestal().position - spec_.position->front();
     result_.simulated_time = static_cast<double>(shaken_) * dt_;
-    result_.final_tilt = tilt_from(settled.orientation, rock_.q_WB);
+    result_.final_tilt = tilt_from(settled.orientation, rock.q_WB);
     result_.final_slip = travel.head<2>().norm();
-    result_.final_yaw = yaw_from(settled.orientation, rock_.q_WB);
+    result_.final_yaw = yaw_from(settled.orientation, rock.q_WB);
     if (overturned_ || result_.final_tilt >= limit.toppled_tilt) {
       result_.outcome = Outcome::overturned;
     } else if (std::abs(result_.final_yaw) >= limit.rotated_angle) {
@@ -231,13 +265,10 @@ class Trial {
   }
 
   const TrialSpec& spec_;
-  const std::atomic<bool>& cancel_;
   TrialResult& result_;
+  Run run_;
   double dt_;
-  RestClock rest_;
-  std::unique_ptr<World> world_;
-  RockState rock_;
-  PedestalState pedestal_;
+  RestClock tail_rest_;
   std::vector<ContactPoint> contacts_;
   double height_ = 0.0;
   std::int64_t shaken_ = 0;
@@ -262,11 +293,52 @@ double yaw_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB)
   return yaw;
 }
 
+SettledStart::SettledStart(std::shared_ptr<const Scene> scene, Drive drive, const Pose& X_WB0,
+                           const RestCriterion& rest, double timeout, std::int64_t log_every)
+    : scene_(std::move(scene)),
+      drive_(drive),
+      X_WB0_(X_WB0),
+      rest_(rest),
+      timeout_(timeout),
+      log_every_(log_every) {
+  if (!scene_) throw InvalidInput("the start has no scene");
+  if (!(timeout >= 0)) throw InvalidInput("the settling time-out must be at least 0 s");
+  if (log_every < 0) throw InvalidInput("log intervals must be at least 0");
+}
+
+const TrialResult& SettledStart::settle(const std::atomic<bool>& cancel) {
+  std::call_once(once_, [&] {
+    try {
+      if (timeout_ == 0.0) {
+        settled_.X_WB_settled = X_WB0_;
+        settled_.settling_time = 0.0;
+        settled_.status = Status::ok;
+        return;
+      }
+      Run run(scene_, drive_, X_WB0_, cancel, settled_);
+      if (!run.settle(rest_, timeout_, 0.0, log_every_)) return;
+      settled_.X_WB_settled = {run.rock().p_WB, run.rock().q_WB};
+      settled_.status = Status::ok;
+    } catch (const std::exception& error) {
+      settled_.status = Status::error;
+      settled_.message = error.what();
+    }
+  });
+  return settled_;
+}
+
 TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
   TrialResult result;
   try {
     check(spec);
-    Trial(spec, cancel, result).run();
+    const TrialResult& settled = spec.start->settle(cancel);
+    if (settled.status != Status::ok) {
+      result.status = settled.status;
+      result.message = settled.message;
+      result.settling_time = settled.settling_time;
+    } else {
+      Trial(spec, cancel, settled, result).run(settled);
+    }
   } catch (const std::exception& error) {
     result.status = Status::error;
     result.outcome = Outcome::failed;

@@ -215,39 +215,43 @@ void bind_trial(py::module_& m) {
            }),
            py::arg("values"));
 
-  py::class_<TrialSpec>(m, "TrialSpec")
+  py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive, const Eigen::Vector3d& position,
-                       const Vector4& orientation, const Samples& motion_position,
-                       const std::optional<Samples>& motion_velocity, double rest_linear_speed,
-                       double rest_angular_speed, double rest_window, double settling_timeout,
-                       double tail, double overturned_tilt, double toppled_tilt,
-                       double rocked_tilt, double slid_distance, double rotated_angle,
-                       bool stop_early, std::int64_t log_every, bool log_settling,
-                       std::int64_t contacts_every) {
+                       const Vector4& orientation, double linear_speed, double angular_speed,
+                       double window, double timeout, std::int64_t log_every) {
+             return std::make_shared<SettledStart>(
+                 std::move(scene), drive, make_pose(position, orientation),
+                 RestCriterion{linear_speed, angular_speed, window}, timeout, log_every);
+           }),
+           py::kw_only(), py::arg("scene"), py::arg("drive"), py::arg("position"),
+           py::arg("orientation"), py::arg("linear_speed"), py::arg("angular_speed"),
+           py::arg("window"), py::arg("timeout"), py::arg("log_every"));
+
+  py::class_<TrialSpec>(m, "TrialSpec")
+      .def(py::init([](std::shared_ptr<SettledStart> start, const Samples& motion_position,
+                       const std::optional<Samples>& motion_velocity, double tail,
+                       double rest_linear_speed, double rest_angular_speed, double rest_window,
+                       double overturned_tilt, double toppled_tilt, double rocked_tilt,
+                       double slid_distance, double rotated_angle, bool stop_early,
+                       std::int64_t log_every, std::int64_t contacts_every) {
              TrialSpec spec;
-             spec.scene = std::move(scene);
-             spec.drive = drive;
-             spec.X_WB0 = make_pose(position, orientation);
+             spec.start = std::move(start);
              spec.position = motion_position.values;
              if (motion_velocity) spec.velocity = motion_velocity->values;
-             spec.rest = {rest_linear_speed, rest_angular_speed, rest_window};
-             spec.settling_timeout = settling_timeout;
              spec.tail = tail;
+             spec.tail_rest = {rest_linear_speed, rest_angular_speed, rest_window};
              spec.outcome = {overturned_tilt, toppled_tilt, rocked_tilt, slid_distance,
                              rotated_angle};
              spec.stop_early = stop_early;
              spec.log_every = log_every;
-             spec.log_settling = log_settling;
              spec.contacts_every = contacts_every;
              return spec;
            }),
-           py::kw_only(), py::arg("scene"), py::arg("drive"), py::arg("position"),
-           py::arg("orientation"), py::arg("motion_position"), py::arg("motion_velocity"),
-           py::arg("rest_linear_speed"), py::arg("rest_angular_speed"), py::arg("rest_window"),
-           py::arg("settling_timeout"), py::arg("tail"), py::arg("overturned_tilt"),
-           py::arg("toppled_tilt"), py::arg("rocked_tilt"), py::arg("slid_distance"),
-           py::arg("rotated_angle"), py::arg("stop_early"), py::arg("log_every"),
-           py::arg("log_settling"), py::arg("contacts_every"));
+           py::kw_only(), py::arg("start"), py::arg("motion_position"), py::arg("motion_velocity"),
+           py::arg("tail"), py::arg("rest_linear_speed"), py::arg("rest_angular_speed"),
+           py::arg("rest_window"), py::arg("overturned_tilt"), py::arg("toppled_tilt"),
+           py::arg("rocked_tilt"), py::arg("slid_distance"), py::arg("rotated_angle"),
+           py::arg("stop_early"), py::arg("log_every"), py::arg("contacts_every"));
 
   py::class_<TrialResult>(m, "TrialResult")
       .def_readonly("status", &TrialResult::status)

@@ -39,8 +39,9 @@ double inverse_mass_along(const Eigen::Vector3d& normal, double inverse_mass_a,
 /// when the bodies are apart, lambda = (u_rest - u_n + erp p / dt) / (K_n + cfm / dt) [N s],
 /// never negative.
 ///
-/// Two remarks against the supplement's print: its p is Bullet's signed distance, hence its minus
-/// sign; and Bullet divides cfm by dt, which the print leaves out.
+/// Remarks on the supplement's print: its p is Bullet's signed distance, hence its minus sign;
+/// Bullet divides cfm by dt, which the print leaves out; and the engine leaves the first 1e-5 m of
+/// penetration uncorrected, so there p is the depth less that slop.
 double normal_impulse(double rebound_target, double normal_velocity, double penetration,
                       const ContactSoftness& softness, double time_step, double inverse_mass);
 

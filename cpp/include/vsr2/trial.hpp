@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -45,19 +46,17 @@ struct OutcomeThresholds {
   double rotated_angle = 0.035;  ///< at the end [rad]
 };
 
+class SettledStart;
+
 struct TrialSpec {
-  std::shared_ptr<const Scene> scene;
-  Drive drive = Drive::prescribed;
-  Pose X_WB0;                                 ///< start pose of the rock
+  std::shared_ptr<SettledStart> start;        ///< scene, drive and settled start pose
   std::shared_ptr<const std::vector<double>> position;  ///< set-points, first at time 0 [m]
   std::shared_ptr<const std::vector<double>> velocity;  ///< set-points [m/s]; null: differences
-  RestCriterion rest;
-  double settling_timeout = 60.0;             ///< [s]; 0: no settling
   double tail = 30.0;                         ///< longest run after the motion [s]
+  RestCriterion tail_rest{0.02, 0.05, 0.5};   ///< ends the tail
   OutcomeThresholds outcome;
   bool stop_early = true;
   std::int64_t log_every = 0;                 ///< [time steps]; 0: none
-  bool log_settling = false;
   std::int64_t contacts_every = 0;            ///< [time steps]; 0: none
 };
 
@@ -76,7 +75,7 @@ struct TrialResult {
   Status status = Status::not_run;
   Outcome outcome = Outcome::failed;
   std::string message;
-  double settling_time = std::numeric_limits<double>::quiet_NaN();   ///< [s]
+  double settling_time = std::numeric_limits<double>::quiet_NaN();   ///< shared and own [s]
   double simulated_time = std::numeric_limits<double>::quiet_NaN();  ///< after settling [s]
   double overturning_time = std::numeric_limits<double>::quiet_NaN();///< irreversible from [s]
   double peak_tilt = std::numeric_limits<double>::quiet_NaN();       ///< [rad]
@@ -84,7 +83,7 @@ struct TrialResult {
   double final_slip = std::numeric_limits<double>::quiet_NaN();      ///< [m]
   double final_yaw = std::numeric_limits<double>::quiet_NaN();       ///< [rad]
   double peak_tracking_error = std::numeric_limits<double>::quiet_NaN();  ///< [m]
-  std::int64_t steps = 0;  ///< time steps, settling included
+  std::int64_t steps = 0;  ///< time steps of this trial, its own settling included
   /// NaN until settled.
   Pose X_WB_settled{Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()),
                     Eigen::Quaterniond(Eigen::Vector4d::Constant(std::numeric_limits<double>::quiet_NaN()))};
@@ -92,6 +91,36 @@ struct TrialResult {
       std::numeric_limits<double>::quiet_NaN());  ///< body point whose travel is the slip [m]
   std::vector<double> log;       ///< rows of kLogColumns
   std::vector<double> contacts;  ///< rows of kContactColumns
+};
+
+/// Where a rock comes to rest from a start pose. Trials that share one settle it once, in a world of
+/// its own; each trial then starts a fresh world from the pose of rest and settles there again,
+/// briefly. Thread safe.
+class SettledStart {
+ public:
+  /// `timeout` [s], 0: no settling; `log_every` as in TrialSpec, 0: no settling log.
+  SettledStart(std::shared_ptr<const Scene> scene, Drive drive, const Pose& X_WB0,
+               const RestCriterion& rest, double timeout, std::int64_t log_every);
+
+  const std::shared_ptr<const Scene>& scene() const { return scene_; }
+  Drive drive() const { return drive_; }
+  const RestCriterion& rest() const { return rest_; }
+  double timeout() const { return timeout_; }
+  std::int64_t log_every() const { return log_every_; }
+
+  /// Settles on the first call, for all who call. Uses of the result: status, message,
+  /// settling_time, X_WB_settled and log (times from the end of settling).
+  const TrialResult& settle(const std::atomic<bool>& cancel);
+
+ private:
+  std::shared_ptr<const Scene> scene_;
+  Drive drive_;
+  Pose X_WB0_;
+  RestCriterion rest_;
+  double timeout_;
+  std::int64_t log_every_;
+  std::once_flag once_;
+  TrialResult settled_;
 };
 
 /// Tilt of R_WB away from R_WB0: angle between the body's settled vertical and the vertical [rad].

@@ -1,0 +1,29 @@
+#pragma once
+// Scenes that several tests use.
+
+#include <memory>
+
+#include "vsr2/trial.hpp"
+
+namespace vsr2::testing {
+
+struct BlockOptions {
+  Eigen::Vector3d size{0.4, 0.55, 0.95};
+  double density = 2700.0;
+  EngineSettings engine;
+  Material material;
+};
+
+/// A homogeneous block on the prism pedestal (top at 2.5 m).
+std::shared_ptr<const Scene> block_scene(const BlockOptions& options = {});
+/// The block as a convex hull of its corners, turned into the body frame as a mesh would be.
+std::shared_ptr<const Scene> hull_scene(int sides = 0);
+/// Pose of a block standing on the pedestal with its mass centre `height` above the top.
+Pose standing(double height, double yaw = 0.0);
+/// A trial of a block from rest under the given displacement.
+TrialSpec trial_of(std::shared_ptr<const Scene> scene, const Pose& start,
+                   std::vector<double> position, Drive drive = Drive::prescribed);
+/// x(t) = A (1 - cos 2 pi F t), one period, sampled at 1 ms.
+std::vector<double> cosine(double amplitude, double frequency);
+
+}  // namespace vsr2::testing

@@ -1,0 +1,94 @@
+#include <gtest/gtest.h>
+
+#include "scenes.hpp"
+#include "vsr2/contact_model.hpp"
+
+namespace vsr2 {
+namespace {
+
+// Bullet leaves this much penetration uncorrected [m].
+constexpr double kLinearSlop = 1e-5;
+
+TEST(ContactModel, TableS1FollowsFromTheBodyLevelInputs) {
+  const ContactPair pair = combine(Material{}, Material{});
+  EXPECT_NEAR(pair.restitution, 0.1225, 1e-12);
+  EXPECT_NEAR(pair.lateral_friction, 0.49, 1e-12);
+  EXPECT_NEAR(pair.spinning_friction, 0.70, 1e-12);
+  EXPECT_DOUBLE_EQ(pair.damping, 2.0e7);
+  EXPECT_NEAR(pair.stiffness, 1.3e9, 1e-3);
+}
+
+TEST(ContactModel, PairsDoNotDependOnTheOrder) {
+  const Material a{0.2, 0.3, 0.4, 0.0, 1e6, 10.0};
+  const Material b{0.5, 0.6, 0.7, 0.0, 3e6, 20.0};
+  EXPECT_DOUBLE_EQ(combine(a, b).spinning_friction, combine(b, a).spinning_friction);
+  EXPECT_DOUBLE_EQ(combine(a, b).spinning_friction, 0.4 * 0.6 + 0.7 * 0.3);
+  EXPECT_NEAR(combine(a, b).stiffness, 0.75e6, 1e-6);
+}
+
+TEST(ContactModel, SoftnessRefusesWhatHasNoMeaning) {
+  EXPECT_THROW(contact_softness(0, 0, 1e-3), InvalidInput);
+  EXPECT_THROW(contact_softness(1, 1, 0), InvalidInput);
+  EXPECT_THROW(contact_softness(-1, 1, 1e-3), InvalidInput);
+}
+
+TEST(ContactModel, RunningContactUsesTheEffectivePair) {
+  const auto scene = testing::block_scene({.material = {0.2, 0.6, 0.3, 0.0, 4e8, 5e6}});
+  auto world = make_bullet_world(scene, Drive::prescribed);
+  world->spawn_rock(testing::standing(0.4752));
+  for (int i = 0; i < 300; ++i) world->step({});
+  std::vector<ContactPoint> contacts;
+  world->contacts(contacts);
+  ASSERT_EQ(contacts.size(), 4U);
+  const ContactPair expected = combine(scene->rock().material, scene->pedestal().material);
+  double sum = 0.0;
+  for (const ContactPoint& c : contacts) {
+    EXPECT_DOUBLE_EQ(c.lateral_friction, expected.lateral_friction);
+    EXPECT_DOUBLE_EQ(c.restitution, expected.restitution);
+    EXPECT_DOUBLE_EQ(c.spinning_friction, expected.spinning_friction);
+    EXPECT_DOUBLE_EQ(c.damping, expected.damping);
+    // Bullet sums inverses, so the last digits may differ.
+    EXPECT_NEAR(c.stiffness / expected.stiffness, 1.0, 1e-12);
+    EXPECT_NEAR(c.normal_W.z(), 1.0, 1e-9);
+    sum += c.normal_impulse;
+  }
+  // At rest the normal impulses of a step carry the weight.
+  EXPECT_NEAR(sum / (scene->rock().mass * 9.81 * 1e-3), 1.0, 1e-6);
+}
+
+TEST(ContactModel, FirstImpactFollowsTheImpulseFormula) {
+  // A block that lands on one corner is the isolated contact of S2.2.
+  testing::BlockOptions options;
+  options.engine.gravity = 0.0;
+  options.engine.linear_damping = 0.0;
+  options.engine.angular_damping = 0.0;
+  options.material = {0.9, 0.0, 0.0, 0.0, 1e9, 1e7};
+  const auto scene = testing::block_scene(options);
+  const Eigen::Quaterniond q(Eigen::AngleAxisd(0.6, Eigen::Vector3d(1, 0.7, 0).normalized()));
+  double lowest = 0.0;
+  for (const Eigen::Vector3d& v : scene->rock_hull_vertices()) lowest = std::min(lowest, (q * v).z());
+  auto world = make_bullet_world(scene, Drive::prescribed);
+  // The lowest corner ends 1e-4 m inside the pedestal, so that a contact exists in this step.
+  const Eigen::Vector3d centre(0, 0, 2.5 - lowest - 1e-4);
+  world->spawn_rock({centre, q});
+  const double u = -1.0;
+  world->set_rock_velocity({0, 0, u}, {0, 0, 0});
+  world->step({});
+  std::vector<ContactPoint> contacts;
+  world->contacts(contacts);
+  ASSERT_EQ(contacts.size(), 1U);
+  const ContactPair pair = combine(options.material, options.material);
+  const ContactSoftness soft = contact_softness(pair.stiffness, pair.damping, 1e-3);
+  const Eigen::Matrix3d inverse_inertia =
+      q.toRotationMatrix() * scene->rock_inertia().cwiseInverse().asDiagonal() * q.toRotationMatrix().transpose();
+  const double K = inverse_mass_along(Eigen::Vector3d::UnitZ(), 1 / scene->rock().mass, inverse_inertia,
+                                      contacts[0].p_W_rock - centre, 0.0, Eigen::Matrix3d::Zero(), Eigen::Vector3d::Zero());
+  const double impulse = normal_impulse(restitution_target(pair.restitution, u, 0.2), u,
+                                        -contacts[0].distance - kLinearSlop, soft, 1e-3, K);
+  EXPECT_NEAR(contacts[0].distance, -1e-4, 1e-6);
+  EXPECT_NEAR(contacts[0].normal_impulse / impulse, 1.0, 1e-9);
+  EXPECT_NEAR(world->rock().v_WB.z(), u + contacts[0].normal_impulse / scene->rock().mass, 1e-9);
+}
+
+}  // namespace
+}  // namespace vsr2
