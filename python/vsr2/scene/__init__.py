@@ -1,0 +1,60 @@
+"""Bodies as the native core needs them: meshes, mass properties, URDF, start poses, pedestals."""
+
+from vsr2.scene.body import Box, Hull, MassProperties, PedestalBody, Pose, RockBody, Triangles
+from vsr2.scene.build import build_pedestal, build_rock
+from vsr2.scene.mass import (
+    aabb_mass_properties,
+    box_mass_properties,
+    mesh_mass_properties,
+    principal_mass_properties,
+)
+from vsr2.scene.mesh import LoadedMesh, MeshGroup, load_mesh, obj_hull_points
+from vsr2.scene.placement import drop_height, height_above, start_pose
+from vsr2.scene.stability import (
+    Slenderness,
+    StablePose,
+    Support,
+    format_inertia,
+    inertia_report,
+    inertia_summary,
+    slenderness,
+    stable_poses,
+    start_support,
+    support_polygon,
+)
+from vsr2.scene.urdf import UrdfModel, load_urdf
+
+__all__ = [
+    "Box",
+    "Hull",
+    "LoadedMesh",
+    "MassProperties",
+    "MeshGroup",
+    "PedestalBody",
+    "Pose",
+    "RockBody",
+    "Slenderness",
+    "StablePose",
+    "Support",
+    "Triangles",
+    "UrdfModel",
+    "aabb_mass_properties",
+    "box_mass_properties",
+    "build_pedestal",
+    "build_rock",
+    "drop_height",
+    "format_inertia",
+    "height_above",
+    "inertia_report",
+    "inertia_summary",
+    "load_mesh",
+    "load_urdf",
+    "mesh_mass_properties",
+    "obj_hull_points",
+    "principal_mass_properties",
+    "slenderness",
+    "stable_poses",
+    "start_pose",
+    "start_support",
+    "support_polygon",
+]

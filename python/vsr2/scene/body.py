@@ -1,0 +1,107 @@
+"""Bodies as the native core needs them: collision points, mass properties, frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A rigid transform: `position` (3,) [m], `orientation` quaternion x, y, z, w (4,), unit."""
+
+    position: tuple[float, float, float]
+    orientation: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass properties of a rigid body.
+
+    Attributes:
+        mass: [kg].
+        mass_center: in the model frame M, shape (3,) [m].
+        principal_inertia: about the mass centre along the principal axes, shape (3,) [kg m^2].
+        principal_axes: R_MB, columns are the principal axes in M (right-handed), shape (3, 3).
+    """
+
+    mass: float
+    mass_center: Array
+    principal_inertia: Array
+    principal_axes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """One convex collision part: points in the model frame, shape (k, 3) [m]."""
+
+    points: Array
+
+
+@dataclass(frozen=True)
+class Box:
+    """One box collision part.
+
+    Attributes:
+        size: edge lengths [m].
+        center: of the box in the body's frame [m].
+        orientation: rotation of the box's axes in that frame, quaternion x, y, z, w.
+    """
+
+    size: tuple[float, float, float]
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """An exact surface: vertices (n, 3) [m] and triangles (m, 3) of vertex indices."""
+
+    vertices: Array
+    faces: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class RockBody:
+    """The rock: collision parts in the model frame M, mass properties, start pose X_WM.
+
+    `inertia_from_aabb` asks the core for Bullet's bounding-box inertia (the original's rule); then
+    `mass.principal_inertia` is not used and `mass.mass_center` is the model origin.
+    """
+
+    parts: tuple[Hull | Box, ...]
+    mass: MassProperties
+    start: Pose
+    inertia_from_aabb: bool = False
+    surface: Triangles | None = None
+    """The mesh for figures and replay; not used by the physics."""
+    source: str = ""
+    sha256: str = ""
+    notes: tuple[str, ...] = field(default=())
+    """What a repair changed, or other things the user should know."""
+
+
+@dataclass(frozen=True, eq=False)
+class PedestalBody:
+    """The pedestal: collision parts in the pedestal frame P, whose origin starts at `origin`.
+
+    Attributes:
+        parts: hulls, boxes or one exact surface.
+        origin: start of P in the world, shape (3,) [m].
+        top: greatest z of the pedestal in the world at the start [m].
+        mass: carried by the prismatic joint [kg].
+        base_size: edge lengths of the static base, which stands on z = 0 [m].
+    """
+
+    parts: tuple[Hull | Box | Triangles, ...]
+    origin: tuple[float, float, float]
+    top: float
+    mass: float
+    base_size: tuple[float, float, float]
+    source: str = ""
+    sha256: str = ""
+    surface: Triangles | None = None

@@ -1,0 +1,238 @@
+"""From the study's `rock` and `pedestal` to the bodies that the native core takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+
+from vsr2.config.study import (
+    BoxRock,
+    FixedStart,
+    MeshPedestal,
+    MeshRock,
+    PrismPedestal,
+    UrdfRock,
+)
+from vsr2.errors import GeometryError
+from vsr2.scene.body import (
+    Array,
+    Box,
+    Hull,
+    MassProperties,
+    PedestalBody,
+    RockBody,
+    Triangles,
+)
+from vsr2.scene.mass import (
+    aabb_mass_properties,
+    box_mass_properties,
+    mesh_mass_properties,
+    solid_properties,
+)
+from vsr2.scene.mesh import LoadedMesh, load_mesh, signed_volume
+from vsr2.scene.placement import height_above, stands_over, start_pose
+from vsr2.scene.rotation import matrix_from_quaternion
+from vsr2.scene.shapes import box_surface, hull_surface, join_surfaces
+from vsr2.scene.urdf import load_urdf
+
+UNUSUAL_SIZE = (0.01, 50.0)
+"""A rock whose longest edge is outside this range gets a note about the unit [m]."""
+HIGH_START = 0.005
+"""A fixed start farther above the pedestal than this gets a note [m]."""
+DEEP_START = 0.001
+"""A fixed start deeper inside the pedestal than this gets a note [m]."""
+MAX_HULLS = 64
+"""Hulls of a convex decomposition."""
+
+
+def build_rock(
+    rock: BoxRock | MeshRock | UrdfRock, pedestal: PedestalBody, *, clearance: float
+) -> RockBody:
+    """The rock with collision parts, mass properties and start pose.
+
+    Args:
+        rock: the study's `rock`, its paths resolved.
+        pedestal: what it starts on.
+        clearance: gap of a lowered start, the sum of both collision margins [m].
+
+    Raises:
+        GeometryError: a mesh or URDF that cannot be used, properties no body can have, or no
+            pedestal under the rock.
+    """
+    parts: tuple[Hull | Box, ...]
+    if isinstance(rock, BoxRock):
+        box = Box(size=rock.size)
+        parts, surface, source, sha256 = (box,), box_surface(box), "box", ""
+        mass = box_mass_properties(rock.size, density=rock.density, mass=rock.mass)
+        notes: tuple[str, ...] = ()
+        from_aabb = False
+    elif isinstance(rock, MeshRock):
+        loaded = load_mesh(rock.file, scale=rock.scale, repair=rock.repair)
+        parts = tuple(Hull(points) for points in loaded.hull_points)
+        surface, source, sha256 = loaded.surface, loaded.source, loaded.sha256
+        mass, notes = _mesh_rock_mass(rock, loaded), loaded.notes
+        from_aabb = rock.inertia == "aabb"
+    else:
+        model = load_urdf(rock.file, rock.scale, inertia=rock.inertia)
+        parts, surface, source, sha256 = model.parts, model.surface, model.source, model.sha256
+        mass, notes = model.mass, model.notes
+        from_aabb = model.inertia_from_aabb
+    start = start_pose(rock.start, parts, mass, pedestal, clearance=clearance)
+    body = RockBody(
+        parts=parts,
+        mass=mass,
+        start=start,
+        inertia_from_aabb=from_aabb,
+        surface=surface,
+        source=source,
+        sha256=sha256,
+        notes=(*notes, *_size_notes(source, surface)),
+    )
+    return _with_notes(body, _start_notes(body, pedestal, fixed=isinstance(rock.start, FixedStart)))
+
+
+def _with_notes(body: RockBody, notes: Sequence[str]) -> RockBody:
+    return replace(body, notes=(*body.notes, *notes)) if notes else body
+
+
+def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:
+    if rock.inertia == "mesh":
+        return mesh_mass_properties(
+            loaded.mesh, density=rock.density, mass=rock.mass, source=loaded.source
+        )
+    mass = rock.mass
+    if mass is None:
+        assert rock.density is not None
+        mass = rock.density * solid_properties(loaded.mesh, loaded.source)[0]
+    return aabb_mass_properties(mass, loaded.hull_points, loaded.source)
+
+
+def _size_notes(source: str, surface: Triangles) -> list[str]:
+    longest = float(np.ptp(surface.vertices, axis=0).max())
+    if UNUSUAL_SIZE[0] <= longest <= UNUSUAL_SIZE[1]:
+        return []
+    return [f"{source}: {longest:.4g} m long; if its unit is not the metre, set `scale`"]
+
+
+def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list[str]:
+    notes = []
+    rotation = matrix_from_quaternion(body.start.orientation)
+    center = rotation @ body.mass.mass_center + np.asarray(body.start.position)
+    if not stands_over(pedestal, float(center[0]), float(center[1])):
+        notes.append(
+            f"start: the mass centre at x {center[0]:.4g} m, y {center[1]:.4g} m is not above the "
+            "pedestal"
+        )
+    height = height_above(body.parts, body.start, pedestal) if fixed else None
+    if height is not None and height > HIGH_START:
+        notes.append(f"start: {height:.4g} m above the pedestal; the rock drops onto it first")
+    if height is not None and height < -DEEP_START:
+        notes.append(
+            f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
+        )
+    return notes
+
+
+def build_pedestal(pedestal: PrismPedestal | MeshPedestal) -> PedestalBody:
+    """The pedestal with collision parts in its frame P.
+
+    A prism's P lies in its centre. A mesh is shifted along z only: its lowest point stands on the
+    base, in whose top face P's origin lies, at x = y = 0 of the file.
+
+    Which collision serves when: `triangles` keeps the surface exactly, as an open or closed mesh
+    (topography); `hull` is fastest and right for a pedestal without hollows; `decomposition`
+    (several hulls, from a closed mesh) keeps larger hollows at the speed of hulls, not fine relief.
+
+    Raises:
+        GeometryError: a mesh that cannot be used, or not over the base; for `decomposition` a mesh
+            that is not closed, or the optional package missing.
+    """
+    base = pedestal.base.size
+    if isinstance(pedestal, PrismPedestal):
+        box = Box(size=pedestal.size)
+        return PedestalBody(
+            parts=(box,),
+            origin=(0.0, 0.0, base[2] + 0.5 * pedestal.size[2]),
+            top=base[2] + pedestal.size[2],
+            mass=pedestal.mass,
+            base_size=base,
+            source="prism",
+            surface=box_surface(box),
+        )
+    closed = pedestal.collision == "decomposition"
+    loaded = load_mesh(pedestal.file, scale=pedestal.scale, closed=closed)
+    surface = loaded.surface
+    low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
+    half = 0.5 * np.asarray(base)
+    if (high < -half)[:2].any() or (low > half)[:2].any():
+        raise GeometryError(
+            f"{loaded.source}: the mesh spans x {low[0]:g} to {high[0]:g} m and y {low[1]:g} to "
+            f"{high[1]:g} m, beside the base of {base[0]:g} m x {base[1]:g} m about 0; "
+            "move the mesh to the origin"
+        )
+    shift = np.array([0.0, 0.0, -low[2]])
+    surface = _facing_out(Triangles(surface.vertices + shift, surface.faces))
+    parts: tuple[Hull | Box | Triangles, ...]
+    if pedestal.collision == "triangles":
+        parts, shown = (surface,), surface
+    elif pedestal.collision == "hull":
+        hull = hull_surface(surface.vertices, loaded.source)
+        parts, shown = (Hull(hull.vertices),), hull
+    else:
+        hulls = _decompose(loaded, shift)
+        parts = tuple(Hull(hull.vertices) for hull in hulls)
+        shown = join_surfaces(hulls)
+    return PedestalBody(
+        parts=parts,
+        origin=(0.0, 0.0, base[2]),
+        # Hulls of a decomposition may rise above the mesh they approximate.
+        top=base[2] + float(shown.vertices[:, 2].max()),
+        mass=pedestal.mass,
+        base_size=base,
+        source=loaded.source,
+        sha256=loaded.sha256,
+        surface=surface,
+    )
+
+
+def _facing_out(surface: Triangles) -> Triangles:
+    """Open surfaces face up, closed ones outwards: figures light them by their normals."""
+    corners = surface.vertices[surface.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    upward = float(normal[:, 2].sum())
+    # The area vectors of a closed surface add up to nothing.
+    if abs(upward) > 1e-9 * float(np.abs(normal).sum()):
+        outwards = upward > 0
+    else:
+        outwards = signed_volume(surface.vertices, surface.faces.astype(np.int64)) >= 0
+    if outwards:
+        return surface
+    return Triangles(surface.vertices, np.ascontiguousarray(surface.faces[:, ::-1]))
+
+
+def _decompose(loaded: LoadedMesh, shift: Array) -> list[Triangles]:
+    try:
+        import_module("vhacdx")
+    except ImportError as error:
+        raise GeometryError(
+            f"{loaded.source}: `collision: decomposition` needs the package vhacdx; "
+            "`pip install vsr2[decomposition]`, or choose `triangles` or `hull`"
+        ) from error
+    import trimesh
+
+    # One thread: the order of the hulls must not depend on the machine's load.
+    found = trimesh.decomposition.convex_decomposition(
+        loaded.mesh, maxConvexHulls=MAX_HULLS, asyncACD=False
+    )
+    hulls = [
+        hull_surface(np.asarray(part["vertices"], dtype=np.float64) + shift, loaded.source)
+        for part in found
+    ]
+    if not hulls:
+        raise GeometryError(
+            f"{loaded.source}: the convex decomposition is empty; choose `triangles` or `hull`"
+        )
+    return sorted(hulls, key=lambda hull: tuple(hull.vertices.min(axis=0)))

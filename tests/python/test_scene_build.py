@@ -1,0 +1,242 @@
+"""From configuration to bodies, the models of this repository, and their generator."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from vsr2.config.study import (
+    Base,
+    BoxRock,
+    FixedStart,
+    MeshPedestal,
+    MeshRock,
+    PrismPedestal,
+    UrdfRock,
+    YawStart,
+)
+from vsr2.errors import GeometryError
+from vsr2.scene import (
+    Box,
+    Hull,
+    Triangles,
+    build_pedestal,
+    build_rock,
+    height_above,
+    load_mesh,
+    slenderness,
+    start_support,
+)
+from vsr2.scene.rotation import matrix_from_quaternion
+from vsr2.scene.shapes import hull_surface, rock_points
+
+MODELS = Path(__file__).resolve().parents[2] / "models"
+PRISM = build_pedestal(PrismPedestal())
+TOPOGRAPHY = MODELS / "pedestal_topography.obj"
+
+
+def test_prism_stands_on_its_base() -> None:
+    body = build_pedestal(PrismPedestal(size=(3.0, 4.0, 0.6), base=Base(size=(9.0, 8.0, 1.5))))
+    assert body.parts == (Box((3.0, 4.0, 0.6)),)
+    assert body.origin == pytest.approx((0.0, 0.0, 1.8))
+    assert body.top == pytest.approx(2.1)
+    assert body.base_size == (9.0, 8.0, 1.5)
+    assert body.mass == 2e5
+
+
+@pytest.mark.parametrize("collision", ["triangles", "hull", "decomposition"])
+def test_mesh_pedestal_stands_on_its_base(collision: str) -> None:
+    if collision == "decomposition":
+        pytest.importorskip("vhacdx")
+    body = build_pedestal(MeshPedestal(shape="mesh", file=TOPOGRAPHY, collision=collision))
+    assert body.origin == (0.0, 0.0, 2.0)
+    points = np.vstack(
+        [part.vertices if isinstance(part, Triangles) else part.points for part in body.parts]
+    )
+    # A decomposition voxelises: it may miss the surface by a cell of some centimetres.
+    slack = 0.05 if collision == "decomposition" else 1e-12
+    assert points[:, 2].min() == pytest.approx(0.0, abs=slack)
+    assert body.top == pytest.approx(2.0 + points[:, 2].max(), abs=1e-12)
+    assert body.top == pytest.approx(2.0 + 0.41807, abs=max(slack, 1e-9))
+    assert all(
+        isinstance(part, Triangles if collision == "triangles" else Hull) for part in body.parts
+    )
+
+
+def test_decomposition_keeps_a_hollow_that_the_hull_fills(tmp_path: Path) -> None:
+    pytest.importorskip("vhacdx")
+    # A U: two walls on a floor, one closed prism extruded along y.
+    outline = np.array([[-1, 0], [1, 0], [1, 1], [0.6, 1], [0.6, 0.4], [-0.6, 0.4], [-0.6, 1],
+                        [-1, 1]], dtype=float)  # fmt: skip
+    count = len(outline)
+    front = np.column_stack([outline[:, 0], np.full(count, -1.0), outline[:, 1]])
+    vertices = np.vstack([front, front + np.array([0.0, 2.0, 0.0])])
+    lids = np.array([[0, 5, 7], [5, 6, 7], [0, 1, 5], [1, 4, 5], [1, 2, 4], [2, 3, 4]])
+    sides = [[i, (i + 1) % count, (i + 1) % count + count] for i in range(count)]
+    sides += [[i, (i + 1) % count + count, i + count] for i in range(count)]
+    faces = np.vstack([lids, lids[:, ::-1] + count, np.array(sides)[:, ::-1]])
+    path = tmp_path / "u.obj"
+    path.write_text(trimesh.Trimesh(vertices, faces, process=False).export(file_type="obj"))
+    load_mesh(path)  # closed and oriented, or the comparison below means nothing
+    rock = BoxRock(shape="box", size=(0.2, 0.2, 0.2), mass=1.0)
+    heights = {}
+    for collision in ("triangles", "hull", "decomposition"):
+        pedestal = build_pedestal(MeshPedestal(shape="mesh", file=path, collision=collision))
+        heights[collision] = build_rock(rock, pedestal, clearance=0.0).start.position[2] - 2.1
+    assert heights["triangles"] == pytest.approx(0.4, abs=1e-9)
+    assert heights["hull"] == pytest.approx(1.0, abs=1e-9)
+    assert heights["decomposition"] == pytest.approx(0.4, abs=0.06)
+
+
+def test_decomposition_is_repeatable() -> None:
+    pytest.importorskip("vhacdx")
+    config = MeshPedestal(shape="mesh", file=TOPOGRAPHY, collision="decomposition")
+    first, second = build_pedestal(config), build_pedestal(config)
+    assert len(first.parts) == len(second.parts)
+    for a, b in zip(first.parts, second.parts, strict=True):
+        assert isinstance(a, Hull)
+        assert isinstance(b, Hull)
+        np.testing.assert_array_equal(a.points, b.points)
+
+
+def test_decomposition_without_its_package_names_the_remedy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "vhacdx", None)
+    with pytest.raises(GeometryError, match=r"pip install vsr2\[decomposition\]"):
+        build_pedestal(MeshPedestal(shape="mesh", file=TOPOGRAPHY, collision="decomposition"))
+
+
+def test_open_topography_serves_as_triangles_only(tmp_path: Path) -> None:
+    path = tmp_path / "sheet.obj"
+    # Faces downwards on purpose: the body turns them up.
+    path.write_text("v -1 -1 5\nv 1 -1 5\nv 1 1 5.1\nv -1 1 5\nf 1 3 2\nf 1 4 3\n")
+    body = build_pedestal(MeshPedestal(shape="mesh", file=path, collision="triangles"))
+    (part,) = body.parts
+    assert isinstance(part, Triangles)
+    assert part.vertices[:, 2].min() == 0.0
+    corners = part.vertices[part.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normal[:, 2] > 0).all()
+    with pytest.raises(GeometryError, match="not watertight"):
+        build_pedestal(MeshPedestal(shape="mesh", file=path, collision="decomposition"))
+
+
+def test_a_mesh_beside_the_base_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "far.obj"
+    path.write_text("v 400 0 0\nv 401 0 0\nv 400 1 0\nf 1 2 3\n")
+    with pytest.raises(GeometryError, match="move the mesh to the origin"):
+        build_pedestal(MeshPedestal(shape="mesh", file=path))
+
+
+def test_box_rock() -> None:
+    body = build_rock(BoxRock(shape="box", size=(0.4, 0.5, 1.0), density=2000.0), PRISM,
+                      clearance=0.002)  # fmt: skip
+    assert body.parts == (Box((0.4, 0.5, 1.0)),)
+    assert body.mass.mass == pytest.approx(400.0)
+    assert body.start.position == pytest.approx((0.0, 0.0, 3.002))
+    assert body.surface is not None
+    assert body.notes == ()
+
+
+@pytest.mark.parametrize("inertia", ["mesh", "aabb"])
+def test_mesh_rock_rules(inertia: str) -> None:
+    rock = MeshRock(shape="mesh", file=MODELS / "pbr_scan.obj", density=2650.0, inertia=inertia)
+    body = build_rock(rock, PRISM, clearance=0.002)
+    assert body.inertia_from_aabb == (inertia == "aabb")
+    assert body.mass.mass == pytest.approx(446.606, rel=1e-5)
+    (part,) = body.parts
+    assert isinstance(part, Hull)
+    assert part.points.shape == (3 * 5120, 3)
+    assert body.surface is not None
+    assert body.surface.faces.shape == (5120, 3)
+    assert len(body.sha256) == 64
+    if inertia == "aabb":
+        np.testing.assert_array_equal(body.mass.mass_center, 0.0)
+
+
+def test_mesh_and_urdf_of_the_same_rock_agree() -> None:
+    start = YawStart(yaw=25.0)
+    mesh = build_rock(
+        MeshRock(shape="mesh", file=MODELS / "pbr_scan.obj", density=2650.0, start=start),
+        PRISM,
+        clearance=0.002,
+    )
+    urdf = build_rock(
+        UrdfRock(shape="urdf", file=MODELS / "pbr_scan.urdf", start=start), PRISM, clearance=0.002
+    )
+    np.testing.assert_array_equal(rock_points(mesh), rock_points(urdf))
+    assert urdf.mass.mass == pytest.approx(mesh.mass.mass, rel=1e-8)
+    # The URDF holds nine digits.
+    np.testing.assert_allclose(urdf.mass.mass_center, mesh.mass.mass_center, atol=1e-9)
+    np.testing.assert_allclose(urdf.mass.principal_inertia, mesh.mass.principal_inertia, rtol=1e-7)
+    np.testing.assert_allclose(urdf.mass.principal_axes, mesh.mass.principal_axes, atol=1e-6)
+    np.testing.assert_allclose(urdf.start.position, mesh.start.position, atol=1e-8)
+    assert urdf.notes == ()
+
+
+def test_notes_of_a_doubtful_start() -> None:
+    def notes(z: float, x: float = 0.0, size: float = 1.0) -> tuple[str, ...]:
+        rock = BoxRock(
+            shape="box", size=(size,) * 3, mass=1.0,
+            start=FixedStart(mode="pose", position=(x, 0.0, z)),
+        )  # fmt: skip
+        return build_rock(rock, PRISM, clearance=0.002).notes
+
+    assert notes(3.0) == ()
+    assert notes(3.002) == ()
+    assert "above the pedestal" in notes(3.5)[0]
+    assert "inside the pedestal" in notes(2.9)[0]
+    assert "not above the pedestal" in notes(3.0, x=5.2)[0]
+    assert "unit is not the metre" in notes(102.5, size=200.0)[0]
+
+
+def test_the_scan_stands_with_a_margin() -> None:
+    rock = MeshRock(shape="mesh", file=MODELS / "pbr_scan.obj", density=2650.0)
+    body = build_rock(rock, PRISM, clearance=0.002)
+    assert body.notes == ()
+    # The base is a plane, so the strictest tolerance must find the support.
+    loaded = load_mesh(MODELS / "pbr_scan.obj")
+    alphas = [row.alpha for row in slenderness(body, range(0, 360, 3), tolerance=1e-6)]
+    assert 0.2 < min(alphas) < max(alphas) < 0.35
+    assert start_support(body, tolerance=1e-6).margin > 0.09
+    assert 0.95 < np.ptp(loaded.mesh.vertices[:, 2]) < 1.05
+    assert 3000 <= len(loaded.mesh.faces) <= 6000
+    assert 300 <= len(hull_surface(loaded.hull_points[0]).vertices) <= 600
+    assert (MODELS / "pbr_scan.obj").stat().st_size < 600_000
+
+
+def test_the_scan_is_lowered_onto_the_topography() -> None:
+    pedestal = build_pedestal(MeshPedestal(shape="mesh", file=TOPOGRAPHY))
+    rock = MeshRock(shape="mesh", file=MODELS / "pbr_scan.obj", density=2650.0)
+    for yaw in (0.0, 50.0):
+        start = YawStart(yaw=yaw, position_xy=(0.3, -0.4))
+        body = build_rock(rock.model_copy(update={"start": start}), pedestal, clearance=0.002)
+        height = height_above(body.parts, body.start, pedestal)
+        assert height is not None
+        # The vertical gap is the normal gap over the cosine of a slope of at most 0.2.
+        assert 0.002 * 0.985 <= height <= 0.002 * 1.02
+        assert body.notes == ()
+        lowest = (rock_points(body) @ matrix_from_quaternion(body.start.orientation).T)[:, 2].min()
+        assert 2.38 < lowest + body.start.position[2] < pedestal.top + 0.003
+
+
+def test_the_generator_reproduces_the_committed_models(tmp_path: Path) -> None:
+    spec = importlib.util.spec_from_file_location("make_models", MODELS / "make.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.main(tmp_path)
+    for name in ("pbr_scan.obj", "block.obj", "pedestal_topography.obj"):
+        made, kept = (load_mesh(folder / name) for folder in (tmp_path, MODELS))
+        # One unit of the fifth decimal, for another machine's rounding.
+        np.testing.assert_allclose(made.hull_points[0], kept.hull_points[0], atol=1.1e-5)
+    assert (tmp_path / "pbr_scan.urdf").stat().st_size == pytest.approx(
+        (MODELS / "pbr_scan.urdf").stat().st_size, abs=8
+    )
