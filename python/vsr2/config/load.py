@@ -1,0 +1,216 @@
+"""Reading a study from YAML, and writing it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ValidationError
+
+from vsr2.config.problems import Problem, config_error, problems_of
+from vsr2.config.study import Section, Study
+from vsr2.config.yaml_file import KeyPath, parse_yaml, plain_tag, read_yaml
+from vsr2.errors import ConfigError
+
+S = TypeVar("S", bound=Section)
+
+
+def load_study(
+    path: str | os.PathLike[str], *, overrides: Sequence[str] = (), check_files: bool = True
+) -> Study:
+    """Read a study from a YAML file.
+
+    Files and folders which it names are taken relative to its own folder and come back absolute.
+
+    Args:
+        path: the YAML file.
+        overrides: settings that replace the file's, each `key.path=value` with the value in YAML;
+            their files and folders are relative to the working directory.
+        check_files: refuse a study that names a file or folder which does not exist.
+
+    Raises:
+        ConfigError: one error that lists every problem as `file:line: key.path: what is wrong
+            (value), remedy`.
+    """
+    label = os.fspath(path)
+    document = read_yaml(path)
+    for override in overrides:
+        _override(document.data, override)
+
+    def place(key_path: KeyPath) -> str:
+        # A missing key has no line of its own: its section's serves.
+        for length in range(len(key_path), 0, -1):
+            if key_path[:length] in document.lines:
+                return f"{label}:{document.lines[key_path[:length]]}"
+        return label
+
+    base = Path.cwd().joinpath(label).parent
+    return build_study(document.data, base, label=label, place=place, check_files=check_files)
+
+
+def _override(data: dict[str, Any], override: str) -> None:
+    key_path, equals, text = override.partition("=")
+    keys = key_path.strip().split(".")
+    if not equals or not all(keys):
+        raise ConfigError(
+            f"override {override!r}: is not of the form key.path=value, such as "
+            "contact.rock.restitution=0.5"
+        )
+    value = parse_yaml(f"value: {text}".encode(), f"override {override!r}").data["value"]
+    if keys[-1] in ("file", "folder") and isinstance(value, str):
+        value = str(Path.cwd() / value)
+    section = data
+    for key in keys[:-1]:
+        section = section.setdefault(key, {})
+        if not isinstance(section, dict):
+            raise ConfigError(f"override {override!r}: {key} is not a section of the study")
+    section[keys[-1]] = value
+
+
+def study_from_mapping(
+    mapping: Mapping[str, Any],
+    base: str | os.PathLike[str],
+    *,
+    label: str = "study",
+    check_files: bool = True,
+) -> Study:
+    """Build a study from the mapping which a YAML file would hold.
+
+    Args:
+        mapping: keys and values as in a file.
+        base: folder against which paths are resolved.
+        label: stands for the file's name in errors.
+        check_files: refuse a study that names a file or folder which does not exist.
+
+    Raises:
+        ConfigError: as :func:`load_study`, without line numbers.
+    """
+    if not isinstance(mapping, Mapping):
+        raise ConfigError(f"{label}: must be a mapping (is a {type(mapping).__name__})")
+    return build_study(mapping, Path.cwd().joinpath(base), label=label, check_files=check_files)
+
+
+def build_study(
+    data: Mapping[str, Any],
+    base: Path,
+    *,
+    label: str,
+    place: Callable[[KeyPath], str] | None = None,
+    check_files: bool,
+) -> Study:
+    """Validate `data`, resolve its paths against `base`, and check that they exist.
+
+    Args:
+        data: keys and values as in a file.
+        base: absolute folder.
+        label: stands for the file's name in errors.
+        place: where a key path stands, e.g. `study.yaml:12`; `label` everywhere if none.
+        check_files: refuse a study that names a file or folder which does not exist.
+
+    Raises:
+        ConfigError: lists every problem.
+    """
+    where = place if place is not None else lambda _: label
+    try:
+        study = Study.model_validate(dict(data))
+    except ValidationError as error:
+        raise config_error(problems_of(error), label, where) from None
+    study = with_absolute_paths(study, base)
+    if check_files:
+        missing = list(_missing_files(study))
+        if missing:
+            raise config_error(missing, label, where)
+    return study
+
+
+def with_absolute_paths(study: Study, base: Path) -> Study:
+    """The same study with its relative paths resolved against the absolute folder `base`."""
+    # Not normalised: `..` after a symbolic link means the folder above the link's target.
+    return _map_paths(study, lambda path: base / path)
+
+
+def dump_study(study: Study, *, relative_to: str | os.PathLike[str] | None = None) -> str:
+    """Write a study as YAML that loads back equal, all defaults spelt out.
+
+    Args:
+        study: its paths are written as they are, unless
+        relative_to: a folder; paths inside it are written relative to it. Give the folder in which
+            the file is going to lie.
+
+    Returns:
+        The text of the YAML file.
+    """
+    if relative_to is not None:
+        folder = Path.cwd().joinpath(relative_to)
+        study = _map_paths(
+            study, lambda path: path.relative_to(folder) if path.is_relative_to(folder) else path
+        )
+    data = study.model_dump(mode="json", exclude_none=True)
+    if study.motion.drive == "prescribed":
+        # Refused when read, for it has no effect there.
+        del data["pedestal"]["mass"]
+    return yaml.dump(
+        _tags_first(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100
+    )
+
+
+def _tags_first(data: dict[str, Any]) -> dict[str, Any]:
+    """The same mapping with `shape` and `mode` first, as people write it."""
+    ordered = {key: data[key] for key in ("shape", "mode") if key in data} | data
+    return {
+        key: _tags_first(value) if isinstance(value, dict) else value
+        for key, value in ordered.items()
+    }
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes text that our reader, other than PyYAML's, would take for a number (`1e7`)."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent_sequence(self, tag: Any, sequence: Any, flow_style: Any = None) -> Any:
+        return super().represent_sequence(tag, sequence, flow_style=True)
+
+    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
+        if kind is yaml.ScalarNode and implicit[0] and plain_tag(value) is not None:
+            return plain_tag(value)
+        return super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
+
+
+def _path_fields(section: Section) -> Iterator[tuple[str, Path]]:
+    for key in type(section).model_fields:
+        value = getattr(section, key)
+        if isinstance(value, Path):
+            yield key, value
+
+
+def _subsections(section: Section) -> Iterator[tuple[str, Section]]:
+    for key in type(section).model_fields:
+        value = getattr(section, key)
+        if isinstance(value, Section):
+            yield key, value
+
+
+def _map_paths(section: S, change: Callable[[Path], Path]) -> S:
+    # Copies keep which keys were given, so that the same keys stay refused or accepted.
+    update: dict[str, Any] = {key: change(path) for key, path in _path_fields(section)}
+    for key, inner in _subsections(section):
+        changed = _map_paths(inner, change)
+        if changed is not inner:
+            update[key] = changed
+    return section.model_copy(update=update) if update else section
+
+
+def _missing_files(section: Section, above: KeyPath = ()) -> Iterator[Problem]:
+    for key, path in _path_fields(section):
+        if key == "folder":
+            if not os.path.isdir(path):
+                yield Problem((*above, key), f"no such folder ({path}); correct the path")
+        elif not os.path.isfile(path):
+            yield Problem((*above, key), f"no such file ({path}); correct the path")
+    for key, inner in _subsections(section):
+        yield from _missing_files(inner, (*above, key))

@@ -1,0 +1,225 @@
+"""Says what is wrong with a study in the user's words: key as written, value, remedy."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from vsr2.config.schema import Variants, variants
+from vsr2.config.study import Section, Study
+from vsr2.config.yaml_file import KeyPath
+from vsr2.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: where in the study, and what (with value and remedy)."""
+
+    path: KeyPath
+    what: str
+
+
+def dotted(path: KeyPath) -> str:
+    """A key path as the user would say it: `rock.start.position[2]`."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            name = part if part.isprintable() and 0 < len(part) <= 60 else shown(part)
+            text += f".{name}" if text else name
+    return text
+
+
+def config_error(
+    problems: Iterable[Problem], label: str, place: Callable[[KeyPath], str]
+) -> ConfigError:
+    """One error that lists `problems`, each as `place: key.path: what`.
+
+    Args:
+        problems: at least one.
+        label: names the file in the heading where there are several.
+        place: where a key path stands, e.g. `study.yaml:12`.
+    """
+    lines = []
+    for problem in problems:
+        key = f"{dotted(problem.path)}: " if problem.path else ""
+        lines.append(f"{place(problem.path)}: {key}{problem.what}")
+    if len(lines) == 1:
+        return ConfigError(lines[0])
+    return ConfigError("\n  ".join([f"{label}: {len(lines)} problems", *lines]))
+
+
+def problems_of(error: ValidationError) -> list[Problem]:
+    """Translate pydantic's report on a :class:`Study`."""
+    return [_translate(dict(entry)) for entry in error.errors(include_url=False)]
+
+
+def _translate(entry: dict[str, Any]) -> Problem:
+    path, owner, field = _walk(entry["loc"])
+    context: dict[str, Any] = entry.get("ctx", {})
+    kind: str = entry["type"]
+    value = entry.get("input")
+    if kind == "inapplicable_key":
+        return Problem((*path, *context["key"].split(".")), context["reason"])
+    if kind == "value_error":
+        return Problem(path, str(context["error"]))
+    if kind == "extra_forbidden":
+        return Problem(path, _unknown_key(str(path[-1]), path[:-1], owner))
+    if kind == "missing":
+        return Problem(path, f"is missing{_meaning(field)}")
+    held = variants(field) if field else None
+    if kind == "union_tag_not_found" and held:
+        return Problem((*path, held.tag_key or ""), f"is missing; give {_either(held.by_tag)}")
+    if kind == "union_tag_invalid" and held:
+        tag = context["tag"]
+        if isinstance(value, Mapping) and not isinstance(value.get(held.tag_key), str):
+            tag = value.get(held.tag_key)
+        return Problem((*path, held.tag_key or ""), _not_one_of(tag, list(held.by_tag)))
+    if kind == "literal_error":
+        choices = context["expected"].replace(" or ", ", ").split(", ")
+        return Problem(path, _not_one_of(value, [choice.strip("'") for choice in choices]))
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return Problem(path, f"must hold {_keys(held, owner)} (is {shown(value)})")
+    return Problem(path, f"{_expectation(kind, context, entry['msg'])} (is {shown(value)})")
+
+
+def _expectation(kind: str, context: Mapping[str, Any], message: str) -> str:
+    fixed = {
+        "float_type": "must be a number, without quotes",
+        "int_type": "must be a whole number, without point and quotes",
+        "bool_type": "must be true or false",
+        "string_type": "must be text; put it in quotes",
+        "path_type": "must be a path",
+        "tuple_type": "must be a list such as [1.0, 2.0, 3.0]",
+        "finite_number": "must be finite",
+        "string_unicode": "must be text",
+        "invalid_key": "a key must be text",
+        "string_too_short": "must not be empty",
+    }
+    if kind in fixed:
+        return fixed[kind]
+    bounds = {
+        "greater_than": ("gt", "greater than"),
+        "greater_than_equal": ("ge", "at least"),
+        "less_than": ("lt", "less than"),
+        "less_than_equal": ("le", "at most"),
+    }
+    if kind in bounds:
+        key, words = bounds[kind]
+        return f"must be {words} {context[key]:g}"
+    if kind == "too_long":
+        return f"must have {context['max_length']} values"
+    if kind == "string_pattern_mismatch":
+        return f"must match {context['pattern']}"
+    if kind == "string_too_long":
+        return f"must have at most {context['max_length']} characters"
+    return message
+
+
+def _walk(
+    location: tuple[str | int, ...],
+) -> tuple[KeyPath, type[Section] | None, FieldInfo | None]:
+    """Key path without pydantic's tags of unions; the section that owns its last key; that key."""
+    path: list[str | int] = []
+    section: type[Section] | None = Study
+    owner: type[Section] | None = Study
+    field: FieldInfo | None = None
+    held: Variants | None = None
+    for part in location:
+        if held is not None and held.tag_key is not None and part in held.by_tag:
+            section, held = held.by_tag[str(part)], None
+            continue
+        path.append(part)
+        owner = section
+        field = section.model_fields.get(str(part)) if section else None
+        held = variants(field) if field else None
+        section = held.by_tag[""] if held and held.tag_key is None else None
+    return tuple(path), owner, field
+
+
+def _unknown_key(key: str, parent: KeyPath, section: type[Section] | None) -> str:
+    if section is None:
+        return "is no key here; remove it"
+    valid = list(section.model_fields)
+    near = _nearest(key, valid)
+    if near:
+        return f"is no key here; did you mean `{near}`?"
+    for place, other in _all_sections():
+        if place[:-1] == parent and key in other.model_fields:
+            return f"applies only with `{place[-1]}`; remove it"
+    for place, other in _all_sections():
+        if key in other.model_fields:
+            keys = [part for part in place if ": " not in part]
+            return f"is no key here; did you mean `{dotted((*keys, key))}`?"
+    return f"is no key here; known are {', '.join(valid)}"
+
+
+def _all_sections() -> Iterable[tuple[tuple[str, ...], type[Section]]]:
+    """Every section with its place; a member of a union adds a last part such as `shape: box`."""
+
+    def below(
+        place: tuple[str, ...], section: type[Section]
+    ) -> Iterable[tuple[tuple[str, ...], type[Section]]]:
+        yield place, section
+        for key, field in section.model_fields.items():
+            held = variants(field)
+            for tag, inner in held.by_tag.items() if held else ():
+                tagged = (f"{held.tag_key}: {tag}",) if held and held.tag_key else ()
+                yield from below((*place, key, *tagged), inner)
+
+    return below((), Study)
+
+
+def _nearest(word: str, choices: Iterable[str]) -> str | None:
+    """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
+    plain = {choice.replace("_", "").lower(): choice for choice in choices}
+    word = word[:100].replace("_", "").lower()
+    near = difflib.get_close_matches(word, plain, n=1, cutoff=0.75)
+    # A shorter word says less by its share of equal letters; its start and end say more.
+    near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
+    near = near or [
+        name
+        for name in difflib.get_close_matches(word, plain, n=3, cutoff=0.6)
+        if name[0] == word[0]
+    ]
+    return plain[near[0]] if near else None
+
+
+def _not_one_of(value: object, choices: list[str]) -> str:
+    near = _nearest(value, choices) if isinstance(value, str) else None
+    hint = f"; did you mean {near}?" if near and len(choices) > 1 else ""
+    return f"must be {_either(choices)} (is {shown(value)}){hint}"
+
+
+def _either(choices: Iterable[str]) -> str:
+    *most, last = choices
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def _keys(held: Variants | None, owner: type[Section] | None) -> str:
+    if held is not None and held.tag_key is not None:
+        return f"keys, among them `{held.tag_key}` ({_either(held.by_tag)})"
+    section = held.by_tag[""] if held else owner
+    return f"the keys {', '.join(section.model_fields)}" if section else "keys"
+
+
+def _meaning(field: FieldInfo | None) -> str:
+    if field is None or not field.description:
+        return "; give it"
+    return f"; give it: {field.description.replace(chr(10), ' ')}"
+
+
+def shown(value: object) -> str:
+    """A value as it goes into a message: one line, bounded."""
+    try:
+        text = repr(value) if not isinstance(value, str) else ascii(value)
+    except Exception:
+        # The value may be any object where a study is built from Python.
+        text = f"a {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..."

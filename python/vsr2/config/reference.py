@@ -1,0 +1,141 @@
+"""The reference of all keys, `docs/configuration.md`, written from the models."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any, Literal, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from vsr2.config.schema import variants
+from vsr2.config.study import Section, Study
+
+_HEAD = """\
+# Configuration
+
+A study is one YAML file in SI units. Written by `vsr2.config.reference_markdown()` from the models
+in `python/vsr2/config/study.py`; a test keeps both equal.
+
+- Files and folders are taken relative to the folder of the YAML file that names them.
+- Unknown keys, keys given twice, keys without effect, NaN and infinity are refused; the error names
+  file, line, key, value and the nearest valid key.
+- Numbers are read as in YAML 1.2: `1e7` is a number. Quoted numbers are text and refused.
+- Only plain data is read: no tags, at most 1 MB, at most 20 levels. `<<: *anchor` merges mappings.
+- Quaternions are x, y, z, w.
+
+The smallest study:
+
+```yaml
+rock:
+  shape: box
+  size: [0.4, 0.4, 1.2]
+  density: 2600
+motion:
+  mode: single_cosine
+  pga: 0.3
+  pgv_pga: 0.1
+```
+"""
+
+_UNIT = re.compile(r"\s*\[([^\[\]]+)\]")
+
+
+def reference_markdown() -> str:
+    """The text of `docs/configuration.md`: every key with type, default, unit and meaning."""
+    places: dict[type[Section], list[str]] = {}
+    for place, section in _sections("", "", Study):
+        known = places.setdefault(section, [])
+        if place not in known:
+            known.append(place)
+    parts = [_HEAD]
+    for section, known in places.items():
+        parts += _table(known, section)
+    return "\n".join(parts)
+
+
+def _sections(place: str, tag: str, section: type[Section]) -> Iterator[tuple[str, type[Section]]]:
+    yield place + tag, section
+    for key, field in section.model_fields.items():
+        held = variants(field)
+        for name, inner in held.by_tag.items() if held else ():
+            inner_tag = f" ({held.tag_key}: {name})" if held and held.tag_key else ""
+            yield from _sections(f"{place}.{key}".lstrip("."), inner_tag, inner)
+
+
+def _table(places: list[str], section: type[Section]) -> Iterator[str]:
+    if section is Study:
+        yield "## Top level\n"
+    else:
+        yield f"## {', '.join(f'`{place}`' for place in places)}\n"
+        yield _one_line(section.__doc__ or "") + "\n"
+    yield "| key | type | default | unit | meaning |"
+    yield "| --- | --- | --- | --- | --- |"
+    for key, field in section.model_fields.items():
+        yield _row(key, field)
+    yield ""
+
+
+def _row(key: str, field: FieldInfo) -> str:
+    text = _one_line(field.description or "Selects this section.")
+    unit = _UNIT.search(text)
+    if unit:
+        text = text[: unit.start()] + text[unit.end() :]
+    cells = [f"`{key}`", _type(field), _default(field), unit.group(1) if unit else "", text]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def _type(field: FieldInfo) -> str:
+    held = variants(field)
+    if held and held.tag_key:
+        return f"section, by `{held.tag_key}`: " + ", ".join(f"`{tag}`" for tag in held.by_tag)
+    if held:
+        return "section"
+    return _type_name(field.annotation, field.metadata)
+
+
+def _type_name(annotation: Any, metadata: list[Any] | tuple[Any, ...]) -> str:
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return ", ".join(f"`{choice}`" for choice in args)
+    if origin is tuple:
+        if args[-1] is Ellipsis:
+            return f"list of {_type_name(args[0], ())}"
+        return f"list of {len(args)}: {_type_name(args[0], ())}"
+    if hasattr(annotation, "__metadata__"):
+        return _type_name(args[0], annotation.__metadata__)
+    if type(None) in args:
+        return _type_name(next(arg for arg in args if arg is not type(None)), metadata)
+    names = {"float": "number", "int": "whole number", "bool": "true, false", "str": "text"}
+    name = names.get(annotation.__name__, "path")
+    return ", ".join([name, *_bounds(metadata)])
+
+
+def _bounds(metadata: list[Any] | tuple[Any, ...]) -> Iterator[str]:
+    flat = [m for item in metadata for m in (getattr(item, "metadata", None) or [item])]
+    for bound in flat:
+        for kind, sign in ((Gt, ">"), (Ge, "≥"), (Lt, "<"), (Le, "≤")):
+            if isinstance(bound, kind):
+                yield f"{sign} {getattr(bound, kind.__name__.lower()):g}"
+
+
+def _default(field: FieldInfo) -> str:
+    value = field.default
+    if value is PydanticUndefined:
+        return "required"
+    if value is None:
+        return "none"
+    if isinstance(value, Section):
+        held = variants(field)
+        return f"`{getattr(value, held.tag_key)}`" if held and held.tag_key else "its defaults"
+    if isinstance(value, bool):
+        return "`true`" if value else "`false`"
+    if isinstance(value, tuple):
+        return f"`[{', '.join(f'{v:g}' for v in value)}]`"
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -1,0 +1,656 @@
+"""Importing the parameter files of the original system (VSR2 on ROS 2 and PyBullet).
+
+The files hold ROS 2 parameters: a node's name (or `/**`), `ros__parameters`, and below it groups
+with keys in camelCase. What the original does with each key is known from its published sources
+(https://github.com/ZhiangChen/virtual_shake_robot_pybullet). The import keeps its physics where
+VSR2 can, and says in notes what the original ignored in the files, what is kept, what is not, and
+what had to be assumed.
+
+This is about the latest published version, the one that reads `rock_orientation`. Earlier ones
+leave the pedestal its own contact values and the rock unturned.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Literal
+
+from vsr2.config.load import build_study
+from vsr2.config.problems import shown
+from vsr2.config.study import Study
+from vsr2.config.yaml_file import KeyPath, Value, YamlDocument, read_yaml
+from vsr2.errors import ConfigError
+
+Note = Literal["ignored by the original", "kept as in the original", "not kept", "assumed"]
+
+_HEADINGS: dict[Note, str] = {
+    "ignored by the original": "The original ignored in these files",
+    "kept as in the original": "Kept as in the original",
+    "not kept": "Not kept, VSR2 does otherwise",
+    "assumed": "Assumed, for these files do not say",
+}
+
+_PACKAGE = "virtual_shake_robot_pybullet/"
+_RECORD_INTERVAL = 0.00125
+"""Sampling interval of the original's recordings [s]."""
+
+_MATERIAL = {
+    "restitution": "restitution",
+    "lateralFriction": "lateral_friction",
+    "spinningFriction": "spinning_friction",
+    "contactStiffness": "stiffness",
+    "contactDamping": "damping",
+}
+
+_NEVER_READ = "no node declares or reads it"
+_SPLIT = "handed to PyBullet, but Bullet solves multibody contacts without split impulse"
+_NO_PHYSICS = "paces, shows or names the run only; it has no counterpart here"
+_IGNORED = [
+    ("engineSettings.useSplitImpulse", _SPLIT),
+    ("engineSettings.splitImpulsePenetrationThreshold", _SPLIT),
+    ("engineSettings.numSubSteps", f"{_NEVER_READ}; PyBullet keeps one step per timeStep"),
+    ("engineSettings.pedestal_reset_time", "the control node reads it under another name"),
+    ("engineSettings.reset_time", _NEVER_READ),
+    ("engineSettings.wait_time", _NEVER_READ),
+    ("engineSettings.model_wait_time", _NEVER_READ),
+    ("*.rollingFriction", "never handed to PyBullet, where it stays 0"),
+    ("dynamics.world_box.*", "read, but never handed to PyBullet"),
+    ("structure.world_box.inertia", "read, but never handed to PyBullet"),
+    (
+        "structure.pedestal.inertia",
+        "read, but never handed to PyBullet, which takes the inertia of the box",
+    ),
+    (
+        "structure.pedestal.mesh*",
+        "the branch for a mesh pedestal cannot be reached: the pedestal is the box of "
+        "structure.pedestal.dimensions (VSR2 can: `pedestal: {shape: mesh, file: ...}`)",
+    ),
+    (
+        "rock_structure_mesh.meshScale",
+        "read, but never handed to PyBullet (VSR2 can: `rock.scale`)",
+    ),
+    (
+        "rock_structure_box.rock_orientation",
+        "no node declares it; the box always stands unturned",
+    ),
+    ("rock_structure.*", "an older name, which no node declares"),
+    ("simSettings.*", _NO_PHYSICS),
+    ("realtime_flag", _NO_PHYSICS),
+    ("enable_plotting", _NO_PHYSICS),
+    ("recording_folder_name", _NO_PHYSICS),
+    ("file_paths.*", "names tables and caches of the original, which VSR2 does not read"),
+]
+
+
+@dataclass(frozen=True)
+class Ros2Import:
+    """A study made from parameter files of the original.
+
+    Attributes:
+        study: reproduces the original's physics where VSR2 can; the files it names may be missing.
+        notes: what the original ignored, what is kept, what is not, what was assumed; each starts
+            with its kind and a colon.
+        files: the files read, in order.
+    """
+
+    study: Study
+    notes: tuple[str, ...]
+    files: tuple[Path, ...]
+
+
+def import_ros2(
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    rock: Literal["mesh", "box"] | None = None,
+) -> Ros2Import:
+    """Read parameter files of the original as one study.
+
+    Args:
+        paths: one file, or several as they stand in a launch file: where two give the same
+            parameter, the later one counts.
+        rock: which rock to take where the files describe both; none given: the mesh, as the
+            original's motion modes do.
+
+    Raises:
+        ConfigError: a file cannot be read, holds no ROS 2 parameters, or values that no study can
+            hold; no file describes a rock.
+    """
+    if isinstance(paths, str | os.PathLike):
+        paths = [paths]
+    if not paths:
+        raise ConfigError("no ROS 2 parameter file given; name at least one")
+    parameters = _Parameters()
+    for path in paths:
+        parameters.read(path)
+    return _Importer(parameters, tuple(Path(path) for path in paths), rock).result()
+
+
+def describe(imported: Ros2Import) -> str:
+    """What an import found, for people: the files, then the notes by kind."""
+    lines = ["Read " + ", ".join(str(path) for path in imported.files)]
+    for kind, heading in _HEADINGS.items():
+        of_kind = [n.removeprefix(f"{kind}: ") for n in imported.notes if n.startswith(kind)]
+        if of_kind:
+            lines += ["", f"{heading}:", *(f"  - {note}" for note in of_kind)]
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Given:
+    value: Value
+    place: str
+    file: Path
+
+
+@dataclass
+class _Parameters:
+    """Parameters by their full dotted name, the last one given counting."""
+
+    given: dict[str, _Given] = field(default_factory=dict)
+    nodes: list[str] = field(default_factory=list)
+    foreign: list[str] = field(default_factory=list)
+    used: set[str] = field(default_factory=set)
+    whole: list[str] = field(default_factory=list)
+    """Names given as whole numbers where the original declares decimal ones."""
+
+    def read(self, path: str | os.PathLike[str]) -> None:
+        document = read_yaml(path)
+        found = False
+        for key, value in document.data.items():
+            if key == "file_paths" and isinstance(value, dict):
+                self._take(document, Path(path), value, (key,), "file_paths.")
+                found = True
+            else:
+                found |= self._nodes_below(document, Path(path), value, (key,))
+        if not found:
+            raise ConfigError(
+                f"{os.fspath(path)}: holds no ROS 2 parameters; expected a node's name (or `/**`) "
+                "over `ros__parameters`"
+            )
+
+    def _nodes_below(
+        self, document: YamlDocument, file: Path, value: Value, above: KeyPath
+    ) -> bool:
+        if not isinstance(value, dict):
+            return False
+        found = False
+        for key, inner in value.items():
+            if key != "ros__parameters":
+                found |= self._nodes_below(document, file, inner, (*above, key))
+                continue
+            found = True
+            name = "/".join(str(part).strip("/") for part in above)
+            if name.rsplit("/")[-1] not in ("**", "*", "simulation_node", "control_node"):
+                self.foreign.append(name)
+            elif isinstance(inner, dict):
+                self.nodes.append(name)
+                self._take(document, file, inner, (*above, key), "")
+            elif inner is not None:
+                raise ConfigError(
+                    f"{file}:{document.lines[(*above, key)]}: ros__parameters must hold keys "
+                    f"(is {shown(inner)})"
+                )
+        return found
+
+    def _take(
+        self, document: YamlDocument, file: Path, group: dict[str, Value], at: KeyPath, prefix: str
+    ) -> None:
+        for key, value in group.items():
+            if isinstance(value, dict):
+                self._take(document, file, value, (*at, key), f"{prefix}{key}.")
+            else:
+                place = f"{file}:{document.lines[(*at, key)]}"
+                self.given[prefix + key] = _Given(value, place, file)
+
+    def has(self, name: str) -> bool:
+        return name in self.given
+
+    def number(self, name: str) -> float:
+        return self._number(name, self._get(name))
+
+    def numbers(self, name: str, count: int) -> list[float]:
+        value = self._get(name)
+        if not isinstance(value, list) or len(value) != count:
+            raise self.error(name, f"must be a list of {count} numbers")
+        return [self._number(name, item) for item in value]
+
+    def text(self, name: str) -> str:
+        value = self._get(name)
+        if not isinstance(value, str):
+            raise self.error(name, "must be text")
+        return value
+
+    def integer(self, name: str) -> int:
+        value = self._get(name)
+        if not isinstance(value, int):
+            raise self.error(name, "must be a whole number")
+        return int(value)
+
+    def flag(self, name: str) -> bool:
+        value = self._get(name)
+        if not isinstance(value, int):
+            raise self.error(name, "must be true or false")
+        return bool(value)
+
+    def error(self, name: str, what: str) -> ConfigError:
+        given = self.given[name]
+        return ConfigError(f"{given.place}: {name}: {what} (is {shown(given.value)})")
+
+    def _get(self, name: str) -> Value:
+        self.used.add(name)
+        return self.given[name].value
+
+    def _number(self, name: str, value: Value) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(name, "must be a number")
+        if isinstance(value, int) and name not in self.whole:
+            self.whole.append(name)
+        if not math.isfinite(value):
+            raise self.error(name, "must be finite")
+        return float(value)
+
+
+class _Importer:
+    """Builds the study section by section, and collects the notes."""
+
+    def __init__(
+        self,
+        parameters: _Parameters,
+        files: tuple[Path, ...],
+        rock: Literal["mesh", "box"] | None,
+    ) -> None:
+        self._parameters = parameters
+        self._files = files
+        self._rock = rock or self._rock_found()
+        self._notes: list[tuple[Note, str]] = []
+        self._places: dict[KeyPath, str] = {}
+        self._missing: list[str] = []
+
+    def result(self) -> Ros2Import:
+        data: dict[str, Any] = {
+            "name": "imported",
+            "engine": self._engine(),
+            "pedestal": self._pedestal(),
+            "rock": self._mesh_rock() if self._rock == "mesh" else self._box_rock(),
+            "contact": self._contact(),
+            "motion": self._motion(),
+        }
+        self._say_what_was_ignored()
+        self._say_what_differs(data["engine"].get("time_step", 0.001), data["motion"]["mode"])
+        study = build_study(
+            data,
+            Path.cwd().joinpath(self._files[0]).parent,
+            label=", ".join(map(str, self._files)),
+            place=self._place,
+            check_files=False,
+        )
+        order = list(_HEADINGS)
+        notes = sorted(self._notes, key=lambda note: order.index(note[0]))
+        return Ros2Import(study, tuple(f"{kind}: {text}" for kind, text in notes), self._files)
+
+    def _place(self, path: KeyPath) -> str:
+        for length in range(len(path), 0, -1):
+            if path[:length] in self._places:
+                return self._places[path[:length]]
+        return ", ".join(map(str, self._files))
+
+    def _note(self, kind: Note, text: str) -> None:
+        self._notes.append((kind, text))
+
+    def _fetch(self, name: str, path: KeyPath, read: Callable[[str], Any]) -> dict[str, Any]:
+        """`{last key of path: value}`, or nothing where the files do not give `name`."""
+        if not self._parameters.has(name):
+            self._missing.append(name)
+            return {}
+        self._places[path] = self._parameters.given[name].place
+        return {str(path[-1]): read(name)}
+
+    def _rock_found(self) -> Literal["mesh", "box"]:
+        if self._parameters.has("rock_structure_mesh.mesh"):
+            return "mesh"
+        if self._parameters.has("rock_structure_box.dimensions"):
+            return "box"
+        raise ConfigError(
+            f"{', '.join(map(str, self._files))}: no rock; add the file that gives "
+            "rock_structure_mesh.mesh or rock_structure_box.dimensions"
+        )
+
+    def _engine(self) -> dict[str, Any]:
+        p = self._parameters
+
+        def gravity(name: str) -> float:
+            x, y, z = p.numbers(name, 3)
+            if x != 0 or y != 0 or z > 0:
+                raise p.error(name, "must point down the z axis, e.g. [0.0, 0.0, -9.81]")
+            return abs(z)
+
+        return {
+            **self._fetch("engineSettings.gravity", ("engine", "gravity"), gravity),
+            **self._fetch("engineSettings.timeStep", ("engine", "time_step"), p.number),
+            **self._fetch(
+                "engineSettings.numSolverIterations", ("engine", "solver_iterations"), p.integer
+            ),
+            **self._fetch("engineSettings.enableConeFriction", ("engine", "cone_friction"), p.flag),
+            **self._fetch(
+                "engineSettings.deterministicOverlappingPairs",
+                ("engine", "deterministic_overlapping_pairs"),
+                p.flag,
+            ),
+        }
+
+    def _pedestal(self) -> dict[str, Any]:
+        p = self._parameters
+        size = self._fetch(
+            "structure.pedestal.dimensions", ("pedestal", "size"), lambda name: p.numbers(name, 3)
+        )
+        mass = self._fetch("structure.pedestal.mass", ("pedestal", "mass"), p.number)
+        base = self._fetch(
+            "structure.world_box.dimensions",
+            ("pedestal", "base", "size"),
+            lambda name: p.numbers(name, 3),
+        )
+        if base and base["size"][2] != 2.0:
+            # The original centres the block at z = 1 whatever its height, and stacks on its top.
+            height = base["size"][2]
+            base["size"][2] = 1.0 + height / 2
+            self._note(
+                "kept as in the original",
+                f"the base is centred at z = 1 m whatever its height ({height:g} m), so its top is "
+                f"at {base['size'][2]:g} m; VSR2's base stands on z = 0 and ends there, too",
+            )
+        if p.has("structure.world_box.mass") and p.number("structure.world_box.mass") != 0:
+            self._note(
+                "not kept",
+                "a base with mass (structure.world_box.mass) is not fixed in the original; VSR2's "
+                "always is",
+            )
+        return {"shape": "prism", **size, **mass, **({"base": base} if base else {})}
+
+    def _mesh_rock(self) -> dict[str, Any]:
+        p = self._parameters
+        group = "rock_structure_mesh"
+        if not p.has(f"{group}.mesh"):
+            raise ConfigError(
+                f"{', '.join(map(str, self._files))}: no {group}.mesh; add the file that gives it"
+            )
+        rock: dict[str, Any] = self._fetch(f"{group}.mesh", ("rock", "file"), self._file)
+        start = self._start(group, turned=True)
+        if rock["file"].suffix.lower() != ".urdf":
+            rock |= {"shape": "mesh", **self._fetch(f"{group}.mass", ("rock", "mass"), p.number)}
+            self._note(
+                "assumed",
+                f"{group}.mesh names no URDF, which is all that the original loads; read as a mesh "
+                f"of {group}.mass",
+            )
+        else:
+            rock["shape"] = "urdf"
+            if p.has(f"{group}.mass"):
+                p.used.add(f"{group}.mass")
+                self._note(
+                    "ignored by the original",
+                    f"{group}.mass: read, but never handed to PyBullet; the URDF's mass counts",
+                )
+        self._note(
+            "kept as in the original",
+            "the rock's inertia is that of its bounding box, for the original loads URDFs without "
+            "their inertia (`rock.inertia: aabb`; `mesh` is the right one)",
+        )
+        if rock["shape"] == "urdf":
+            self._note(
+                "not kept",
+                "rock_position and rock_orientation place the URDF's inertial frame in the "
+                "original, its link frame here: the same where its <inertial> has no <origin>",
+            )
+        return {**rock, "inertia": "aabb", "start": start}
+
+    def _box_rock(self) -> dict[str, Any]:
+        p = self._parameters
+        group = "rock_structure_box"
+        if not p.has(f"{group}.dimensions") or not p.has(f"{group}.mass"):
+            raise ConfigError(
+                f"{', '.join(map(str, self._files))}: a box rock needs {group}.dimensions and "
+                f"{group}.mass; add the file that gives them"
+            )
+        size = p.numbers(f"{group}.dimensions", 3)
+        mass = p.number(f"{group}.mass")
+        self._places[("rock", "size")] = p.given[f"{group}.dimensions"].place
+        self._places[("rock", "mass")] = p.given[f"{group}.mass"].place
+        self._note(
+            "kept as in the original",
+            "the box rock is loaded by the action load_pbr_action, which leaves the pedestal its "
+            "own contact values; no motion mode of the original uses it",
+        )
+        if p.has(f"{group}.localInertiaDiagonal"):
+            told = p.numbers(f"{group}.localInertiaDiagonal", 3)
+            square = [edge**2 for edge in size]
+            solid = [mass / 12 * (sum(square) - square[axis]) for axis in range(3)]
+            if any(abs(a - b) > 0.01 * abs(b) for a, b in zip(told, solid, strict=True)):
+                self._note(
+                    "not kept",
+                    f"{group}.localInertiaDiagonal ({_list(told)} kg m^2): VSR2's box is "
+                    f"homogeneous ({_list(solid)} kg m^2)",
+                )
+        start = self._start(group, turned=False)
+        return {"shape": "box", "size": size, "mass": mass, "start": start}
+
+    def _start(self, group: str, *, turned: bool) -> dict[str, Any]:
+        p = self._parameters
+        orientation = {}
+        if turned and p.has(f"{group}.rock_orientation"):
+            orientation = self._fetch(
+                f"{group}.rock_orientation",
+                ("rock", "start", "orientation"),
+                lambda name: p.numbers(name, 4),
+            )
+        elif turned:
+            self._note("assumed", f"no {group}.rock_orientation: the model stands unturned")
+        if not p.has(f"{group}.rock_position"):
+            self._note(
+                "assumed", f"no {group}.rock_position: the rock is lowered onto the pedestal"
+            )
+            if orientation:
+                orientation = {"base_orientation": orientation["orientation"]}
+            return {"mode": "yaw", **orientation}
+        position = self._fetch(
+            f"{group}.rock_position",
+            ("rock", "start", "position"),
+            lambda name: p.numbers(name, 3),
+        )
+        return {"mode": "pose", **position, **orientation}
+
+    def _contact(self) -> dict[str, Any]:
+        p = self._parameters
+        rock = self._material(f"rock_structure_{self._rock}", "rock")
+        if self._rock == "box":
+            return {"rock": rock, "pedestal": self._material("dynamics.pedestal", "pedestal")}
+        for original, key in _MATERIAL.items():
+            if ("contact", "rock", key) in self._places:
+                self._places["contact", "pedestal", key] = self._places["contact", "rock", key]
+            p.used.add(f"dynamics.pedestal.{original}")
+        overwritten = [key for key in _MATERIAL if p.has(f"dynamics.pedestal.{key}")]
+        if overwritten:
+            self._note(
+                "ignored by the original",
+                f"dynamics.pedestal.* ({', '.join(overwritten)}): overwritten by the rock's when "
+                "the rock is spawned",
+            )
+        self._note("kept as in the original", "rock and pedestal have the rock's contact values")
+        return {"rock": rock, "pedestal": dict(rock)}
+
+    def _material(self, group: str, body: str) -> dict[str, float]:
+        material: dict[str, float] = {}
+        for original, key in _MATERIAL.items():
+            material |= self._fetch(
+                f"{group}.{original}", ("contact", body, key), self._parameters.number
+            )
+        return material
+
+    def _motion(self) -> dict[str, Any]:
+        p = self._parameters
+        mode = p.text("motion_mode") if p.has("motion_mode") else ""
+        if mode in ("single_recording", "all_recordings", "single_recording_range"):
+            return {"drive": "motor", **self._recordings(mode)}
+        if mode == "single_cosine":
+            self._note(
+                "assumed",
+                "the original takes amplitude and frequency of a single cosine from an action's "
+                "goal, not from a file: set motion.amplitude and motion.frequency instead of these "
+                "values",
+            )
+            return {"drive": "motor", "mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.3}
+        if mode == "earthquake_batch":
+            self._note(
+                "not kept",
+                "motion_mode earthquake_batch drives velocity records from a pickle, at whole "
+                "steps a sample; the original's grid of cosines stands in: set motion",
+            )
+        elif mode != "grid_cosine":
+            what = "motion_mode is not given (the original takes it at launch)"
+            if mode:
+                what = f"motion_mode {shown(mode)} is none of the original's"
+            self._note("assumed", f"{what}: its grid_cosine stands in; set motion")
+        self._note(
+            "kept as in the original",
+            "the grid of cosines is fixed in its code: PGA 0.1, 0.3, 0.5 g by PGV/PGA 0.1, 0.3, "
+            "0.5 s, with g = 9.807 m/s^2",
+        )
+        grid = {"min": 0.1, "max": 0.5, "step": 0.2}
+        return {"drive": "motor", "mode": "grid_cosine", "pga": grid, "pgv_pga": dict(grid)}
+
+    def _recordings(self, mode: str) -> dict[str, Any]:
+        p = self._parameters
+        if p.has("file_paths.folder_path"):
+            folder = self._file("file_paths.folder_path")
+        else:
+            folder = Path("recordings")
+            self._note("assumed", "no file_paths.folder_path: set the folder of the recordings")
+        self._note(
+            "kept as in the original",
+            "recordings drive by displacement after a band-pass of order 3, 0.1-25 Hz",
+        )
+        recorded = {
+            "channel": "displacement",
+            "filter": {"low": 0.1, "high": 25.0, "order": 3},
+        }
+        if mode == "single_recording":
+            number = 0
+            if p.has("test_no"):
+                number = p.integer("test_no")
+            else:
+                self._note("assumed", "no test_no: set motion.file")
+            return {"mode": mode, "file": folder / f"Test{number:03d}.txt", **recorded}
+        if mode == "single_recording_range":
+            chosen = p.text("test_number_range") if p.has("test_number_range") else "none given"
+            self._note(
+                "not kept",
+                f"the range of tests ({shown(chosen)}): all recordings are taken; narrow "
+                "motion.pattern",
+            )
+        return {"mode": "all_recordings", "folder": folder, "pattern": "Test*.txt", **recorded}
+
+    def _file(self, name: str) -> Path:
+        """The path that parameter `name` gives, found where the original's tree has it."""
+        given = self._parameters.given[name]
+        text = self._parameters.text(name)
+        tail = text.rpartition(_PACKAGE)[2].replace("{{ROS2_WS}}/", "")
+        folder = Path.cwd().joinpath(given.file).parent
+        for candidate in (folder / text, folder / tail, folder.parent / tail):
+            if os.path.exists(candidate):
+                return candidate
+        self._note("assumed", f"{name}: {text} is not found from {given.file}; correct the path")
+        return Path(text)
+
+    def _say_what_was_ignored(self) -> None:
+        p = self._parameters
+        why: dict[str, list[str]] = {}
+        for name in p.given:
+            if name in p.used:
+                continue
+            if self._rock == "mesh" and name.startswith("rock_structure_box."):
+                reason = "no motion mode loads the box rock; the mesh is spawned"
+            elif self._rock == "box" and name.startswith("rock_structure_mesh."):
+                reason = "not used by the box rock, which was asked for or found alone"
+            elif name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
+                continue
+            else:
+                reason = next(
+                    (text for pattern, text in _IGNORED if fnmatchcase(name, pattern)),
+                    "unknown to the original",
+                )
+            why.setdefault(reason, []).append(name)
+        for reason, names in why.items():
+            self._note("ignored by the original", f"{', '.join(names)}: {reason}")
+        for node in p.foreign:
+            self._note(
+                "ignored by the original",
+                f"parameters of node {shown(node)}, which is neither simulation_node nor "
+                "control_node",
+            )
+        named = sorted({node for node in p.nodes if not node.endswith("*") and "/" not in node})
+        if named:
+            self._note(
+                "ignored by the original",
+                f"everything under {', '.join(named)} wherever a launch file runs the node in a "
+                "namespace (sim_1, ...): such names fit only a node without one; `/**` fits both",
+            )
+        if p.whole:
+            self._note(
+                "not kept",
+                f"{', '.join(p.whole)}: a whole number, where ROS 2 stops the original for its "
+                "declaration wants a decimal one (5.0 for 5); read as such",
+            )
+        if self._missing:
+            self._note(
+                "assumed",
+                f"not given, so VSR2's defaults serve: {', '.join(self._missing)}",
+            )
+
+    def _say_what_differs(self, time_step: float, mode: str) -> None:
+        p = self._parameters
+        self._note(
+            "kept as in the original",
+            "the pedestal is driven by the joint motor (`motion.drive: motor`), which lags by "
+            "about nine time steps and attenuates on recordings; `prescribed` has no error",
+        )
+        if mode in ("single_recording", "all_recordings") and time_step > 0:
+            steps = math.floor(_RECORD_INTERVAL / time_step + 1e-9)
+            if steps == 0:
+                played = "not played at all: the pedestal stands still"
+            else:
+                factor = _RECORD_INTERVAL / (steps * time_step)
+                played = (
+                    f"played {steps} step(s) a sample, {factor:.4g} times too fast, accelerations "
+                    f"{factor**2:.4g} times too large"
+                )
+            self._note(
+                "not kept",
+                f"recordings sampled at 1.25 ms are, at a time step of {time_step:g} s, {played}; "
+                "VSR2 resamples them in time",
+            )
+        for name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
+            if p.has(name):
+                self._note(
+                    "not kept",
+                    f"{name} ({shown(p.given[name].value)} s) is wall time in the original; VSR2 "
+                    "runs until the rock rests (`settling`, `outcome.tail`)",
+                )
+        self._note(
+            "not kept",
+            "the original's outcome: |roll change| + |pitch change| of 0.1 rad or more counts as "
+            "toppled, and after recordings the time that follows is not simulated; VSR2 follows "
+            "the tilt until rest (`outcome`)",
+        )
+        self._note(
+            "not kept",
+            "the original's reset restores the pose before settling, so that its first trial "
+            "differs from the rest; every trial of VSR2 starts alike",
+        )
+
+
+def _list(values: list[float]) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)

@@ -1,0 +1,57 @@
+"""The study's shape as data: which section a key leads to, and the JSON schema for editors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from pydantic.fields import FieldInfo
+
+from vsr2.config.study import Section, Study
+
+
+@dataclass(frozen=True)
+class Variants:
+    """The sections a key may hold.
+
+    Attributes:
+        tag_key: the key which tells them apart (`shape`, `mode`), or none where there is but one.
+        by_tag: sections by the value of `tag_key`; by "" where there is but one.
+    """
+
+    tag_key: str | None
+    by_tag: dict[str, type[Section]]
+
+
+def variants(field: FieldInfo) -> Variants | None:
+    """The sections which `field` may hold, or none if it holds plain values."""
+    sections = list(_sections(field.annotation))
+    if not sections:
+        return None
+    tag_key = field.discriminator if isinstance(field.discriminator, str) else None
+    if tag_key is None:
+        return Variants(None, {"": sections[0]})
+    return Variants(tag_key, {tag_of(section, tag_key): section for section in sections})
+
+
+def tag_of(section: type[Section], tag_key: str) -> str:
+    """The value of `tag_key` that selects `section`."""
+    return str(get_args(section.model_fields[tag_key].annotation)[0])
+
+
+def study_schema() -> dict[str, Any]:
+    """The JSON schema of a study, for editors that check and complete YAML."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **Study.model_json_schema(),
+        "title": "VSR2 study",
+    }
+
+
+def _sections(annotation: Any) -> Iterator[type[Section]]:
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    else:
+        for part in get_args(annotation):
+            yield from _sections(part)

@@ -1,0 +1,90 @@
+"""The reference of keys and the JSON schema follow the models."""
+
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from vsr2.config import reference_markdown, study_from_mapping, study_schema
+from vsr2.config.schema import variants
+from vsr2.config.study import Section, Study
+
+ROOT = Path(__file__).parents[2]
+
+
+def sections(section: type[Section] = Study):
+    yield section
+    for field in section.model_fields.values():
+        held = variants(field)
+        for inner in held.by_tag.values() if held else ():
+            yield from sections(inner)
+
+
+def test_the_committed_reference_is_the_generated_one():
+    committed = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    assert committed == reference_markdown(), (
+        "docs/configuration.md is old; write it anew: python -c 'import vsr2.config as c; "
+        'open("docs/configuration.md", "w").write(c.reference_markdown())\''
+    )
+
+
+def test_every_key_is_in_the_reference_with_its_meaning():
+    text = reference_markdown()
+    for section in sections():
+        assert section.__doc__
+        for key, field in section.model_fields.items():
+            assert f"| `{key}` |" in text
+            assert field.description or key in ("shape", "mode", "file"), (section, key)
+
+
+def test_units_stand_in_their_column():
+    rows = {
+        row.split("|")[1].strip(): row for row in reference_markdown().splitlines() if "|" in row
+    }
+    assert [cell.strip() for cell in rows["`time_step`"].split("|")[2:5]] == [
+        "number, ≥ 1e-06, ≤ 0.02",
+        "`0.001`",
+        "s",
+    ]
+    assert [cell.strip() for cell in rows["`damping`"].split("|")[3:5]] == ["`1e+07`", "N s/m"]
+
+
+def test_the_example_in_the_reference_loads():
+    example = reference_markdown().split("```yaml\n")[1].split("```")[0]
+    study = study_from_mapping(yaml.safe_load(example), ROOT)
+    assert study.rock.shape == "box"
+
+
+@pytest.fixture(scope="module")
+def validator():
+    schema = study_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+GOOD = {
+    "rock": {"shape": "box", "size": [1, 1, 2], "mass": 10, "start": {"yaw": 5}},
+    "motion": {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.1},
+    "pedestal": {"size": [1, 1, 1]},
+}
+
+
+def test_the_schema_takes_what_the_reader_takes(validator):
+    study_from_mapping(GOOD, ".")
+    validator.validate(GOOD)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"engine": {"timestep": 1}},
+        {"engine": {"time_step": "1"}},
+        {"pedestal": {"size": [1, 1]}},
+        {"rock": {"shape": "box", "size": [1, 1, -1], "mass": 1}},
+        {"motion": {"mode": "nothing"}},
+    ],
+)
+def test_the_schema_refuses_what_the_reader_refuses(validator, change):
+    with pytest.raises(jsonschema.ValidationError):
+        validator.validate({**GOOD, **change})

@@ -1,0 +1,374 @@
+"""Importing ROS 2 parameter files of the original's form (values of our own)."""
+
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsr2.config import describe, dump_study, import_ros2, load_study
+from vsr2.errors import ConfigError
+
+ENGINE = """\
+/**:
+  ros__parameters:
+    engineSettings:
+      gravity: [0.0, 0.0, -9.8]
+      timeStep: 0.0005
+      numSolverIterations: 80
+      useSplitImpulse: true
+      splitImpulsePenetrationThreshold: -0.02
+      enableConeFriction: false
+      deterministicOverlappingPairs: 0
+      numSubSteps: 4
+      loading_wait_time: 3.0
+"""
+TABLE = """\
+/**:
+  ros__parameters:
+    dynamics:
+      world_box: {restitution: 0.1, lateralFriction: 0.9}
+      pedestal:
+        restitution: 0.15
+        lateralFriction: 0.45
+        spinningFriction: 0.05
+        rollingFriction: 0.9
+        contactDamping: 300.0
+        contactStiffness: 40000.0
+    structure:
+      world_box: {dimensions: [40.0, 12.0, 2.0], mass: 0.0, inertia: [0.0, 0.0, 0.0]}
+      pedestal: {dimensions: [8.0, 6.0, 0.4], mass: 150000.0, inertia: [1.0, 2.0, 3.0]}
+"""
+BOX = """\
+/**:
+  ros__parameters:
+    rock_structure_box:
+      dimensions: [0.6, 0.8, 1.4]
+      mass: 1200.0
+      restitution: 0.3
+      lateralFriction: 0.55
+      spinningFriction: 0.2
+      contactDamping: 5000.0
+      contactStiffness: 700000.0
+      localInertiaDiagonal: [260.0, 232.0, 100.0]
+      rock_position: [0.0, 0.0, 3.2]
+"""
+MESH = """\
+/**:
+  ros__parameters:
+    rock_structure_mesh:
+      mesh: models/boulder.urdf
+      meshScale: [2.0, 2.0, 2.0]
+      mass: 410.0
+      restitution: 0.25
+      lateralFriction: 0.65
+      spinningFriction: 0.35
+      rollingFriction: 0.1
+      contactDamping: 2.0e+4
+      contactStiffness: 3e+6
+      rock_position: [0.01, -0.02, 2.9]
+      rock_orientation: [0.0, 0.0, 0.70711, 0.70711]
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A tree as the original's: `config/` beside `models/`."""
+    (tmp_path / "config").mkdir()
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "boulder.urdf").write_text("<robot/>")
+    return tmp_path
+
+
+def write(package, *texts):
+    paths = [package / "config" / f"{i}.yaml" for i in range(len(texts))]
+    for path, text in zip(paths, texts, strict=True):
+        path.write_text(text)
+    return paths
+
+
+def notes_of(kind, imported):
+    return [note.removeprefix(kind + ": ") for note in imported.notes if note.startswith(kind)]
+
+
+def ignored(imported):
+    return notes_of("ignored by the original", imported)
+
+
+def test_the_original_physics_is_kept(package):
+    study = import_ros2(write(package, ENGINE, TABLE, BOX, MESH)).study
+    engine = study.engine
+    assert (engine.gravity, engine.time_step, engine.solver_iterations) == (9.8, 0.0005, 80)
+    assert (engine.cone_friction, engine.deterministic_overlapping_pairs) == (False, False)
+    assert (engine.residual_threshold, engine.substeps) == (0.0, 1)
+    assert study.pedestal.shape == "prism"
+    assert (study.pedestal.size, study.pedestal.mass) == ((8.0, 6.0, 0.4), 150000.0)
+    assert study.pedestal.base.size == (40.0, 12.0, 2.0)
+    assert (study.rock.shape, study.rock.inertia, study.rock.scale) == ("urdf", "aabb", 1.0)
+    assert study.rock.file == package / "models" / "boulder.urdf"
+    assert study.rock.start.position == (0.01, -0.02, 2.9)
+    assert study.rock.start.orientation == (0.0, 0.0, 0.70711, 0.70711)
+    assert study.contact.rock.model_dump() == {
+        "restitution": 0.25,
+        "lateral_friction": 0.65,
+        "spinning_friction": 0.35,
+        "rolling_friction": 0.0,
+        "damping": 2.0e4,
+        "stiffness": 3.0e6,
+    }
+    assert study.contact.pedestal == study.contact.rock
+    assert study.motion.drive == "motor"
+
+
+def test_what_the_original_ignored_is_told(package):
+    told = "\n".join(ignored(import_ros2(write(package, ENGINE, TABLE, BOX, MESH))))
+    for words in (
+        "dynamics.pedestal.* (restitution, lateralFriction, spinningFriction, contactStiffness, "
+        "contactDamping): overwritten by the rock's",
+        "rock_structure_mesh.mass: read, but never handed to PyBullet; the URDF's mass counts",
+        "rock_structure_mesh.meshScale: read, but never handed to PyBullet",
+        "dynamics.pedestal.rollingFriction, rock_structure_mesh.rollingFriction: never handed",
+        "useSplitImpulse, engineSettings.splitImpulsePenetrationThreshold: handed to PyBullet, but",
+        "engineSettings.numSubSteps: no node declares",
+        "dynamics.world_box.restitution, dynamics.world_box.lateralFriction, structure.world_box."
+        "inertia: read, but never handed",
+        "structure.pedestal.inertia: read, but never handed",
+        "rock_structure_box.dimensions",
+    ):
+        assert words in told, words
+
+
+def test_nothing_is_called_ignored_that_counts(package):
+    notes = ignored(import_ros2(write(package, ENGINE, TABLE, MESH)))
+    names = {name.split(".")[-1] for note in notes for name in note.split(": ")[0].split(", ")}
+    assert "meshScale" in names
+    assert not names & {
+        "gravity",
+        "timeStep",
+        "numSolverIterations",
+        "enableConeFriction",
+        "deterministicOverlappingPairs",
+        "loading_wait_time",
+        "dimensions",
+        "rock_position",
+        "rock_orientation",
+    }
+
+
+def test_keys_the_original_never_knew_are_told(package):
+    extra = "/**:\n  ros__parameters:\n    surprise: 1\n    rock_structure: {mass: 2.0}\n"
+    told = ignored(import_ros2(write(package, TABLE, MESH, extra)))
+    assert "surprise: unknown to the original" in told
+    assert "rock_structure.mass: an older name, which no node declares" in told
+
+
+def test_a_mesh_pedestal_cannot_be_reached(package):
+    mesh = "/**:\n  ros__parameters:\n    structure: {pedestal: {mesh: p.obj, meshScale: [1.0]}}\n"
+    imported = import_ros2(write(package, TABLE, MESH, mesh))
+    assert imported.study.pedestal.shape == "prism"
+    assert any("mesh pedestal cannot be reached" in note for note in ignored(imported))
+
+
+def test_a_box_rock_keeps_the_pedestals_contact(package):
+    study = import_ros2(write(package, TABLE, BOX)).study
+    assert (study.rock.shape, study.rock.size, study.rock.mass) == ("box", (0.6, 0.8, 1.4), 1200.0)
+    assert study.rock.start.position == (0.0, 0.0, 3.2)
+    assert study.contact.rock.lateral_friction == 0.55
+    assert study.contact.pedestal.lateral_friction == 0.45
+
+
+def test_the_box_may_be_asked_for_where_both_rocks_are_given(package):
+    paths = write(package, TABLE, BOX, MESH)
+    assert import_ros2(paths).study.rock.shape == "urdf"
+    assert import_ros2(paths, rock="box").study.rock.shape == "box"
+
+
+def test_a_box_inertia_is_told_only_where_it_differs_from_the_solids(package):
+    # 1200/12 (0.8^2 + 1.4^2) = 260, 1200/12 (0.6^2 + 1.4^2) = 232, 1200/12 (0.6^2 + 0.8^2) = 100.
+    solid = import_ros2(write(package, BOX))
+    assert not any("localInertiaDiagonal" in note for note in solid.notes)
+    other = import_ros2(write(package, BOX.replace("232.0", "300.0")))
+    assert any("homogeneous (260, 232, 100 kg m^2)" in n for n in notes_of("not kept", other))
+
+
+def test_the_base_ends_where_the_original_has_its_top(package):
+    # The original centres the block at z = 1 m whatever its height.
+    paths = write(package, TABLE.replace("12.0, 2.0]", "12.0, 3.0]"), MESH)
+    imported = import_ros2(paths)
+    assert imported.study.pedestal.base.size == (40.0, 12.0, 2.5)
+    assert any("centred at z = 1 m" in n for n in notes_of("kept as in the original", imported))
+
+
+@pytest.mark.parametrize(
+    ("time_step", "words"),
+    [
+        ("0.001", "played 1 step(s) a sample, 1.25 times too fast, accelerations 1.562 times"),
+        ("0.00125", "played 1 step(s) a sample, 1 times too fast"),
+        ("0.002", "not played at all"),
+    ],
+)
+def test_the_time_base_of_recordings_is_told(package, time_step, words):
+    mode = "/**:\n  ros__parameters: {motion_mode: all_recordings}\n"
+    engine = ENGINE.replace("0.0005", time_step)
+    imported = import_ros2(write(package, engine, MESH, mode))
+    assert any(words in note for note in notes_of("not kept", imported))
+
+
+def test_recordings_use_the_originals_filter_and_folder(package):
+    (package / "records").mkdir()
+    mode = (
+        "/**:\n  ros__parameters: {motion_mode: single_recording, test_no: 12}\n"
+        "file_paths: {folder_path: src/virtual_shake_robot_pybullet/records}\n"
+    )
+    motion = import_ros2(write(package, MESH, mode)).study.motion
+    assert motion.mode == "single_recording"
+    assert motion.file == package / "records" / "Test012.txt"
+    assert (motion.channel, motion.drive) == ("displacement", "motor")
+    assert (motion.filter.low, motion.filter.high, motion.filter.order) == (0.1, 25.0, 3)
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind", "words"),
+    [
+        ("grid_cosine", "grid_cosine", "fixed in its code"),
+        ("single_cosine", "single_cosine", "set motion.amplitude"),
+        ("earthquake_batch", "grid_cosine", "velocity records"),
+        ("single_recording_range", "all_recordings", "the range of tests"),
+        ("nonsense", "grid_cosine", "none of the original's"),
+    ],
+)
+def test_motion_modes(package, mode, kind, words):
+    text = f"control_node:\n  ros__parameters: {{motion_mode: {mode}}}\n"
+    imported = import_ros2(write(package, MESH, text))
+    assert imported.study.motion.mode == kind
+    assert any(words in note for note in imported.notes)
+
+
+def test_a_missing_motion_mode_is_assumed_and_told(package):
+    imported = import_ros2(write(package, MESH))
+    assert imported.study.motion.mode == "grid_cosine"
+    assert imported.study.motion.pga.count * imported.study.motion.pgv_pga.count == 9
+    assert any("motion_mode is not given" in note for note in notes_of("assumed", imported))
+    assert any("engineSettings.timeStep" in note for note in notes_of("assumed", imported))
+
+
+def test_later_files_count(package):
+    later = "/**:\n  ros__parameters:\n    rock_structure_mesh.restitution: 0.05\n"
+    study = import_ros2(write(package, MESH, later)).study
+    assert study.contact.rock.restitution == 0.05
+
+
+def test_names_of_nodes(package):
+    named = "sim_1:\n  simulation_node:\n    " + "\n  ".join(MESH.splitlines()[1:]).strip() + "\n"
+    foreign = "camera:\n  ros__parameters: {rate: 3}\n"
+    plain = ENGINE.replace("/**", "simulation_node")
+    imported = import_ros2(write(package, named, foreign, plain))
+    assert imported.study.contact.rock.restitution == 0.25
+    told = "\n".join(ignored(imported))
+    assert "parameters of node 'camera'" in told
+    assert "everything under simulation_node wherever" in told
+    assert "rate" not in told
+
+
+def test_the_study_is_complete_and_loads_once_its_files_exist(package):
+    imported = import_ros2(write(package, ENGINE, TABLE, MESH))
+    out = package / "study.yaml"
+    out.write_text(dump_study(imported.study, relative_to=package))
+    assert "file: models/boulder.urdf" in out.read_text()
+    assert load_study(out) == imported.study
+
+
+def test_placeholders_of_the_workspace_are_understood(package):
+    text = MESH.replace("models/b", "'{{ROS2_WS}}/virtual_shake_robot_pybullet/models/b")
+    text = text.replace(".urdf", ".urdf'")
+    assert import_ros2(write(package, text)).study.rock.file == package / "models" / "boulder.urdf"
+
+
+def test_a_missing_mesh_is_told_not_refused(package):
+    imported = import_ros2(write(package, MESH.replace("boulder", "gone")))
+    assert any("models/gone.urdf is not found" in n for n in notes_of("assumed", imported))
+
+
+def test_a_mesh_that_is_no_urdf_takes_the_mass_of_the_file(package):
+    rock = import_ros2(write(package, MESH.replace(".urdf", ".obj"))).study.rock
+    assert (rock.shape, rock.mass, rock.inertia) == ("mesh", 410.0, "aabb")
+
+
+def test_the_description_has_all_notes_under_their_headings(package):
+    imported = import_ros2(write(package, ENGINE, TABLE, MESH))
+    text = describe(imported)
+    assert "0.yaml" in text
+    assert "The original ignored in these files:" in text
+    for note in imported.notes:
+        assert note.split(": ", 1)[1] in text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ENGINE, "no rock; add the file"),
+        ("dynamics: {pedestal: {restitution: 0.1}}\n", "holds no ROS 2 parameters"),
+        ("/**: {ros__parameters: 5}\n", "ros__parameters must hold keys (is 5)"),
+        (
+            MESH.replace("0.25", "lively"),
+            "rock_structure_mesh.restitution: must be a number (is 'l",
+        ),
+        (MESH.replace("0.25", "true"), "rock_structure_mesh.restitution: must be a number (is Tr"),
+        (MESH.replace("0.25", ".nan"), "rock_structure_mesh.restitution: must be finite"),
+        (MESH.replace("0.25", "1.5"), "contact.rock.restitution: must be at most 1 (is 1.5)"),
+        (MESH.replace("2.0e+4", "-1.0"), "contact.rock.damping: must be at least 0 (is -1.0)"),
+        (MESH.replace(", 2.9]", "]"), "rock_position: must be a list of 3 numbers"),
+        (MESH.replace("models/boulder.urdf", "3"), "rock_structure_mesh.mesh: must be text (is 3)"),
+        (MESH.replace("0.0, 0.70711", "0.9, 0.70711"), "rock.start.orientation: is no rotation"),
+        (BOX.replace("1200.0", "-1.0"), "rock.mass: must be greater than 0 (is -1.0)"),
+        (BOX.replace("mass: 1200.0", ""), "needs rock_structure_box.dimensions and"),
+        (MESH + "    engineSettings: {gravity: [1.0, 0.0, -9.8]}\n", "must point down the z axis"),
+        (MESH + "    engineSettings: {gravity: [0.0, 0.0, 9.8]}\n", "must point down the z axis"),
+        (MESH + "    engineSettings: {numSolverIterations: 1.5}\n", "must be a whole number"),
+        (MESH + "    engineSettings: {enableConeFriction: maybe}\n", "must be true or false"),
+    ],
+)
+def test_refusals_name_file_and_parameter(package, text, words):
+    with pytest.raises(ConfigError) as caught:
+        import_ros2(write(package, text))
+    assert words in str(caught.value)
+    assert "0.yaml" in str(caught.value)
+
+
+def test_errors_of_the_study_point_at_the_line_in_the_parameter_file(package):
+    (path,) = write(package, MESH.replace("0.65", "-0.65"))
+    with pytest.raises(ConfigError) as caught:
+        import_ros2(path)
+    assert f"{path}:8: contact.rock.lateral_friction: must be at least 0" in str(caught.value)
+
+
+def test_no_file_is_refused():
+    with pytest.raises(ConfigError, match="no ROS 2 parameter file"):
+        import_ros2([])
+
+
+SEED = (
+    MESH + ENGINE.split("ros__parameters:\n")[1] + TABLE.split("ros__parameters:\n")[1]
+).encode()
+PIECES = [b"true", b".nan", b"-1", b"[]", b"{}", b"~", b"3", b"x", b"1e400", b": ", b"- ", b"\0"]
+
+
+@given(st.data())
+def test_any_bytes_give_an_import_or_a_config_error(data):
+    content = SEED
+    for _ in range(data.draw(st.integers(0, 5))):
+        start = data.draw(st.integers(0, len(content)))
+        end = min(len(content), start + data.draw(st.integers(0, 20)))
+        piece = data.draw(st.one_of(st.sampled_from(PIECES), st.binary(max_size=4)))
+        content = content[:start] + piece + content[end:]
+    with tempfile.TemporaryDirectory() as name:
+        path = Path(name) / "p.yaml"
+        path.write_bytes(content)
+        try:
+            imported = import_ros2(path)
+        except ConfigError:
+            return
+        assert describe(imported).startswith("Read ")
+        path.write_text(dump_study(imported.study))
+        assert load_study(path, check_files=False) == imported.study
