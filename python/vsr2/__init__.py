@@ -1,0 +1,24 @@
+"""VSR2: a virtual shake robot for precariously balanced rocks.
+
+`run_batch` runs a study; `Simulation` is one world to step; the command line is `vsr2`.
+"""
+
+from vsr2.config import Study, load_study
+from vsr2.motion import Motion
+from vsr2.results import BatchResult, TrialLog, load_result, save_result
+from vsr2.simulation import Scene, Simulation, Trial, build_scene, run_batch
+
+__all__ = [
+    "BatchResult",
+    "Motion",
+    "Scene",
+    "Simulation",
+    "Study",
+    "Trial",
+    "TrialLog",
+    "build_scene",
+    "load_result",
+    "load_study",
+    "run_batch",
+    "save_result",
+]

@@ -1,0 +1,63 @@
+"""Entry point of the command line: verbs, exit codes, errors without tracebacks."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from vsr2.cli import bodies, configuration, replay, study
+from vsr2.errors import Vsr2Error
+
+EXIT_CODES = """\
+exit codes:
+  0  done
+  1  done, but some trials have no trustworthy outcome (see their status)
+  2  the input cannot be used; nothing was run
+  130  interrupted; finished trials are kept
+"""
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="vsr2",
+        description="Virtual shake robot: precariously balanced rocks on a shaking pedestal.",
+        epilog=EXIT_CODES + "\n`vsr2 VERB --help` explains a verb.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="store_true", help="version and build facts, then end")
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
+    for room in (study, replay, bodies, configuration):
+        room.add_verbs(verbs)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    if options.version:
+        from vsr2._native import build_facts
+
+        print("\n".join(f"{name}: {value}" for name, value in build_facts().items()))
+        return 0
+    if options.verb is None:
+        parser.print_help()
+        return 2
+    try:
+        return int(options.run(options))
+    except Vsr2Error as error:
+        print(f"vsr2: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("vsr2: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away, as in `vsr2 ... | head`.
+        sys.stderr.close()
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,372 @@
+"""What a batch gave: one row a trial, state and contact logs, and where it all came from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import ResultError
+
+if TYPE_CHECKING:
+    import xarray
+
+Array = NDArray[np.float64]
+
+STATE_COLUMNS = (
+    "time",
+    "commanded_position",
+    "commanded_velocity",
+    "pedestal_position",
+    "pedestal_velocity",
+    "rock_x",
+    "rock_y",
+    "rock_z",
+    "rock_qx",
+    "rock_qy",
+    "rock_qz",
+    "rock_qw",
+    "rock_vx",
+    "rock_vy",
+    "rock_vz",
+    "rock_wx",
+    "rock_wy",
+    "rock_wz",
+)
+"""Columns of `TrialLog.state` [s, m, m/s, m, m/s, m, -, m/s, rad/s]; the orientation is of the body
+frame B."""
+
+CONTACT_COLUMNS = (
+    "time",
+    "rock_point_x",
+    "rock_point_y",
+    "rock_point_z",
+    "pedestal_point_x",
+    "pedestal_point_y",
+    "pedestal_point_z",
+    "normal_x",
+    "normal_y",
+    "normal_z",
+    "distance",
+    "normal_impulse",
+    "lateral_impulse_1",
+    "lateral_impulse_2",
+    "lateral_direction_1_x",
+    "lateral_direction_1_y",
+    "lateral_direction_1_z",
+    "lateral_direction_2_x",
+    "lateral_direction_2_y",
+    "lateral_direction_2_z",
+)
+"""Columns of `TrialLog.contacts` [s, m, m, -, m, N s, N s, -, -]; the normal points from the
+pedestal to the rock, a negative distance is penetration, impulses are over one solver step."""
+
+
+STATUSES = (
+    "ok",
+    "settling_timeout",
+    "tail_timeout",
+    "diverged",
+    "error",
+    "cancelled",
+    "not_run",
+)
+"""How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
+
+OUTCOMES = ("stable", "rocked", "slid", "rotated", "overturned", "failed")
+"""What the rock did, the gravest that applies; `failed`: there is no outcome, see the status."""
+
+TEXT_COLUMNS = ("name", "motion", "motion_sha256", "status", "outcome", "engine", "message")
+"""Columns of `BatchResult.trials` that hold text."""
+
+INTEGER_COLUMNS = ("trial", "seed", "steps")
+"""Columns of `BatchResult.trials` that hold whole numbers; those left are floats, NaN where a
+trial has no such value."""
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Hamilton product of quaternions x, y, z, w; shapes (..., 4)."""
+    ax, ay, az, aw = np.moveaxis(a, -1, 0)
+    bx, by, bz, bw = np.moveaxis(b, -1, 0)
+    return np.stack(
+        [
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        ],
+        axis=-1,
+    )
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """Rotates vectors v (..., 3) by unit quaternions q (..., 4)."""
+    u, w = q[..., :3], q[..., 3:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
+
+
+@dataclass(frozen=True, eq=False)
+class TrialLog:
+    """The logged response of one trial, measured or simulated.
+
+    Attributes:
+        state: shape (n, 18), columns STATE_COLUMNS; settling rows have negative times.
+        contacts: shape (m, 20), columns CONTACT_COLUMNS; m = 0 when contacts were not logged.
+        settled_position: mass centre p_WB of the settled pose, shape (3,) [m].
+        settled_orientation: q_WB of the settled pose, x, y, z, w, shape (4,).
+        foot: body point (in B) under the mass centre at the support in the settled pose; its
+            horizontal travel relative to the pedestal is the slip, shape (3,) [m].
+        mass_center: origin of B in the model frame M, shape (3,) [m].
+        principal_axes: q_MB, x, y, z, w, shape (4,).
+
+    Arrays are kept without a copy and offered read-only.
+
+    Raises:
+        ResultError: an array of another shape.
+    """
+
+    state: Array
+    contacts: Array
+    settled_position: Array
+    settled_orientation: Array
+    foot: Array
+    mass_center: Array
+    principal_axes: Array
+
+    def __post_init__(self) -> None:
+        shapes = {
+            "state": (None, len(STATE_COLUMNS)),
+            "contacts": (None, len(CONTACT_COLUMNS)),
+            "settled_position": (3,),
+            "settled_orientation": (4,),
+            "foot": (3,),
+            "mass_center": (3,),
+            "principal_axes": (4,),
+        }
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(self, name), dtype=np.float64).view()
+            if value.ndim != len(shape) or any(
+                wanted not in (None, got) for wanted, got in zip(shape, value.shape, strict=True)
+            ):
+                wanted_shape = str(shape).replace("None", "n")
+                raise ResultError(
+                    f"trial log: {name} must have shape {wanted_shape}, it has {value.shape}"
+                )
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    def column(self, name: str) -> Array:
+        """One column of `state` by its name, shape (n,).
+
+        Raises:
+            ResultError: there is no such column.
+        """
+        if name not in STATE_COLUMNS:
+            raise ResultError(f"no column {name!r}; known: {', '.join(STATE_COLUMNS)}")
+        return self.state[:, STATE_COLUMNS.index(name)]
+
+    @property
+    def time(self) -> Array:
+        """Time from the start of the motion, shape (n,) [s]."""
+        return self.state[:, 0]
+
+    @property
+    def position(self) -> Array:
+        """Mass centre p_WB in the world, shape (n, 3) [m]."""
+        return self.state[:, 5:8]
+
+    @property
+    def body_orientation(self) -> Array:
+        """q_WB, quaternion x, y, z, w of the principal axes, shape (n, 4)."""
+        return self.state[:, 8:12]
+
+    @property
+    def orientation(self) -> Array:
+        """q_WM, quaternion x, y, z, w of the model frame, shape (n, 4)."""
+        inverse = self.principal_axes * np.array([-1.0, -1.0, -1.0, 1.0])
+        return quaternion_product(self.body_orientation, inverse)
+
+    @property
+    def roll_pitch_yaw(self) -> Array:
+        """Roll, pitch, yaw of the model frame about the fixed axes x, y, z (S1.1), (n, 3) [rad].
+
+        R_WM = Rz(yaw) Ry(pitch) Rx(roll). Roll and yaw are unwrapped in time; at a pitch of
+        +-pi/2 only their difference or sum is defined and both may jump there.
+        """
+        q = self.orientation
+        x, y, z, w = np.moveaxis(q / np.linalg.norm(q, axis=1, keepdims=True), -1, 0)
+        roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+        # As arc tangent, because an arc sine loses half the digits near +-pi/2.
+        forward = np.hypot(1 - 2 * (y * y + z * z), 2 * (w * z + x * y))
+        pitch = np.arctan2(2 * (w * y - z * x), forward)
+        yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return np.stack([np.unwrap(roll), pitch, np.unwrap(yaw)], axis=-1)
+
+    @property
+    def _rotation(self) -> Array:
+        """From the settled pose, q_WB q_WB0*, shape (n, 4)."""
+        inverse = self.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
+        return quaternion_product(
+            self.body_orientation, np.broadcast_to(inverse, self.body_orientation.shape)
+        )
+
+    @property
+    def tilt(self) -> Array:
+        """Angle between the body's settled vertical and the vertical, shape (n,) [rad].
+
+        0 to pi; a turn about the vertical does not count.
+        """
+        q = self._rotation
+        sine = np.hypot(q[:, 0], q[:, 1]) / np.linalg.norm(q, axis=1)
+        angle: Array = 2.0 * np.arcsin(np.minimum(1.0, sine))
+        return angle
+
+    @property
+    def turn(self) -> Array:
+        """Turn about the vertical away from the settled pose, shape (n,) [rad].
+
+        Twist of the swing-twist decomposition, unwrapped in time from a first value in
+        (-pi, pi]; undefined for a rock upside down.
+        """
+        q = self._rotation
+        # q and -q are one orientation; the half-plane w >= 0 keeps the first value within half a
+        # turn whichever of them the engine gave.
+        sign = np.where(q[:, 3] < 0, -1.0, 1.0)
+        return np.unwrap(2.0 * np.arctan2(sign * q[:, 2], sign * q[:, 3]))
+
+    @property
+    def slip(self) -> Array:
+        """Horizontal travel (x, y) of the foot relative to the pedestal, shape (n, 2) [m]."""
+        arm = np.broadcast_to(self.foot, self.position.shape)
+        foot = self.position + rotate(self.body_orientation, arm)
+        start = self.settled_position + rotate(self.settled_orientation, self.foot)
+        travel = foot[:, :2] - start[:2]
+        travel[:, 0] -= self.column("pedestal_position")
+        return travel
+
+
+TRIAL_COLUMNS: dict[str, str] = {
+    "trial": "index of the trial",
+    "name": "name of the trial",
+    "motion": "name of the motion",
+    "motion_sha256": "hash of what was driven",
+    "seed": "seed of the trial's perturbation",
+    "status": "ok, settling_timeout, tail_timeout, diverged, error, cancelled, not_run",
+    "outcome": "stable, rocked, slid, rotated, overturned, failed",
+    "pga": "of the driven motion [m/s^2]",
+    "pgv": "of the driven motion [m/s]",
+    "pgv_pga": "of the driven motion [s]",
+    "settling_time": "[s]",
+    "simulated_time": "after settling [s]",
+    "overturning_time": "irreversibly overturned from [s]; empty: never",
+    "peak_tilt": "[rad]",
+    "final_tilt": "[rad]",
+    "final_slip": "[m]",
+    "final_yaw": "[rad]",
+    "peak_tracking_error": "commanded against achieved pedestal position [m]",
+    "steps": "time steps, settling included",
+    "engine": "engine that ran it",
+    "message": "why it failed; empty: it did not",
+}
+"""Columns of `BatchResult.trials`, with their meaning and unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class BatchResult:
+    """Outcomes, logs and provenance of a batch.
+
+    Attributes:
+        trials: columns TRIAL_COLUMNS, each of shape (trials,); strings as object arrays.
+        logs: one per trial; None where nothing was logged.
+        provenance: study, versions, build facts, hashes, seeds, wall time (JSON-serialisable).
+
+    Raises:
+        ResultError: a column is missing, unknown, or not as long as there are trials.
+    """
+
+    trials: Mapping[str, NDArray[Any]]
+    logs: tuple[TrialLog | None, ...]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        odd = set(TRIAL_COLUMNS).symmetric_difference(self.trials)
+        if odd:
+            raise ResultError(
+                f"batch result: missing or unknown columns {', '.join(sorted(odd))}; "
+                f"wanted are {', '.join(TRIAL_COLUMNS)}"
+            )
+        for name, column in self.trials.items():
+            if np.shape(column) != (len(self.logs),):
+                raise ResultError(
+                    f"batch result: column {name} has shape {np.shape(column)} for "
+                    f"{len(self.logs)} trials"
+                )
+
+    def __len__(self) -> int:
+        return len(self.logs)
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        for i in range(len(self)):
+            yield {name: column[i] for name, column in self.trials.items()}
+
+    def __getitem__(self, column: str) -> NDArray[Any]:
+        if column not in self.trials:
+            raise ResultError(f"no column {column!r}; known: {', '.join(TRIAL_COLUMNS)}")
+        return self.trials[column]
+
+    def log(self, trial: int) -> TrialLog:
+        """The log of one trial.
+
+        Raises:
+            ResultError: no such trial, or nothing was logged for it.
+        """
+        if not 0 <= trial < len(self):
+            raise ResultError(f"no trial {trial}; there are {len(self)}, counted from 0")
+        log = self.logs[trial]
+        if log is None:
+            raise ResultError(
+                f"trial {trial} ({self.trials['name'][trial]}) has no log; set output.log_every "
+                "to 1 or more and run again"
+            )
+        return log
+
+    def stack(self, quantity: str) -> Array:
+        """A logged quantity over all trials, shape (trials, steps) or (trials, steps, k).
+
+        Rows after a trial's end, and trials without a log, are NaN. `quantity` is a name in
+        STATE_COLUMNS or one of "state", "position", "orientation", "roll_pitch_yaw", "tilt",
+        "turn", "slip".
+
+        Raises:
+            ResultError: unknown quantity, or no trial has a log.
+        """
+        derived = ("state", "position", "orientation", "roll_pitch_yaw", "tilt", "turn", "slip")
+        if quantity not in STATE_COLUMNS and quantity not in derived:
+            raise ResultError(
+                f"unknown quantity {quantity!r}; known: {', '.join((*derived, *STATE_COLUMNS))}"
+            )
+        series = [
+            None
+            if log is None
+            else (log.column(quantity) if quantity in STATE_COLUMNS else getattr(log, quantity))
+            for log in self.logs
+        ]
+        present = [s for s in series if s is not None]
+        if not present:
+            raise ResultError("no trial has a log; set output.log_every to 1 or more and run again")
+        steps = max(len(s) for s in present)
+        out = np.full((len(series), steps, *present[0].shape[1:]), np.nan)
+        for i, s in enumerate(series):
+            if s is not None:
+                out[i, : len(s)] = s
+        return out
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The result as a dataset; see :func:`vsr2.results.dataset.to_xarray`."""
+        from vsr2.results.dataset import to_xarray
+
+        return to_xarray(self)

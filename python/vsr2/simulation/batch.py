@@ -1,0 +1,367 @@
+"""Many independent trials in native threads."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from types import FrameType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2 import _native
+from vsr2.config import Study, load_study
+from vsr2.config.study import Outcome, Output, Settling
+from vsr2.errors import SimulationError
+from vsr2.motion import Motion, build_motions
+from vsr2.results import STATE_COLUMNS, TRIAL_COLUMNS, BatchResult, TrialLog, base_provenance
+from vsr2.scene import Pose
+from vsr2.simulation.scene import Scene, build_scene
+
+Array = NDArray[np.float64]
+
+POLL = 0.1
+"""How often finished trials are collected and Ctrl-C is noticed [s]."""
+
+_FLOAT_COLUMNS = (
+    "settling_time",
+    "simulated_time",
+    "overturning_time",
+    "peak_tilt",
+    "final_tilt",
+    "final_slip",
+    "final_yaw",
+    "peak_tracking_error",
+)
+_TEXT_COLUMNS = ("name", "motion", "motion_sha256", "status", "outcome", "engine", "message")
+_INTEGER_COLUMNS = ("trial", "seed", "steps")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One run of one scene under one motion.
+
+    Attributes:
+        scene: what is shaken.
+        motion: how; its time step must be the scene's.
+        drive: "prescribed", or "motor" (S1.3: position and velocity reference for cosine motions,
+            position only for recordings).
+        start: pose X_WM of the rock's model frame; None: the scene's.
+        name: default: the motion's.
+        seed: of whatever was drawn for this trial before dispatch; kept with the result.
+        settling, outcome, output: as in a study.
+    """
+
+    scene: Scene
+    motion: Motion
+    drive: Literal["prescribed", "motor"] = "prescribed"
+    start: Pose | None = None
+    name: str = ""
+    seed: int = 0
+    settling: Settling = Settling()
+    outcome: Outcome = Outcome()
+    output: Output = Output()
+
+
+def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> list[Trial]:
+    """The trials of a study: one per motion.
+
+    Args:
+        study: its paths resolved.
+        motions: to drive instead of the study's own; their time step must be the engine's.
+
+    Raises:
+        GeometryError, MotionError, SimulationError: something of the study cannot be used.
+    """
+    if motions is None:
+        motions = build_motions(study.motion, study.engine.time_step)
+    scene = build_scene(study)
+    contact_trials = study.output.contact_trials
+    if contact_trials is not None:
+        beyond = [i for i in contact_trials if i >= len(motions)]
+        if beyond:
+            raise SimulationError(
+                f"output.contact_trials names trial {beyond[0]}, but there are only "
+                f"{len(motions)} trials, counted from 0"
+            )
+    silent = study.output.model_copy(update={"contacts_every": 0})
+    seeds = np.random.SeedSequence(study.seed).generate_state(max(1, len(motions)), np.uint32)
+    return [
+        Trial(
+            scene=scene,
+            motion=motion,
+            drive=study.motion.drive,
+            name=motion.name,
+            seed=int(seeds[i]),
+            settling=study.settling,
+            outcome=study.outcome,
+            output=study.output if contact_trials is None or i in contact_trials else silent,
+        )
+        for i, motion in enumerate(motions)
+    ]
+
+
+class _Specifications:
+    """Native specifications of trials; motions are copied once, equal starts settle once."""
+
+    def __init__(self) -> None:
+        self._samples: dict[int, tuple[Any, Any]] = {}
+        self._starts: dict[tuple[Any, ...], _native.SettledStart] = {}
+
+    def of(self, trial: Trial) -> _native.TrialSpec:
+        scene, motion = trial.scene, trial.motion
+        if abs(motion.time_step - scene.engine.time_step) > 1e-12 * scene.engine.time_step:
+            raise SimulationError(
+                f"motion {motion.name!r} is sampled at {motion.time_step:g} s but the engine steps "
+                f"at {scene.engine.time_step:g} s; resample the motion in time"
+            )
+        if id(motion) not in self._samples:
+            self._samples[id(motion)] = (
+                _native.Samples(motion.displacement),
+                _native.Samples(motion.velocity),
+            )
+        position, velocity = self._samples[id(motion)]
+        outcome, output = trial.outcome, trial.output
+        return _native.TrialSpec(
+            start=self._start(trial),
+            motion_position=position,
+            motion_velocity=velocity,
+            log_every=output.log_every,
+            contacts_every=output.contacts_every,
+            **outcome.model_dump(),
+        )
+
+    def _start(self, trial: Trial) -> _native.SettledStart:
+        if trial.drive == "prescribed":
+            drive = _native.Drive.prescribed
+        elif trial.motion.kind == "cosine":
+            drive = _native.Drive.motor_position_velocity
+        else:
+            drive = _native.Drive.motor_position
+        body = trial.scene.body_pose(trial.start or trial.scene.rock.start)
+        log_every = trial.output.log_every if trial.output.log_settling else 0
+        key = (id(trial.scene), drive, body, trial.settling, log_every)
+        if key not in self._starts:
+            self._starts[key] = _native.SettledStart(
+                scene=trial.scene.native,
+                drive=drive,
+                position=body.position,
+                orientation=body.orientation,
+                log_every=log_every,
+                **trial.settling.model_dump(),
+            )
+        return self._starts[key]
+
+
+def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
+    count = len(trials)
+    columns: dict[str, NDArray[Any]] = {}
+    for name in TRIAL_COLUMNS:
+        if name in _TEXT_COLUMNS:
+            columns[name] = np.full(count, "", dtype=object)
+        elif name in _INTEGER_COLUMNS:
+            columns[name] = np.zeros(count, dtype=np.int64)
+        else:
+            columns[name] = np.full(count, np.nan)
+    columns["status"][:] = "not_run"
+    columns["outcome"][:] = "failed"
+    for i, trial in enumerate(trials):
+        columns["trial"][i] = i
+        columns["name"][i] = trial.name or trial.motion.name
+        columns["motion"][i] = trial.motion.name
+        columns["motion_sha256"][i] = trial.motion.sha256
+        columns["seed"][i] = trial.seed
+        columns["pga"][i] = trial.motion.pga
+        columns["pgv"][i] = trial.motion.pgv
+        columns["pgv_pga"][i] = trial.motion.pgv_pga
+        columns["engine"][i] = trial.scene.engine.mode
+    return columns
+
+
+def _fill(columns: dict[str, NDArray[Any]], i: int, result: _native.TrialResult) -> None:
+    columns["status"][i] = result.status.name
+    columns["outcome"][i] = result.outcome.name
+    columns["message"][i] = result.message
+    columns["steps"][i] = result.steps
+    for name in _FLOAT_COLUMNS:
+        columns[name][i] = getattr(result, name)
+
+
+def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
+    state = result.take_log()
+    if len(state) == 0:
+        return None
+    frame = trial.scene.body_frame
+    return TrialLog(
+        state=state,
+        contacts=result.take_contacts(),
+        settled_position=np.asarray(result.settled_position),
+        settled_orientation=np.asarray(result.settled_orientation),
+        foot=np.asarray(result.foot),
+        mass_center=np.asarray(frame.position),
+        principal_axes=np.asarray(frame.orientation),
+    )
+
+
+def _check_out(out: Mapping[str, NDArray[Any]], count: int) -> None:
+    for name, array in out.items():
+        if name == "state":
+            good = array.ndim == 3 and array.shape[0] == count and array.shape[2] == len(STATE_COLUMNS)
+            shape = f"({count}, steps, {len(STATE_COLUMNS)})"
+        elif name in _FLOAT_COLUMNS:
+            good, shape = array.shape == (count,), f"({count},)"
+        else:
+            raise SimulationError(
+                f"out: unknown array {name!r}; known: state, {', '.join(_FLOAT_COLUMNS)}"
+            )
+        if not good or array.dtype != np.float64 or not array.flags.writeable:
+            raise SimulationError(
+                f"out[{name!r}] must be a writeable float64 array of shape {shape}; it is "
+                f"{array.dtype} of shape {array.shape}"
+            )
+
+
+def _copy_out(
+    out: Mapping[str, NDArray[Any]], i: int, columns: Mapping[str, Any], log: TrialLog | None
+) -> None:
+    for name, array in out.items():
+        if name != "state":
+            array[i] = columns[name][i]
+        elif log is not None:
+            rows = min(len(log.state), array.shape[1])
+            array[i, :rows] = log.state[:rows]
+
+
+def run_batch(
+    trials: Study | str | PathLike[str] | Sequence[Trial],
+    *,
+    motions: Sequence[Motion] | None = None,
+    threads: int | None = None,
+    progress: bool = False,
+    out: Mapping[str, NDArray[Any]] | None = None,
+    keep_logs: bool = True,
+    on_trial: Callable[[int, TrialLog | None], None] | None = None,
+) -> BatchResult:
+    """Run independent trials in native threads.
+
+    The result does not depend on the number of threads or the order of the trials, to the last
+    bit. What goes wrong in one trial is that trial's status and message, and loses no other.
+    Ctrl-C stops within a second and returns what is finished; `provenance["interrupted"]` says so.
+
+    Args:
+        trials: a study, the path of one, or trials made before.
+        motions: with a study: drive these instead of its own.
+        threads: default: one per processor this process may use.
+        progress: show a progress bar on standard error.
+        out: arrays to fill: "state" of shape (trials, steps, 18), rows after a trial's end
+            left NaN and rows that do not fit left out, and any of the float columns of
+            `BatchResult.trials`, shape (trials,).
+        keep_logs: keep logs in the result; False bounds memory when `on_trial` takes them.
+        on_trial: called with index and log as each trial finishes, in the order of finishing.
+
+    Returns:
+        One row a trial, in the order given.
+
+    Raises:
+        ConfigError, GeometryError, MotionError, SimulationError: before any trial starts, where
+            the input cannot be used (an empty batch, for example).
+    """
+    started = time.time()
+    study: Study | None = None
+    if isinstance(trials, (str, PathLike)):
+        trials = load_study(trials)
+    if isinstance(trials, Study):
+        study = trials
+        trials = study_trials(study, motions=motions)
+    elif motions is not None:
+        raise SimulationError("motions can be given only together with a study")
+    if len(trials) == 0:
+        raise SimulationError("the batch is empty: give at least one trial")
+    if threads is None:
+        threads = len(os.sched_getaffinity(0))
+    if not 1 <= threads <= 1024:
+        raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
+    columns = _empty_columns(trials)
+    if out is not None:
+        _check_out(out, len(trials))
+        for array in out.values():
+            array.fill(np.nan)
+    specifications = _Specifications()
+    logs: list[TrialLog | None] = [None] * len(trials)
+    native = _native.Batch([specifications.of(trial) for trial in trials], threads)
+
+    def collect() -> int:
+        finished = native.wait(POLL)
+        for i in finished:
+            result = native.take(i)
+            _fill(columns, i, result)
+            log = _log(trials[i], result)
+            if out is not None:
+                _copy_out(out, i, columns, log)
+            if keep_logs:
+                logs[i] = log
+            if on_trial is not None:
+                on_trial(i, log)
+        return len(finished)
+
+    with _InterruptFlag() as interrupt, _bar(len(trials), progress) as bar:
+        try:
+            while not native.exhausted():
+                bar.update(collect())
+                if interrupt.raised:
+                    native.cancel()
+        finally:
+            native.cancel()
+            native.join()
+    provenance = base_provenance(_native.build_facts()) | {
+        "study": None if study is None else study.model_dump(mode="json"),
+        "threads": threads,
+        "interrupted": interrupt.raised,
+        "wall_time_s": time.time() - started,
+        "models": _model_hashes(trials),
+    }
+    return BatchResult(trials=columns, logs=tuple(logs), provenance=provenance)
+
+
+class _InterruptFlag:
+    """Turns the first Ctrl-C into a flag, so that no finished trial is lost between two lines.
+
+    A second Ctrl-C raises KeyboardInterrupt as usual. Outside the main thread, where Python
+    handles no signals, it does nothing.
+    """
+
+    def __init__(self) -> None:
+        self.raised = False
+        self._previous: Any = None
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            self._previous = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.raised:
+            raise KeyboardInterrupt
+        self.raised = True
+
+    def __exit__(self, *exception: object) -> None:
+        if self._previous is not None:
+            signal.signal(signal.SIGINT, self._previous)
+
+
+def _model_hashes(trials: Sequence[Trial]) -> dict[str, str]:
+    scenes = {id(trial.scene): trial.scene for trial in trials}.values()
+    bodies = [body for scene in scenes for body in (scene.rock, scene.pedestal)]
+    return {body.source: body.sha256 for body in bodies if body.sha256}
+
+
+def _bar(total: int, show: bool) -> Any:
+    from tqdm import tqdm
+
+    return tqdm(total=total, unit="trial", disable=not show, dynamic_ncols=True)

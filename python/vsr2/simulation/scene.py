@@ -1,0 +1,137 @@
+"""The scene: the study's bodies and engine settings, made ready for the native core."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2 import _native
+from vsr2.config.study import Contact, Engine, Material, Study
+from vsr2.errors import SimulationError
+from vsr2.scene import Box, Hull, PedestalBody, Pose, RockBody, Triangles, build_pedestal, build_rock
+from vsr2.scene.rotation import (
+    matrix_from_quaternion,
+    multiply,
+    quaternion_from_matrix,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A rock on a pedestal with its engine settings; immutable and shared by trials and threads.
+
+    Attributes:
+        rock, pedestal: the bodies.
+        engine, contact: settings they were built with.
+        native: the core's scene, with its collision shapes.
+    """
+
+    rock: RockBody
+    pedestal: PedestalBody
+    engine: Engine
+    contact: Contact
+    native: _native.Scene
+
+    @property
+    def rock_inertia(self) -> NDArray[np.float64]:
+        """Principal inertia the engine uses, shape (3,) [kg m^2]."""
+        return np.asarray(self.native.rock_inertia)
+
+    @property
+    def rock_hull_vertices(self) -> NDArray[np.float64]:
+        """Vertices of the reduced collision hull in the body frame B, shape (k, 3) [m]."""
+        return np.asarray(self.native.rock_hull_vertices)
+
+    @property
+    def body_frame(self) -> Pose:
+        """X_MB: the body frame (mass centre, principal axes) in the model frame."""
+        return _body_frame(self.rock)
+
+    def body_pose(self, start: Pose) -> Pose:
+        """X_WB of a model-frame pose X_WM."""
+        frame = self.body_frame
+        rotation = matrix_from_quaternion(start.orientation)
+        center = rotation @ np.asarray(frame.position) + np.asarray(start.position)
+        x, y, z = (float(value) for value in center)
+        return Pose((x, y, z), multiply(start.orientation, frame.orientation))
+
+
+def _body_frame(rock: RockBody) -> Pose:
+    x, y, z = (float(value) for value in rock.mass.mass_center)
+    return Pose((x, y, z), quaternion_from_matrix(rock.mass.principal_axes))
+
+
+def _native_material(material: Material) -> _native.Material:
+    return _native.Material(**material.model_dump())
+
+
+def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
+    out: list[Any] = []
+    for part in parts:
+        match part:
+            case Hull():
+                out.append(_native.HullPart(part.points))
+            case Box():
+                out.append(_native.BoxPart(part.size, part.center, part.orientation))
+            case Triangles():
+                out.append(_native.TrianglesPart(part.vertices, part.faces))
+    return out
+
+
+def _native_engine(engine: Engine) -> _native.EngineSettings:
+    values = engine.model_dump(
+        exclude={"mode", "split_impulse", "split_impulse_penetration_threshold"}
+    )
+    # Bullet's own default damping is the single-precision 0.04; parity needs its bits.
+    for key in ("linear_damping", "angular_damping"):
+        values[key] = float(np.float32(values[key]))
+    return _native.EngineSettings(**values)
+
+
+def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: Contact) -> Scene:
+    """The scene of given bodies.
+
+    Raises:
+        SimulationError: values that no engine can use.
+    """
+    frame = _body_frame(rock)
+    try:
+        native = _native.Scene(
+            engine=_native_engine(engine),
+            pedestal=_native.PedestalSpec(
+                parts=_native_parts(pedestal.parts),
+                origin=pedestal.origin,
+                mass=pedestal.mass,
+                base_size=pedestal.base_size,
+                top=pedestal.top,
+                material=_native_material(contact.pedestal),
+            ),
+            rock=_native.RockSpec(
+                parts=_native_parts(rock.parts),
+                mass=rock.mass.mass,
+                principal_inertia=rock.mass.principal_inertia,
+                inertia_from_aabb=rock.inertia_from_aabb,
+                mass_center=frame.position,
+                principal_axes=frame.orientation,
+                material=_native_material(contact.rock),
+            ),
+        )
+    except _native.InvalidInput as error:
+        raise SimulationError(f"{rock.source or 'scene'}: {error}") from error
+    return Scene(rock, pedestal, engine, contact, native)
+
+
+def build_scene(study: Study) -> Scene:
+    """The scene of a study: reads its meshes and places the rock.
+
+    Raises:
+        GeometryError: a mesh, URDF or start pose that cannot be used.
+        SimulationError: values that no engine can use.
+    """
+    pedestal = build_pedestal(study.pedestal)
+    rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
+    return make_scene(rock, pedestal, study.engine, study.contact)

@@ -1,0 +1,241 @@
+"""One interactive world that a Python control loop can step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2 import _native
+from vsr2.config import Study, load_study
+from vsr2.config.study import Settling
+from vsr2.errors import SimulationError
+from vsr2.scene import Pose
+from vsr2.simulation.scene import Scene, build_scene
+
+Array = NDArray[np.float64]
+DriveName = Literal["prescribed", "motor_position", "motor_position_velocity"]
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """State of the world after a step.
+
+    Attributes:
+        time: since the world was built [s].
+        commanded_position, commanded_velocity: last set-points [m], [m/s].
+        pedestal_position, pedestal_velocity: achieved [m], [m/s].
+        position: mass centre p_WB, shape (3,) [m].
+        body_orientation: q_WB, quaternion x, y, z, w, shape (4,).
+        velocity: of the mass centre, shape (3,) [m/s].
+        angular_velocity: in the world, shape (3,) [rad/s].
+    """
+
+    time: float
+    commanded_position: float
+    commanded_velocity: float
+    pedestal_position: float
+    pedestal_velocity: float
+    position: Array
+    body_orientation: Array
+    velocity: Array
+    angular_velocity: Array
+
+
+class Simulation:
+    """A pedestal with or without a rock, stepped from Python; the core is that of `run_batch`.
+
+    `spawn`, `reset` and `delete` are the original's service `manage_model` (supplement S1.1).
+
+    Args:
+        study: a study, or the path of one; or a scene built before.
+        drive: how the pedestal follows the set-points given to `step`; the default comes from the
+            study's motion (`motor` follows the velocity too for cosine modes, S1.3).
+        spawn: put the rock in place at once.
+
+    Raises:
+        ConfigError, GeometryError, SimulationError: the study cannot be used.
+    """
+
+    def __init__(
+        self,
+        study: Study | Scene | str | PathLike[str],
+        *,
+        drive: DriveName | None = None,
+        spawn: bool = True,
+    ) -> None:
+        if isinstance(study, Scene):
+            self.scene = study
+            chosen: DriveName = drive or "prescribed"
+        else:
+            loaded = study if isinstance(study, Study) else load_study(study)
+            self.scene = build_scene(loaded)
+            chosen = drive or drive_name(loaded)
+        self.drive: DriveName = chosen
+        self._drive = getattr(_native.Drive, chosen)
+        self._start = self.scene.rock.start
+        self._world = _native.World(self.scene.native, self._drive)
+        self._steps = 0
+        self._command = (0.0, 0.0)
+        if spawn:
+            self.spawn()
+
+    @property
+    def time_step(self) -> float:
+        """Interval of one `step` [s]."""
+        return self.scene.engine.time_step
+
+    @property
+    def time(self) -> float:
+        """Time since the world was built [s]."""
+        return self._steps * self.time_step
+
+    @property
+    def has_rock(self) -> bool:
+        """Whether a rock is on the scene."""
+        return bool(self._world.has_rock)
+
+    def spawn(self, start: Pose | None = None) -> None:
+        """Put the rock at a pose of its model frame (default: the study's start), at rest.
+
+        Raises:
+            SimulationError: there is a rock already, or the pose is not usable.
+        """
+        pose = start or self.scene.rock.start
+        body = self.scene.body_pose(pose)
+        try:
+            self._world.spawn_rock(body.position, body.orientation)
+        except _native.InvalidInput as error:
+            raise SimulationError(f"spawn: {error}") from error
+        self._start = pose
+
+    def delete(self) -> None:
+        """Take the rock away.
+
+        Raises:
+            SimulationError: there is none.
+        """
+        try:
+            self._world.delete_rock()
+        except _native.InvalidInput as error:
+            raise SimulationError(f"delete: {error}") from error
+
+    def reset(self) -> None:
+        """Back to the start, bit for bit: a fresh world at time 0, the rock where it was spawned."""
+        self._world = _native.World(self.scene.native, self._drive)
+        self._steps = 0
+        self._command = (0.0, 0.0)
+        self.spawn(self._start)
+
+    def step(self, position: float, velocity: float = 0.0, *, steps: int = 1) -> State | None:
+        """Advance towards a set-point of the pedestal and return the state (None without a rock).
+
+        Args:
+            position: where the pedestal should be at the end of each step [m].
+            velocity: its speed there [m/s]; used by the drive `motor_position_velocity` only.
+            steps: number of time steps.
+
+        Raises:
+            SimulationError: a set-point that is not finite, or fewer than 1 step.
+        """
+        if not (np.isfinite(position) and np.isfinite(velocity)):
+            raise SimulationError(f"step: the set-point ({position}, {velocity}) is not finite")
+        if steps < 1:
+            raise SimulationError(f"step: steps must be at least 1, got {steps}")
+        for _ in range(steps):
+            self._world.step(float(position), float(velocity))
+        self._steps += steps
+        self._command = (float(position), float(velocity))
+        return self.state if self.has_rock else None
+
+    def settle(self, settling: Settling | None = None) -> float:
+        """Hold the pedestal until the rock rests; returns the time it took [s].
+
+        Raises:
+            SimulationError: no rock, or not at rest within `settling.timeout`.
+        """
+        rule = settling or Settling()
+        if not self.has_rock:
+            raise SimulationError("settle: there is no rock; spawn one first")
+        hold = self._world.pedestal[0]
+        needed = max(1, round(rule.window / self.time_step))
+        quiet = 0
+        for i in range(round(rule.timeout / self.time_step)):
+            self._world.step(hold, 0.0)
+            self._steps += 1
+            _, _, velocity, angular_velocity = self._world.rock
+            relative = velocity - np.array([self._world.pedestal[1], 0.0, 0.0])
+            slow = (
+                np.linalg.norm(relative) < rule.linear_speed
+                and np.linalg.norm(angular_velocity) < rule.angular_speed
+            )
+            quiet = quiet + 1 if slow else 0
+            if quiet >= needed:
+                return (i + 1) * self.time_step
+        raise SimulationError(
+            f"settle: the rock did not come to rest within {rule.timeout:g} s; raise "
+            "settling.timeout or the rest speeds, or start it nearer to equilibrium"
+        )
+
+    def set_rock_velocity(self, linear: Any, angular: Any = (0.0, 0.0, 0.0)) -> None:
+        """Set the rock's velocities in the world, shapes (3,) [m/s] and (3,) [rad/s].
+
+        Raises:
+            SimulationError: there is no rock.
+        """
+        try:
+            self._world.set_rock_velocity(
+                np.asarray(linear, dtype=np.float64), np.asarray(angular, dtype=np.float64)
+            )
+        except _native.InvalidInput as error:
+            raise SimulationError(f"set_rock_velocity: {error}") from error
+
+    @property
+    def pedestal(self) -> tuple[float, float]:
+        """Achieved position [m] and velocity [m/s] of the pedestal."""
+        position, velocity = self._world.pedestal
+        return float(position), float(velocity)
+
+    @property
+    def state(self) -> State:
+        """The present state.
+
+        Raises:
+            SimulationError: there is no rock.
+        """
+        try:
+            position, orientation, velocity, angular_velocity = self._world.rock
+        except _native.InvalidInput as error:
+            raise SimulationError(f"state: {error}") from error
+        pedestal_position, pedestal_velocity = self.pedestal
+        return State(
+            self.time,
+            *self._command,
+            pedestal_position,
+            pedestal_velocity,
+            position,
+            orientation,
+            velocity,
+            angular_velocity,
+        )
+
+    def contacts(self) -> list[dict[str, Any]]:
+        """Contacts of the rock as the last solver step used them, one mapping each.
+
+        Keys: `p_W_rock`, `p_W_pedestal` [m], `normal_W` (from pedestal to rock), `distance`
+        (negative: penetration) [m], `normal_impulse` and `lateral_impulse` (2,) over one solver
+        step [N s], their two directions, and the pair values in force.
+        """
+        return list(self._world.contacts())
+
+
+def drive_name(study: Study) -> DriveName:
+    """How the study's motion drives the pedestal (supplement S1.3)."""
+    if study.motion.drive == "prescribed":
+        return "prescribed"
+    if study.motion.mode in ("single_cosine", "grid_cosine"):
+        return "motor_position_velocity"
+    return "motor_position"

@@ -1,0 +1,13 @@
+#!/usr/bin/env bash
+# Writes the type stubs of the native module from the installed package; `check` compares only.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+bin=$(realpath "${VSR2_VENV:-.venv}")/bin
+out=$(mktemp -d)
+trap 'rm -rf "$out"' EXIT
+(cd "$out" && "$bin/pybind11-stubgen" vsr2._native --output-dir . --numpy-array-wrap-with-annotated >/dev/null)
+if [ "${1:-}" = check ]; then
+  diff -u python/vsr2/_native.pyi "$out/vsr2/_native.pyi"
+else
+  cp "$out/vsr2/_native.pyi" python/vsr2/_native.pyi
+fi

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Builds everything and runs all tests: GoogleTest, then pytest against the installed package.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+./scripts/install.sh view,test,dev
+bin=$(realpath "${VSR2_VENV:-.venv}")/bin
+cmake --preset release >/dev/null
+cmake --build --preset release
+ctest --preset release --output-on-failure
+"$bin/ruff" check .
+"$bin/ruff" format --check .
+"$bin/mypy"
+# From the tests' folder, so that the installed package is tested and not the source tree.
+"$bin/python" -m pytest "$@"

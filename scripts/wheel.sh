@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# Builds a wheel into wheelhouse/ that carries Bullet's libraries, so that it installs without them.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+./scripts/install.sh dev
+bin=$(realpath "${VSR2_VENV:-.venv}")/bin
+rm -rf dist wheelhouse
+"$bin/python" -m build --wheel --outdir dist . >/dev/null
+"$bin/auditwheel" repair --wheel-dir wheelhouse dist/*.whl
+ls wheelhouse/*.whl

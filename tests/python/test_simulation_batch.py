@@ -1,0 +1,259 @@
+"""Batches: independence of threads and order, statuses, interruption, preallocated outputs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsr2.config.study import Outcome, Output, Settling, Study
+from vsr2.errors import SimulationError
+from vsr2.motion import Motion, cosine_motion
+from vsr2.results import BatchResult
+from vsr2.scene import Pose
+from vsr2.simulation import Simulation, Trial, run_batch, study_trials
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def block_study(**output: object) -> Study:
+    return Study.model_validate(
+        {
+            "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
+            "motion": {
+                "mode": "grid_cosine",
+                "pga": {"min": 0.2, "max": 0.6, "step": 0.2},
+                "pgv_pga": {"min": 0.1, "max": 0.2, "step": 0.1},
+            },
+            "output": {"log_every": 5, **output},
+        }
+    )
+
+
+def assert_same(a: BatchResult, b: BatchResult, order: list[int] | None = None) -> None:
+    order = order or list(range(len(a)))
+    for name in a.trials:
+        if name not in ("trial", "seed"):
+            np.testing.assert_array_equal(a[name][order], b[name], err_msg=name)
+    for i, j in enumerate(order):
+        left, right = a.logs[j], b.logs[i]
+        assert (left is None) == (right is None)
+        if left is not None and right is not None:
+            assert left.state.tobytes() == right.state.tobytes()
+            assert left.contacts.tobytes() == right.contacts.tobytes()
+
+
+def test_outcomes_grow_with_the_motion() -> None:
+    result = run_batch(block_study())
+    assert set(result["status"]) == {"ok"}
+    assert result["outcome"][0] == "stable"
+    assert result["outcome"][-1] == "overturned"
+    assert np.all(np.isnan(result["overturning_time"]) == (result["outcome"] != "overturned"))
+    assert result.stack("tilt").shape == (6, max(len(log.state) for log in result.logs if log))
+
+
+def test_bits_do_not_depend_on_threads_order_or_company() -> None:
+    trials = study_trials(block_study(contacts_every=50))
+    reference = run_batch(trials, threads=1)
+    for threads in (2, 3, 8):
+        assert_same(reference, run_batch(trials, threads=threads))
+    order = [4, 0, 5, 2, 1, 3]
+    assert_same(reference, run_batch([trials[i] for i in order], threads=2), order)
+    alone = [run_batch([trial], threads=1) for trial in trials]
+    for i, single in enumerate(alone):
+        assert_same(reference, single, [i])
+
+
+def test_interactive_world_and_batch_share_the_core() -> None:
+    trial = study_trials(block_study())[3]
+    trial = replace(trial, output=Output(log_every=1))
+    log = run_batch([trial]).log(0)
+    simulation = Simulation(trial.scene, drive="prescribed", spawn=False)
+    # The batch starts a fresh world from the pose of rest and settles there once more.
+    first = Simulation(trial.scene, drive="prescribed")
+    first.settle(trial.settling)
+    state = first.state
+    simulation._world.spawn_rock(state.position, state.body_orientation)
+    simulation.settle(trial.settling)
+    steps = min(len(log.state), trial.motion.displacement.size)
+    assert steps > 500
+    for k in range(1, steps):
+        state = simulation.step(float(trial.motion.displacement[k]))
+        assert state is not None
+        assert state.position.tobytes() == log.position[k].tobytes()
+
+
+def test_reset_is_exact_a_thousand_times() -> None:
+    trial = study_trials(block_study())[2]
+    simulation = Simulation(trial.scene, drive="prescribed")
+
+    def story() -> bytes:
+        for k in range(1, 20):
+            simulation.step(0.001 * k)
+        return simulation.state.position.tobytes() + simulation.state.velocity.tobytes()
+
+    first = story()
+    for _ in range(999):
+        simulation.reset()
+    simulation.reset()
+    assert story() == first
+
+
+def test_one_bad_trial_loses_no_other() -> None:
+    trials = study_trials(block_study())
+    # The rock starts 1 km up: it cannot come to rest in time.
+    trials[1] = replace(
+        trials[1],
+        start=Pose((0.0, 0.0, 1000.0), (0.0, 0.0, 0.0, 1.0)),
+        settling=Settling(timeout=0.5),
+    )
+    result = run_batch(trials)
+    assert result["status"][1] == "settling_timeout"
+    assert result["outcome"][1] == "failed"
+    assert "settling.timeout" in result["message"][1]
+    assert set(np.delete(result["status"], 1)) == {"ok"}
+    assert np.isnan(result["peak_tilt"][1])
+
+
+def test_preallocated_outputs_are_filled_in_place() -> None:
+    trials = study_trials(block_study())
+    plain = run_batch(trials)
+    state = np.empty((len(trials), 400, 18))
+    tilt = np.empty(len(trials))
+    run_batch(trials, out={"state": state, "peak_tilt": tilt}, keep_logs=False)
+    np.testing.assert_array_equal(tilt, plain["peak_tilt"])
+    for i, log in enumerate(plain.logs):
+        assert log is not None
+        rows = min(400, len(log.state))
+        np.testing.assert_array_equal(state[i, :rows], log.state[:rows])
+        assert np.isnan(state[i, rows:]).all()
+
+
+@pytest.mark.parametrize(
+    ("out", "text"),
+    [
+        ({"state": np.empty((6, 10, 17))}, "shape"),
+        ({"state": np.empty((6, 10, 18), dtype=np.float32)}, "float32"),
+        ({"tilt": np.empty(6)}, "unknown array"),
+        ({"peak_tilt": np.empty(5)}, "shape"),
+    ],
+)
+def test_wrong_outputs_are_refused(out: dict[str, np.ndarray], text: str) -> None:
+    with pytest.raises(SimulationError, match=text):
+        run_batch(block_study(), out=out)
+
+
+def test_impossible_requests_are_refused_before_any_work() -> None:
+    with pytest.raises(SimulationError, match="empty"):
+        run_batch([])
+    with pytest.raises(SimulationError, match="threads"):
+        run_batch(block_study(), threads=0)
+    trial = study_trials(block_study())[0]
+    slow = cosine_motion(0.1, 1.0, 2e-3)
+    with pytest.raises(SimulationError, match="resample"):
+        run_batch([replace(trial, motion=slow)])
+    with pytest.raises(SimulationError, match="contact_trials"):
+        run_batch(block_study(contacts_every=1, contact_trials=[6]))
+
+
+def test_contacts_are_logged_for_the_chosen_trials_only() -> None:
+    result = run_batch(block_study(contacts_every=20, contact_trials=[1, 3]))
+    assert [len(log.contacts) > 0 for log in result.logs if log] == [
+        False, True, False, True, False, False,
+    ]  # fmt: skip
+
+
+def test_exception_in_the_callback_reaches_the_caller() -> None:
+    def fail(index: int, log: object) -> None:
+        raise RuntimeError(f"no room for {index}")
+
+    with pytest.raises(RuntimeError, match="no room"):
+        run_batch(block_study(), on_trial=fail)
+
+
+def test_runs_outside_the_main_thread() -> None:
+    found: list[BatchResult] = []
+    worker = threading.Thread(target=lambda: found.append(run_batch(block_study(), threads=1)))
+    worker.start()
+    worker.join()
+    assert set(found[0]["status"]) == {"ok"}
+
+
+def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
+    script = tmp_path / "long.py"
+    script.write_text(
+        textwrap.dedent(
+            """
+            import sys
+            from vsr2.config.study import Study
+            from vsr2.motion import cosine_motion
+            from vsr2.simulation import run_batch, study_trials
+            from dataclasses import replace
+            import numpy as np
+            from vsr2.motion import Motion
+            study = Study.model_validate({
+                "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
+                "motion": {"mode": "single_cosine", "pga": 0.2, "pgv_pga": 0.1},
+            })
+            [first] = study_trials(study)
+            still = np.zeros(1_900_000)
+            endless = Motion("endless", 1e-3, still, still, still, "recording")
+            trials = [first, replace(first, motion=endless), replace(first, motion=endless)]
+            def tell(index, log):
+                print("finished", index, flush=True)
+            result = run_batch(trials, threads=2, on_trial=tell)
+            print("status", *result["status"], result.provenance["interrupted"], flush=True)
+            """
+        )
+    )
+    child = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline().strip() == "finished 0"
+    child.send_signal(signal.SIGINT)
+    rest, _ = child.communicate(timeout=30)
+    assert rest.splitlines()[-1] == "status ok cancelled cancelled True"
+    assert child.returncode == 0
+
+
+def test_early_stop_keeps_the_outcome() -> None:
+    trials = study_trials(block_study(log_every=0))
+    early = run_batch(trials)
+    late = run_batch([replace(t, outcome=Outcome(stop_early=False, tail=12.0)) for t in trials])
+    np.testing.assert_array_equal(early["outcome"], late["outcome"])
+    assert early["steps"].sum() < late["steps"].sum()
+
+
+def test_mirrored_records_mirror_the_slip() -> None:
+    trial = study_trials(block_study())[0]
+    shape = Study.model_validate(
+        {
+            "rock": {"shape": "box", "size": [1.0, 1.0, 0.3], "density": 2700.0},
+            "contact": {"rock": {"lateral_friction": 0.5}, "pedestal": {"lateral_friction": 0.5}},
+            "motion": {"mode": "single_cosine", "pga": 0.6, "pgv_pga": 0.1},
+        }
+    )
+    [flat] = study_trials(shape)
+    motion = flat.motion
+    mirrored = Motion(
+        "mirrored",
+        motion.time_step,
+        -motion.displacement,
+        -motion.velocity,
+        -motion.acceleration,
+        "cosine",
+    )
+    result = run_batch([flat, Trial(flat.scene, mirrored, output=trial.output)])
+    a, b = (result.log(i).slip[-1, 0] for i in range(2))
+    assert abs(a) > 0.005
+    assert a == pytest.approx(-b, rel=1e-3)
+    assert list(result["outcome"]) == ["slid", "slid"]

@@ -1,0 +1,170 @@
+"""The interactive world: lifecycle, contact model in use, engine settings alive."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vsr2.config.study import Material, Study
+from vsr2.errors import SimulationError
+from vsr2.simulation import (
+    Simulation,
+    build_scene,
+    contact_softness,
+    effective_pair,
+    inverse_mass_along,
+    normal_impulse,
+    restitution_target,
+)
+
+
+def study(**sections: object) -> Study:
+    return Study.model_validate(
+        {
+            "rock": {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0},
+            "motion": {"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1},
+            **sections,
+        }
+    )
+
+
+def test_lifecycle_spawn_reset_delete() -> None:
+    simulation = Simulation(study(), spawn=False)
+    assert not simulation.has_rock
+    assert simulation.step(0.01) is None
+    with pytest.raises(SimulationError, match="no rock"):
+        simulation.delete()
+    simulation.spawn()
+    with pytest.raises(SimulationError, match="already"):
+        simulation.spawn()
+    start = simulation.state.position
+    simulation.step(0.0, steps=100)
+    assert simulation.time == pytest.approx(0.101)
+    simulation.reset()
+    assert simulation.time == 0.0
+    np.testing.assert_array_equal(simulation.state.position, start)
+    np.testing.assert_array_equal(simulation.state.velocity, 0.0)
+    simulation.delete()
+    assert not simulation.has_rock
+    with pytest.raises(SimulationError, match="no rock"):
+        _ = simulation.state
+    simulation.spawn()
+    assert simulation.has_rock
+
+
+@pytest.mark.parametrize("position", [math.nan, math.inf])
+def test_set_points_must_be_finite(position: float) -> None:
+    with pytest.raises(SimulationError, match="finite"):
+        Simulation(study()).step(position)
+
+
+def test_settling_has_a_timeout() -> None:
+    simulation = Simulation(study())
+    assert simulation.settle() > 0.2
+    from vsr2.config.study import Settling
+
+    with pytest.raises(SimulationError, match=r"settling\.timeout"):
+        simulation.settle(Settling(linear_speed=1e-300, angular_speed=1e-300, timeout=0.3))
+
+
+def test_table_s1_follows_from_the_body_level_inputs() -> None:
+    pair = effective_pair(Material(), Material())
+    assert round(pair.restitution, 2) == 0.12
+    assert round(pair.lateral_friction, 2) == 0.49
+    assert round(pair.spinning_friction, 2) == 0.70
+    assert pair.damping == 2.0e7
+    assert pair.stiffness == pytest.approx(1.3e9)
+
+
+def test_softness_expressions() -> None:
+    cfm, erp = contact_softness(1.3e9, 2.0e7, 1e-3)
+    assert cfm == pytest.approx(1 / (1.3e6 + 2e7))
+    assert erp == pytest.approx(1.3e6 / (1.3e6 + 2e7))
+    with pytest.raises(ValueError, match="softness"):
+        contact_softness(0.0, 0.0, 1e-3)
+
+
+def test_impulse_expressions() -> None:
+    assert restitution_target(0.5, -0.1, 0.2) == 0.0
+    assert restitution_target(0.5, -2.0, 0.2) == 1.0
+    point_mass = inverse_mass_along(
+        [0, 0, 1], 0.5, np.eye(3), [0, 0, 0], 0.0, np.zeros((3, 3)), [0, 0, 0]
+    )
+    assert point_mass == 0.5
+    # One metre beside the mass centre, unit inertia: K = 1/m + r^2 / I.
+    assert inverse_mass_along(
+        [0, 0, 1], 0.5, np.eye(3), [1, 0, 0], 0.0, np.zeros((3, 3)), [0, 0, 0]
+    ) == pytest.approx(1.5)
+    # A perfectly hard contact stops the approach.
+    assert normal_impulse(0.0, -3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == pytest.approx(6.0)
+    assert normal_impulse(0.0, 3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == 0.0
+
+
+def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
+    contact = {"rock": {"restitution": 0.2, "stiffness": 4e8}, "pedestal": {"stiffness": 1e9}}
+    scene = build_scene(study(contact=contact))
+    simulation = Simulation(scene)
+    simulation.step(0.0, steps=2000)
+    contacts = simulation.contacts()
+    assert len(contacts) == 4
+    pair = effective_pair(scene.contact.rock, scene.contact.pedestal)
+    for point in contacts:
+        assert point["stiffness"] == pytest.approx(pair.stiffness, rel=1e-12)
+        assert point["restitution"] == pytest.approx(pair.restitution)
+        assert point["spinning_friction"] == pytest.approx(pair.spinning_friction)
+        assert point["normal_W"][2] == pytest.approx(1.0)
+    weight = scene.rock.mass.mass * 9.81 * 1e-3
+    assert sum(point["normal_impulse"] for point in contacts) == pytest.approx(weight, rel=1e-5)
+
+
+def final_state(**engine: object) -> bytes:
+    """State after a tilted drop that slides, spins and bounces."""
+    simulation = Simulation(study(engine=engine))
+    simulation.set_rock_velocity([0.4, 0.3, -1.0], [0.5, -0.8, 1.0])
+    for k in range(1, 120):
+        simulation.step(0.02 * math.sin(0.05 * k))
+    state = simulation.state
+    return state.position.tobytes() + state.body_orientation.tobytes()
+
+
+@pytest.mark.parametrize(
+    "engine",
+    [
+        {"gravity": 9.8},
+        {"time_step": 0.0009},
+        {"substeps": 2},
+        {"solver_iterations": 20},
+        {"residual_threshold": 1e-4},
+        {"restitution_velocity_threshold": 2.0},
+        {"cone_friction": False},
+        {"collision_margin": 0.002},
+        {"contact_breaking_threshold": 0.001},
+        {"linear_damping": 0.0},
+        {"angular_damping": 0.0},
+    ],
+    ids=lambda engine: next(iter(engine)),
+)
+def test_every_engine_setting_is_alive(engine: dict[str, object]) -> None:
+    assert final_state(**engine) != final_state()
+
+
+def test_deterministic_pairs_are_accepted_either_way() -> None:
+    # With one rock on one pedestal there is one pair, and no order to speak of.
+    assert final_state(deterministic_overlapping_pairs=False) == final_state()
+
+
+def test_mesh_pedestal_carries_the_rock() -> None:
+    from pathlib import Path
+
+    file = Path(__file__).resolve().parents[2] / "models" / "pedestal_topography.obj"
+    for collision in ("triangles", "hull"):
+        simulation = Simulation(
+            study(pedestal={"shape": "mesh", "file": str(file), "collision": collision})
+        )
+        before = simulation.state.position[2]
+        simulation.step(0.0, steps=1500)
+        # It stands on the surface: no fall through, no jump off.
+        assert abs(simulation.state.position[2] - before) < 0.05, collision
+        assert len(simulation.contacts()) >= 3
