@@ -1,0 +1,151 @@
+"""The ground motion: one type for cosine pulses, recordings, and what a table really did."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import MotionError
+from vsr2.motion.measures import pga, pgv
+
+Array = NDArray[np.float64]
+
+MAX_SAMPLES = 2_000_000
+"""Most samples of a record or a motion (2000 s at 1 kHz): bounds memory before it is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A horizontal pedestal motion, sampled at the simulation's time step.
+
+    Attributes:
+        name: unique name within a study.
+        time_step: interval between samples [s].
+        displacement: shape (n,) [m]; starts at 0.
+        velocity: shape (n,) [m/s].
+        acceleration: shape (n,) [m/s^2].
+        kind: "cosine" (motor drive follows position and velocity) or "recording" (position only),
+            supplement S1.3.
+        source: how it came about (parameters or file), for the provenance.
+        resampling_error: stated error of the displacement from resampling in time, the greatest
+            magnitude [m] (:func:`vsr2.motion.resample.resample`); 0 for analytic motions.
+        resampling_error_rms: the same, root mean square [m].
+
+    The arrays are copies and read-only.
+
+    Raises:
+        MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
+            infinity, or no start at zero.
+    """
+
+    name: str
+    time_step: float
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+    kind: Literal["cosine", "recording"]
+    source: str = ""
+    resampling_error: float = 0.0
+    resampling_error_rms: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.time_step) and self.time_step > 0):
+            raise MotionError(f"motion {self.name!r}: time step {self.time_step} s is not positive")
+        for field in ("displacement", "velocity", "acceleration"):
+            object.__setattr__(self, field, self._checked(field))
+        if not (self.displacement.size == self.velocity.size == self.acceleration.size):
+            raise MotionError(
+                f"motion {self.name!r}: displacement, velocity and acceleration have "
+                f"{self.displacement.size}, {self.velocity.size} and {self.acceleration.size} "
+                "samples; they must have the same number"
+            )
+        if abs(self.displacement[0]) > 1e-9:
+            raise MotionError(
+                f"motion {self.name!r}: starts at {self.displacement[0]:g} m; the pedestal starts "
+                "at 0, so subtract the first value"
+            )
+
+    def _checked(self, field: str) -> Array:
+        try:
+            value = np.array(getattr(self, field), dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise MotionError(
+                f"motion {self.name!r}: {field} is not an array of numbers ({error})"
+            ) from None
+        value.setflags(write=False)
+        if value.ndim != 1 or not 2 <= value.size <= MAX_SAMPLES:
+            raise MotionError(
+                f"motion {self.name!r}: {field} has shape {value.shape}; "
+                f"it needs one dimension and 2 to {MAX_SAMPLES} samples"
+            )
+        bad = np.flatnonzero(~np.isfinite(value))
+        if bad.size:
+            raise MotionError(
+                f"motion {self.name!r}: {field} is {value[bad[0]]} at sample {bad[0]} "
+                f"(t = {bad[0] * self.time_step:g} s); {bad.size} such samples; "
+                "repair or cut the record"
+            )
+        return value
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return (self.displacement.size - 1) * self.time_step
+
+    @property
+    def times(self) -> Array:
+        """Sample times from 0, shape (n,) [s]."""
+        return np.arange(self.displacement.size, dtype=np.float64) * self.time_step
+
+    @property
+    def pga(self) -> float:
+        """Peak ground acceleration of the motion as driven [m/s^2]."""
+        return pga(self.acceleration)
+
+    @property
+    def pgv(self) -> float:
+        """Peak ground velocity of the motion as driven [m/s]."""
+        return pgv(self.velocity)
+
+    @property
+    def pgv_pga(self) -> float:
+        """PGV/PGA [s]; 0 for a motion at rest."""
+        return self.pgv / self.pga if self.pga > 0 else 0.0
+
+    @property
+    def sha256(self) -> str:
+        """Hash of time step and displacement: what is driven."""
+        digest = hashlib.sha256(np.float64(self.time_step).tobytes())
+        digest.update(self.displacement.tobytes())
+        return digest.hexdigest()
+
+    def scaled(self, factor: float, *, name: str | None = None) -> Motion:
+        """The same motion, every sample times `factor`; negative mirrors it.
+
+        Args:
+            factor: not 0, finite.
+            name: of the new motion; by default the old one with ` x factor`.
+
+        Raises:
+            MotionError: `factor` is 0, NaN or infinite, or the product overflows.
+        """
+        if not math.isfinite(factor) or factor == 0:
+            raise MotionError(
+                f"motion {self.name!r}: scale factor {factor} must be finite and not 0"
+            )
+        with np.errstate(over="ignore"):
+            return replace(
+                self,
+                name=f"{self.name} x {factor:.12g}" if name is None else name,
+                displacement=self.displacement * factor,
+                velocity=self.velocity * factor,
+                acceleration=self.acceleration * factor,
+                source=f"{self.source}; scaled by {factor:.12g}",
+                resampling_error=self.resampling_error * abs(factor),
+                resampling_error_rms=self.resampling_error_rms * abs(factor),
+            )

@@ -1,0 +1,191 @@
+"""From a recorded channel to a displacement that a pedestal can follow.
+
+All of it works at the record's own sampling interval. Order of treatment
+(:func:`vsr2.motion.build.build_recorded_motion`):
+
+- displacement: band-pass if asked, then the ends. Its offset needs no rest to be told from: the
+  band-pass takes it (exactly, the filter starts in its steady state), and :func:`taper_ends` counts
+  from the first sample. Where the pedestal stands has no effect on the rock.
+- acceleration: the offset at rest off, since it would drift; band-pass if asked, integration, ends.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vsr2.config.study import Filter
+from vsr2.errors import MotionError
+from vsr2.motion.measures import pga
+from vsr2.motion.motion import Array
+from vsr2.motion.recording import Record
+
+REST_BAND = 0.1
+"""Before shaking: a signal within this share of its peak around its first level."""
+REST_TIME = 0.1
+"""Shortest rest that tells an offset [s]."""
+TAPER_TIME = 0.5
+"""Length of the taper of a moving end, at most a tenth of the record [s]."""
+MOVING_END = 0.01
+"""An end moves when its speed exceeds this share of the peak velocity."""
+MAX_PADDING = 1_000_000
+"""Most zeros on either side of an acceleration that is filtered and integrated."""
+MIN_RELATIVE_CORNER = 1e-5
+"""Least lower corner, relative to the Nyquist frequency: below, the filter loses its digits."""
+
+
+def rest_level(signal: Array, sample_interval: float) -> float:
+    """Level of a channel at rest, in the channel's unit.
+
+    The rest before shaking is the initial stretch within 10 % of the signal's peak deviation from
+    the median of its first 0.1 s; its mean is the level. A record that leaves this band within
+    0.1 s was cut to the shaking; then the mean of the whole record is taken.
+
+    Args:
+        signal: shape (n,).
+        sample_interval: [s].
+    """
+    first = max(2, math.ceil(REST_TIME / sample_interval))
+    deviation = np.abs(signal - np.median(signal[:first]))
+    moving = np.flatnonzero(deviation > REST_BAND * deviation.max())
+    rest = int(moving[0]) if moving.size else signal.size
+    return float(np.mean(signal[:rest] if rest >= first else signal))
+
+
+def band_pass(
+    signal: Array, sample_interval: float, filter: Filter, *, name: str = "record"
+) -> Array:
+    """Butterworth band-pass forward and backward: no shift in time, twice the order's slope.
+
+    With 0.1-25 Hz and order 3 this is the filter behind the published PGA of the laboratory
+    campaign. Ends are extended by odd reflection (scipy's `sosfiltfilt`).
+
+    Args:
+        signal: shape (n,), any unit.
+        sample_interval: [s].
+        filter: corners [Hz]; `low` of 0 leaves a low-pass.
+        name: named in errors.
+
+    Raises:
+        MotionError: `high` is at or above the Nyquist frequency, or `low` so low that the filter
+            loses its digits.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    nyquist = 0.5 / sample_interval
+    if filter.high >= nyquist:
+        raise MotionError(
+            f"{name}: filter.high = {filter.high:g} Hz is not below the record's Nyquist frequency "
+            f"{nyquist:g} Hz (sampled every {sample_interval:g} s); lower it"
+        )
+    if 0 < filter.low < MIN_RELATIVE_CORNER * nyquist:
+        raise MotionError(
+            f"{name}: filter.low = {filter.low:g} Hz is below {MIN_RELATIVE_CORNER * nyquist:g} "
+            "Hz, where the filter is not accurate; raise it, or set 0 for none"
+        )
+    if filter.low > 0:
+        sections = butter(
+            filter.order,
+            [filter.low, filter.high],
+            "bandpass",
+            fs=1 / sample_interval,
+            output="sos",
+        )
+    else:
+        sections = butter(
+            filter.order, filter.high, "lowpass", fs=1 / sample_interval, output="sos"
+        )
+    # scipy's own choice of padding, which needs a longer signal than the shortest records
+    zeros = min((sections[:, 2] == 0).sum(), (sections[:, 5] == 0).sum())
+    padding = min(int(3 * (2 * len(sections) + 1 - zeros)), signal.size - 1)
+    filtered: Array = sosfiltfilt(sections, signal, padlen=padding)
+    return filtered
+
+
+def integrate_acceleration(
+    acceleration: Array,
+    sample_interval: float,
+    filter: Filter | None = None,
+    *,
+    name: str = "record",
+) -> Array:
+    """Displacement (n,) [m] from `acceleration` (n,) [m/s^2], drift controlled, 0 at the start.
+
+    The acceleration is integrated twice as a cubic spline, so exactly between samples. Two things
+    would drift. An offset: the level at rest is subtracted first, and what is left of it is taken
+    out as the one constant acceleration that brings the final velocity to 0. Slow noise: with a
+    `filter` the acceleration is band-passed and integrated amid zeros of 1.5 order / low [s] on
+    either side, in which the filter rings out, and then cut to the record (Boore 2005, Bull.
+    Seismol. Soc. Am. 95(2)); the ringing leaves the ends with a small velocity, which
+    :func:`taper_ends` brings to rest. Without a filter slow noise stays, and with it a doubtful
+    displacement: give one to real records.
+
+    Raises:
+        MotionError: as :func:`band_pass`.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    clean = acceleration - rest_level(acceleration, sample_interval)
+    pad = 0
+    if filter is not None:
+        rings = 1.5 * filter.order / filter.low if filter.low > 0 else 1.0
+        pad = min(math.ceil(rings / sample_interval), MAX_PADDING)
+        clean = band_pass(np.pad(clean, pad), sample_interval, filter, name=name)
+    samples = np.arange(clean.size, dtype=np.float64)
+    velocity = make_interp_spline(samples, clean, k=3).antiderivative()
+    # the constant that ends it at rest: v - v_end t / T, so x - v_end t^2 / (2 T)
+    drift = 0.5 * float(velocity(samples[-1])) / samples[-1] * samples**2
+    displacement = (velocity.antiderivative()(samples) - drift) * sample_interval**2
+    recorded = displacement[pad : clean.size - pad]
+    from_zero: Array = recorded - recorded[0]
+    return from_zero
+
+
+def taper_ends(displacement: Array, sample_interval: float) -> Array:
+    """The displacement (n,) [m] from its first sample on, with ends at rest.
+
+    An end slower than 1 % of the peak velocity is at rest and stays as it is, so a clean pulse
+    or a record with rest around it is not changed. A moving end is blended into a rest over
+    0.5 s (at most a tenth of the record): the start into 0, the end into its last value, by the
+    factor 10 s^3 - 15 s^4 + 6 s^5, whose first and second derivative vanish at both ends. The
+    constant taken off has no effect: the pedestal's start is 0.
+    """
+    tapered: Array = displacement - displacement[0]
+    velocity = np.gradient(tapered, sample_interval, edge_order=2)
+    limit = MOVING_END * float(np.abs(velocity).max())
+    length = min(math.ceil(TAPER_TIME / sample_interval), displacement.size // 10)
+    s = np.arange(length) / max(length, 1)
+    blend = s**3 * (10 - 15 * s + 6 * s**2)
+    if abs(velocity[0]) > limit:
+        tapered[:length] *= blend
+    if abs(velocity[-1]) > limit:
+        last = tapered[-1]
+        tapered[tapered.size - length :] = (
+            last + (tapered[tapered.size - length :] - last) * blend[::-1]
+        )
+    return tapered
+
+
+def recorded_pga(record: Record, filter: Filter | None = None) -> float:
+    """Peak of the recorded acceleration after the band-pass [m/s^2].
+
+    With the default filter this is the definition behind the published PGA of the laboratory
+    campaign.
+
+    Args:
+        record: with an acceleration.
+        filter: None: 0.1-25 Hz, order 3.
+
+    Raises:
+        MotionError: the record has no acceleration, or as :func:`band_pass`.
+    """
+    if record.acceleration is None:
+        raise MotionError(f"{record.label}: has no acceleration, so no recorded PGA")
+    filtered = band_pass(
+        record.acceleration,
+        record.sample_interval,
+        Filter() if filter is None else filter,
+        name=record.label,
+    )
+    return pga(filtered)

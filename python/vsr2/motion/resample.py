@@ -1,0 +1,182 @@
+"""Resampling in time: from a record's own sampling interval to the simulation's time step.
+
+A quintic spline through the displacement samples is evaluated, with its first and second
+derivative, at the time steps. So displacement, velocity and acceleration belong to one function,
+and the acceleration is smooth; a cubic spline's would have a kink at every sample.
+
+Relative to a sine of 25 Hz, the upper corner of the usual band-pass, the displacement's error is at
+most 4e-9 from 800 Hz and 2.2e-5 from 200 Hz; the acceleration's 2.2e-6 and 6.5e-4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vsr2.errors import MotionError
+from vsr2.motion.motion import MAX_SAMPLES, Array
+
+DEGREE = 5
+"""Of the interpolating spline."""
+ALIASING_TOLERANCE = 0.01
+"""Share of the peak velocity that may lie above the new Nyquist frequency."""
+MIN_RECORD_SAMPLES = 16
+"""Fewer leave no quintic spline through every second sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class Resampled:
+    """A displacement history at a new sampling interval.
+
+    Attributes:
+        displacement: shape (n,) [m].
+        velocity: shape (n,) [m/s], derivative of the spline.
+        acceleration: shape (n,) [m/s^2], second derivative of the spline.
+        error: stated error of the displacement, greatest magnitude [m].
+        error_rms: the same, root mean square [m].
+    """
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+    error: float
+    error_rms: float
+
+
+def resample(
+    displacement: Array, sample_interval: float, time_step: float, *, name: str = "record"
+) -> Resampled:
+    """Resample a displacement history and add a last sample at rest.
+
+    Samples lie at 0, `time_step`, ... up to the record's end. One more follows, where the record's
+    last displacement is held with v = a = 0.
+
+    The stated error is measured on the record itself: the spline through every second sample is
+    compared with the samples left out. That is the error at twice the sampling interval, so for
+    content that the record resolves it is well above the real one (64 times for a smooth signal,
+    as the error of a quintic spline falls with the sixth power of the interval; see
+    :func:`sine_error`). It is 0 where every new sample falls on an old one.
+
+    Args:
+        displacement: shape (n,) [m], n >= `MIN_RECORD_SAMPLES`.
+        sample_interval: of the record [s].
+        time_step: of the simulation [s].
+        name: named in errors.
+
+    Raises:
+        MotionError: too few samples, more than `MAX_SAMPLES` at the new interval, or content above
+            the Nyquist frequency of `time_step`, which would fold down (aliasing).
+    """
+    values = np.ascontiguousarray(displacement, dtype=np.float64)
+    for label, value in (("sampling interval", sample_interval), ("time step", time_step)):
+        if not (math.isfinite(value) and value > 0):
+            raise MotionError(f"{name}: {label} {value} s is not positive and finite")
+    if values.ndim != 1 or values.size < MIN_RECORD_SAMPLES:
+        raise MotionError(
+            f"{name}: displacement has shape {values.shape}; resampling needs one dimension and "
+            f"at least {MIN_RECORD_SAMPLES} samples"
+        )
+    span = (values.size - 1) * sample_interval
+    if span / time_step > MAX_SAMPLES - 2:
+        raise MotionError(
+            f"{name}: lasts {span:g} s, that is {span / time_step:.3g} time steps of {time_step:g} "
+            f"s; at most {MAX_SAMPLES - 2}: cut the record or raise the time step"
+        )
+    spline = _spline(values, sample_interval)
+    _refuse_aliasing(spline(_knots(values), 1) / sample_interval, sample_interval, time_step, name)
+
+    # the spline lives on the sample number, where knots are exact and well scaled
+    ratio = time_step / sample_interval
+    position = np.arange(math.floor(span / time_step + 1e-9) + 1) * ratio
+    position = np.minimum(position, values.size - 1.0)
+    nearest = np.rint(position)
+    on_sample = np.abs(position - nearest) < 1e-9
+    position = np.where(on_sample, nearest, position)
+    resampled = spline(position)
+    resampled[on_sample] = values[nearest[on_sample].astype(np.intp)]
+    error, error_rms = (0.0, 0.0) if on_sample.all() else _left_out_error(values)
+    return Resampled(
+        displacement=np.append(resampled, values[-1]),
+        velocity=np.append(spline(position, 1) / sample_interval, 0.0),
+        acceleration=np.append(spline(position, 2) / sample_interval**2, 0.0),
+        error=error,
+        error_rms=error_rms,
+    )
+
+
+def sine_error(frequency: float, sample_interval: float, *, derivative: int = 0) -> float:
+    """Greatest error of the spline through samples of a unit sine, relative to its amplitude.
+
+    Through samples of exp(i w t) at unit interval, the cardinal spline of odd degree n is the sum
+    of c_k exp(i (w + 2 pi k) t) with c_k = (w + 2 pi k)^-(n+1) / sum_j (w + 2 pi j)^-(n+1)
+    (the exponential Euler spline of Schoenberg 1973, *Cardinal Spline Interpolation*). The error of
+    the d-th derivative is at most w^d (1 - c_0) + sum_(k != 0) c_k |w + 2 pi k|^d, here divided by
+    w^d. It holds away from the record's ends.
+
+    Args:
+        frequency: [Hz], below the Nyquist frequency.
+        sample_interval: [s].
+        derivative: 0 displacement, 1 velocity, 2 acceleration.
+
+    Raises:
+        MotionError: the frequency is not between 0 and the Nyquist frequency.
+    """
+    omega = 2 * math.pi * frequency * sample_interval
+    if not 0 < omega < math.pi:
+        raise MotionError(
+            f"frequency {frequency} Hz must lie between 0 and the Nyquist frequency "
+            f"{0.5 / sample_interval:g} Hz"
+        )
+    orders = np.concatenate([np.arange(-200, 0), np.arange(1, 201)])
+    images = omega + 2 * math.pi * orders
+    weights = (omega / images) ** (DEGREE + 1)
+    total = 1 + weights.sum()
+    own = weights.sum() / total
+    folded = float((weights * np.abs(images / omega) ** derivative).sum()) / total
+    return float(own + folded)
+
+
+def _knots(values: Array) -> Array:
+    return np.arange(values.size, dtype=np.float64)
+
+
+def _spline(values: Array, sample_interval: float) -> Any:
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(_knots(values), values, k=DEGREE)
+
+
+def _left_out_error(values: Array) -> tuple[float, float]:
+    from scipy.interpolate import make_interp_spline
+
+    kept = np.arange(0, values.size, 2)
+    left_out = np.arange(1, kept[-1], 2)
+    spline = make_interp_spline(kept.astype(np.float64), values[kept], k=DEGREE)
+    difference = spline(left_out.astype(np.float64)) - values[left_out]
+    return float(np.abs(difference).max()), float(np.sqrt(np.mean(difference**2)))
+
+
+def _refuse_aliasing(velocity: Array, sample_interval: float, time_step: float, name: str) -> None:
+    # Judged on velocity: its weight lies between the displacement that is driven and the
+    # acceleration that overturns. Without the line between its ends it is continuous when repeated,
+    # so the transform shows no content that is not there.
+    if time_step <= sample_interval * (1 + 1e-9):
+        return
+    from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
+
+    length = next_fast_len(velocity.size, real=True)
+    spectrum = rfft(velocity - np.linspace(velocity[0], velocity[-1], velocity.size), length)
+    nyquist = 0.5 / time_step
+    spectrum[rfftfreq(length, sample_interval) < nyquist] = 0
+    above = float(np.abs(irfft(spectrum, length)).max())
+    peak = float(np.abs(velocity).max())
+    if above > ALIASING_TOLERANCE * peak:
+        raise MotionError(
+            f"{name}: sampled every {sample_interval:g} s, it has content above {nyquist:g} Hz, "
+            f"the Nyquist frequency of the time step {time_step:g} s ({above / peak:.1%} of its "
+            f"peak velocity); it would fold down: lower the time step to {sample_interval:g} s, "
+            f"or give motion.filter with `high` well below {nyquist:g} Hz"
+        )

@@ -1,0 +1,204 @@
+"""From the study's motion section to motions: the four modes, names, order, refusals."""
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter
+
+from vsr2.config.study import Filter, MotionSource
+from vsr2.errors import MotionError
+from vsr2.motion import STANDARD_GRAVITY, Record, build_motions, build_recorded_motion
+
+STEP = 0.001
+RATE = 800
+T = np.arange(8 * RATE + 1) / RATE
+ENVELOPE = np.exp(-(((T - 4) / 1.0) ** 2))
+X = 0.05 * ENVELOPE * np.sin(2 * np.pi * 2 * (T - 4))
+A = np.gradient(np.gradient(X, T), T)
+
+
+def source(**fields):
+    return TypeAdapter(MotionSource).validate_python(fields)
+
+
+def save(path, displacement=X, **arrays):
+    np.savez(path, sample_interval_s=1 / RATE, displacement_m=displacement, **arrays)
+
+
+def test_a_single_cosine_by_amplitude_and_frequency():
+    (motion,) = build_motions(source(mode="single_cosine", amplitude=0.1, frequency=2.0), STEP)
+    assert motion.kind == "cosine"
+    assert motion.displacement.max() == pytest.approx(0.2)
+    assert motion.duration == pytest.approx(0.5)
+    assert "A = 0.1 m" in motion.source
+
+
+def test_a_single_cosine_by_intensity_is_the_grid_of_one():
+    (single,) = build_motions(source(mode="single_cosine", pga=0.3, pgv_pga=0.1), STEP)
+    one = {"min": 0.3, "max": 0.3, "step": 1}
+    (grid,) = build_motions(
+        source(mode="grid_cosine", pga=one, pgv_pga={"min": 0.1, "max": 0.1, "step": 1}), STEP
+    )
+    assert single.name == grid.name
+    assert single.sha256 == grid.sha256
+
+
+def test_a_grid_has_every_pair_once_in_order():
+    pga = {"min": 0.1, "max": 0.5, "step": 0.1}
+    ratio = {"min": 0.05, "max": 0.2, "step": 0.05}
+    motions = build_motions(source(mode="grid_cosine", pga=pga, pgv_pga=ratio), STEP)
+    wanted = [(p, r) for p in (0.1, 0.2, 0.3, 0.4, 0.5) for r in (0.05, 0.1, 0.15, 0.2)]
+    assert [m.name for m in motions] == [f"cosine_pga{p}g_pgv_pga{r}s" for p, r in wanted]
+    for motion, (p, r) in zip(motions, wanted, strict=True):
+        assert motion.pga == pytest.approx(p * STANDARD_GRAVITY)
+        # PGV falls between samples by at most 1 - cos(0.5 step / ratio)
+        assert motion.pgv_pga == pytest.approx(r, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("pga", "ratio", "message"),
+    [
+        ((0.001, 1.0, 0.001), (0.001, 1.0, 0.001), "1000 values of pga times 1000"),
+        ((0.01, 1.0, 0.01), (50.0, 99.0, 1.0), "samples in all motions"),
+        ((0.1, 0.2, 0.1), (1e-4, 1e-4, 1.0), "raise PGV/PGA"),
+    ],
+)
+def test_absurd_grids_are_refused(pga, ratio, message):
+    keys = ("min", "max", "step")
+    grid = source(
+        mode="grid_cosine",
+        pga=dict(zip(keys, pga, strict=True)),
+        pgv_pga=dict(zip(keys, ratio, strict=True)),
+    )
+    with pytest.raises(MotionError, match=message):
+        build_motions(grid, STEP)
+
+
+def test_a_single_recording(tmp_path):
+    path = tmp_path / "quake.npz"
+    save(path)
+    (motion,) = build_motions(source(mode="single_recording", file=path), STEP)
+    assert motion.name == "quake"
+    assert motion.kind == "recording"
+    assert str(path) in motion.source
+    assert "displacement channel, no filter, scale 1" in motion.source
+    t = motion.times
+    exact = 0.05 * np.exp(-((t - 4) ** 2)) * np.sin(2 * np.pi * 2 * (t - 4))
+    # the record ends at 0.05 exp(-16), 6e-9 m; splines of 2 Hz at 800 Hz do not show
+    np.testing.assert_allclose(motion.displacement[:-1], exact[:-1], rtol=0, atol=1e-8)
+    assert motion.resampling_error < 1e-10
+    assert motion.duration == pytest.approx(8.001)
+
+
+def test_the_acceleration_channel_drives_the_same_motion():
+    record = Record("r", 1 / RATE, displacement=X, acceleration=A)
+    by_x = build_recorded_motion(record, STEP, channel="displacement")
+    by_a = build_recorded_motion(record, STEP, channel="acceleration")
+    # A is a finite difference of X, 1e-4 off at 2 Hz and 800 Hz: (w h)^2 / 6 and twice that
+    np.testing.assert_allclose(by_a.displacement, by_x.displacement, rtol=0, atol=2e-4 * 0.05)
+    assert "acceleration channel" in by_a.source
+    assert build_recorded_motion(record, STEP).sha256 == by_x.sha256
+
+
+def test_auto_takes_what_there_is():
+    record = Record("r", 1 / RATE, acceleration=A)
+    assert "acceleration channel" in build_recorded_motion(record, STEP).source
+
+
+@pytest.mark.parametrize("channel", ["displacement", "acceleration"])
+def test_a_missing_channel_is_refused(channel):
+    fields = {"acceleration": A} if channel == "displacement" else {"displacement": X}
+    with pytest.raises(MotionError, match=f"has no {channel} channel; set motion.channel"):
+        build_recorded_motion(Record("r", 1 / RATE, **fields), STEP, channel=channel)
+
+
+@pytest.mark.parametrize("channel", ["displacement", "acceleration"])
+@pytest.mark.parametrize("chosen", [None, Filter()])
+def test_building_is_linear_and_mirrors(channel, chosen):
+    record = Record("r", 1 / RATE, displacement=X + 0.01, acceleration=A + 0.02)
+    plain = build_recorded_motion(record, STEP, channel=channel, filter=chosen)
+    scaled = build_recorded_motion(record, STEP, channel=channel, filter=chosen, scale=-2.0)
+    # a factor of two is exact in every step
+    np.testing.assert_allclose(scaled.displacement, -2 * plain.displacement, rtol=0, atol=1e-15)
+    assert scaled.pgv_pga == pytest.approx(plain.pgv_pga)
+    assert plain.displacement[0] == 0.0
+    assert plain.velocity[-1] == plain.acceleration[-1] == 0.0
+
+
+def test_the_filter_acts_at_the_records_own_sampling():
+    noisy = X + 5e-5 * np.random.default_rng(2).standard_normal(X.size)
+    record = Record("r", 1 / RATE, displacement=noisy)
+    raw = build_recorded_motion(record, STEP)
+    filtered = build_recorded_motion(record, STEP, filter=Filter())
+    clean = build_recorded_motion(Record("r", 1 / RATE, displacement=X), STEP, filter=Filter())
+    assert raw.pga > 5 * clean.pga
+    assert filtered.pga == pytest.approx(clean.pga, rel=0.1)
+    assert "band-pass 0.1-25 Hz order 3" in filtered.source
+    with pytest.raises(MotionError, match="Nyquist frequency 400 Hz"):
+        build_recorded_motion(record, STEP, filter=Filter(high=450.0))
+
+
+def test_a_coarser_time_step_needs_the_filter():
+    noisy = X + 5e-5 * np.random.default_rng(2).standard_normal(X.size)
+    record = Record("r", 1 / RATE, displacement=noisy)
+    with pytest.raises(MotionError, match=r"above 100 Hz.*motion.filter"):
+        build_recorded_motion(record, 0.005)
+    filtered = build_recorded_motion(record, 0.005, filter=Filter())
+    assert filtered.pga == pytest.approx(
+        build_recorded_motion(record, STEP, filter=Filter()).pga, rel=0.02
+    )
+
+
+@pytest.mark.parametrize("scale", [0.0, float("nan"), float("inf")])
+def test_a_scale_that_makes_no_motion_is_refused(scale):
+    with pytest.raises(MotionError, match="scale"):
+        build_recorded_motion(Record("r", 1 / RATE, displacement=X), STEP, scale=scale)
+
+
+def test_all_recordings_come_in_the_order_of_their_names(tmp_path):
+    for name in ("b.npz", "a.npz", "C.npz", ".hidden.npz"):
+        save(tmp_path / name)
+    (tmp_path / "notes.md").write_text("x")
+    (tmp_path / "folder.npz").mkdir()
+    chosen = source(mode="all_recordings", folder=tmp_path, pattern="*.npz", scale=2.0)
+    motions = build_motions(chosen, STEP)
+    assert [m.name for m in motions] == ["C", "a", "b"]
+    assert all("scale 2" in m.source for m in motions)
+
+
+def test_equal_stems_get_full_names(tmp_path):
+    save(tmp_path / "a.npz")
+    rows = "".join(f"{i / 100:.2f},{np.sin(i / 10) ** 3:.6f}\n" for i in range(100))
+    (tmp_path / "a.csv").write_text("time_s,displacement_m\n" + rows)
+    save(tmp_path / "b.npz")
+    motions = build_motions(source(mode="all_recordings", folder=tmp_path), STEP)
+    assert [m.name for m in motions] == ["a.csv", "a.npz", "b"]
+
+
+def test_a_foreign_file_in_the_folder_is_named_with_the_remedy(tmp_path):
+    save(tmp_path / "a.npz")
+    (tmp_path / "README.md").write_text("x")
+    with pytest.raises(MotionError, match=r"README\.md: unknown kind.*motion.pattern"):
+        build_motions(source(mode="all_recordings", folder=tmp_path), STEP)
+
+
+def test_no_match_names_folder_and_pattern(tmp_path):
+    with pytest.raises(MotionError, match=r"no file matches the pattern '\*\.csv'") as caught:
+        build_motions(source(mode="all_recordings", folder=tmp_path, pattern="*.csv"), STEP)
+    assert str(tmp_path) in str(caught.value)
+    with pytest.raises(MotionError, match="no such folder"):
+        build_motions(source(mode="all_recordings", folder=tmp_path / "none"), STEP)
+    with pytest.raises(MotionError, match="no such file"):
+        build_motions(source(mode="single_recording", file=tmp_path / "none.csv"), STEP)
+
+
+@pytest.mark.parametrize("chosen", [None, Filter()])
+def test_an_offset_of_the_displacement_has_no_effect(chosen):
+    here = Record("r", 1 / RATE, displacement=X)
+    there = Record("r", 1 / RATE, displacement=X - 0.7)
+    # the filter's poles near 0.1 Hz amplify the rounding of 0.7 by some ten thousands
+    np.testing.assert_allclose(
+        build_recorded_motion(there, STEP, filter=chosen).displacement,
+        build_recorded_motion(here, STEP, filter=chosen).displacement,
+        rtol=0,
+        atol=1e-11,
+    )

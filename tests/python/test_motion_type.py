@@ -1,0 +1,95 @@
+"""The `Motion` type and the intensity measures."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vsr2.errors import MotionError
+from vsr2.motion import Motion, cosine_motion, pga, pgv
+
+
+def motion(**changes):
+    fields = {
+        "name": "m",
+        "time_step": 0.001,
+        "displacement": np.array([0.0, 1.0, 2.0]),
+        "velocity": np.array([1.0, -3.0, 0.0]),
+        "acceleration": np.array([0.0, 2.0, -4.0]),
+        "kind": "recording",
+    }
+    return Motion(**(fields | changes))
+
+
+def test_measures_are_peaks_of_the_driven_signals():
+    assert motion().pga == 4.0
+    assert motion().pgv == 3.0
+    assert motion().pgv_pga == 0.75
+    assert motion().duration == pytest.approx(0.002)
+    assert pga([1.0, -2.0]) == 2.0
+    assert pgv(np.array([-3.0, 1.0])) == 3.0
+
+
+def test_a_motion_at_rest_has_no_ratio():
+    rest = motion(displacement=np.zeros(3), velocity=np.zeros(3), acceleration=np.zeros(3))
+    assert rest.pgv_pga == 0.0
+
+
+def test_peaks_of_nothing_are_refused():
+    with pytest.raises(MotionError, match="no samples"):
+        pga([])
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"displacement": np.array([0.0, np.nan, 1.0])}, r"nan at sample 1 \(t = 0.001 s\)"),
+        ({"velocity": np.array([0.0, 1.0, np.inf])}, "velocity is inf at sample 2"),
+        ({"acceleration": np.zeros(2)}, "the same number"),
+        ({"displacement": np.zeros((3, 1))}, "one dimension"),
+        ({"displacement": np.zeros(1)}, "at least|2 to"),
+        ({"displacement": np.array([1e-3, 0.0, 0.0])}, "subtract the first value"),
+        ({"displacement": ["a", "b", "c"]}, "not an array of numbers"),
+        ({"time_step": 0.0}, "time step"),
+        ({"time_step": float("nan")}, "time step"),
+    ],
+)
+def test_unusable_motions_are_refused(changes, message):
+    with pytest.raises(MotionError, match=message):
+        motion(**changes)
+
+
+def test_the_callers_arrays_stay_their_own():
+    displacement = np.array([0.0, 1.0, 2.0])
+    made = motion(displacement=displacement)
+    displacement[1] = 7.0
+    assert made.displacement[1] == 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        made.displacement[1] = 7.0
+
+
+@given(factor=st.floats(-100, 100).filter(lambda value: abs(value) > 1e-3))
+def test_scaling_scales_every_measure_and_keeps_the_ratio(factor):
+    pulse = cosine_motion(0.02, 3.0, 0.001)
+    scaled = pulse.scaled(factor)
+    # one rounding of each product
+    assert scaled.pga == pytest.approx(abs(factor) * pulse.pga, rel=1e-15)
+    assert scaled.pgv_pga == pytest.approx(pulse.pgv_pga, rel=1e-14)
+    assert scaled.name != pulse.name
+    assert scaled.kind == "cosine"
+
+
+def test_mirroring_twice_gives_the_motion_back():
+    pulse = cosine_motion(0.02, 3.0, 0.001)
+    assert pulse.scaled(-1, name="a").scaled(-1, name="b").sha256 == pulse.sha256
+    assert pulse.scaled(-1).sha256 != pulse.sha256
+
+
+@pytest.mark.parametrize("factor", [0.0, float("nan"), float("inf"), 1e308])
+def test_scaling_to_nonsense_is_refused(factor):
+    with pytest.raises(MotionError):
+        motion(acceleration=np.array([0.0, 2.0, -400.0])).scaled(factor)
+
+
+def test_scaling_scales_the_stated_error():
+    assert motion(resampling_error=1e-6).scaled(-2).resampling_error == 2e-6
