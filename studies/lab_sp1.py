@@ -51,7 +51,7 @@ def lab_folder() -> Path:
     """
     folder = Path(os.environ.get("VSR2_LAB_DATA", ROOT.parent / "shared" / "lab"))
     if not (folder / "trials.csv").is_file():
-        raise SystemExit(f"{folder} holds no trials.csv; set VSR2_LAB_DATA to the laboratory's data")
+        raise SystemExit(f"{folder} holds no trials.csv; set VSR2_LAB_DATA to the laboratory data")
     return folder
 
 
@@ -95,7 +95,7 @@ def main() -> int:
         study = study_from_mapping(lab_study(lab, **setting), base=ROOT)
         result = run_batch(study, threads=options.threads, progress=True)
         options.out.mkdir(parents=True, exist_ok=True)
-        save_result(result, options.out / name)
+        save_result(result, options.out / name, overwrite=True)
         judged = np.isin(result["status"], ("ok", "tail_timeout"))
         truth = np.array([observed[motion] for motion in result["motion"]])
         metrics = classification_metrics(truth[judged], result["outcome"][judged] == "overturned")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Vsr2Error(Exception):
-    """Base of every error VSR2 raises on purpose; the command line prints it without a traceback."""
+    """Base of every error VSR2 raises on purpose; the command line prints no traceback for it."""
 
 
 class ConfigError(Vsr2Error):

@@ -144,9 +144,7 @@ def scene_of(body: str, inertia: str) -> Scene:
 def motion_of(kind: str) -> Motion:
     if kind == "cosine":
         return cosine_motion(0.12, 1.2, 1e-3)
-    return build_recorded_motion(
-        read_record(MOTION), 1e-3, channel="auto", filter=None, scale=1.0
-    )
+    return build_recorded_motion(read_record(MOTION), 1e-3, channel="auto", filter=None, scale=1.0)
 
 
 @pytest.mark.parametrize("kind", ["cosine", "recording"])

@@ -12,15 +12,15 @@ def add_verbs(verbs: Any) -> None:
     inertia = verbs.add_parser(
         "inertia",
         help="mass properties, stable poses and slenderness of a mesh",
-        description="Mass properties of the homogeneous solid, its stable poses, and its slenderness "
-        "angle by azimuth.",
+        description="Mass properties of the homogeneous solid, its stable poses, and its "
+        "slenderness angle by azimuth.",
     )
     inertia.add_argument("mesh", metavar="MESH", type=Path, help="OBJ, STL, PLY or URDF [m]")
     group = inertia.add_mutually_exclusive_group()
     group.add_argument("--density", type=float, help="[kg/m^3] (default 2700)")
     group.add_argument("--mass", type=float, help="[kg]")
     inertia.add_argument("--scale", type=float, default=1.0, help="factor on the mesh's lengths")
-    inertia.add_argument("--repair", action="store_true", help="close a mesh that is not watertight")
+    inertia.add_argument("--repair", action="store_true", help="close a mesh that is open")
     inertia.add_argument("--json", action="store_true", help="print JSON")
     inertia.set_defaults(run=_inertia)
 

@@ -24,8 +24,8 @@ def add_verbs(verbs: Any) -> None:
     imported = actions.add_parser(
         "import-ros2",
         help="turn the original's ROS 2 parameter files into a study",
-        description="Read parameter files of the original ROS 2 system, write a study, and say what "
-        "the original ignored in them.",
+        description="Read parameter files of the original ROS 2 system, write a study, and "
+        "say what the original ignored in them.",
     )
     imported.add_argument("files", metavar="FILE", nargs="+", type=Path)
     imported.add_argument("--out", type=Path, help="write the study here (default: print it)")

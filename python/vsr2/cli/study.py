@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vsr2.results import TrialLog
 
 
 def add_verbs(verbs: Any) -> None:
@@ -36,9 +39,17 @@ def add_verbs(verbs: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from dataclasses import replace
+
     from vsr2.config import load_study
     from vsr2.report import summary_table, write_figures
-    from vsr2.results import prepare_folder, save_models, save_result, save_trial_log
+    from vsr2.results import (
+        load_result,
+        prepare_folder,
+        save_models,
+        save_result,
+        save_trial_log,
+    )
     from vsr2.simulation import run_batch, study_trials
 
     study = load_study(options.study, overrides=options.set)
@@ -48,30 +59,35 @@ def _run(options: argparse.Namespace) -> int:
     prepare_folder(folder, overwrite=options.overwrite)
     if not options.quiet:
         print(
-            f"{study.name}: {len(trials)} trials, {scene.rock.source} "
-            f"({scene.rock.mass.mass:.4g} kg) on {scene.pedestal.source}, engine "
+            f"{study.name}: {len(trials)} trials, {Path(scene.rock.source).name} "
+            f"({scene.rock.mass.mass:.4g} kg) on {Path(scene.pedestal.source).name}, engine "
             f"{study.engine.mode}"
         )
         for note in scene.rock.notes:
             print(f"note: {note}")
-    save_models(folder, scene.rock.surface, scene.pedestal.surface)
-    drawn = study.output.figures and not options.no_figures
-    # Logs go to disk as trials finish; only those that figures show are read back.
+    if scene.rock.surface is not None and scene.pedestal_surface is not None:
+        save_models(folder, scene.rock.surface, scene.pedestal_surface)
+
+    # Logs go to disk as trials finish, so that memory stays bounded and an interruption loses none.
+    def keep(index: int, log: TrialLog | None) -> None:
+        if log is not None:
+            save_trial_log(folder, index, log, npy=study.output.npy)
+
     result = run_batch(
         trials,
         threads=options.threads,
         progress=not options.quiet,
         keep_logs=False,
-        on_trial=lambda i, log: save_trial_log(folder, i, log, npy=study.output.npy),
+        on_trial=keep,
     )
-    result = result.with_provenance(study=study.model_dump(mode="json"))
-    save_result(result, folder)
+    result = replace(
+        result, provenance={**result.provenance, "study": study.model_dump(mode="json")}
+    )
+    save_result(result, folder, streamed_logs=True)
     written = [folder / "trials.csv", folder / "provenance.json"]
     if study.output.log_every:
         written.append(folder / "logs")
-    if drawn:
-        from vsr2.results import load_result
-
+    if study.output.figures and not options.no_figures:
         written += write_figures(load_result(folder), folder / "figures")
     if not options.quiet:
         print(summary_table(result))

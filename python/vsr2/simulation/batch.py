@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from types import FrameType
 from typing import Any, Literal, Self
@@ -64,9 +64,9 @@ class Trial:
     start: Pose | None = None
     name: str = ""
     seed: int = 0
-    settling: Settling = Settling()
-    outcome: Outcome = Outcome()
-    output: Output = Output()
+    settling: Settling = field(default_factory=Settling)
+    outcome: Outcome = field(default_factory=Outcome)
+    output: Output = field(default_factory=Output)
 
 
 def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> list[Trial]:
@@ -212,7 +212,7 @@ def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
 def _check_out(out: Mapping[str, NDArray[Any]], count: int) -> None:
     for name, array in out.items():
         if name == "state":
-            good = array.ndim == 3 and array.shape[0] == count and array.shape[2] == len(STATE_COLUMNS)
+            good = array.ndim == 3 and array.shape[::2] == (count, len(STATE_COLUMNS))
             shape = f"({count}, steps, {len(STATE_COLUMNS)})"
         elif name in _FLOAT_COLUMNS:
             good, shape = array.shape == (count,), f"({count},)"

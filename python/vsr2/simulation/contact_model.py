@@ -90,9 +90,12 @@ def inverse_mass_along(
 
     Args:
         normal: unit normal, shape (3,).
-        inverse_mass_a, inverse_mass_b: 0 for a body that does not move [1/kg].
-        inverse_inertia_a, inverse_inertia_b: in the world, shape (3, 3) [1/(kg m^2)].
-        arm_a, arm_b: from the mass centre to the contact point, shape (3,) [m].
+        inverse_mass_a: 0 for a body that does not move [1/kg].
+        inverse_inertia_a: in the world, shape (3, 3) [1/(kg m^2)].
+        arm_a: from the mass centre to the contact point, shape (3,) [m].
+        inverse_mass_b: as `inverse_mass_a`, of the other body.
+        inverse_inertia_b: as `inverse_inertia_a`.
+        arm_b: as `arm_a`.
     """
     return float(
         _native.inverse_mass_along(

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.config.study import Contact, Engine, Material, Study
 from vsr2.errors import SimulationError
-from vsr2.scene import Box, Hull, PedestalBody, Pose, RockBody, Triangles, build_pedestal, build_rock
+from vsr2.scene import (
+    Box,
+    Hull,
+    PedestalBody,
+    Pose,
+    RockBody,
+    Triangles,
+    build_pedestal,
+    build_rock,
+)
 from vsr2.scene.rotation import (
     matrix_from_quaternion,
     multiply,
@@ -50,6 +59,14 @@ class Scene:
     def body_frame(self) -> Pose:
         """X_MB: the body frame (mass centre, principal axes) in the model frame."""
         return _body_frame(self.rock)
+
+    @property
+    def pedestal_surface(self) -> Triangles | None:
+        """The pedestal's display mesh in the world, at its start."""
+        surface = self.pedestal.surface
+        if surface is None:
+            return None
+        return Triangles(surface.vertices + np.asarray(self.pedestal.origin), surface.faces)
 
     def body_pose(self, start: Pose) -> Pose:
         """X_WB of a model-frame pose X_WM."""

@@ -124,7 +124,7 @@ class Simulation:
             raise SimulationError(f"delete: {error}") from error
 
     def reset(self) -> None:
-        """Back to the start, bit for bit: a fresh world at time 0, the rock where it was spawned."""
+        """Back to the start, bit for bit: a fresh world at time 0, the rock where it began."""
         self._world = _native.World(self.scene.native, self._drive)
         self._steps = 0
         self._command = (0.0, 0.0)
