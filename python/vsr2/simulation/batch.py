@@ -258,7 +258,7 @@ def run_batch(
         trials: a study, the path of one, or trials made before.
         motions: with a study: drive these instead of its own.
         threads: default: one per processor this process may use.
-        progress: show a progress bar on standard error.
+        progress: show a progress bar on standard error, where that is a terminal.
         out: arrays to fill: "state" of shape (trials, steps, 18), rows after a trial's end
             left NaN and rows that do not fit left out, and any of the float columns of
             `BatchResult.trials`, shape (trials,).
@@ -313,7 +313,8 @@ def run_batch(
     with _InterruptFlag() as interrupt, _bar(len(trials), progress) as bar:
         try:
             while not native.exhausted():
-                bar.update(collect())
+                if finished := collect():
+                    bar.update(finished)
                 if interrupt.raised:
                     native.cancel()
         finally:
@@ -364,4 +365,5 @@ def _model_hashes(trials: Sequence[Trial]) -> dict[str, str]:
 def _bar(total: int, show: bool) -> Any:
     from tqdm import tqdm
 
-    return tqdm(total=total, unit="trial", disable=not show, dynamic_ncols=True)
+    # None: only on a terminal.
+    return tqdm(total=total, unit="trial", disable=None if show else True, dynamic_ncols=True)

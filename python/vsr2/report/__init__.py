@@ -1,0 +1,16 @@
+"""Figures and tables for people."""
+
+from vsr2.report.figures import overturning_diagram, time_histories, tracking_figure
+from vsr2.report.files import representative_trials, write_figures
+from vsr2.report.text import printable, summary_table, trial_table
+
+__all__ = [
+    "overturning_diagram",
+    "printable",
+    "representative_trials",
+    "summary_table",
+    "time_histories",
+    "tracking_figure",
+    "trial_table",
+    "write_figures",
+]

@@ -1,0 +1,222 @@
+"""Figures of results, made without a screen and without matplotlib's global state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.analysis import Tracking, tracking
+from vsr2.errors import ResultError
+from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report.text import printable
+from vsr2.results import OUTCOMES, BatchResult, TrialLog
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, told apart by colour-blind readers.
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE, GREY = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#999999",
+)  # fmt: skip
+
+OUTCOME_STYLE: dict[str, dict[str, Any]] = {
+    "stable": {"marker": "o", "facecolor": "none", "edgecolor": GREY},
+    "rocked": {"marker": "o", "facecolor": SKY, "edgecolor": BLUE},
+    "slid": {"marker": "s", "facecolor": GREEN, "edgecolor": "white"},
+    "rotated": {"marker": "D", "facecolor": ORANGE, "edgecolor": "white"},
+    "overturned": {"marker": "^", "facecolor": VERMILION, "edgecolor": "white"},
+    "failed": {"marker": "x", "facecolor": BLACK},
+}
+"""Marker and colour of each outcome; the shape alone tells it in print without colour."""
+
+MAX_FREQUENCY = 50.0
+"""Upper end of the frequency axis of `tracking_figure` [Hz]; ground motion has little beyond."""
+
+
+def _panels(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for panel in axes.flat:
+        panel.grid(True, linewidth=0.4, alpha=0.5)
+        panel.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def time_histories(log: TrialLog, title: str = "") -> Figure:
+    """Response of one trial against time: pedestal, tilt, slip, orientation.
+
+    Panels, from above: commanded and actual pedestal position [m]; tilt away from the settled pose
+    [deg]; slip of the foot relative to the pedestal [mm]; roll, pitch and yaw of the model frame
+    about the fixed axes, away from their first values [deg]. Settling, where logged, is shaded.
+
+    Raises:
+        ResultError: the log has no rows.
+    """
+    if len(log.time) == 0:
+        raise ResultError("time histories: the log has no rows")
+    figure, axes = _panels(4, 1, (7.0, 8.0))
+    time = log.time
+    pedestal, tilt, slip, angles = axes[:, 0]
+    pedestal.plot(time, log.column("commanded_position"), color=BLACK, label="commanded")
+    pedestal.plot(
+        time, log.column("pedestal_position"), color=VERMILION, linestyle="--", label="actual"
+    )
+    pedestal.set_ylabel("pedestal position [m]")
+    tilt.plot(time, np.degrees(log.tilt), color=BLUE)
+    tilt.set_ylabel("tilt [deg]")
+    travel = 1e3 * log.slip
+    slip.plot(time, travel[:, 0], color=BLUE, label="along x (shaking)")
+    slip.plot(time, travel[:, 1], color=ORANGE, linestyle="--", label="along y")
+    slip.set_ylabel("slip [mm]")
+    turned = np.degrees(log.roll_pitch_yaw - log.roll_pitch_yaw[0])
+    styles = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
+    for values, (color, style), name in zip(
+        turned.T, styles, ("roll", "pitch", "yaw"), strict=True
+    ):
+        angles.plot(time, values, color=color, linestyle=style, label=name)
+    angles.set_ylabel("change of angle [deg]")
+    angles.set_xlabel("time [s]")
+    for panel in axes[:, 0]:
+        panel.sharex(angles)
+        if time[0] < 0:
+            panel.axvspan(time[0], 0.0, color=GREY, alpha=0.2, linewidth=0)
+        if panel is not angles:
+            panel.tick_params(labelbottom=False)
+        if panel is not tilt:
+            panel.legend(loc="best", fontsize="small")
+    angles.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
+    if title:
+        figure.suptitle(printable(title), parse_math=False)
+    return figure
+
+
+def overturning_diagram(result: BatchResult) -> Figure:
+    """Outcome of each trial in PGA [g] against PGV/PGA [s], of the motions as driven.
+
+    An axis is logarithmic where its values span a factor of more than 10. Trials without an outcome
+    are crosses; those without intensity, or not run, are left out and counted in the title.
+    """
+    figure, axes = _panels(1, 1, (6.5, 5.0))
+    panel = axes[0, 0]
+    pga = np.asarray(result["pga"], dtype=np.float64) / STANDARD_GRAVITY
+    ratio = np.asarray(result["pgv_pga"], dtype=np.float64)
+    run = ~np.isin(result["status"], ("not_run", "cancelled"))
+    shown = run & np.isfinite(pga) & np.isfinite(ratio)
+    # Many trials hide one another: the gravest outcome is drawn last, all are smaller.
+    size = float(np.clip(4000.0 / max(1, shown.sum()), 14.0, 50.0))
+    for outcome in OUTCOMES:
+        chosen = shown & (result["outcome"] == outcome)
+        if chosen.any():
+            panel.scatter(
+                ratio[chosen],
+                pga[chosen],
+                s=size,
+                linewidth=1.2 if outcome in ("stable", "failed") else 0.5,
+                label=f"{outcome} ({chosen.sum()})",
+                zorder=2.0 + 0.1 * OUTCOMES.index(outcome),
+                **OUTCOME_STYLE[outcome],
+            )
+    for set_scale, values in (
+        (panel.set_xscale, ratio[shown]),
+        (panel.set_yscale, pga[shown]),
+    ):
+        if values.size and values.min() > 0 and values.max() > 10 * values.min():
+            set_scale("log")
+    _plain_log_ticks(panel)
+    panel.set_xlabel("PGV/PGA [s]")
+    panel.set_ylabel("PGA [g]")
+    left_out = len(result) - int(shown.sum())
+    note = f", {left_out} more not run" if left_out else ""
+    panel.set_title(f"{int(shown.sum())} trials{note}")
+    if shown.any():
+        figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+    return figure
+
+
+def _plain_log_ticks(panel: Axes) -> None:
+    """0.1 rather than 10^-1 on logarithmic axes, with ticks within each decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis in (panel.xaxis, panel.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
+    """Commanded against actual pedestal motion with spectrum (supplement Fig. S1).
+
+    Args:
+        logs: one column each, titled by its key, such as one cosine and one recording.
+
+    Panels, from above: positions [m]; actual minus commanded [mm]; gain; phase [deg]. The last two
+    show the lines that the command excites, see :func:`vsr2.analysis.tracking`.
+
+    Raises:
+        ResultError: no logs, or one that cannot be analysed.
+    """
+    if not logs:
+        raise ResultError("tracking figure: give at least one log")
+    figure, axes = _panels(4, len(logs), (1.0 + 4.5 * len(logs), 9.0))
+    for column, (name, log) in enumerate(logs.items()):
+        _tracking_column(axes[:, column], log, tracking(log), printable(name))
+    for row, label in enumerate(("position [m]", "error [mm]", "gain [1]", "phase [deg]")):
+        axes[row, 0].set_ylabel(label)
+    return figure
+
+
+def _tracking_column(panels: NDArray[Any], log: TrialLog, found: Tracking, title: str) -> None:
+    position, error, gain, phase = panels
+    during = log.time >= 0
+    time = log.time[during]
+    command = log.column("commanded_position")[during]
+    actual = log.column("pedestal_position")[during]
+    # The rest after the motion shows nothing.
+    changes = np.flatnonzero(np.diff(command))
+    end = time[changes[-1] + 1] if changes.size else time[-1]
+    shown = time <= end + 0.1 * (end - time[0])
+    position.plot(time[shown], command[shown], color=BLACK, label="commanded")
+    position.plot(time[shown], actual[shown], color=VERMILION, linestyle="--", label="actual")
+    position.legend(loc="best", fontsize="small")
+    position.set_title(title, parse_math=False)
+    error.plot(time[shown], 1e3 * (actual - command)[shown], color=BLUE, linewidth=0.9)
+    error.set_title(
+        f"peak {1e3 * found.peak_error:.3g} mm, rms {1e3 * found.rms_error:.3g} mm, "
+        f"{_lag_text(found.lag)}",
+        fontsize="small",
+    )
+    error.set_xlabel("time [s]")
+    for panel, values in ((gain, found.gain), (phase, np.degrees(found.phase))):
+        panel.plot(found.frequency, values, color=BLUE, marker=".", markersize=3, linewidth=0.9)
+        panel.set_xlim(0.0, min(MAX_FREQUENCY, float(found.frequency[-1])))
+        panel.set_xlabel("frequency [Hz]")
+    gain.axhline(1.0, color=GREY, linewidth=0.8)
+    phase.axhline(0.0, color=GREY, linewidth=0.8)
+    inside = found.frequency <= MAX_FREQUENCY
+    for panel, values, neutral, least in (
+        (gain, found.gain, 1.0, 0.05),
+        (phase, np.degrees(found.phase), 0.0, 5.0),
+    ):
+        # An exact drive would otherwise be shown as noise of rounding.
+        known = values[inside & np.isfinite(values)]
+        low = min(float(known.min(initial=neutral)), neutral - least)
+        high = max(float(known.max(initial=neutral)), neutral + least)
+        margin = 0.05 * (high - low)
+        panel.set_ylim(low - margin, high + margin)
+    largest = 1e3 * float(np.abs(actual - command).max())
+    if largest < 1e-6:
+        error.set_ylim(-1e-3, 1e-3)
+
+
+def _lag_text(lag: float) -> str:
+    if np.isnan(lag):
+        return "no lag"
+    # Below a nanosecond it is rounding.
+    return f"{0.0 if abs(lag) < 1e-9 else 1e3 * lag:.3g} ms late"

@@ -1,0 +1,152 @@
+"""Figures of a result as files."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vsr2.errors import ResultError
+from vsr2.report.figures import overturning_diagram, time_histories, tracking_figure
+from vsr2.report.text import printable
+from vsr2.results import BatchResult, TrialLog, load_trial_log, logged_trials
+from vsr2.results.atomic import write_atomic
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_TRIALS = 6
+"""Trials whose time histories are drawn unless told otherwise."""
+DIAGRAM_FILE = "overturning_diagram.png"
+TRACKING_FILE = "tracking.png"
+NOTE_FILE = "README.md"
+_OWN_FILES = (DIAGRAM_FILE, TRACKING_FILE, NOTE_FILE, "time_history_*.png")
+_ORDER = ("overturned", "rotated", "slid", "rocked", "stable", "failed")
+
+
+def representative_trials(
+    result: BatchResult, limit: int = MAX_TRIALS, *, among: Sequence[int] | None = None
+) -> list[int]:
+    """Trials worth looking at, as many kinds of outcome as there are.
+
+    The outcomes take turns, the gravest first. Among the overturned the one under the smallest PGA
+    comes first, among the others the one with the largest peak tilt: the nearest to the verge.
+
+    Args:
+        result: the result.
+        limit: number of trials at most.
+        among: candidates; by default those that have a log in `result`.
+
+    Returns:
+        Indices in rising order.
+    """
+    if among is None:
+        among = [i for i, log in enumerate(result.logs) if log is not None]
+
+    def nearness(i: int) -> tuple[bool, float]:
+        overturned = result["outcome"][i] == "overturned"
+        value = float(result["pga"][i] if overturned else -result["peak_tilt"][i])
+        return bool(np.isnan(value)), value
+
+    kinds = [
+        sorted((i for i in among if result["outcome"][i] == outcome), key=nearness)
+        for outcome in _ORDER
+    ]
+    chosen: list[int] = []
+    while len(chosen) < limit and any(kinds):
+        for kind in kinds:
+            if kind and len(chosen) < limit:
+                chosen.append(kind.pop(0))
+    return sorted(chosen)
+
+
+def write_figures(
+    result: BatchResult,
+    folder: str | os.PathLike[str],
+    *,
+    max_trials: int = MAX_TRIALS,
+    logs_from: str | os.PathLike[str] | None = None,
+) -> list[Path]:
+    """Draw a result: overturning diagram, time histories, tracking of the drive, and a note.
+
+    Figures that an earlier call left in `folder` are replaced; other files stay.
+
+    Args:
+        result: what to draw.
+        folder: for the files; created where it does not exist.
+        max_trials: trials with time histories, see :func:`representative_trials`.
+        logs_from: result folder whose logs are read one by one; by default the logs in `result`.
+
+    Returns:
+        The files written, the note `README.md` last.
+
+    Raises:
+        ResultError: a file cannot be written, or a log cannot be read.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        for pattern in _OWN_FILES:
+            for old in path.glob(pattern):
+                old.unlink()
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be used for figures ({error.strerror})") from error
+    shown: dict[str, str] = {}
+    _save(overturning_diagram(result), path / DIAGRAM_FILE)
+    shown[DIAGRAM_FILE] = (
+        f"Outcomes of {len(result)} trials in PGA [g] against PGV/PGA [s] of the motions as driven."
+    )
+    among = None if logs_from is None else logged_trials(logs_from)
+    logs: dict[int, TrialLog] = {}
+    for i in representative_trials(result, max_trials, among=among):
+        log = result.log(i) if logs_from is None else load_trial_log(logs_from, i)
+        if len(log.time):
+            logs[i] = log
+    for i, log in logs.items():
+        outcome, status = result["outcome"][i], result["status"][i]
+        what = f"trial {i} ({printable(result['name'][i])}): {outcome}"
+        what += "" if status == "ok" else f", {status}"
+        name = f"time_history_{i:06d}.png"
+        _save(time_histories(log, what), path / name)
+        shown[name] = (
+            f"Pedestal position commanded and actual [m], tilt [deg], slip [mm] and change of "
+            f"roll, pitch, yaw [deg] against time [s]; {what}."
+        )
+    tracked = _tracked(result, logs)
+    if tracked:
+        _save(tracking_figure(tracked), path / TRACKING_FILE)
+        shown[TRACKING_FILE] = (
+            "Commanded against actual pedestal motion (supplement Fig. S1): position [m], error "
+            f"[mm], gain and phase [deg] against frequency [Hz]; {', '.join(tracked)}."
+        )
+    note = ["# Figures", ""] + [f"- `{name}`: {text}" for name, text in shown.items()]
+    content = ("\n".join(note) + "\n").encode("utf-8", "replace")
+    write_atomic(path / NOTE_FILE, lambda file: file.write(content))
+    return [path / name for name in (*shown, NOTE_FILE)]
+
+
+def _tracked(result: BatchResult, logs: Mapping[int, TrialLog]) -> dict[str, TrialLog]:
+    """The two longest motions drawn whose tracking can be analysed."""
+    from vsr2.analysis import tracking
+
+    usable = {}
+    for i in sorted(logs, key=lambda i: -logs[i].time[-1]):
+        try:
+            tracking(logs[i])
+        except ResultError:  # too short, or diverged: nothing to show
+            continue
+        usable[f"trial {i} ({printable(result['name'][i])})"] = logs[i]
+        if len(usable) == 2:
+            break
+    return usable
+
+
+def _save(figure: Figure, path: Path) -> None:
+    with warnings.catch_warnings():
+        # A name in a script the font lacks shows boxes; that is no reason to alarm.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        write_atomic(path, lambda file: figure.savefig(file, format="png", dpi=150))

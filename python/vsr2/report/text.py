@@ -1,0 +1,134 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from vsr2.motion import STANDARD_GRAVITY
+from vsr2.results import OUTCOMES, STATUSES, BatchResult
+
+MAX_FAILURES = 10
+"""Failures that `summary_table` shows one by one."""
+
+_STATUS_MEANING = {
+    "ok": "finished",
+    "settling_timeout": "not at rest before the motion; no outcome",
+    "tail_timeout": "not at rest in the end; the outcome is of the last state",
+    "diverged": "the state became infinite or NaN; no outcome",
+    "error": "see the message; no outcome",
+    "cancelled": "stopped while it ran; no outcome",
+    "not_run": "not started; no outcome",
+}
+
+
+def printable(text: object) -> str:
+    """Text for one line of a terminal or figure: what cannot be shown becomes `?`.
+
+    Names come from files of others and may hold line breaks, escape codes or undecodable bytes.
+    """
+    return "".join(c if c.isprintable() else "?" for c in str(text))
+
+
+def summary_table(result: BatchResult) -> str:
+    """Counts of outcomes and statuses, failures with their messages, timing; several lines."""
+    count = len(result)
+    lines = [f"{count} trial{'' if count == 1 else 's'}", "", "outcome"]
+    lines += _counts(result["outcome"], OUTCOMES, count, lambda outcome: "")
+    lines += ["", "status"]
+    lines += _counts(result["status"], STATUSES, count, lambda s: _STATUS_MEANING.get(s, ""))
+    lines += _failures(result)
+    lines += _timing(result)
+    return "\n".join(lines)
+
+
+def _counts(
+    values: Any, order: Sequence[str], count: int, meaning: Callable[[str], str]
+) -> list[str]:
+    lines = []
+    for name in order:
+        number = int(np.count_nonzero(values == name))
+        if number:
+            line = f"  {name:<17}{number:>7}  {100 * number / count:5.1f} %  {meaning(name)}"
+            lines.append(line.rstrip())
+    return lines or ["  none"]
+
+
+def _failures(result: BatchResult) -> list[str]:
+    failed = [row for row in result if row["message"]]
+    if not failed:
+        return []
+    lines = ["", "messages"]
+    for row in failed[:MAX_FAILURES]:
+        where = f"  trial {row['trial']} ({printable(row['name'])}), {row['status']}: "
+        lines.append(where + printable(row["message"]))
+    if len(failed) > MAX_FAILURES:
+        lines.append(f"  and {len(failed) - MAX_FAILURES} more; see the column `message`")
+    return lines
+
+
+def _timing(result: BatchResult) -> list[str]:
+    steps = int(np.sum(result["steps"]))
+    simulated = float(np.nansum(result["simulated_time"]))
+    parts = [f"{simulated:.4g} s simulated", f"{steps} time steps"]
+    wall = result.provenance.get("wall_time_s")
+    if isinstance(wall, (int, float)) and wall > 0:
+        parts.append(f"{wall:.4g} s on the clock")
+        parts.append(f"{steps / wall:.4g} steps/s")
+    threads = result.provenance.get("threads")
+    if threads is not None:
+        parts.append(f"{threads} thread{'' if threads == 1 else 's'}")
+    lines = ["", "time", "  " + ", ".join(parts)]
+    if result.provenance.get("interrupted"):
+        lines.append("  interrupted: trials that had not finished have no outcome")
+    return lines
+
+
+def trial_table(result: BatchResult, limit: int = 20) -> str:
+    """One line a trial: intensity, outcome, peak tilt, final slip and turn.
+
+    Args:
+        result: what to show.
+        limit: trials shown, from the first; what is left out is said.
+    """
+    header = (
+        "trial", "name", "PGA [g]", "PGV/PGA [s]", "outcome", "status",
+        "peak tilt [deg]", "slip [mm]", "turn [deg]",
+    )  # fmt: skip
+    rows = [header]
+    for i in range(min(limit, len(result))):
+        rows.append(
+            (
+                str(result["trial"][i]),
+                _shortened(printable(result["name"][i])),
+                _number(result["pga"][i] / STANDARD_GRAVITY),
+                _number(result["pgv_pga"][i]),
+                str(result["outcome"][i]),
+                str(result["status"][i]),
+                _number(np.degrees(result["peak_tilt"][i])),
+                _number(1e3 * result["final_slip"][i]),
+                _number(np.degrees(result["final_yaw"][i])),
+            )
+        )
+    widths = [max(len(row[j]) for row in rows) for j in range(len(header))]
+    left = {1, 4, 5}
+    lines = [
+        "  ".join(
+            cell.ljust(width) if j in left else cell.rjust(width)
+            for j, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+    if len(result) > limit:
+        lines.append(f"and {len(result) - limit} more")
+    return "\n".join(lines)
+
+
+def _shortened(name: str, width: int = 32) -> str:
+    return name if len(name) <= width else name[: width - 3] + "..."
+
+
+def _number(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.3g}"

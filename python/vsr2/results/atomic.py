@@ -1,0 +1,53 @@
+"""Files that are either whole or absent."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+from vsr2.errors import ResultError
+
+_REMEDY = "free space or choose another folder"
+
+
+def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Write a file under a temporary name in the same folder, then rename it.
+
+    Whatever stops the writing, `path` holds its old content or all of the new one.
+
+    Args:
+        path: the final name; its folder exists.
+        write: writes the content to the open file.
+
+    Raises:
+        ResultError: naming `path` and why: no space, no permission, folder gone.
+    """
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
+    try:
+        try:
+            # "x", so that two writers cannot share a temporary file.
+            with open(temporary, "xb") as file:
+                write(file)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise ResultError(
+            f"{path}: cannot be written ({error.strerror or error}); {_REMEDY}"
+        ) from error
+
+
+def _sync_folder(folder: Path) -> None:
+    # Without this a crash of the machine may forget the rename.
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,97 @@
+"""A result as an xarray dataset."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import ResultError
+from vsr2.results.result import TRIAL_COLUMNS, BatchResult
+
+if TYPE_CHECKING:
+    import xarray
+
+_TRIAL_UNITS = {
+    "pga": "m/s^2",
+    "pgv": "m/s",
+    "pgv_pga": "s",
+    "settling_time": "s",
+    "simulated_time": "s",
+    "overturning_time": "s",
+    "peak_tilt": "rad",
+    "final_tilt": "rad",
+    "final_slip": "m",
+    "final_yaw": "rad",
+    "peak_tracking_error": "m",
+    "steps": "1",
+}
+_STEP_UNITS = {
+    "commanded_position": "m",
+    "commanded_velocity": "m/s",
+    "pedestal_position": "m",
+    "pedestal_velocity": "m/s",
+    "tilt": "rad",
+    "turn": "rad",
+}
+
+
+def to_xarray(result: BatchResult) -> xarray.Dataset:
+    """The table and the state logs of a result as one dataset.
+
+    Dimensions: `trial`; `step` (rows of the log; NaN after a trial's end and without a log);
+    `axis` (x, y, z); `quaternion` (x, y, z, w); `angle` (roll, pitch, yaw); `horizontal` (x, y).
+    `time(trial, step)` is a coordinate. Each variable has `units` and `long_name`; the provenance
+    stands in the attribute `provenance` as JSON. Contact logs are not part of it: they have no
+    common step.
+
+    Raises:
+        ResultError: xarray is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise ResultError(
+            "to_xarray needs the package xarray; install it with: pip install vsr2[xarray]"
+        ) from error
+    variables: dict[str, Any] = {}
+    for name, meaning in TRIAL_COLUMNS.items():
+        if name != "trial":
+            attributes = {"long_name": meaning}
+            if name in _TRIAL_UNITS:
+                attributes["units"] = _TRIAL_UNITS[name]
+            variables[name] = ("trial", result[name], attributes)
+    coordinates: dict[str, Any] = {"trial": result["trial"]}
+    if any(log is not None for log in result.logs):
+        steps = ("trial", "step")
+        coordinates["time"] = (steps, result.stack("time"), {"units": "s"})
+        coordinates["axis"] = ["x", "y", "z"]
+        coordinates["quaternion"] = ["x", "y", "z", "w"]
+        coordinates["angle"] = ["roll", "pitch", "yaw"]
+        coordinates["horizontal"] = ["x", "y"]
+        for name, unit in _STEP_UNITS.items():
+            variables[name] = (steps, result.stack(name), {"units": unit})
+        vectors: dict[str, tuple[str, str, NDArray[np.float64], str]] = {
+            "position": ("axis", "m", result.stack("position"), "mass centre in the world"),
+            "orientation": ("quaternion", "1", result.stack("orientation"), "of the model frame"),
+            "roll_pitch_yaw": (
+                "angle",
+                "rad",
+                result.stack("roll_pitch_yaw"),
+                "of the model frame about the fixed axes x, y, z",
+            ),
+            "slip": ("horizontal", "m", result.stack("slip"), "relative to the pedestal"),
+        }
+        state = result.stack("state")
+        vectors["velocity"] = ("axis", "m/s", state[:, :, 12:15], "of the mass centre")
+        vectors["angular_velocity"] = ("axis", "rad/s", state[:, :, 15:18], "in the world")
+        for name, (dimension, unit, values, meaning) in vectors.items():
+            attributes = {"units": unit, "long_name": meaning}
+            variables[name] = ((*steps, dimension), values, attributes)
+    return xarray.Dataset(
+        variables,
+        coords=coordinates,
+        attrs={"provenance": json.dumps(dict(result.provenance), default=str)},
+    )

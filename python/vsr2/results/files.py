@@ -1,0 +1,409 @@
+"""A result as a folder of plain files.
+
+    trials.csv          one row a trial, columns TRIAL_COLUMNS, full precision; an empty number: NaN
+    provenance.json     the provenance, and under `result_files` what the folder holds, with the
+                        meaning and unit of every column; written last
+    logs/000000.npz     the arrays of a TrialLog, one file a trial that has a log
+    npy/000000.npy      the same in the original's columns, on request
+    models/*.npz        display meshes (:mod:`vsr2.results.models`)
+
+Every file is written under a temporary name and renamed, so none is ever half there under its own
+name. A folder without `provenance.json` belongs to a run that did not finish.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import os
+import re
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import ResultError
+from vsr2.results.arrays import read_arrays, write_arrays
+from vsr2.results.atomic import write_atomic
+from vsr2.results.result import (
+    CONTACT_COLUMNS,
+    INTEGER_COLUMNS,
+    OUTCOMES,
+    STATE_COLUMNS,
+    STATUSES,
+    TEXT_COLUMNS,
+    TRIAL_COLUMNS,
+    BatchResult,
+    TrialLog,
+)
+
+TRIALS_FILE = "trials.csv"
+PROVENANCE_FILE = "provenance.json"
+LOG_FOLDER = "logs"
+NPY_FOLDER = "npy"
+MODEL_FOLDER = "models"
+
+NPY_COLUMNS = (
+    "time",
+    "commanded_position",
+    "pedestal_position",
+    "rock_x",
+    "rock_y",
+    "rock_z",
+    "rock_qx",
+    "rock_qy",
+    "rock_qz",
+    "rock_qw",
+)
+"""Columns of the original's `.npy` rows [s, m, m, m, -]: the rock's mass centre in the world and
+the orientation of its model frame; from the start of the motion on."""
+
+FORMAT = "vsr2 result"
+FORMAT_VERSION = 1
+_RESERVED = "result_files"
+_LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
+_NUMBERED = re.compile(r"\d{6,}\.(npz|npy)")
+_MAX_TEXT_FILE = 2**31
+
+
+def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Make a folder ready to take a result, before any work is spent on one.
+
+    Args:
+        folder: created with its parents where it does not exist.
+        overwrite: remove a result that is already there (only files that VSR2 wrote).
+
+    Returns:
+        The folder.
+
+    Raises:
+        ResultError: it cannot be created or written to, or holds a result and `overwrite` is off.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        _try_to_write(path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ResultError(
+            f"{path}: cannot be used as result folder ({reason}); choose another folder"
+        ) from error
+    present = _result_files(path)
+    if present and not overwrite:
+        raise ResultError(
+            f"{path}: already holds a result ({present[0].name} and {len(present) - 1} more "
+            "files); choose another folder, or overwrite it"
+        )
+    for file in present:
+        try:
+            file.unlink(missing_ok=True)
+        except OSError as error:
+            raise ResultError(f"{file}: cannot be removed ({error.strerror})") from error
+    return path
+
+
+def _try_to_write(path: Path) -> None:
+    # Permission bits tell little (root, read-only mounts, quotas): only writing does.
+    probe = path / f".probe.{secrets.token_hex(6)}.tmp"
+    with open(probe, "xb") as file:
+        file.write(b"0")
+    probe.unlink()
+
+
+def _result_files(path: Path) -> list[Path]:
+    """Files of a result, the one that declares it whole first."""
+    files = [path / name for name in (PROVENANCE_FILE, TRIALS_FILE) if (path / name).exists()]
+    for folder in (LOG_FOLDER, NPY_FOLDER):
+        if (path / folder).is_dir():
+            found = (path / folder).iterdir()
+            files += sorted(file for file in found if _NUMBERED.fullmatch(file.name))
+    if (path / MODEL_FOLDER).is_dir():
+        files += sorted((path / MODEL_FOLDER).glob("*.npz"))
+    return files
+
+
+def save_result(
+    result: BatchResult,
+    folder: str | os.PathLike[str],
+    *,
+    npy: bool = False,
+    overwrite: bool = False,
+    streamed_logs: bool = False,
+) -> Path:
+    """Write a result into a folder.
+
+    Args:
+        result: what to write.
+        folder: where; see :func:`prepare_folder`.
+        npy: also write the original's rows, columns NPY_COLUMNS, shape (n, 10).
+        overwrite: replace a result that is there.
+        streamed_logs: logs were written before by :func:`save_trial_log` into this folder, which
+            was made ready by :func:`prepare_folder`; they are kept and belong to this result.
+
+    Returns:
+        The folder.
+
+    Raises:
+        ResultError: the folder cannot be used or written to, it holds a result and `overwrite` is
+            off, or the provenance is not serialisable. The final names never hold half a file.
+    """
+    text = _provenance_text(result, [])  # refuse what cannot be written before writing anything
+    if streamed_logs:
+        path = Path(folder)
+        _refuse_finished(path)
+    else:
+        path = prepare_folder(folder, overwrite=overwrite)
+    for i, log in enumerate(result.logs):
+        if log is not None:
+            save_trial_log(path, i, log, npy=npy)
+    logged = [i for i in range(len(result)) if _numbered(path, LOG_FOLDER, i, "npz").exists()]
+    text = _provenance_text(result, logged)
+    table = _table_text(result.trials)
+    write_atomic(path / TRIALS_FILE, lambda f: f.write(table.encode("utf-8", "surrogateescape")))
+    write_atomic(path / PROVENANCE_FILE, lambda f: f.write(text.encode()))
+    return path
+
+
+def _refuse_finished(path: Path) -> None:
+    if not path.is_dir():
+        raise ResultError(f"{path}: is no folder; call prepare_folder before the run")
+    if (path / PROVENANCE_FILE).exists() or (path / TRIALS_FILE).exists():
+        raise ResultError(f"{path}: already holds a result; call prepare_folder before the run")
+
+
+def save_trial_log(
+    folder: str | os.PathLike[str], index: int, log: TrialLog, *, npy: bool = False
+) -> None:
+    """Write the log of one trial, so that a batch can do so as trials finish.
+
+    Args:
+        folder: made ready by :func:`prepare_folder`.
+        index: of the trial, from 0.
+        log: its log.
+        npy: also write the original's rows.
+
+    Raises:
+        ResultError: a file cannot be written.
+    """
+    path = Path(folder)
+    target = _numbered(path, LOG_FOLDER, index, "npz")
+    _make_folder(target.parent)
+    write_arrays(target, {name: getattr(log, name) for name in _LOG_NAMES})
+    if npy:
+        rows = original_rows(log)
+        target = _numbered(path, NPY_FOLDER, index, "npy")
+        _make_folder(target.parent)
+        write_atomic(target, lambda file: np.save(file, rows, allow_pickle=False))
+
+
+def original_rows(log: TrialLog) -> NDArray[np.float64]:
+    """The log in the original's columns NPY_COLUMNS, from the motion's start on, shape (n, 10)."""
+    rows = np.column_stack(
+        [
+            log.time,
+            log.column("commanded_position"),
+            log.column("pedestal_position"),
+            log.position,
+            log.orientation,
+        ]
+    )
+    during: NDArray[np.float64] = rows[log.time >= 0]
+    return during
+
+
+def _numbered(folder: Path, kind: str, index: int, suffix: str) -> Path:
+    return folder / kind / f"{index:06d}.{suffix}"
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be created ({error.strerror or error})") from error
+
+
+def _provenance_text(result: BatchResult, logged: list[int]) -> str:
+    if _RESERVED in result.provenance:
+        raise ResultError(f"provenance: the key {_RESERVED!r} is kept for the folder's own facts")
+    content = {
+        **result.provenance,
+        _RESERVED: {
+            "format": FORMAT,
+            "format_version": FORMAT_VERSION,
+            "trials": len(result),
+            "logs": logged,
+            "trial_columns": TRIAL_COLUMNS,
+            "state_columns": STATE_COLUMNS,
+            "contact_columns": CONTACT_COLUMNS,
+            "npy_columns": NPY_COLUMNS,
+        },
+    }
+    try:
+        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+    except (TypeError, ValueError, RecursionError) as error:
+        raise ResultError(
+            f"provenance: cannot be written as JSON ({error}); use plain numbers, text, lists and "
+            "mappings, and None instead of NaN"
+        ) from error
+
+
+def _table_text(trials: Mapping[str, NDArray[Any]]) -> str:
+    columns = [_column_text(name, trials[name]) for name in TRIAL_COLUMNS]
+    rows = [",".join(row) for row in zip(*columns, strict=True)]
+    return "\n".join([",".join(TRIAL_COLUMNS), *rows]) + "\n"
+
+
+def _column_text(name: str, column: NDArray[Any]) -> list[str]:
+    if name in TEXT_COLUMNS:
+        # Always quoted: a name may hold commas and line breaks.
+        return ['"' + str(value).replace('"', '""') + '"' for value in column]
+    if name in INTEGER_COLUMNS:
+        return [str(int(value)) for value in column]
+    # `repr` is the shortest text that reads back to the same bits.
+    return ["" if np.isnan(value) else repr(float(value)) for value in column]
+
+
+def load_result(folder: str | os.PathLike[str], *, logs: bool = True) -> BatchResult:
+    """Read a result folder back, bit for bit.
+
+    Args:
+        folder: written by :func:`save_result`.
+        logs: read the logs; off, all are None and :func:`load_trial_log` reads them singly.
+
+    Raises:
+        ResultError: the folder is not of VSR2, of a run that did not finish, damaged or truncated;
+            names the file.
+    """
+    path = Path(folder)
+    provenance, logged, count = _read_provenance(path)
+    trials = _read_table(path / TRIALS_FILE, count)
+    loaded: list[TrialLog | None] = [None] * count
+    if logs:
+        for i in logged:
+            loaded[i] = load_trial_log(path, i)
+    return BatchResult(trials=trials, logs=tuple(loaded), provenance=provenance)
+
+
+def load_trial_log(folder: str | os.PathLike[str], index: int) -> TrialLog:
+    """Read the log of one trial.
+
+    Raises:
+        ResultError: there is none, or the file is damaged.
+    """
+    path = _numbered(Path(folder), LOG_FOLDER, index, "npz")
+    if not path.exists():
+        raise ResultError(
+            f"{path}: does not exist; trial {index} has no log, or the folder is damaged (set "
+            "output.log_every to 1 or more for logs)"
+        )
+    arrays = read_arrays(path, dict.fromkeys(_LOG_NAMES, np.float64))
+    try:
+        return TrialLog(**arrays)
+    except ResultError as error:
+        raise ResultError(f"{path}: {error}") from error
+
+
+def logged_trials(folder: str | os.PathLike[str]) -> list[int]:
+    """Indices of the trials of a result folder that have a log.
+
+    Raises:
+        ResultError: as :func:`load_result`.
+    """
+    return _read_provenance(Path(folder))[1]
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.stat().st_size > _MAX_TEXT_FILE:
+            raise ResultError(f"{path}: larger than {_MAX_TEXT_FILE} bytes; not a file of VSR2")
+        return path.read_bytes().decode("utf-8", "surrogateescape")
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
+    """The provenance, the logged trials, and the number of trials."""
+    path = folder / PROVENANCE_FILE
+    if not folder.is_dir():
+        raise ResultError(f"{folder}: is no folder; give the folder that `vsr2 run` named")
+    if not path.exists():
+        raise ResultError(
+            f"{path}: does not exist; {folder} is not a result folder, or its run did not finish"
+        )
+    try:
+        content = json.loads(_read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise ResultError(f"{path}: damaged ({error}); run the study again") from error
+    facts = content.pop(_RESERVED, None) if isinstance(content, dict) else None
+    if not isinstance(facts, dict) or facts.get("format") != FORMAT:
+        raise ResultError(f"{path}: not written by VSR2 (no {_RESERVED}.format {FORMAT!r})")
+    if facts.get("format_version") != FORMAT_VERSION:
+        raise ResultError(
+            f"{path}: has format version {facts.get('format_version')!r}, this VSR2 reads "
+            f"{FORMAT_VERSION}; use the VSR2 that wrote it ({content.get('vsr2', 'unknown')})"
+        )
+    count, logged = facts.get("trials"), facts.get("logs")
+    if type(count) is not int or count < 0:
+        raise ResultError(f"{path}: damaged ({_RESERVED}.trials is {count!r})")
+    if not isinstance(logged, list) or any(
+        type(i) is not int or not 0 <= i < count for i in logged
+    ):
+        raise ResultError(f"{path}: damaged ({_RESERVED}.logs names trials that do not exist)")
+    return content, logged, count
+
+
+def _read_table(path: Path, count: int) -> dict[str, NDArray[Any]]:
+    text = _read_text(path)
+    remedy = "restore the file or run the study again"
+    if not text.endswith("\n"):
+        raise ResultError(f"{path}: truncated (no line end after the last row); {remedy}")
+    try:
+        header, *rows = csv.reader(io.StringIO(text, newline=""), strict=True)
+    except (csv.Error, ValueError) as error:
+        raise ResultError(f"{path}: damaged ({error}); {remedy}") from error
+    if tuple(header) != tuple(TRIAL_COLUMNS):
+        raise ResultError(
+            f"{path}: the first line must name the columns {','.join(TRIAL_COLUMNS)}; {remedy}"
+        )
+    if len(rows) != count:
+        raise ResultError(
+            f"{path}: has {len(rows)} trials where {PROVENANCE_FILE} says {count}; {remedy}"
+        )
+    for i, row in enumerate(rows):
+        if len(row) != len(header):
+            raise ResultError(
+                f"{path}: trial {i} has {len(row)} values for {len(header)} columns; {remedy}"
+            )
+    return {
+        name: _parse_column(path, name, [row[j] for row in rows])
+        for j, name in enumerate(TRIAL_COLUMNS)
+    }
+
+
+def _parse_column(path: Path, name: str, texts: list[str]) -> NDArray[Any]:
+    column: NDArray[Any]
+    if name in TEXT_COLUMNS:
+        known = {"status": STATUSES, "outcome": OUTCOMES}.get(name)
+        column = np.empty(len(texts), dtype=object)
+        column[:] = texts
+    else:
+        known = None
+        column = np.empty(len(texts), dtype=np.int64 if name in INTEGER_COLUMNS else np.float64)
+    for i, text in enumerate(texts):
+        try:
+            if known is not None and text not in known:
+                raise ValueError(f"known are {', '.join(known)}")
+            if column.dtype == np.int64:
+                column[i] = int(text)
+            elif column.dtype == np.float64:
+                column[i] = float(text) if text else np.nan
+        except (ValueError, OverflowError) as error:
+            raise ResultError(
+                f"{path}: trial {i}, column {name}: {text!r} cannot be read ({error})"
+            ) from error
+    return column
