@@ -6,5 +6,5 @@ cd "$(dirname "$0")/.."
 bin=$(realpath "${VSR2_VENV:-.venv}")/bin
 rm -rf dist wheelhouse
 "$bin/python" -m build --wheel --outdir dist . >/dev/null
-"$bin/auditwheel" repair --wheel-dir wheelhouse dist/*.whl
+PATH="$bin:$PATH" "$bin/auditwheel" repair --wheel-dir wheelhouse dist/*.whl
 ls wheelhouse/*.whl
