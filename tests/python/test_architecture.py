@@ -1,0 +1,108 @@
+"""The structure that docs/architecture.md shows: rooms import upstream only, and stay light."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "python" / "vsr2"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+HEAVY = {"matplotlib", "scipy", "trimesh", "xarray", "viser", "pandas", "sklearn", "statsmodels"}
+
+
+def order() -> list[set[str]]:
+    """Rooms of the arrow line in docs/architecture.md, most upstream first."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    line = next(line for line in text.splitlines() if line.startswith("errors ->"))
+    stages = [re.sub(r"\(.*?\)", "", stage) for stage in line.split("->")]
+    return [{name.strip() for name in stage.split(",")} for stage in stages]
+
+
+def imports(path: Path) -> Iterator[tuple[str, bool]]:
+    """Imported modules of a file, and whether they are imported when the file is."""
+    tree = ast.parse(path.read_text())
+    inner = {
+        id(node)
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            inner |= {id(child) for child in ast.walk(node)}
+    for node in ast.walk(tree):
+        names: list[str] = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            names = [node.module or ""]
+        for name in names:
+            yield name, id(node) not in inner
+
+
+def test_every_room_is_on_the_line() -> None:
+    rooms = {p.name for p in PACKAGE.iterdir() if p.is_dir() and p.name != "__pycache__"}
+    assert rooms | {"errors"} == set().union(*order())
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_upstream_only(path: Path) -> None:
+    stages = order()
+    place = {room: i for i, stage in enumerate(stages) for room in stage}
+    own = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+    if own in ("__init__", "py"):
+        return
+    for name, _ in imports(path):
+        parts = name.split(".")
+        if parts[0] != "vsr2" or len(parts) < 2 or parts[1] in (own, "_native"):
+            continue
+        assert place[parts[1]] < place[own], f"{own} imports {name}, which lies downstream"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_heavy_packages_are_imported_where_they_are_used(path: Path) -> None:
+    for name, at_import in imports(path):
+        assert not (at_import and name.split(".")[0] in HEAVY), name
+
+
+def test_importing_the_package_stays_light() -> None:
+    code = f"import sys, vsr2; print(*sorted(set(sys.modules) & {HEAVY!r}))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == ""
+
+
+def test_no_drawers() -> None:
+    names = {p.stem for p in PACKAGE.rglob("*")} | {p.stem for p in (ROOT / "cpp").rglob("*")}
+    assert not names & {"utils", "util", "helpers", "misc", "common"}
+
+
+def test_the_core_knows_no_python() -> None:
+    for path in (ROOT / "cpp").rglob("*.?pp"):
+        assert not re.search(r"#include\s*[<\"](Python\.h|pybind11)", path.read_text()), path
+
+
+def test_stubs_are_up_to_date(tmp_path: Path) -> None:
+    pytest.importorskip("pybind11_stubgen", reason="the dev extra installs pybind11-stubgen")
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pybind11_stubgen",
+            "vsr2._native",
+            "--output-dir",
+            str(tmp_path),
+            "--numpy-array-wrap-with-annotated",
+        ],
+        check=True,
+        capture_output=True,
+    )
+    fresh = (tmp_path / "vsr2" / "_native.pyi").read_text()
+    assert fresh == (PACKAGE / "_native.pyi").read_text(), "run ./scripts/stubs.sh"
