@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from vsr2.results import TrialLog
+from typing import Any
 
 
 def add_verbs(verbs: Any) -> None:
@@ -18,13 +15,17 @@ def add_verbs(verbs: Any) -> None:
         description="Run all trials of a study and write outcomes, logs, figures and provenance.",
         epilog=(
             "The output folder holds trials.csv (one row a trial), provenance.json, logs/ (one "
-            ".npz a trial), models/ (for `vsr2 view`) and figures/. `docs/configuration.md` lists "
-            "all keys of a study."
+            ".npz a trial), models/ (for `vsr2 view`) and figures/. Finished trials are on disk at "
+            "once: after an interruption --resume runs only the others. `docs/configuration.md` "
+            "lists all keys of a study."
         ),
     )
     run.add_argument("study", metavar="STUDY.yaml", type=Path)
     run.add_argument("--out", type=Path, help="output folder (default: out/NAME of the study)")
     run.add_argument("--overwrite", action="store_true", help="replace a result that is there")
+    run.add_argument(
+        "--resume", action="store_true", help="go on with an unfinished run of the same study"
+    )
     run.add_argument("--threads", type=int, help="default: all processors this process may use")
     run.add_argument(
         "--set",
@@ -39,16 +40,20 @@ def add_verbs(verbs: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    import sys
     from dataclasses import replace
+
+    import numpy as np
 
     from vsr2.config import load_study
     from vsr2.report import summary_table, write_figures
     from vsr2.results import (
+        has_journal,
         load_result,
         prepare_folder,
+        remove_journal,
         save_models,
         save_result,
-        save_trial_log,
     )
     from vsr2.simulation import run_batch, study_trials
 
@@ -56,7 +61,8 @@ def _run(options: argparse.Namespace) -> int:
     folder = options.out or Path("out") / study.name
     trials = study_trials(study)
     scene = trials[0].scene
-    prepare_folder(folder, overwrite=options.overwrite)
+    if not (options.resume and has_journal(folder)):
+        prepare_folder(folder, overwrite=options.overwrite)
     if not options.quiet:
         print(
             f"{study.name}: {len(trials)} trials, {Path(scene.rock.source).name} "
@@ -67,23 +73,22 @@ def _run(options: argparse.Namespace) -> int:
             print(f"note: {note}")
     if scene.rock.surface is not None and scene.pedestal_surface is not None:
         save_models(folder, scene.rock.surface, scene.pedestal_surface)
-
-    # Logs go to disk as trials finish, so that memory stays bounded and an interruption loses none.
-    def keep(index: int, log: TrialLog | None) -> None:
-        if log is not None:
-            save_trial_log(folder, index, log, npy=study.output.npy)
-
     result = run_batch(
-        trials,
-        threads=options.threads,
-        progress=not options.quiet,
-        keep_logs=False,
-        on_trial=keep,
+        trials, threads=options.threads, progress=not options.quiet, checkpoint=folder
     )
+    if result.provenance["interrupted"]:
+        finished = int((~np.isin(result["status"], ("cancelled", "not_run"))).sum())
+        print(
+            f"vsr2: interrupted; {finished} of {len(trials)} trials are finished and kept in "
+            f"{folder}. `--resume` runs the others.",
+            file=sys.stderr,
+        )
+        return 130
     result = replace(
         result, provenance={**result.provenance, "study": study.model_dump(mode="json")}
     )
     save_result(result, folder, streamed_logs=True)
+    remove_journal(folder)
     written = [folder / "trials.csv", folder / "provenance.json"]
     if study.output.log_every:
         written.append(folder / "logs")
@@ -94,6 +99,4 @@ def _run(options: argparse.Namespace) -> int:
         print("wrote:")
         for path in written:
             print(f"  {path}")
-    if result.provenance["interrupted"]:
-        return 130
     return 0 if set(result["status"]) <= {"ok"} else 1

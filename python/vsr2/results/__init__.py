@@ -11,6 +11,7 @@ from vsr2.results.files import (
     save_result,
     save_trial_log,
 )
+from vsr2.results.journal import JOURNAL_FILE, Journal, has_journal, remove_journal
 from vsr2.results.models import load_models, save_models
 from vsr2.results.provenance import base_provenance, sha256_of_file
 from vsr2.results.result import (
@@ -30,6 +31,7 @@ from vsr2.results.result import (
 __all__ = [
     "CONTACT_COLUMNS",
     "INTEGER_COLUMNS",
+    "JOURNAL_FILE",
     "NPY_COLUMNS",
     "OUTCOMES",
     "STATE_COLUMNS",
@@ -37,8 +39,10 @@ __all__ = [
     "TEXT_COLUMNS",
     "TRIAL_COLUMNS",
     "BatchResult",
+    "Journal",
     "TrialLog",
     "base_provenance",
+    "has_journal",
     "load_models",
     "load_result",
     "load_trial_log",
@@ -46,6 +50,7 @@ __all__ = [
     "original_rows",
     "prepare_folder",
     "quaternion_product",
+    "remove_journal",
     "rotate",
     "save_models",
     "save_result",

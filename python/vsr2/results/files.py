@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import write_atomic
+from vsr2.results.journal import JOURNAL_FILE
 from vsr2.results.result import (
     CONTACT_COLUMNS,
     INTEGER_COLUMNS,
@@ -117,7 +118,8 @@ def _try_to_write(path: Path) -> None:
 
 def _result_files(path: Path) -> list[Path]:
     """Files of a result, the one that declares it whole first."""
-    files = [path / name for name in (PROVENANCE_FILE, TRIALS_FILE) if (path / name).exists()]
+    names = (PROVENANCE_FILE, TRIALS_FILE, JOURNAL_FILE)
+    files = [path / name for name in names if (path / name).exists()]
     for folder in (LOG_FOLDER, NPY_FOLDER):
         if (path / folder).is_dir():
             found = (path / folder).iterdir()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
 import signal
 import threading
@@ -9,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
+from pathlib import Path
 from types import FrameType
 from typing import Any, Literal, Self
 
@@ -20,7 +23,16 @@ from vsr2.config import Study, load_study
 from vsr2.config.study import Outcome, Output, Settling
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_motions
-from vsr2.results import STATE_COLUMNS, TRIAL_COLUMNS, BatchResult, TrialLog, base_provenance
+from vsr2.results import (
+    STATE_COLUMNS,
+    TRIAL_COLUMNS,
+    BatchResult,
+    Journal,
+    TrialLog,
+    base_provenance,
+    load_trial_log,
+    save_trial_log,
+)
 from vsr2.scene import Pose
 from vsr2.simulation.scene import Scene, build_scene
 
@@ -41,6 +53,7 @@ _FLOAT_COLUMNS = (
 )
 _TEXT_COLUMNS = ("name", "motion", "motion_sha256", "status", "outcome", "engine", "message")
 _INTEGER_COLUMNS = ("trial", "seed", "steps")
+_RESULT_COLUMNS = (*_FLOAT_COLUMNS, "status", "outcome", "message", "steps")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +80,27 @@ class Trial:
     settling: Settling = field(default_factory=Settling)
     outcome: Outcome = field(default_factory=Outcome)
     output: Output = field(default_factory=Output)
+
+
+def plan_sha256(trials: Sequence[Trial]) -> str:
+    """Hash of all that the results of these trials depend on."""
+    digest = hashlib.sha256(str(_native.build_facts()["version"]).encode())
+    for trial in trials:
+        start = trial.start or trial.scene.rock.start
+        for text in (
+            trial.name,
+            trial.scene.sha256,
+            trial.motion.sha256,
+            trial.motion.kind,
+            trial.drive,
+            repr(start),
+            str(trial.seed),
+            trial.settling.model_dump_json(),
+            trial.outcome.model_dump_json(),
+            trial.output.model_dump_json(),
+        ):
+            digest.update(text.encode() + b"\0")
+    return digest.hexdigest()
 
 
 def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> list[Trial]:
@@ -247,6 +281,7 @@ def run_batch(
     out: Mapping[str, NDArray[Any]] | None = None,
     keep_logs: bool = True,
     on_trial: Callable[[int, TrialLog | None], None] | None = None,
+    checkpoint: str | PathLike[str] | None = None,
 ) -> BatchResult:
     """Run independent trials in native threads.
 
@@ -264,6 +299,10 @@ def run_batch(
             `BatchResult.trials`, shape (trials,).
         keep_logs: keep logs in the result; False bounds memory when `on_trial` takes them.
         on_trial: called with index and log as each trial finishes, in the order of finishing.
+        checkpoint: a folder made ready by `vsr2.results.prepare_folder`, in which logs and a
+            journal are kept as trials finish. Where it holds the journal of the same trials, those
+            that finished are not run again; the result is the same to the last bit. Logs are then
+            on disk only.
 
     Returns:
         One row a trial, in the order given.
@@ -271,6 +310,7 @@ def run_batch(
     Raises:
         ConfigError, GeometryError, MotionError, SimulationError: before any trial starts, where
             the input cannot be used (an empty batch, for example).
+        ResultError: the checkpoint cannot be used, or belongs to other trials.
     """
     started = time.time()
     study: Study | None = None
@@ -287,34 +327,25 @@ def run_batch(
         threads = len(os.sched_getaffinity(0))
     if not 1 <= threads <= 1024:
         raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
-    columns = _empty_columns(trials)
     if out is not None:
         _check_out(out, len(trials))
-        for array in out.values():
-            array.fill(np.nan)
-    specifications = _Specifications()
-    logs: list[TrialLog | None] = [None] * len(trials)
-    native = _native.Batch([specifications.of(trial) for trial in trials], threads)
-
-    def collect() -> int:
-        finished = native.wait(POLL)
-        for i in finished:
-            result = native.take(i)
-            _fill(columns, i, result)
-            log = _log(trials[i], result)
-            if out is not None:
-                _copy_out(out, i, columns, log)
-            if keep_logs:
-                logs[i] = log
-            if on_trial is not None:
-                on_trial(i, log)
-        return len(finished)
-
-    with _InterruptFlag() as interrupt, _bar(len(trials), progress) as bar:
+    collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
+    with contextlib.ExitStack() as stack:
+        if checkpoint is not None:
+            collection.resume(
+                stack.enter_context(Journal(checkpoint, plan_sha256(trials), len(trials))),
+                Path(checkpoint),
+            )
+        pending = collection.pending
+        specifications = _Specifications()
+        native = _native.Batch([specifications.of(trials[i]) for i in pending], threads)
+        interrupt = stack.enter_context(_InterruptFlag())
+        bar = stack.enter_context(_bar(len(trials), len(pending), progress))
         try:
             while not native.exhausted():
-                if finished := collect():
-                    bar.update(finished)
+                for position in native.wait(POLL):
+                    collection.take(pending[position], native.take(position))
+                    bar.update()
                 if interrupt.raised:
                     native.cancel()
         finally:
@@ -327,7 +358,60 @@ def run_batch(
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
     }
-    return BatchResult(trials=columns, logs=tuple(logs), provenance=provenance)
+    return BatchResult(
+        trials=collection.columns, logs=tuple(collection.logs), provenance=provenance
+    )
+
+
+class _Collection:
+    """What has come back from the core so far, and where it goes."""
+
+    def __init__(
+        self,
+        trials: Sequence[Trial],
+        *,
+        out: Mapping[str, NDArray[Any]] | None,
+        keep_logs: bool,
+        on_trial: Callable[[int, TrialLog | None], None] | None,
+    ) -> None:
+        self.columns = _empty_columns(trials)
+        self.logs: list[TrialLog | None] = [None] * len(trials)
+        self.pending = list(range(len(trials)))
+        self._trials = trials
+        self._out = out or {}
+        self._keep_logs = keep_logs
+        self._on_trial = on_trial
+        self._journal: Journal | None = None
+        self._folder = Path()
+        for array in self._out.values():
+            array.fill(np.nan)
+
+    def resume(self, journal: Journal, folder: Path) -> None:
+        """Take over what the journal holds, and keep it from now on."""
+        self._journal, self._folder = journal, folder
+        for i, row in journal.finished.items():
+            for name in _RESULT_COLUMNS:
+                self.columns[name][i] = row[name]
+            if self._out:
+                logged = "state" in self._out and self._trials[i].output.log_every > 0
+                _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
+        self.pending = [i for i in self.pending if i not in journal.finished]
+
+    def take(self, i: int, result: _native.TrialResult) -> None:
+        """Take in a finished trial."""
+        _fill(self.columns, i, result)
+        log = _log(self._trials[i], result)
+        _copy_out(self._out, i, self.columns, log)
+        if self._journal is None:
+            if self._keep_logs:
+                self.logs[i] = log
+        elif self.columns["status"][i] != "cancelled":
+            if log is not None:
+                save_trial_log(self._folder, i, log, npy=self._trials[i].output.npy)
+            row = {name: _plain(self.columns[name][i]) for name in _RESULT_COLUMNS}
+            self._journal.record(i, row)
+        if self._on_trial is not None:
+            self._on_trial(i, log)
 
 
 class _InterruptFlag:
@@ -362,8 +446,18 @@ def _model_hashes(trials: Sequence[Trial]) -> dict[str, str]:
     return {body.source: body.sha256 for body in bodies if body.sha256}
 
 
-def _bar(total: int, show: bool) -> Any:
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _bar(total: int, pending: int, show: bool) -> Any:
     from tqdm import tqdm
 
     # None: only on a terminal.
-    return tqdm(total=total, unit="trial", disable=None if show else True, dynamic_ncols=True)
+    return tqdm(
+        total=total,
+        initial=total - pending,
+        unit="trial",
+        disable=None if show else True,
+        dynamic_ncols=True,
+    )

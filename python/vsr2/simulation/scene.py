@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -54,6 +56,34 @@ class Scene:
     def rock_hull_vertices(self) -> NDArray[np.float64]:
         """Vertices of the reduced collision hull in the body frame B, shape (k, 3) [m]."""
         return np.asarray(self.native.rock_hull_vertices)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of everything the physics depends on, the start pose aside."""
+        digest = hashlib.sha256()
+        for section in (self.engine, self.contact):
+            digest.update(section.model_dump_json().encode())
+        mass = self.rock.mass
+        for values in (
+            [mass.mass, float(self.rock.inertia_from_aabb)],
+            mass.mass_center,
+            mass.principal_inertia,
+            mass.principal_axes,
+            self.pedestal.origin,
+            [self.pedestal.top, self.pedestal.mass],
+            self.pedestal.base_size,
+        ):
+            digest.update(np.asarray(values, dtype=np.float64).tobytes())
+        for part in (*self.rock.parts, *self.pedestal.parts):
+            match part:
+                case Hull():
+                    digest.update(b"hull" + part.points.tobytes())
+                case Box():
+                    pose = (*part.size, *part.center, *part.orientation)
+                    digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
+                case Triangles():
+                    digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
+        return digest.hexdigest()
 
     @property
     def body_frame(self) -> Pose:

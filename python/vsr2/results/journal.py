@@ -1,0 +1,140 @@
+"""The journal of a running batch: one line a finished trial, so that nothing finished is lost.
+
+A line is appended by a single write after the trial's log is on disk. However the process ends, the
+file holds whole lines and at most one torn last line, which a resumed run drops and does again.
+Floats are written so that they read back to the last bit.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+from vsr2.errors import ResultError
+
+JOURNAL_FILE = "journal.jsonl"
+_FORMAT = "vsr2 journal"
+_VERSION = 1
+_MAX_BYTES = 2**32
+
+
+class Journal:
+    """Finished trials of one plan, on disk.
+
+    Args:
+        folder: of the result; made ready by :func:`vsr2.results.prepare_folder`.
+        plan: hash of everything the trials depend on; a journal of another plan is refused.
+        trials: number of trials of the plan.
+
+    Attributes:
+        finished: rows by trial index, as they were recorded.
+
+    Raises:
+        ResultError: the journal there is of another plan, is damaged before its last line, or the
+            folder cannot be written to.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], plan: str, trials: int) -> None:
+        self._path = Path(folder) / JOURNAL_FILE
+        self._header = {"format": _FORMAT, "version": _VERSION, "plan": plan, "trials": trials}
+        self.finished: dict[int, dict[str, Any]] = {}
+        try:
+            end = self._read(trials)
+            self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT, 0o666)
+            try:
+                os.ftruncate(self._file, end)
+                os.lseek(self._file, 0, os.SEEK_END)
+                if end == 0:
+                    self._append(self._header)
+            except BaseException:
+                os.close(self._file)
+                raise
+        except OSError as error:
+            raise ResultError(
+                f"{self._path}: cannot be used ({error.strerror}); free space or choose another "
+                "folder"
+            ) from error
+
+    def _read(self, trials: int) -> int:
+        """Take in whole lines; returns where the last one ends."""
+        if not self._path.exists():
+            return 0
+        if not self._path.is_file():
+            raise ResultError(f"{self._path}: is no regular file; choose another folder")
+        if self._path.stat().st_size > _MAX_BYTES:
+            raise ResultError(f"{self._path}: over {_MAX_BYTES} bytes; not a journal of ours")
+        content = self._path.read_bytes()
+        end = content.rfind(b"\n") + 1
+        for number, line in enumerate(content[:end].splitlines()):
+            try:
+                entry = json.loads(line)
+                if number == 0:
+                    self._check_header(entry)
+                    continue
+                index = entry["trial"]
+                if not (isinstance(index, int) and 0 <= index < trials):
+                    raise ValueError(f"trial {index!r}")
+            except (ValueError, KeyError, TypeError, RecursionError) as error:
+                raise ResultError(
+                    f"{self._path}:{number + 1}: damaged ({error}); start anew with overwrite"
+                ) from None
+            self.finished[index] = entry
+        return end
+
+    def _check_header(self, entry: Any) -> None:
+        if entry == self._header:
+            return
+        if not isinstance(entry, dict) or entry.get("format") != _FORMAT:
+            raise ValueError("not a journal of ours")
+        raise ResultError(
+            f"{self._path}: belongs to an unfinished run with other trials or settings; finish "
+            "that one with its own study, or start anew with overwrite"
+        )
+
+    def record(self, trial: int, row: Mapping[str, Any]) -> None:
+        """Append a finished trial; its log must be on disk already.
+
+        Raises:
+            ResultError: it cannot be written.
+        """
+        entry = {**row, "trial": trial}
+        try:
+            self._append(entry)
+        except OSError as error:
+            raise ResultError(
+                f"{self._path}: cannot be written ({error.strerror}); free space and resume"
+            ) from error
+        self.finished[trial] = entry
+
+    def _append(self, entry: Mapping[str, Any]) -> None:
+        line = (json.dumps(entry, separators=(",", ":")) + "\n").encode()
+        start = os.lseek(self._file, 0, os.SEEK_CUR)
+        written = os.write(self._file, line)
+        if written != len(line):
+            # A full disk takes part of a line; take it back, so that later lines stay readable.
+            os.ftruncate(self._file, start)
+            os.lseek(self._file, start, os.SEEK_SET)
+            raise OSError(28, "No space left on device")
+
+    def close(self) -> None:
+        """Close the file; the journal stays."""
+        os.close(self._file)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def has_journal(folder: str | os.PathLike[str]) -> bool:
+    """Whether an unfinished run left its journal in the folder."""
+    return (Path(folder) / JOURNAL_FILE).is_file()
+
+
+def remove_journal(folder: str | os.PathLike[str]) -> None:
+    """Remove the journal, once the whole result is written."""
+    (Path(folder) / JOURNAL_FILE).unlink(missing_ok=True)

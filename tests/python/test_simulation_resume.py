@@ -1,0 +1,190 @@
+"""Nothing finished is lost: real kills, resumed batches, damaged journals."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsr2.config.study import Output, Study
+from vsr2.errors import ResultError
+from vsr2.results import JOURNAL_FILE, BatchResult, load_trial_log, prepare_folder
+from vsr2.simulation import Trial, run_batch, study_trials
+
+STUDY = """
+name: killed
+rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
+motion:
+  mode: grid_cosine
+  pga: {min: 0.1, max: 0.6, step: 0.05}
+  pgv_pga: {min: 0.1, max: 0.2, step: 0.05}
+output: {log_every: 10, figures: false}
+"""
+
+
+def trials() -> list[Trial]:
+    import yaml
+
+    return study_trials(Study.model_validate(yaml.safe_load(STUDY)))[:12]
+
+
+def assert_same(a: BatchResult, b: BatchResult) -> None:
+    for name in a.trials:
+        np.testing.assert_array_equal(a[name], b[name], err_msg=name)
+
+
+def test_a_batch_resumed_at_any_point_equals_an_uninterrupted_one(tmp_path: Path) -> None:
+    whole = prepare_folder(tmp_path / "whole")
+    reference = run_batch(trials(), threads=1, checkpoint=whole)
+    lines = (whole / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    assert len(lines) == 13
+    for finished in (0, 1, 5, 11, 12):
+        for torn in (b"", b'{"trial":11,"sta'):
+            part = prepare_folder(tmp_path / f"part{finished}{len(torn)}")
+            (part / JOURNAL_FILE).write_bytes(b"".join(lines[: finished + 1]) + torn)
+            if (whole / "logs").is_dir():
+                shutil.copytree(whole / "logs", part / "logs")
+            ran: list[int] = []
+            resumed = run_batch(
+                trials(),
+                threads=2,
+                checkpoint=part,
+                on_trial=lambda i, log, ran=ran: ran.append(i),
+            )
+            assert_same(reference, resumed)
+            assert len(ran) == 12 - finished
+            for i in range(12):
+                a, b = load_trial_log(whole, i), load_trial_log(part, i)
+                assert a.state.tobytes() == b.state.tobytes()
+
+
+def test_outputs_are_filled_for_resumed_trials_too(tmp_path: Path) -> None:
+    folder = prepare_folder(tmp_path / "run")
+    batch = trials()[:3]
+    arrays = {"state": np.empty((3, 200, 18)), "peak_tilt": np.empty(3)}
+    run_batch(batch, checkpoint=folder, out=arrays)
+    again = {name: np.empty_like(array) for name, array in arrays.items()}
+    run_batch(batch, checkpoint=folder, out=again)
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(array, again[name])
+    assert np.isfinite(arrays["peak_tilt"]).all()
+
+
+def test_a_journal_of_other_trials_is_refused(tmp_path: Path) -> None:
+    folder = prepare_folder(tmp_path / "run")
+    batch = trials()[:2]
+    run_batch(batch, checkpoint=folder)
+    other = [replace(trial, output=Output(log_every=3)) for trial in batch]
+    for wrong in (other, batch[:1], list(reversed(batch))):
+        with pytest.raises(ResultError, match="other trials"):
+            run_batch(wrong, checkpoint=folder)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"{}\n", b"no json\n", b"\xff\xfe\n", b"[1]\n", b'{"format":"vsr2 journal"}\nx\n'],
+)
+def test_a_damaged_journal_is_refused(tmp_path: Path, content: bytes) -> None:
+    folder = prepare_folder(tmp_path / "run")
+    (folder / JOURNAL_FILE).write_bytes(content)
+    with pytest.raises(ResultError, match="overwrite"):
+        run_batch(trials()[:1], checkpoint=folder)
+
+
+def run_cli(folder: Path, *more: str) -> list[str]:
+    return [
+        sys.executable, "-m", "vsr2.cli.main", "run", str(folder / "study.yaml"),
+        "--out", str(folder / "out"), "--threads", "2", "--quiet", *more,
+    ]  # fmt: skip
+
+
+def test_kill_9_at_any_moment_loses_no_finished_trial(tmp_path: Path) -> None:
+    calm = tmp_path / "calm"
+    calm.mkdir()
+    (calm / "study.yaml").write_text(STUDY)
+    subprocess.run(run_cli(calm), check=True)
+    table = (calm / "out" / "trials.csv").read_bytes()
+
+    wild = tmp_path / "wild"
+    wild.mkdir()
+    (wild / "study.yaml").write_text(STUDY)
+    journal = wild / "out" / JOURNAL_FILE
+    kills = 0
+    for target in (2, 9, 20):
+        child = subprocess.Popen(run_cli(wild, "--resume"))
+        deadline = time.monotonic() + 60
+        while child.poll() is None and time.monotonic() < deadline:
+            if journal.is_file() and journal.read_bytes().count(b"\n") > target:
+                child.send_signal(signal.SIGKILL)
+                break
+            time.sleep(0.001)
+        kills += child.wait() == -signal.SIGKILL
+    assert kills >= 2, "the runs ended before they could be killed: the test shows nothing"
+    before = journal.read_bytes().rpartition(b"\n")[0]
+    subprocess.run(run_cli(wild, "--resume"), check=True)
+    assert not journal.exists()
+    assert before.count(b"\n") >= 9
+    assert (wild / "out" / "trials.csv").read_bytes() == table
+    for log in sorted((calm / "out" / "logs").iterdir()):
+        a = load_trial_log(calm / "out", int(log.stem))
+        b = load_trial_log(wild / "out", int(log.stem))
+        assert a.state.tobytes() == b.state.tobytes()
+
+
+def test_interrupt_then_resume_from_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "study.yaml").write_text(STUDY)
+    journal = tmp_path / "out" / JOURNAL_FILE
+    child = subprocess.Popen(run_cli(tmp_path), stderr=subprocess.PIPE, text=True)
+    while child.poll() is None:
+        if journal.is_file() and journal.read_bytes().count(b"\n") > 3:
+            child.send_signal(signal.SIGINT)
+            break
+        time.sleep(0.001)
+    _, errors = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert "--resume" in errors
+    # Without --resume an unfinished run is not overwritten by accident.
+    refused = subprocess.run(run_cli(tmp_path), capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert "already holds a result" in refused.stderr
+    assert subprocess.run(run_cli(tmp_path, "--resume")).returncode == 0
+
+
+def test_a_journal_that_is_no_file_is_refused(tmp_path: Path) -> None:
+    folder = prepare_folder(tmp_path / "run")
+    os.symlink("/dev/full", folder / JOURNAL_FILE)
+    with pytest.raises(ResultError, match="regular file"):
+        run_batch(trials()[:1], checkpoint=folder)
+
+
+def test_a_full_disk_stops_with_an_error_and_leaves_whole_lines(tmp_path: Path) -> None:
+    # A limit on file sizes stands for the full disk: writes fail in the middle of a line.
+    code = (
+        "import resource, signal, sys\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))\n"
+        "from vsr2.cli.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    (tmp_path / "study.yaml").write_text(STUDY)
+    arguments = run_cli(tmp_path, "--set", "output.log_every=0")[3:]
+    out = subprocess.run(
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=60
+    )
+    assert out.returncode == 2, out.stderr
+    assert "cannot be written" in out.stderr
+    content = (tmp_path / "out" / JOURNAL_FILE).read_bytes()
+    assert content.endswith(b"\n")
+    assert not (tmp_path / "out" / "trials.csv").exists()
+    done = subprocess.run(
+        [sys.executable, "-m", "vsr2.cli.main", *arguments, "--resume"], timeout=60
+    )
+    assert done.returncode == 0
