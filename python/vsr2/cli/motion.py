@@ -44,8 +44,8 @@ def _add_convert(kinds: Any) -> None:
         "convert",
         help="read any record, process it, write neutral .csv",
         description="Without processing options the channels are written as read, in SI units. "
-        "With one, the motion as driven is written: displacement, velocity and acceleration, ends at "
-        "rest.",
+        "With one, the motion as driven is written: displacement, velocity and acceleration, ends "
+        "at rest.",
     )
     convert.add_argument("source", metavar="IN", type=Path, help="recording")
     convert.add_argument("target", metavar="OUT.csv", type=Path, help="replaced if it exists")
