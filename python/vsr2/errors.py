@@ -25,3 +25,7 @@ class SimulationError(Vsr2Error):
 
 class ResultError(Vsr2Error):
     """A result file or folder that cannot be read or written."""
+
+
+class CampaignError(Vsr2Error):
+    """A campaign of trials that cannot be used (names file, row, column, value and remedy)."""

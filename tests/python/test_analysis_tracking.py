@@ -79,6 +79,17 @@ def test_exact_drive_has_no_error() -> None:
     np.testing.assert_allclose(got.phase[excited], 0.0, atol=1e-9)
 
 
+def test_power_is_the_mean_square_acceleration() -> None:
+    # Parseval: the integral of a one-sided density is the mean square.
+    command = record()
+    got = tracking(make_log(times(command), command=command, achieved=2 * command))
+    acceleration = np.diff(command, 2) / STEP**2
+    spacing = got.frequency[1]
+    # The mean over n samples of n - 2 second differences.
+    assert got.commanded_power.sum() * spacing == pytest.approx(np.mean(acceleration**2), rel=1e-3)
+    np.testing.assert_allclose(got.achieved_power, 4 * got.commanded_power, rtol=1e-9)
+
+
 def test_cosine_pulse_with_a_long_rest_after_it() -> None:
     time = np.arange(0.0, 5.0, STEP)
     period = 0.5

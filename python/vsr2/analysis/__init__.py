@@ -1,6 +1,18 @@
-"""Figures drawn from results: agreement with observed outcomes, tracking of the drive."""
+"""Numbers drawn from results and campaigns: agreement with outcomes, tracking, baselines."""
 
+from vsr2.analysis.baseline import baseline_scores, format_baselines, logistic_baseline
+from vsr2.analysis.bootstrap import classification_intervals, mean_interval
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.analysis.tracking import Tracking, tracking
 
-__all__ = ["Classification", "Tracking", "classification_metrics", "tracking"]
+__all__ = [
+    "Classification",
+    "Tracking",
+    "baseline_scores",
+    "classification_intervals",
+    "classification_metrics",
+    "format_baselines",
+    "logistic_baseline",
+    "mean_interval",
+    "tracking",
+]

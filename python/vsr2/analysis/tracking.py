@@ -36,6 +36,9 @@ class Tracking:
             does not excite.
         phase: of achieved against commanded motion, shape (n,) [rad], within +-pi; negative: late.
         coherence: share of the achieved power that is linear in the command, shape (n,).
+        commanded_power: one-sided power spectral density of the commanded acceleration, averaged
+            over the log, shape (n,) [(m/s^2)^2/Hz].
+        achieved_power: the same of the achieved acceleration.
     """
 
     peak_error: float
@@ -46,6 +49,8 @@ class Tracking:
     gain: Array
     phase: Array
     coherence: Array
+    commanded_power: Array
+    achieved_power: Array
 
     def gain_at(self, frequency: float) -> float:
         """Gain at a frequency [Hz], interpolated between lines; NaN: not excited there."""
@@ -59,7 +64,7 @@ def tracking(log: TrialLog) -> Tracking:
     tau that maximises the cross-correlation of both positions, sum over t of x(t - tau) p(t), each
     held at its last value, refined between samples by the correlation's own Fourier series; low
     frequencies, where displacements are large, weigh most. The transfer function is H = S_xy / S_xx
-    (cross over auto power spectral density, Welch's method, Hann window, half overlap) of the
+    (cross over auto power spectral density, Welch's method, Hann windows a quarter apart) of the
     second differences of both positions: any linear filter relates them as it does the positions,
     and they are nearly white where positions are so red that leakage would cover the upper lines.
     The lag is taken out before and put back into the phase, because a delay between the windows
@@ -82,16 +87,13 @@ def tracking(log: TrialLog) -> Tracking:
     error = achieved - command
     moving = _moving(command)
     lag = _lag(command, achieved, interval)
-    frequency, gain, phase, coherence = _transfer(command, achieved, interval, lag)
+    spectra = _spectra(command, achieved, interval, lag)
     return Tracking(
         peak_error=float(np.abs(error).max()),
         rms_error=float(np.sqrt(np.mean(error[moving] ** 2))),
         peak_command=float(np.abs(command).max()),
         lag=lag,
-        frequency=frequency,
-        gain=gain,
-        phase=phase,
-        coherence=coherence,
+        **spectra,
     )
 
 
@@ -143,33 +145,43 @@ def _lag(command: Array, achieved: Array, interval: float) -> float:
     return float(shift - count if shift > count / 2 else shift) * interval
 
 
-def _transfer(
-    command: Array, achieved: Array, interval: float, lag: float
-) -> tuple[Array, Array, Array, Array]:
+def _spectra(command: Array, achieved: Array, interval: float, lag: float) -> dict[str, Array]:
     from scipy.signal import csd, welch
 
-    segment = min(command.size, max(MIN_ROWS, round(SEGMENT / interval)))
+    # Of four hops: the squares of Hann windows three quarters apart add up to a constant, so that
+    # every sample counts alike, those of a short pulse, too.
+    segment = 4 * (min(command.size, max(MIN_ROWS, round(SEGMENT / interval))) // 4)
     # Zeros around give the first and last samples their full weight under the windows.
-    x = np.pad(np.diff(command, 2), segment)
-    y = np.pad(np.diff(achieved, 2), segment)
+    x = np.pad(np.diff(command, 2), segment) / interval**2
+    y = np.pad(np.diff(achieved, 2), segment) / interval**2
     shift = round(lag / interval) if np.isfinite(lag) else 0
     if abs(shift) >= segment:
         shift = 0
     y = np.roll(y, -shift)
-    scale = np.abs(x).max()
-    options = {"fs": 1.0 / interval, "nperseg": segment, "detrend": False}
-    if scale > 0:
-        x, y = x / scale, y / scale
-    frequency, power = welch(x, **options)
-    cross = csd(x, y, **options)[1]
-    answer = welch(y, **options)[1]
+    # Scaled, because the squares of very small motions would vanish.
+    scale = float(np.abs(x).max()) or 1.0
+    options = {"fs": 1.0 / interval, "nperseg": segment, "noverlap": 3 * segment // 4}
+    options["detrend"] = False
+    frequency, power = welch(x / scale, **options)
+    cross = csd(x / scale, y / scale, **options)[1]
+    answer = welch(y / scale, **options)[1]
     excited = power > EXCITED * power.max()
     # The second difference has no power at 0 Hz, whatever leaks there.
     excited[0] = False
     transfer = np.full(cross.shape, complex(np.nan, np.nan))
     transfer[excited] = cross[excited] / power[excited]
+    delayed = transfer * np.exp(-2j * np.pi * frequency * shift * interval)
     coherence = np.full(power.shape, np.nan)
     answered = excited & (answer > 0)
     coherence[answered] = np.abs(cross[answered]) ** 2 / (power[answered] * answer[answered])
-    delayed = transfer * np.exp(-2j * np.pi * frequency * shift * interval)
-    return frequency, np.abs(transfer), np.angle(delayed), coherence
+    # Welch's mean is over the segments, of which many hold zeros only; this one is over the log.
+    segments = (x.size - 3 * segment // 4) // (segment // 4)
+    density = scale**2 * segments * (segment // 4) / command.size
+    return {
+        "frequency": frequency,
+        "gain": np.abs(transfer),
+        "phase": np.angle(delayed),
+        "coherence": coherence,
+        "commanded_power": power * density,
+        "achieved_power": answer * density,
+    }

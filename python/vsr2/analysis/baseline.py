@@ -1,0 +1,235 @@
+"""What a simulator has to beat: a logistic curve without physics, and peers' predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsr2.analysis.bootstrap import SCORES, Interval, classification_intervals
+from vsr2.analysis.metrics import Classification, classification_metrics
+from vsr2.campaign import Campaign, intensity_measures, motion_folds
+from vsr2.errors import ResultError
+
+Array = NDArray[np.float64]
+
+PRIOR_WIDTH = 10.0
+"""Standard deviation of the normal prior on coefficients of standardised terms: so wide that it
+decides only where the data do not, as where a line parts the outcomes without error."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogisticBaseline:
+    """The no-physics model's probabilities of overturning.
+
+    Attributes:
+        used: which trials of the campaign it covers (outcome, PGA and PGV/PGA known), shape
+            (trials,).
+        fold: of each covered trial, shape (n,).
+        out_of_fold: by the fit on the other folds, shape (n,).
+        in_sample: by the fit on all, shape (n,).
+    """
+
+    used: NDArray[np.bool_]
+    fold: NDArray[np.int64]
+    out_of_fold: Array
+    in_sample: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BaselineScore:
+    """How well one way of predicting agrees with the observed outcomes.
+
+    Attributes:
+        name: of the model, or of the campaign's column.
+        fitted: "out of fold", "in sample", or "" for predictions that came with the campaign.
+        metrics: counts and scores.
+        intervals: 95 %, by the names in :data:`vsr2.analysis.bootstrap.SCORES`.
+    """
+
+    name: str
+    fitted: str
+    metrics: Classification
+    intervals: Mapping[str, Interval]
+
+
+def logistic_probability(
+    pga: ArrayLike,
+    pgv_pga: ArrayLike,
+    overturned: ArrayLike,
+    at_pga: ArrayLike,
+    at_ratio: ArrayLike,
+) -> Array:
+    """Probability of overturning by a logistic curve in a = ln PGA and b = ln PGV/PGA.
+
+    logit p = c0 + c1 a + c2 b + c3 a^2 + c4 a b + c5 b^2, terms standardised on the fitted trials,
+    coefficients but c0 under a normal prior (:data:`PRIOR_WIDTH`), so that the fit exists for
+    separable data, too. Where all fitted trials ended alike, p is (overturned + 1) / (n + 2).
+
+    Args:
+        pga: of the fitted trials, above 0, shape (n,), any unit.
+        pgv_pga: of the fitted trials, above 0, shape (n,), any unit.
+        overturned: of the fitted trials, boolean, shape (n,).
+        at_pga: where p is wanted, shape (m,), unit of `pga`.
+        at_ratio: where p is wanted, shape (m,), unit of `pgv_pga`.
+
+    Returns:
+        Shape (m,).
+
+    Raises:
+        ResultError: no trials, shapes that differ, or an intensity that is not above 0.
+    """
+    truth = np.asarray(overturned, dtype=np.bool_)
+    terms, wanted = _terms(pga, pgv_pga), _terms(at_pga, at_ratio)
+    if truth.shape != (len(terms),) or truth.size == 0:
+        raise ResultError(f"{truth.size} outcomes for {len(terms)} intensities; give one each")
+    if truth.all() or not truth.any():
+        return np.full(len(wanted), (truth.sum() + 1.0) / (truth.size + 2.0))
+    from sklearn.linear_model import LogisticRegression
+
+    center, spread = terms.mean(axis=0), terms.std(axis=0)
+    spread[spread < 1e-12] = 1.0
+    # scikit-learn minimises |c|^2 / 2 + C sum of losses, so C is the prior's variance.
+    model = LogisticRegression(C=PRIOR_WIDTH**2, max_iter=10_000, tol=1e-8)
+    model.fit((terms - center) / spread, truth)
+    probability: Array = model.predict_proba((wanted - center) / spread)[:, 1]
+    return probability
+
+
+def _terms(pga: ArrayLike, pgv_pga: ArrayLike) -> Array:
+    first = np.atleast_1d(np.asarray(pga, dtype=np.float64))
+    second = np.atleast_1d(np.asarray(pgv_pga, dtype=np.float64))
+    if first.ndim != 1 or first.shape != second.shape:
+        raise ResultError(f"PGA has shape {first.shape}, PGV/PGA {second.shape}; both must be (n,)")
+    if not ((first > 0) & (second > 0) & np.isfinite(first + second)).all():
+        raise ResultError("PGA and PGV/PGA must be finite and above 0; leave other trials out")
+    a, b = np.log(first), np.log(second)
+    return np.stack([a, b, a * a, a * b, b * b], axis=1)
+
+
+def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> LogisticBaseline:
+    """Fit the no-physics model to a campaign, in sample and out of fold.
+
+    Folds keep the trials of a ground motion together (:func:`vsr2.campaign.motion_folds`).
+
+    Args:
+        campaign: trials without outcome, PGA or PGV/PGA are left out.
+        folds: number of folds.
+        seed: of the folds.
+
+    Raises:
+        ResultError: no trial has all three.
+        CampaignError: fewer motions than folds.
+        MotionError: intensity is to be told from a motion that cannot be filtered.
+    """
+    measures = intensity_measures(campaign)
+    # NaN compares as false, so that unknown intensities drop out, too.
+    used = ~np.isnan(campaign.overturned) & (measures.pga > 0) & (measures.pgv_pga > 0)
+    if not used.any():
+        raise ResultError(
+            f"campaign {campaign.name!r}: no trial has an outcome, PGA and PGV/PGA; give the table "
+            "pga_m_s2 and pgv_pga_s, or motions"
+        )
+    chosen = campaign.select(used)
+    pga, ratio, truth = measures.pga[used], measures.pgv_pga[used], chosen.overturned == 1
+    fold = motion_folds(chosen, folds, seed)
+    out_of_fold = np.full(truth.size, np.nan)
+    for left_out in range(folds):
+        test = fold == left_out
+        out_of_fold[test] = logistic_probability(
+            pga[~test], ratio[~test], truth[~test], pga[test], ratio[test]
+        )
+    return LogisticBaseline(
+        used=used,
+        fold=fold,
+        out_of_fold=out_of_fold,
+        in_sample=logistic_probability(pga, ratio, truth, pga, ratio),
+    )
+
+
+def peer_columns(campaign: Campaign) -> tuple[str, ...]:
+    """The extra columns that hold predictions of the outcome: 0, 1 or blank throughout."""
+    return tuple(name for name in campaign.extra_columns if _is_prediction(campaign.extra(name)))
+
+
+def _is_prediction(column: Array) -> bool:
+    known = column[~np.isnan(column)]
+    return bool(known.size > 0 and np.isin(known, (0.0, 1.0)).all())
+
+
+def baseline_scores(
+    campaign: Campaign,
+    *,
+    folds: int = 10,
+    seed: int = 0,
+    replicates: int = 2000,
+    peers: Sequence[str] | None = None,
+) -> list[BaselineScore]:
+    """The logistic curve (out of fold and in sample) and peers' predictions, scored alike.
+
+    Overturning is predicted where its probability is above one half. All scores are over the
+    trials that the logistic curve covers (a peer's over those it predicts), with intervals from the
+    same bootstrap over motions.
+
+    Args:
+        campaign: what was observed.
+        folds: of the logistic curve.
+        seed: of folds and bootstrap.
+        replicates: of the bootstrap.
+        peers: extra columns with predictions; None: :func:`peer_columns`.
+
+    Raises:
+        ResultError, CampaignError, MotionError: as :func:`logistic_baseline`; or a column of
+            `peers` that is not there or holds other numbers than 0 and 1.
+    """
+    baseline = logistic_baseline(campaign, folds=folds, seed=seed)
+    chosen = campaign.select(baseline.used)
+    truth, motions = chosen.overturned == 1, chosen.motion_ids
+
+    def score(name: str, fitted: str, guess: Array, threshold: float = 0.5) -> BaselineScore:
+        known = ~np.isnan(guess)
+        observed, predicted = truth[known], guess[known] > threshold
+        return BaselineScore(
+            name=name,
+            fitted=fitted,
+            metrics=classification_metrics(observed, predicted),
+            intervals=classification_intervals(
+                observed, predicted, motions[known], replicates=replicates, seed=seed
+            ),
+        )
+
+    scores = [
+        score("logistic", "out of fold", baseline.out_of_fold),
+        score("logistic", "in sample", baseline.in_sample),
+    ]
+    for name in peer_columns(campaign) if peers is None else peers:
+        column = campaign.extra(name)
+        if not _is_prediction(column):
+            raise ResultError(
+                f"campaign {campaign.name!r}: column {name} holds other numbers than 0 and 1, so "
+                "no prediction of the outcome"
+            )
+        if not np.isnan(column[baseline.used]).all():
+            scores.append(score(name, "", column[baseline.used]))
+    return scores
+
+
+def format_baselines(scores: Sequence[BaselineScore]) -> str:
+    """The scores as a table for people: figure and 95 % interval."""
+    header = ["prediction", "fitted", "trials", *SCORES[:3], "f1", "mean of three"]
+    rows = [
+        [
+            one.name,
+            one.fitted,
+            str(one.metrics.trials),
+            *(str(one.intervals[name]) for name in SCORES),
+        ]
+        for one in scores
+    ]
+    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in [header, *rows]
+    )

@@ -1,0 +1,152 @@
+"""Intervals of scores from a bootstrap over ground motions.
+
+Trials of one ground motion resemble each other, so whole motions are drawn, with all their trials
+(cluster bootstrap; Davison and Hinkley 1997, *Bootstrap Methods and their Application*, 3.8).
+Intervals are of the percentile kind. They tell what other motions would have given, not what other
+fits would: predictions stay as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsr2.analysis.metrics import classification_metrics
+from vsr2.campaign import motion_resamples
+from vsr2.errors import ResultError
+
+Array = NDArray[np.float64]
+
+SCORES = ("accuracy", "precision", "recall", "f1", "objective")
+"""Scores that :func:`classification_intervals` gives."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure and how sure it is.
+
+    Attributes:
+        value: on the trials as they are; NaN: undefined.
+        low: lower end of the interval; NaN: no replicate defines the figure.
+        high: upper end.
+        standard_error: standard deviation over the replicates.
+        undefined: share of replicates without the figure (no overturning predicted, for example),
+            which the interval leaves out.
+    """
+
+    value: float
+    low: float
+    high: float
+    standard_error: float
+    undefined: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.value:.3f} [{self.low:.3f}, {self.high:.3f}]"
+
+
+def classification_intervals(
+    observed: ArrayLike,
+    predicted: ArrayLike,
+    motions: ArrayLike,
+    *,
+    level: float = 0.95,
+    replicates: int = 2000,
+    seed: int = 0,
+) -> Mapping[str, Interval]:
+    """Accuracy, precision, recall, F1 and their objective, with intervals.
+
+    Args:
+        observed: whether each trial overturned, boolean, shape (n,).
+        predicted: whether it was predicted to, boolean, shape (n,).
+        motions: ground motion of each trial, shape (n,).
+        level: of the intervals.
+        replicates: of the bootstrap.
+        seed: of its draws; equal seeds draw equal replicates, so that predictions of the same
+            trials can be compared.
+
+    Returns:
+        By the names in `SCORES`.
+
+    Raises:
+        ResultError: as :func:`classification_metrics`; or `motions` of another length, or `level`
+            not between 0 and 1.
+        CampaignError: no trials, or a number of replicates that cannot be.
+    """
+    found = classification_metrics(observed, predicted)
+    truth, guess = np.asarray(observed), np.asarray(predicted)
+    drawn = _draws(motions, truth.size, level, replicates, seed)
+    true_positives = drawn @ (truth & guess)
+    false_positives = drawn @ (~truth & guess)
+    false_negatives = drawn @ (truth & ~guess)
+    right = drawn @ (truth == guess)
+    accuracy = _ratio(right, drawn.sum(axis=1))
+    precision = _ratio(true_positives, true_positives + false_positives)
+    recall = _ratio(true_positives, true_positives + false_negatives)
+    f1 = _ratio(2 * true_positives, 2 * true_positives + false_positives + false_negatives)
+    objective = (accuracy + precision + recall) / 3.0
+    values = (accuracy, precision, recall, f1, objective)
+    return {
+        name: _interval(float(getattr(found, name)), value, level)
+        for name, value in zip(SCORES, values, strict=True)
+    }
+
+
+def mean_interval(
+    values: ArrayLike,
+    motions: ArrayLike,
+    *,
+    level: float = 0.95,
+    replicates: int = 2000,
+    seed: int = 0,
+) -> Interval:
+    """The mean of a figure of each trial, a log loss or a difference of two for example.
+
+    Args:
+        values: finite, shape (n,).
+        motions: ground motion of each trial, shape (n,).
+        level: of the interval.
+        replicates: of the bootstrap.
+        seed: of its draws.
+
+    Raises:
+        ResultError: values that are not finite or not of shape (n,), `motions` of another length,
+            or `level` not between 0 and 1.
+        CampaignError: no trials, or a number of replicates that cannot be.
+    """
+    value = np.asarray(values, dtype=np.float64)
+    if value.ndim != 1 or not np.isfinite(value).all():
+        raise ResultError(
+            f"values must be finite and of shape (n,), not {value.shape}; leave out what is unknown"
+        )
+    drawn = _draws(motions, value.size, level, replicates, seed)
+    return _interval(float(value.mean()), (drawn @ value) / drawn.sum(axis=1), level)
+
+
+def _draws(motions: ArrayLike, trials: int, level: float, replicates: int, seed: int) -> Array:
+    groups = np.asarray(motions)
+    if groups.shape != (trials,):
+        raise ResultError(f"motions has shape {groups.shape} for {trials} trials")
+    if not 0 < level < 1:
+        raise ResultError(f"level {level} must lie between 0 and 1")
+    return motion_resamples(groups, replicates, seed).astype(np.float64)
+
+
+def _ratio(part: Array, whole: Array) -> Array:
+    out = np.full(part.shape, np.nan)
+    np.divide(part, whole, out=out, where=whole > 0)
+    return out
+
+
+def _interval(value: float, replicates: Array, level: float) -> Interval:
+    known = replicates[~np.isnan(replicates)]
+    undefined = 1.0 - known.size / replicates.size
+    if known.size == 0:
+        return Interval(value, math.nan, math.nan, math.nan, undefined)
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(known, [tail, 1.0 - tail])
+    error = float(known.std(ddof=1)) if known.size > 1 else 0.0
+    return Interval(value, float(low), float(high), error, undefined)

@@ -1,0 +1,41 @@
+"""Campaigns of shake-table trials, measured and simulated: their form, files, folds and import."""
+
+from vsr2.campaign.campaign import (
+    Campaign,
+    CampaignTrial,
+    MeasurementNoise,
+    Series,
+    Specimen,
+    Tier,
+)
+from vsr2.campaign.description import SCHEMA
+from vsr2.campaign.folder import check_campaign, load_campaign, save_campaign
+from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
+from vsr2.campaign.laboratory import import_lab
+from vsr2.campaign.measures import IntensityMeasures, intensity_measures
+from vsr2.campaign.problems import CampaignProblem
+from vsr2.campaign.simulate import simulate_campaign
+from vsr2.campaign.summary import campaign_summary, format_campaign
+
+__all__ = [
+    "SCHEMA",
+    "Campaign",
+    "CampaignProblem",
+    "CampaignTrial",
+    "IntensityMeasures",
+    "MeasurementNoise",
+    "Series",
+    "Specimen",
+    "Tier",
+    "campaign_summary",
+    "check_campaign",
+    "format_campaign",
+    "grouped_folds",
+    "import_lab",
+    "intensity_measures",
+    "load_campaign",
+    "motion_folds",
+    "motion_resamples",
+    "save_campaign",
+    "simulate_campaign",
+]

@@ -1,0 +1,88 @@
+"""What a campaign holds, in words and as data."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from vsr2.campaign.campaign import Campaign
+from vsr2.campaign.measures import intensity_measures
+
+
+def campaign_summary(campaign: Campaign) -> dict[str, Any]:
+    """Counts and ranges (JSON-serialisable).
+
+    Raises:
+        MotionError: intensity is to be told from a motion that cannot be filtered.
+    """
+    trials = campaign.trials
+    measures = intensity_measures(campaign)
+    outcomes = campaign.overturned
+    return {
+        "name": campaign.name,
+        "description": campaign.description,
+        "tier": campaign.tier,
+        "trials": len(trials),
+        "overturned": int(np.nansum(outcomes)),
+        "standing": int(np.count_nonzero(outcomes == 0)),
+        "outcome_unknown": int(np.count_nonzero(np.isnan(outcomes))),
+        "with_motion": sum(trial.motion_file is not None for trial in trials),
+        "with_peak_tilt": sum(trial.peak_tilt is not None for trial in trials),
+        "with_series": sum(trial.series is not None for trial in trials),
+        "ground_motions": len({trial.motion for trial in trials}),
+        "motion_files": len({t.motion_file for t in trials if t.motion_file is not None}),
+        "sessions": len({trial.session for trial in trials}),
+        "specimens": {
+            key: {
+                "trials": sum(trial.specimen == key for trial in trials),
+                "mass_kg": specimen.mass,
+                "model_file": None if specimen.model_file is None else str(specimen.model_file),
+            }
+            for key, specimen in campaign.specimens.items()
+        },
+        "pga_m_s2": _range(measures.pga),
+        "pgv_pga_s": _range(measures.pgv_pga),
+        "extra_columns": list(campaign.extra_columns),
+        "notes": dict(Counter(trial.note for trial in trials if trial.note)),
+    }
+
+
+def _range(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float] | None:
+    known = values[~np.isnan(values)]
+    return [float(known.min()), float(known.max())] if known.size else None
+
+
+def format_campaign(campaign: Campaign) -> str:
+    """The same for a person.
+
+    Raises:
+        MotionError: as :func:`campaign_summary`.
+    """
+    summary = campaign_summary(campaign)
+    tier = {"B": "outcomes", "M": "outcomes and largest tilt", "T": "outcomes and series"}
+    lines = [
+        f"{summary['name']}: {summary['description'] or 'no description'}",
+        f"tier           {summary['tier']} ({tier[summary['tier']]})",
+        f"trials         {summary['trials']}: {summary['overturned']} overturned, "
+        f"{summary['standing']} not, {summary['outcome_unknown']} unknown",
+        f"motions        {summary['ground_motions']} ground motions, "
+        f"{summary['motion_files']} files for {summary['with_motion']} trials",
+        f"largest tilt   {summary['with_peak_tilt']} trials",
+        f"series         {summary['with_series']} trials",
+        f"sessions       {summary['sessions']}",
+    ]
+    for key, specimen in summary["specimens"].items():
+        mass = "mass unknown" if specimen["mass_kg"] is None else f"{specimen['mass_kg']:g} kg"
+        model = "no model" if specimen["model_file"] is None else "with model"
+        lines.append(f"specimen       {key}: {specimen['trials']} trials, {mass}, {model}")
+    for label, key, unit in (("PGA", "pga_m_s2", "m/s^2"), ("PGV/PGA", "pgv_pga_s", "s")):
+        span = summary[key]
+        shown = "unknown" if span is None else f"{span[0]:.4g} to {span[1]:.4g} {unit}"
+        lines.append(f"{label:<14} {shown}")
+    if summary["extra_columns"]:
+        lines.append(f"extra columns  {', '.join(summary['extra_columns'])}")
+    for note, count in summary["notes"].items():
+        lines.append(f"note           {note!r}: {count} trials")
+    return "\n".join(lines)

@@ -1,0 +1,166 @@
+"""Tables in CSV that may come from anywhere: bounded, with problems that name row and column."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from vsr2.campaign.problems import Problems
+from vsr2.config.problems import shown
+
+MAX_TABLE_BYTES = 64 * 1024**2
+"""Greater files are refused unread."""
+MAX_ROWS = 100_000
+MAX_COLUMNS = 300
+MAX_CELL = 1000
+
+_NUMBER = re.compile(r"[-+]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][-+]?[0-9]{1,4})?\Z")
+_WHOLE = re.compile(r"[-+]?[0-9]{1,18}\Z")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table: its line in the file, and its cells by column (blanks stripped)."""
+
+    line: int
+    cells: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        columns: names from the header.
+        rows: those of as many cells as the header.
+        whole: no row had to be left out.
+    """
+
+    columns: tuple[str, ...]
+    rows: list[Row]
+    whole: bool
+
+
+def read_bytes(path: Path, limit: int) -> bytes | str:
+    """The content of a regular file of at most `limit` bytes, or why it cannot be had."""
+    try:
+        if not path.is_file():
+            return "no such file; add it, or correct the name"
+        with path.open("rb") as stream:
+            content = stream.read(limit + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        return f"cannot be read ({reason}); check the file's permissions"
+    if len(content) > limit:
+        return f"has more than {limit} bytes; split the campaign or shorten the file"
+    return content
+
+
+def read_table(path: Path, file: str, problems: Problems) -> Table | None:
+    """A CSV file with a header; None where `problems` got one that leaves no table.
+
+    Args:
+        path: the file.
+        file: how problems name it.
+        problems: gets what is wrong.
+    """
+    content = read_bytes(path, MAX_TABLE_BYTES)
+    if isinstance(content, str):
+        problems.add(file, content)
+        return None
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        row = content.count(b"\n", 0, error.start) + 1
+        problems.add(
+            file,
+            f"byte {content[error.start]:#04x} is not UTF-8; save the table as UTF-8",
+            row=row,
+        )
+        return None
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    lines = _lines(reader, file, problems)
+    header = next(lines, None)
+    if header is None:
+        if not problems:
+            problems.add(file, "is empty; give a header and one row a trial")
+        return None
+    columns = header[1]
+    if not _sound_header(columns, header[0], file, problems):
+        return None
+    rows: list[Row] = []
+    faults = len(problems.found)
+    for line, cells in lines:
+        if len(cells) != len(columns):
+            problems.add(
+                file,
+                f"has {len(cells)} cells, the header {len(columns)}; give each column one cell",
+                row=line,
+            )
+            continue
+        if len(rows) >= MAX_ROWS:
+            problems.add(file, f"has more than {MAX_ROWS} rows; split the campaign", row=line)
+            return None
+        for name, cell in zip(columns, cells, strict=True):
+            if len(cell) > MAX_CELL:
+                problems.add(
+                    file, f"has {len(cell)} characters, at most {MAX_CELL}", row=line, column=name
+                )
+        rows.append(Row(line, dict(zip(columns, cells, strict=True))))
+    if not rows and len(problems.found) == faults:
+        problems.add(file, "has a header and no rows; give one row a trial")
+    return Table(tuple(columns), rows, whole=len(problems.found) == faults)
+
+
+def _lines(
+    reader: Iterator[list[str]], file: str, problems: Problems
+) -> Iterator[tuple[int, list[str]]]:
+    """Rows that are not blank, with their lines; a fault of the format ends them."""
+    while True:
+        try:
+            cells = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            problems.add(
+                file,
+                f"not a table in CSV ({error}); write it again with commas and one row a line",
+                row=getattr(reader, "line_num", None),
+            )
+            return
+        stripped = [cell.strip() for cell in cells]
+        if any(stripped):
+            yield getattr(reader, "line_num", 0), stripped
+
+
+def _sound_header(columns: list[str], line: int, file: str, problems: Problems) -> bool:
+    if len(columns) > MAX_COLUMNS:
+        problems.add(
+            file, f"the header has {len(columns)} columns, at most {MAX_COLUMNS}", row=line
+        )
+        return False
+    sound = True
+    for i, name in enumerate(columns):
+        if not name or len(name) > MAX_CELL or not name.isprintable():
+            problems.add(
+                file, f"column {i + 1} has the name {shown(name)}; give it a plain one", row=line
+            )
+            sound = False
+        elif name in columns[:i]:
+            problems.add(file, "is there twice; remove or rename one", row=line, column=name)
+            sound = False
+    return sound
+
+
+def number(cell: str) -> float | None:
+    """The number that `cell` is; None: it is none (`nan`, `inf` and `1_000` are none)."""
+    return float(cell) if _NUMBER.match(cell) else None
+
+
+def whole_number(cell: str) -> int | None:
+    """The whole number that `cell` is; None: it is none."""
+    return int(cell) if _WHOLE.match(cell) else None

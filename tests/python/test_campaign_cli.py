@@ -1,0 +1,92 @@
+"""`vsr2 campaign`: its verbs, exit codes and what they print."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from campaign_samples import campaign, grid
+from vsr2.campaign import load_campaign, save_campaign
+from vsr2.cli.campaign import add_verbs
+from vsr2.errors import CampaignError
+
+STUDY = """
+name: block
+rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
+motion:
+  mode: grid_cosine
+  pga: {min: 0.2, max: 0.6, step: 0.4}
+  pgv_pga: {min: 0.1, max: 0.1, step: 0.1}
+"""
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    add_verbs(parser.add_subparsers(dest="verb"))
+    options = parser.parse_args(["campaign", *map(str, arguments)])
+    return options.run(options)
+
+
+def test_check_names_problems_and_tells_by_its_exit_code(tmp_path, capsys):
+    save_campaign(campaign(), tmp_path / "c")
+    assert run("check", tmp_path / "c") == 0
+    assert "no problems" in capsys.readouterr().out
+    table = tmp_path / "c" / "trials.csv"
+    table.write_text(table.read_text().replace("A2,", "A1,"))
+    assert run("check", tmp_path / "c") == 2
+    out = capsys.readouterr().out
+    assert "trials.csv: row 3, column trial: 'A1' is there twice" in out
+    assert "1 problem\n" in out
+
+
+def test_info_prints_words_or_json(tmp_path, capsys):
+    save_campaign(grid(), tmp_path / "c")
+    assert run("info", tmp_path / "c") == 0
+    assert "12 ground motions" in capsys.readouterr().out
+    assert run("info", tmp_path / "c", "--baselines", "--folds", "4") == 0
+    assert "out of fold" in capsys.readouterr().out
+    assert run("info", tmp_path / "c", "--baselines", "--folds", "4", "--json") == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["trials"] == 108
+    assert data["baselines"][0]["scores"]["accuracy"]["value"] > 0.8
+    with pytest.raises(CampaignError, match="no such folder"):
+        run("info", tmp_path / "nowhere")
+
+
+def test_simulate_checks_before_it_runs_and_resumes(tmp_path, capsys):
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY)
+    options = ["--threads", "1", "--noise-tilt", "0.001", "--series-every", "20"]
+    options += ["--session-size", "1", "--name", "made"]
+    assert run("simulate", study, tmp_path / "c", *options) == 0
+    assert "2: 1 overturned, 1 not, 0 unknown" in capsys.readouterr().out
+    made = load_campaign(tmp_path / "c")
+    assert made.name == "made"
+    assert made.tier == "T"
+    assert [t.session for t in made.trials] == ["1", "2"]
+    assert made.trials[0].series.noise_tilt == 0.001
+    np.testing.assert_allclose(np.diff(made.trials[0].series.time), 0.02, atol=1e-9)
+    assert run("check", tmp_path / "c") == 0
+    with pytest.raises(CampaignError, match="already holds a campaign"):
+        run("simulate", study, tmp_path / "c", *options)
+    capsys.readouterr()
+    assert run("simulate", study, tmp_path / "c", *options, "--resume", "--quiet") == 0
+    assert capsys.readouterr().out == ""
+    with pytest.raises(CampaignError, match="from another study"):
+        run("simulate", study, tmp_path / "c", *options, "--resume", "--seed", "1")
+    assert run("simulate", study, tmp_path / "c", "--overwrite", "--quiet") == 0
+    assert load_campaign(tmp_path / "c").tier == "M"
+
+
+def test_import_lab_reports_what_it_wrote(tmp_path, capsys):
+    source = tmp_path / "lab"
+    source.mkdir()
+    (source / "trials.csv").write_text(
+        "test,sp1_overturned,date,motion\n7,1,20210621,RSN1\n8,0,20210621,RSN2\n"
+    )
+    assert run("import-lab", source, tmp_path / "c") == 0
+    assert "0 files for 0 trials" in capsys.readouterr().out
+    assert len(load_campaign(tmp_path / "c")) == 2
+    with pytest.raises(CampaignError, match="already holds"):
+        run("import-lab", source, tmp_path / "c")

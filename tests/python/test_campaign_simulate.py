@@ -1,0 +1,207 @@
+"""Simulated campaigns: the form of measured ones, repeatable, with the noise that was asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from campaign_samples import assert_equal
+from vsr2.campaign import (
+    MeasurementNoise,
+    check_campaign,
+    load_campaign,
+    save_campaign,
+    simulate_campaign,
+)
+from vsr2.config import study_from_mapping
+from vsr2.errors import CampaignError
+from vsr2.motion import Record
+from vsr2.results import rotate
+from vsr2.simulation import run_batch, study_trials
+
+BLOCK = {
+    "name": "block",
+    "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
+    "motion": {
+        "mode": "grid_cosine",
+        "pga": {"min": 0.2, "max": 0.8, "step": 0.3},
+        "pgv_pga": {"min": 0.08, "max": 0.16, "step": 0.08},
+        "drive": "prescribed",
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def study():
+    return study_from_mapping(BLOCK, base=".")
+
+
+@pytest.fixture(scope="module")
+def plain(study):
+    return simulate_campaign(study, series_every=10, threads=1, sessions=4)
+
+
+def test_outcomes_are_those_of_the_batch(study, plain):
+    result = run_batch(study, threads=1)
+    assert set(plain.overturned) == {0.0, 1.0}
+    np.testing.assert_array_equal(plain.overturned, result["outcome"] == "overturned")
+    np.testing.assert_array_equal([t.peak_tilt for t in plain.trials], result["peak_tilt"])
+    assert [t.motion for t in plain.trials] == list(result["motion"])
+    assert [t.order for t in plain.trials] == [1, 2, 3, 4, 5, 6]
+    assert [t.session for t in plain.trials] == ["1", "1", "1", "1", "2", "2"]
+    assert plain.tier == "T"
+    assert plain.specimens["rock"].mass == pytest.approx(0.25 * 0.5 * 1.0 * 2700)
+    for trial, log in zip(plain.trials, result.logs, strict=True):
+        np.testing.assert_array_equal(trial.series.time, log.time[log.time >= 0])
+        np.testing.assert_array_equal(trial.series.tilt, log.tilt[log.time >= 0])
+
+
+def test_series_tell_pose_from_the_rest_before(plain):
+    for trial in plain.trials:
+        one = trial.series
+        assert np.abs(one.position[0]).max() < 1e-4
+        np.testing.assert_allclose(one.orientation[0, 3], 1.0, atol=1e-6)
+        # The tilt is the angle that the rotation gives the vertical: one fact in two channels. An
+        # arc cosine loses half the digits near 0.
+        up = rotate(one.orientation, np.tile([0.0, 0.0, 1.0], (len(one.time), 1)))
+        np.testing.assert_allclose(np.arccos(np.clip(up[:, 2], -1, 1)), one.tilt, atol=1e-6)
+
+
+def test_the_motion_is_what_was_driven(study, plain):
+    for trial, driven in zip(plain.trials, study_trials(study), strict=True):
+        record = plain.record(trial)
+        assert record.sample_interval == driven.motion.time_step
+        np.testing.assert_array_equal(record.displacement, driven.motion.displacement)
+        np.testing.assert_array_equal(record.acceleration, driven.motion.acceleration)
+        assert trial.pga == driven.motion.pga
+        assert trial.pgv_pga == driven.motion.pgv_pga
+
+
+def test_it_survives_its_files(plain, tmp_path):
+    save_campaign(plain, tmp_path / "c")
+    assert check_campaign(tmp_path / "c") == []
+    assert_equal(plain, load_campaign(tmp_path / "c"))
+
+
+def test_noise_has_its_standard_error_and_leaves_the_outcome_alone(study, plain):
+    noise = MeasurementNoise(
+        displacement=1e-4,
+        acceleration=0.05,
+        peak_tilt=0.01,
+        tilt=0.002,
+        position=3e-4,
+        orientation=0.004,
+    )
+    noisy = simulate_campaign(study, series_every=10, threads=1, noise=noise, seed=5)
+    np.testing.assert_array_equal(noisy.overturned, plain.overturned)
+    assert noisy.noise == noise
+
+    def spread(values, expected):
+        values = np.concatenate([np.ravel(value) for value in values])
+        # Four standard errors of a standard deviation, 1 / sqrt(2 n) of itself.
+        assert values.std() == pytest.approx(expected, rel=4 / np.sqrt(2 * values.size))
+        assert abs(values.mean()) < 5 * expected / np.sqrt(values.size)
+
+    pairs = list(zip(noisy.trials, plain.trials, strict=True))
+    spread([a.series.tilt - b.series.tilt for a, b in pairs], 0.002)
+    spread([a.series.position - b.series.position for a, b in pairs], 3e-4)
+    # The small rotation between both: twice the vector part, about each axis.
+    turns = []
+    for a, b in pairs:
+        inverse = b.series.orientation * [-1, -1, -1, 1]
+        turns.append(2 * product(a.series.orientation, inverse)[:, :3])
+    spread(turns, 0.004)
+    records = [(noisy.record(a), plain.record(b)) for a, b in pairs]
+    spread([a.displacement - b.displacement for a, b in records], 1e-4)
+    spread([a.acceleration - b.acceleration for a, b in records], 0.05)
+    assert len(noisy.motions) == len(noisy)
+    differences = [abs(a.peak_tilt - b.peak_tilt) for a, b in pairs]
+    assert 0 < max(differences) < 0.05
+    assert all(0 <= t.peak_tilt <= np.pi for t in noisy.trials)
+    assert all(t.series.noise_tilt == 0.002 for t in noisy.trials)
+
+
+def product(p, q):
+    """Hamilton product of quaternions x, y, z, w, written out."""
+    (x, y, z, w), (a, b, c, d) = p.T, q.T
+    return np.stack(
+        [
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ],
+        axis=1,
+    )
+
+
+def test_seeds_decide_the_noise_and_trials_do_not_share_it(study):
+    noise = MeasurementNoise(displacement=1e-4)
+    one = simulate_campaign(study, threads=1, noise=noise, seed=5)
+    again = simulate_campaign(study, threads=1, noise=noise, seed=5)
+    other = simulate_campaign(study, threads=1, noise=noise, seed=6)
+    assert_equal(replace(one, provenance={}), replace(again, provenance={}))
+    errors = {}
+    for label, campaign in (("one", one), ("other", other)):
+        for trial, driven in zip(campaign.trials, study_trials(study), strict=True):
+            error = campaign.record(trial).displacement - driven.motion.displacement
+            errors[label, trial.trial] = tuple(error[:50])
+    assert len(set(errors.values())) == len(errors)
+
+
+def test_an_interrupted_campaign_resumes_to_the_same(study, tmp_path):
+    arguments = {
+        "study": study,
+        "series_every": 20,
+        "threads": 1,
+        "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001, displacement=1e-5),
+    }
+    whole = simulate_campaign(**arguments)
+    cut = [
+        replace(t, overturned=None, peak_tilt=None, series=None, note="cancelled") if i % 2 else t
+        for i, t in enumerate(whole.trials)
+    ]
+    save_campaign(replace(whole, trials=tuple(cut)), tmp_path / "c")
+    resumed = simulate_campaign(**arguments, resume=load_campaign(tmp_path / "c"))
+    assert_equal(replace(whole, provenance={}), replace(resumed, provenance={}))
+    assert_equal(whole, simulate_campaign(**arguments, resume=whole))
+    with pytest.raises(CampaignError, match="from another study, seed or noise"):
+        simulate_campaign(**arguments, seed=1, resume=whole)
+
+
+def test_trials_of_ones_own_with_ids_and_records(study):
+    trials = study_trials(study)[:2]
+    records = [
+        Record(name="as recorded", sample_interval=0.002, acceleration=np.sin(np.arange(50.0)))
+    ] * 2
+    made = simulate_campaign(
+        [trials[0], replace(trials[1], motion=trials[0].motion.scaled(2.0))],
+        name="pair",
+        motion_ids=["pulse", "pulse"],
+        records=records,
+        specimen="S",
+        threads=1,
+    )
+    assert made.name == "pair"
+    assert made.motion_ids.tolist() == ["pulse", "pulse"]
+    # One record serves both; intensities are the record's business, not those driven.
+    assert set(made.motions) == {"as_recorded"}
+    assert made.motions["as_recorded"].displacement is None
+    assert made.trials[0].pga is None
+    assert made.tier == "M"
+    with pytest.raises(CampaignError, match="motion_ids has 1 entries for 2 trials"):
+        simulate_campaign(trials, motion_ids=["a"])
+    with pytest.raises(CampaignError, match="sessions of 0 trials"):
+        simulate_campaign(trials, sessions=0)
+    with pytest.raises(CampaignError, match="no trials"):
+        simulate_campaign([])
+
+
+def test_a_failed_trial_has_no_outcome_and_says_why(study):
+    # At rest only when slower than any rounding lets it be, which it cannot become in time.
+    settling = {"linear_speed": 1e-300, "angular_speed": 1e-300, "window": 0.01, "timeout": 0.02}
+    broken = study.model_copy(update={"settling": study.settling.model_copy(update=settling)})
+    made = simulate_campaign(broken, threads=1, series_every=10)
+    assert {t.note for t in made.trials} == {"settling_timeout"}
+    assert np.isnan(made.overturned).all()
+    assert all(t.peak_tilt is None and t.series is None for t in made.trials)
