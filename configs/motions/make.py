@@ -1,8 +1,6 @@
 """Make the synthetic records of this folder: `python configs/motions/make.py`.
 
-Each is seeded Gaussian noise, shaped in time by an envelope and in frequency by the spectrum of
-Kanai (1957) and Tajimi (1960) for ground of natural frequency f_g and damping 0.6, high-passed at
-0.2 f_g (at least 0.2 Hz) so that the displacement returns to 0, and low-passed at 20 Hz. f_g is
+Each is noise shaped by `vsr2.motion.shaped_noise`, low-passed at 20 Hz. Its ground frequency f_g is
 bisected until PGV/PGA is the one asked for, and the amplitude scaled to PGA; both are measured on
 the motion that is driven at a time step of 1 ms.
 """
@@ -16,11 +14,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.motion import STANDARD_GRAVITY, Motion, Record, build_recorded_motion
+from vsr2.motion import (
+    STANDARD_GRAVITY,
+    SYNTHETIC_INTERVAL,
+    Motion,
+    Record,
+    build_recorded_motion,
+    shaped_noise,
+)
 
 Array = NDArray[np.float64]
 
-INTERVAL = 0.005
+INTERVAL = SYNTHETIC_INTERVAL
 """Sampling interval [s]."""
 DECIMALS = 7
 """Of the displacement: 0.1 micrometre, which moves the acceleration by less than 0.01 m/s^2."""
@@ -59,38 +64,18 @@ def displacement(recipe: Recipe) -> Array:
     for _ in range(40):
         middle = (low * high) ** 0.5
         # a higher ground frequency means more acceleration for the same velocity
-        if driven(recipe, shaped_noise(recipe, middle)).pgv_pga > recipe.pgv_pga:
+        if driven(recipe, noise(recipe, middle)).pgv_pga > recipe.pgv_pga:
             low = middle
         else:
             high = middle
-    raw = shaped_noise(recipe, (low * high) ** 0.5)
+    raw = noise(recipe, (low * high) ** 0.5)
     scale = recipe.pga * STANDARD_GRAVITY / driven(recipe, raw).pga
     return np.round(scale * raw, DECIMALS)
 
 
-def shaped_noise(recipe: Recipe, ground_frequency: float) -> Array:
+def noise(recipe: Recipe, ground_frequency: float) -> Array:
     """Displacement of arbitrary scale for a ground frequency [Hz], at rest at both ends."""
-    count = round(recipe.duration / INTERVAL) + 1
-    time = np.arange(count) * INTERVAL
-    strongest = 0.3 * recipe.duration
-    envelope = (time / strongest * np.exp(1 - time / strongest)) ** 3
-    noise = np.random.default_rng(recipe.seed).standard_normal(count) * envelope
-
-    length = 8192  # zeros after the record, so that the filters do not wrap round
-    frequency = np.fft.rfftfreq(length, INTERVAL)
-    r2 = (frequency / ground_frequency) ** 2
-    damping = (2 * 0.6) ** 2 * r2
-    ground = np.sqrt((1 + damping) / ((1 - r2) ** 2 + damping))
-    safe = np.maximum(frequency, 1e-9)
-    corner = max(0.2, 0.2 * ground_frequency)
-    band = 1 / np.sqrt((1 + (corner / safe) ** 8) * (1 + (frequency / 20.0) ** 8))
-    spectrum = np.fft.rfft(noise, length) * ground * band / -((2 * np.pi * safe) ** 2)
-    spectrum[0] = 0
-    moved = np.fft.irfft(spectrum, length)[:count]
-
-    ramp = np.minimum(np.arange(count) * INTERVAL, 1.0)
-    blend = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
-    return moved * blend * blend[::-1]
+    return shaped_noise(recipe.duration, ground_frequency, recipe.seed)
 
 
 def driven(recipe: Recipe, moved: Array) -> Motion:

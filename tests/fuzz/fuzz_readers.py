@@ -29,9 +29,11 @@ import sys
 import tempfile
 import time
 import traceback
+import warnings
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -46,9 +48,20 @@ SUFFIXES = {
     "ros2": (".yaml",),
     "mesh": (".obj", ".stl", ".ply"),
     "urdf": (".urdf",),
-    "motion": (".csv", ".npz", ".txt"),
+    "motion": (
+        *(".csv", ".npz", ".txt", ".dat", ".tab", ".AT2", ".VT2", ".DT2"),
+        *(".mseed", ".sac", ".EW"),
+    ),
+    "campaign": (".yaml", ".csv", ".npz"),
 }
-FOLDERS = {"config": "configs", "ros2": "", "mesh": "models", "urdf": "models", "motion": "configs"}
+FOLDERS = {
+    "config": "configs",
+    "ros2": "",
+    "mesh": "models",
+    "urdf": "models",
+    "motion": "configs",
+    "campaign": "",
+}
 
 # What breaks readers: odd numbers, syntax of each format, keys of the format in the wrong place.
 PIECES = [
@@ -58,6 +71,7 @@ PIECES = [
     *b"f 1 1 1 v nan 0 0 f -1 -2 -3 f 99999999 vertex facet endsolid element list".split(),
     *b"rock_structure_mesh engineSettings ros__parameters shape: mode: ../.. /dev/zero".split(),
     *(b"\0", b"\xff", b"\xef\xbb\xbf", b"\n", b"\r\n", b"\t", b"  ", b'"', b"\\UFFFFFFFF"),
+    *b"NPTS= DT= 999999999 UNITS OF CM/S G -.1-.1 E+999 ***** 24,0.005 ground_motion_id".split(),
     *(b"9" * 400, b"[" * 200, b"\0" * 4, b"\xff" * 4, b"\x7f\xf8" + b"\0" * 6),
 ]
 
@@ -89,9 +103,41 @@ def read_urdf(path: Path) -> None:
 
 
 def read_motion(path: Path) -> None:
+    import contextlib
+
+    from vsr2.errors import Vsr2Error
     from vsr2.motion import read_record
 
-    read_record(path)
+    # a format has its own units, or needs them
+    for units in (None, "m/s", "g"):
+        with contextlib.suppress(Vsr2Error):
+            read_record(path, units=units)
+
+
+def read_campaign(path: Path) -> None:
+    """Reads a sound campaign in which `path` takes the place of the file of its kind."""
+    from vsr2.campaign import check_campaign, load_campaign
+
+    folder = path.parent / "campaign"
+    sound = HERE / "corpus" / "campaign"
+    for name in ("motions", "series"):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    shutil.copy(sound / "campaign.yaml", folder)
+    shutil.copy(sound / "trials.csv", folder)
+    motion, series = (content for _, content in made_seeds("campaign"))
+    (folder / "motions" / "pulse.npz").write_bytes(motion)
+    (folder / "series" / "A2.npz").write_bytes(series)
+    match path.suffix:
+        case ".yaml":
+            shutil.copy(path, folder / "campaign.yaml")
+        case ".csv":
+            shutil.copy(path, folder / "trials.csv")
+        case _:
+            shutil.copy(path, folder / "motions" / "pulse.npz")
+            shutil.copy(path, folder / "series" / "A2.npz")
+    for problem in check_campaign(folder):
+        str(problem)
+    load_campaign(folder)
 
 
 READERS: dict[str, Callable[[Path], None]] = {
@@ -100,6 +146,7 @@ READERS: dict[str, Callable[[Path], None]] = {
     "mesh": read_mesh,
     "urdf": read_urdf,
     "motion": read_motion,
+    "campaign": read_campaign,
 }
 
 
@@ -132,6 +179,25 @@ def made_seeds(reader: str) -> list[tuple[str, bytes]]:
             stream = io.BytesIO()
             np.savez(stream, sample_interval_s=0.01, **keys)
             made.append((".npz", stream.getvalue()))
+        return made + seismology_seeds(displacement)
+    if reader == "campaign":
+        time = np.arange(40) * 0.02
+        pulse = 0.02 * (1 - np.cos(np.pi * time))
+        contents = (
+            {"sample_interval_s": 0.01, "displacement_m": pulse, "acceleration_m_s2": -pulse},
+            {
+                "time_s": time,
+                "tilt_rad": 0.1 * time,
+                "position_m": np.stack([pulse, 0 * time, 0 * time], axis=1),
+                "orientation_xyzw": np.tile([0.0, 0.0, 0.0, 1.0], (40, 1)),
+                "noise_tilt_rad": 0.001,
+            },
+        )
+        made = []
+        for content in contents:
+            stream = io.BytesIO()
+            np.savez(stream, **content)
+            made.append((".npz", stream.getvalue()))
         return made
     if reader == "mesh":
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
@@ -149,6 +215,23 @@ def made_seeds(reader: str) -> list[tuple[str, bytes]]:
             ply += b"\x03" + np.array(face, "<i4").tobytes()
         return [(".stl", stl), (".ply", ply)]
     return []
+
+
+def seismology_seeds(signal: Any) -> list[tuple[str, bytes]]:
+    """miniSEED and SAC, where obspy is installed."""
+    if importlib.util.find_spec("obspy") is None:
+        return []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import obspy
+
+        made = []
+        for suffix, format in ((".mseed", "MSEED"), (".sac", "SAC")):
+            stream = io.BytesIO()
+            trace = obspy.Trace(signal.astype("float32"), {"delta": 0.01})
+            obspy.Stream([trace]).write(stream, format=format)
+            made.append((suffix, stream.getvalue()))
+    return made
 
 
 def mutate(content: bytes, others: list[bytes], chance: random.Random) -> bytes:
@@ -314,6 +397,7 @@ def child(reader: str, seconds: float, seed: int, engine: str, folder: Path) -> 
         import atheris
 
         with atheris.instrument_imports(include=["vsr2", "yaml"]):
+            import vsr2.campaign
             import vsr2.config
             import vsr2.motion
             import vsr2.scene  # noqa: F401

@@ -104,6 +104,70 @@ def test_auto_takes_what_there_is():
     assert "acceleration channel" in build_recorded_motion(record, STEP).source
 
 
+def test_the_velocity_channel_drives_the_same_motion():
+    record = Record("r", 1 / RATE, displacement=X, velocity=np.gradient(X, T))
+    by_x = build_recorded_motion(record, STEP)
+    by_v = build_recorded_motion(record, STEP, channel="velocity")
+    # a finite difference of 2 Hz at 800 Hz, (w h)^2 / 6
+    np.testing.assert_allclose(by_v.displacement, by_x.displacement, rtol=0, atol=1e-4 * 0.05)
+    assert "velocity channel" in by_v.source
+    assert "displacement channel" in by_x.source
+    alone = Record("r", 1 / RATE, velocity=record.velocity, acceleration=A)
+    assert "velocity channel" in build_recorded_motion(alone, STEP).source
+
+
+def test_a_target_pga_replaces_the_scale_but_its_sign():
+    record = Record("r", 1 / RATE, displacement=X)
+    plain = build_recorded_motion(record, STEP)
+    for scale in (1.0, 5.0, -5.0):
+        motion = build_recorded_motion(record, STEP, scale=scale, target_pga=4.0)
+        assert motion.pga == pytest.approx(4.0, rel=1e-12)
+        assert motion.name == "r"
+        np.testing.assert_allclose(
+            motion.displacement,
+            np.sign(scale) * 4.0 / plain.pga * plain.displacement,
+            rtol=0,
+            atol=1e-12,
+        )
+
+
+def test_a_baseline_is_part_of_the_chain():
+    drift = 0.05 * (T / 8) ** 2
+    bent = Record("r", 1 / RATE, displacement=X + drift)
+    motion = build_recorded_motion(bent, STEP, baseline=2)
+    assert "baseline of degree 2, no filter" in motion.source
+    clean = build_recorded_motion(Record("r", 1 / RATE, displacement=X), STEP)
+    # a wave of a second in eight is no parabola
+    inside = slice(1000, -1000)
+    difference = (motion.displacement - clean.displacement)[inside]
+    assert np.ptp(difference) < 0.002
+
+
+def test_a_study_gives_units_to_files_without(tmp_path):
+    rows = "".join(f"{v:.10f}\n" for v in X[::4])
+    (tmp_path / "a.tab").write_text(f"TITLE\n{X[::4].size},0.005\n{rows}")
+    chosen = source(mode="all_recordings", folder=tmp_path, units="m")
+    (motion,) = build_motions(chosen, STEP)
+    assert motion.displacement.max() == pytest.approx(X.max(), rel=1e-3)
+    with pytest.raises(MotionError, match=r"motion\.units"):
+        build_motions(source(mode="single_recording", file=tmp_path / "a.tab"), STEP)
+
+
+def test_a_study_can_ask_for_the_fused_channel(tmp_path):
+    chance = np.random.default_rng(1)
+    save(
+        tmp_path / "table.npz",
+        displacement=X + 5e-5 * chance.standard_normal(X.size),
+        acceleration_m_s2=A + 0.04 * chance.standard_normal(X.size),
+    )
+    chosen = source(mode="single_recording", file=tmp_path / "table.npz", channel="fused")
+    (motion,) = build_motions(chosen, STEP)
+    assert "displacement and acceleration fused" in motion.source
+    exact = np.interp(motion.times, T, X)
+    error = motion.displacement - exact
+    assert np.std(error) < 2.5e-5  # half the transducer's noise
+
+
 @pytest.mark.parametrize("channel", ["displacement", "acceleration"])
 def test_a_missing_channel_is_refused(channel):
     fields = {"acceleration": A} if channel == "displacement" else {"displacement": X}

@@ -12,6 +12,10 @@ from vsr2.motion import (
     STANDARD_GRAVITY,
     build_motions,
     build_recorded_motion,
+    channel_noise,
+    fuse,
+    input_uncertainty,
+    kinematics,
     read_record,
     recorded_pga,
 )
@@ -82,3 +86,42 @@ def test_recordings_drive_as_in_the_original(trials):
         assert motion.duration == pytest.approx(record.duration, abs=0.0021)
         # noise of 0.045 mm below 25 Hz, at twice the interval: far below a nanometre each
         assert motion.resampling_error < 1e-8
+
+
+def strong_names(trials, count=4):
+    names = [name for name in trials if 0.3 < float(trials[name]["pga_g"]) < 1.2]
+    return names[:: max(1, len(names) // count)][:count]
+
+
+def test_noise_at_rest_is_that_of_the_instruments(trials):
+    noises = [channel_noise(record_of(name)) for name in list(trials)[::40]]
+    # about 0.045 mm at rest, and an accelerometer of some thousandths of g
+    assert np.median([n.displacement.deviation for n in noises]) == pytest.approx(5e-5, rel=0.3)
+    assert 0.02 < np.median([n.acceleration.deviation for n in noises]) < 0.06
+
+
+def test_the_channels_disagree_as_is_known(trials):
+    told = [input_uncertainty(record_of(name)) for name in strong_names(trials)]
+    bands = [tuple(band) for band in told[0].bands]
+    gain = np.median([t.gain for t in told], axis=0)
+    coherence = np.median([t.coherence for t in told], axis=0)
+    # about 1 at 3-5 Hz, 1.3-1.6 at 8-12 Hz; coherent only between 2 and 12 Hz
+    assert gain[bands.index((2.0, 4.0))] == pytest.approx(1.0, abs=0.1)
+    assert 1.1 < gain[bands.index((8.0, 12.0))] < 1.7
+    assert coherence[bands.index((2.0, 4.0))] > 0.95
+    assert coherence[bands.index((12.0, 25.0))] < 0.8
+
+
+def test_fused_motions_follow_each_channel_in_its_band(trials):
+    for name in strong_names(trials):
+        record = record_of(name)
+        fused = fuse(record)
+        assert np.isfinite(fused.displacement_error).all()
+        # slow: the transducer, within a few of its noise's deviations
+        assert np.std(fused.displacement - record.displacement) < 4e-4
+        # fast: nearer to the accelerometer than the transducer differentiated twice is
+        fused_a, by_a, by_x = (
+            kinematics(record, channel=channel, filter=Filter(low=8.0, high=20.0)).acceleration
+            for channel in ("fused", "acceleration", "displacement")
+        )
+        assert np.std(fused_a - by_a) < 0.7 * np.std(by_x - by_a)

@@ -9,8 +9,15 @@ from hypothesis import strategies as st
 
 from vsr2.config.study import Filter
 from vsr2.errors import MotionError
-from vsr2.motion import Record, band_pass, recorded_pga
-from vsr2.motion.processing import integrate_acceleration, rest_level, taper_ends
+from vsr2.motion import Record, band_pass, recorded_pga, remove_baseline
+from vsr2.motion.processing import (
+    differentiate,
+    integrate_acceleration,
+    integrate_acceleration_twice,
+    integrate_velocity,
+    rest_level,
+    taper_ends,
+)
 
 H = 1 / 800
 T = np.arange(32001) * H
@@ -144,3 +151,63 @@ def test_the_recorded_pga_is_the_peak_after_the_band_pass():
     assert recorded_pga(record, Filter(high=390.0)) > 7.0
     with pytest.raises(MotionError, match="has no acceleration"):
         recorded_pga(Record("r", H, displacement=acceleration))
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 5, 10])
+def test_a_baseline_takes_its_polynomial_and_no_more(degree):
+    s = np.linspace(0, 1, 5000)
+    polynomial = sum((-1) ** k * 3 * s**k for k in range(degree + 1))
+    # orthogonal to what is taken: nothing happens the second time
+    once = remove_baseline(polynomial + np.sin(2 * np.pi * 40 * s), degree)
+    np.testing.assert_allclose(remove_baseline(once, degree), once, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(remove_baseline(polynomial, degree), 0, atol=1e-10)
+    # 40 waves hardly look like a polynomial of degree 10
+    assert np.abs(once - np.sin(2 * np.pi * 40 * s))[500:-500].max() < 0.05
+    if degree == 0:
+        assert once.mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_baseline_of_higher_degree_stays_when_a_lower_is_taken():
+    s = np.linspace(-1, 1, 1001)
+    np.testing.assert_allclose(remove_baseline(5 + 2 * s + s**2, 1), s**2 - 1 / 3, atol=2e-3)
+
+
+@pytest.mark.parametrize("degree", [-1, 11])
+def test_impossible_baselines_are_refused(degree):
+    with pytest.raises(MotionError, match=r"q\.csv: baseline of degree"):
+        remove_baseline(np.zeros(50), degree, name="q.csv")
+
+
+def velocity_of_bump(t, middle=20.0, width=0.4):
+    u = (t - middle) / width
+    return -2 * u * np.exp(-(u**2)) / width
+
+
+@pytest.mark.parametrize("chosen", [None, Filter(low=0.01, high=300.0)])
+def test_a_velocity_integrates_and_differentiates(chosen):
+    displacement, acceleration = bump(T)
+    found = integrate_velocity(velocity_of_bump(T), H, chosen)
+    # cubic splines, (h / width)^4 and (h / width)^3; the wide band-pass takes the slowest per cents
+    tolerance = 1e-6 if chosen is None else 0.05
+    peak = np.abs(acceleration).max()
+    np.testing.assert_allclose(found.displacement, displacement, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(found.acceleration, acceleration, rtol=0, atol=tolerance * peak)
+    assert found.displacement[0] == 0.0
+
+
+def test_an_offset_of_the_velocity_drifts_until_a_baseline_takes_it():
+    velocity = velocity_of_bump(T) + 0.1
+    assert integrate_velocity(velocity, H).displacement[-1] == pytest.approx(4.0, rel=1e-6)
+    clean = integrate_velocity(remove_baseline(velocity, 0), H)
+    np.testing.assert_allclose(clean.displacement, bump(T)[0], rtol=0, atol=1e-6)
+
+
+def test_the_three_histories_belong_together():
+    displacement, acceleration = bump(T)
+    for found in (
+        integrate_acceleration_twice(acceleration + 0.3, H),
+        differentiate(displacement + 0.3, H),
+    ):
+        np.testing.assert_allclose(found.displacement, displacement, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(found.velocity, velocity_of_bump(T), rtol=0, atol=1e-6)
+        np.testing.assert_allclose(found.acceleration, acceleration, rtol=0, atol=1e-5)

@@ -93,3 +93,25 @@ def test_scaling_to_nonsense_is_refused(factor):
 
 def test_scaling_scales_the_stated_error():
     assert motion(resampling_error=1e-6).scaled(-2).resampling_error == 2e-6
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_scaling_to_a_pga_keeps_sign_and_shape(sign):
+    motion = cosine_motion(0.1, 1.0, 0.001).scaled(sign)
+    scaled = motion.scaled_to_pga(3.0, name="x")
+    assert scaled.pga == pytest.approx(3.0, rel=1e-14)
+    assert scaled.name == "x"
+    factor = 3.0 / motion.pga
+    np.testing.assert_allclose(scaled.displacement, factor * motion.displacement, rtol=1e-14)
+
+
+@pytest.mark.parametrize("pga", [0.0, -1.0, float("nan"), float("inf")])
+def test_impossible_targets_of_pga_are_refused(pga):
+    with pytest.raises(MotionError, match="target PGA"):
+        cosine_motion(0.1, 1.0, 0.001).scaled_to_pga(pga)
+
+
+def test_a_motion_at_rest_has_no_pga_to_scale():
+    rest = Motion("rest", 0.001, *(np.zeros(5),) * 3, kind="recording")
+    with pytest.raises(MotionError, match="at rest"):
+        rest.scaled_to_pga(1.0)

@@ -119,7 +119,7 @@ def _add_processing(parser: argparse.ArgumentParser) -> None:
 def _info(options: argparse.Namespace) -> int:
     from vsr2.motion import intensity_measures
 
-    rows: dict[str, dict[str, float]] = {}
+    rows: list[dict[str, float]] = []
     for file in options.files:
         record = _read(file, options)
         measures = intensity_measures(
@@ -128,13 +128,16 @@ def _info(options: argparse.Namespace) -> int:
             baseline=options.baseline,
             filter=_filter(options),
         )
-        rows[str(file)] = measures.as_dict()
+        rows.append(measures.as_dict())
     if options.json:
-        print(json.dumps(rows, indent=2))
+        named = [{"file": str(f), **row} for f, row in zip(options.files, rows, strict=True)]
+        print(json.dumps(named, indent=2))
     else:
-        names = list(next(iter(rows.values())))
-        table = [[f"{row[name]:.4g}" for name in names] for row in rows.values()]
-        _print_table(["file", *names], [[f, *r] for f, r in zip(rows, table, strict=True)])
+        table = [
+            [str(file), *(f"{value:.4g}" for value in row.values())]
+            for file, row in zip(options.files, rows, strict=True)
+        ]
+        _print_table(["file", *rows[0]], table)
     return 0
 
 

@@ -39,6 +39,10 @@ Flag = Annotated[bool, Strict()]
 Vector3 = tuple[Real, Real, Real]
 Size = tuple[Length, Length, Length]
 
+RecordUnits = Literal[
+    "g", "m/s^2", "cm/s^2", "mm/s^2", "m/s", "cm/s", "mm/s", "m", "cm", "mm", "in"
+]
+
 MAX_GRID_TRIALS = 1_000_000
 MIN_STEPS_A_PERIOD = 10
 
@@ -381,8 +385,13 @@ class Filter(Section):
 
 
 class _Recorded(_Driven):
-    channel: Literal["auto", "displacement", "acceleration"] = "auto"
-    """Which recorded channel drives the pedestal; `auto`: displacement where there is one."""
+    channel: Literal["auto", "displacement", "velocity", "acceleration", "fused"] = "auto"
+    """Which recorded channel drives the pedestal; `auto`: displacement where there is one, else
+    velocity, else acceleration; `fused`: displacement and acceleration together, each weighted by
+    its noise."""
+    units: RecordUnits | None = None
+    """Of recordings in a format that carries none (text in columns, the original's `.tab`,
+    miniSEED, SAC); for other formats it is refused."""
     filter: Filter | None = None
     """Band-pass before use; none given: the recording as it is."""
     scale: Scale = 1.0

@@ -1,28 +1,72 @@
-"""Ground motions: one type, four modes, resampling in time, intensity measures."""
+"""Ground motions: one type, readers, processing, intensity measures, fusion of channels."""
 
 from vsr2.motion.build import build_motions, build_recorded_motion
 from vsr2.motion.cosine import cosine_measures, cosine_motion, cosine_parameters
-from vsr2.motion.measures import STANDARD_GRAVITY, pga, pgv
+from vsr2.motion.fusion import (
+    ChannelNoise,
+    FusedMotion,
+    InputUncertainty,
+    Noise,
+    channel_noise,
+    fuse,
+    input_uncertainty,
+)
+from vsr2.motion.measures import (
+    Channel,
+    IntensityMeasures,
+    arias_intensity,
+    cumulative_absolute_velocity,
+    intensity_measures,
+    kinematics,
+    pga,
+    pgv,
+    recorded_pga,
+    significant_duration,
+)
 from vsr2.motion.motion import Motion
-from vsr2.motion.processing import band_pass, recorded_pga
-from vsr2.motion.recording import Record, read_record
+from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
+from vsr2.motion.record import Record
+from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample, sine_error
+from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_motion
+from vsr2.motion.units import STANDARD_GRAVITY
 
 __all__ = [
     "STANDARD_GRAVITY",
+    "SYNTHETIC_INTERVAL",
+    "Channel",
+    "ChannelNoise",
+    "FusedMotion",
+    "InputUncertainty",
+    "IntensityMeasures",
+    "Kinematics",
     "Motion",
+    "Noise",
     "Record",
+    "RecordFormat",
     "Resampled",
+    "arias_intensity",
     "band_pass",
     "build_motions",
     "build_recorded_motion",
+    "channel_noise",
     "cosine_measures",
     "cosine_motion",
     "cosine_parameters",
+    "cumulative_absolute_velocity",
+    "fuse",
+    "input_uncertainty",
+    "intensity_measures",
+    "kinematics",
     "pga",
     "pgv",
     "read_record",
     "recorded_pga",
+    "remove_baseline",
     "resample",
+    "shaped_noise",
+    "significant_duration",
     "sine_error",
+    "synthetic_motion",
+    "write_record",
 ]

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Literal, Never, assert_never
+from typing import assert_never
 
 from vsr2.config.study import (
     AllRecordings,
@@ -25,21 +25,24 @@ from vsr2.motion.cosine import (
     grid_parameters,
     grid_values,
 )
-from vsr2.motion.motion import Motion
+from vsr2.motion.fusion import fuse
+from vsr2.motion.measures import Channel, missing_channel
+from vsr2.motion.motion import Array, Motion
 from vsr2.motion.processing import (
     band_pass,
     integrate_acceleration,
+    integrate_velocity,
+    remove_baseline,
     taper_ends,
 )
-from vsr2.motion.recording import Record, read_record
+from vsr2.motion.record import Record
+from vsr2.motion.recording import read_record
 from vsr2.motion.resample import resample
 
 MAX_MOTIONS = 100_000
 """Most motions of one study."""
 MAX_TOTAL_SAMPLES = 50_000_000
 """Most samples of all motions of one study together: 1.2 GB."""
-
-Channel = Literal["auto", "displacement", "acceleration"]
 
 
 def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
@@ -73,55 +76,50 @@ def build_recorded_motion(
     time_step: float,
     *,
     channel: Channel = "auto",
+    baseline: int | None = None,
     filter: Filter | None = None,
     scale: float = 1.0,
+    target_pga: float | None = None,
     name: str | None = None,
 ) -> Motion:
     """The motion that a record asks of the pedestal.
 
     The original drives recordings from the displacement channel after a band-pass 0.1-25 Hz of
     order 3; that is `channel="displacement"` (or "auto") with `filter=Filter()`. The displacement
-    channel keeps its sign. The steps are those of :mod:`vsr2.motion.processing`, then
-    :func:`vsr2.motion.resample.resample`.
+    channel keeps its sign. The chain is that of :mod:`vsr2.motion.processing`.
 
     Args:
         record: at its own sampling interval.
         time_step: of the simulation [s].
-        channel: which one drives; "auto": displacement where there is one.
+        channel: which one drives; "auto": displacement where there is one, else velocity, else
+            acceleration; "fused": displacement and acceleration together
+            (:func:`vsr2.motion.fusion.fuse`).
+        baseline: degree of a polynomial to take off the channel first; None: none.
         filter: band-pass at the record's own sampling; None: none. A raw displacement channel
             should have one: its noise is small, its second derivative is not.
         scale: factor on the motion; negative mirrors it.
+        target_pga: PGA of the motion as driven [m/s^2], which `scale` then only signs; None: as
+            `scale` has it.
         name: of the motion; by default the record's.
 
     Raises:
-        MotionError: the channel is missing, the filter does not fit the sampling, or the record
-            cannot be resampled at `time_step`.
+        MotionError: the channel is missing, the filter does not fit the sampling, the noise of the
+            channels cannot be told, or the record cannot be resampled at `time_step`.
     """
     if not math.isfinite(scale) or scale == 0:
         raise MotionError(f"{record.label}: scale {scale} must be finite and not 0")
     interval = record.sample_interval
-    used = channel
-    if used == "auto":
-        used = "acceleration" if record.displacement is None else "displacement"
-    if used == "displacement":
-        if record.displacement is None:
-            _missing(record, "displacement", "acceleration")
-        displacement = record.displacement
-        if filter is not None:
-            displacement = band_pass(displacement, interval, filter, name=record.label)
-    else:
-        if record.acceleration is None:
-            _missing(record, "acceleration", "displacement")
-        displacement = integrate_acceleration(
-            record.acceleration, interval, filter, name=record.label
-        )
+    used = _driving_channel(record) if channel == "auto" else channel
+    displacement, how = _displacement(record, used, baseline, filter)
     driven = resample(
         scale * taper_ends(displacement, interval), interval, time_step, name=record.label
     )
     treatment = "no filter"
     if filter is not None:
         treatment = f"band-pass {filter.low:g}-{filter.high:g} Hz order {filter.order}"
-    return Motion(
+    if baseline is not None:
+        treatment = f"baseline of degree {baseline}, {treatment}"
+    motion = Motion(
         name=record.name if name is None else name,
         time_step=time_step,
         displacement=driven.displacement,
@@ -129,12 +127,54 @@ def build_recorded_motion(
         acceleration=driven.acceleration,
         kind="recording",
         source=(
-            f"{record.label}, sha256 {record.sha256 or 'none'}, {used} channel, {treatment}, "
+            f"{record.label}, sha256 {record.sha256 or 'none'}, {how}, {treatment}, "
             f"scale {scale:.12g}, sampled every {interval:.9g} s"
         ),
         resampling_error=driven.error,
         resampling_error_rms=driven.error_rms,
     )
+    return motion if target_pga is None else motion.scaled_to_pga(target_pga, name=motion.name)
+
+
+def _driving_channel(record: Record) -> Channel:
+    if record.displacement is not None:
+        return "displacement"
+    return "acceleration" if record.velocity is None else "velocity"
+
+
+def _displacement(
+    record: Record, channel: Channel, baseline: int | None, filter: Filter | None
+) -> tuple[Array, str]:
+    """What drives (n,) [m], and how it came about."""
+    interval, label = record.sample_interval, record.label
+    if channel == "fused":
+        fused = fuse(record, baseline=baseline)
+        displacement = fused.displacement
+        if filter is not None:
+            displacement = band_pass(displacement, interval, filter, name=label)
+        noise = fused.noise
+        return displacement, (
+            f"displacement and acceleration fused (noise {noise.displacement.deviation:.3g} m and "
+            f"{noise.acceleration.deviation:.3g} m/s^2, consistency {fused.consistency:.3g})"
+        )
+    signal = {
+        "displacement": record.displacement,
+        "velocity": record.velocity,
+        "acceleration": record.acceleration,
+    }[channel]
+    if signal is None:
+        missing_channel(record, channel)
+    if baseline is not None:
+        signal = remove_baseline(signal, baseline, name=label)
+    if channel == "acceleration":
+        displacement = integrate_acceleration(signal, interval, filter, name=label)
+    elif channel == "velocity":
+        displacement = integrate_velocity(signal, interval, filter, name=label).displacement
+    else:
+        displacement = signal
+        if filter is not None:
+            displacement = band_pass(displacement, interval, filter, name=label)
+    return displacement, f"{channel} channel"
 
 
 def _single_cosine(source: SingleCosine, time_step: float) -> Motion:
@@ -183,7 +223,7 @@ def _from_file(
     name: str | None = None,
 ) -> Motion:
     return build_recorded_motion(
-        read_record(file),
+        read_record(file, units=source.units),
         time_step,
         channel=source.channel,
         filter=source.filter,
@@ -235,9 +275,3 @@ def _check_total(samples: float, where: str) -> None:
             f"{where}: {samples:.3g} samples in all motions; at most {MAX_TOTAL_SAMPLES}: use "
             "fewer or shorter motions, or a greater time step"
         )
-
-
-def _missing(record: Record, channel: str, other: str) -> Never:
-    raise MotionError(
-        f"{record.label}: has no {channel} channel; set motion.channel to '{other}' or 'auto'"
-    )

@@ -9,8 +9,8 @@ import numpy as np
 
 from vsr2.config.study import MIN_STEPS_A_PERIOD, GridCosine, Range
 from vsr2.errors import MotionError
-from vsr2.motion.measures import STANDARD_GRAVITY
 from vsr2.motion.motion import MAX_SAMPLES, Motion
+from vsr2.motion.units import STANDARD_GRAVITY
 
 
 def cosine_parameters(pga: float, pgv_pga: float) -> tuple[float, float]:

@@ -2,13 +2,81 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import Literal, Never
+
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vsr2.config.study import Filter
 from vsr2.errors import MotionError
+from vsr2.motion.fusion import fuse
+from vsr2.motion.motion import Array, Motion
+from vsr2.motion.processing import (
+    Kinematics,
+    band_pass,
+    differentiate,
+    filter_amid_zeros,
+    integrate_acceleration_twice,
+    integrate_velocity,
+    remove_baseline,
+)
+from vsr2.motion.record import Record
+from vsr2.motion.units import STANDARD_GRAVITY
 
-STANDARD_GRAVITY = 9.80665
-"""The unit g of recorded accelerations and of PGA [m/s^2] (CGPM 1901); not the engine's gravity."""
+Channel = Literal["auto", "displacement", "velocity", "acceleration", "fused"]
+
+
+@dataclass(frozen=True)
+class IntensityMeasures:
+    """What a ground motion's history comes down to; g = 9.80665 m/s^2.
+
+    Attributes:
+        pga: peak ground acceleration [m/s^2].
+        pgv: peak ground velocity [m/s].
+        pgd: peak ground displacement, from where it starts [m].
+        pgv_pga: PGV/PGA [s]; 0 at rest.
+        arias: pi / (2 g) times the integral of a^2 (Arias 1970) [m/s].
+        duration_5_75: significant duration, from 5 % to 75 % of the Arias intensity (Trifunac &
+            Brady 1975) [s].
+        duration_5_95: the same to 95 % [s].
+        cav: cumulative absolute velocity, the integral of |a| (EPRI 1988) [m/s].
+        time_step: of the samples they were taken from [s].
+        duration: from the first to the last sample [s].
+    """
+
+    pga: float
+    pgv: float
+    pgd: float
+    pgv_pga: float
+    arias: float
+    duration_5_75: float
+    duration_5_95: float
+    cav: float
+    time_step: float
+    duration: float
+
+    @property
+    def pga_g(self) -> float:
+        """Peak ground acceleration [g]."""
+        return self.pga / STANDARD_GRAVITY
+
+    def as_dict(self) -> dict[str, float]:
+        """Every measure, its unit in its name."""
+        return {
+            "pga_g": self.pga_g,
+            "pga_m_s2": self.pga,
+            "pgv_m_s": self.pgv,
+            "pgd_m": self.pgd,
+            "pgv_pga_s": self.pgv_pga,
+            "arias_m_s": self.arias,
+            "duration_5_75_s": self.duration_5_75,
+            "duration_5_95_s": self.duration_5_95,
+            "cav_m_s": self.cav,
+            "time_step_s": self.time_step,
+            "duration_s": self.duration,
+        }
 
 
 def pga(acceleration: ArrayLike) -> float:
@@ -29,8 +97,216 @@ def pgv(velocity: ArrayLike) -> float:
     return _peak(velocity, "velocity")
 
 
-def _peak(signal: ArrayLike, quantity: str) -> float:
+def arias_intensity(acceleration: ArrayLike, time_step: float) -> float:
+    """Arias intensity [m/s] of `acceleration` (n,) [m/s^2], by the trapezium rule.
+
+    Raises:
+        MotionError: no samples.
+    """
+    return float(_husid(_samples(acceleration, "Arias intensity"), time_step)[-1])
+
+
+def significant_duration(
+    acceleration: ArrayLike, time_step: float, start: float = 0.05, end: float = 0.95
+) -> float:
+    """Time [s] between two shares of the Arias intensity, interpolated between samples; 0 at rest.
+
+    Args:
+        acceleration: shape (n,), any unit.
+        time_step: [s].
+        start: share at which it starts, 0 to 1.
+        end: share at which it ends, `start` to 1.
+
+    Raises:
+        MotionError: no samples, or the shares are not ordered within 0 to 1.
+    """
+    if not 0 <= start < end <= 1:
+        raise MotionError(f"significant duration from {start} to {end}: need 0 <= start < end <= 1")
+    husid = _husid(_samples(acceleration, "significant duration"), time_step)
+    if husid[-1] <= 0:
+        return 0.0
+    first, last = (_time_of(husid, share * husid[-1], time_step) for share in (start, end))
+    return last - first
+
+
+def cumulative_absolute_velocity(acceleration: ArrayLike, time_step: float) -> float:
+    """CAV [m/s] of `acceleration` (n,) [m/s^2], by the trapezium rule on |a|.
+
+    Raises:
+        MotionError: no samples.
+    """
+    values = np.abs(_samples(acceleration, "CAV"))
+    return float(np.sum(values[1:] + values[:-1])) * 0.5 * time_step
+
+
+def kinematics(
+    record: Record,
+    *,
+    channel: Channel = "auto",
+    filter: Filter | None = None,
+    baseline: int | None = None,
+) -> Kinematics:
+    """Displacement, velocity and acceleration of a record at its own sampling.
+
+    Ends are not brought to rest, nothing is resampled: this is what was measured, not what a
+    pedestal is told.
+
+    Args:
+        record: as read.
+        channel: which one tells; "auto": acceleration where there is one, else velocity, else
+            displacement, since the measures weigh the acceleration most; a record with all three
+            is taken at its word if neither filter nor baseline is asked for.
+        filter: band-pass; None: none.
+        baseline: degree of a polynomial to take off the channel first; None: none.
+
+    Raises:
+        MotionError: the channel is missing, or filter or baseline does not fit.
+    """
+    interval = record.sample_interval
+    used = channel
+    if used == "auto" and filter is None and baseline is None:
+        told = (record.displacement, record.velocity, record.acceleration)
+        if told[0] is not None and told[1] is not None and told[2] is not None:
+            return Kinematics(told[0] - told[0][0], told[1], told[2])
+    if used == "auto":
+        used = next(
+            name
+            for name in ("acceleration", "velocity", "displacement")
+            if getattr(record, name) is not None
+        )
+    if used == "fused":
+        fused = fuse(record, baseline=baseline)
+        if filter is None:
+            return Kinematics(fused.displacement, fused.velocity, fused.acceleration)
+        displacement = band_pass(fused.displacement, interval, filter, name=record.label)
+        velocity, acceleration = (
+            filtered[pad : filtered.size - pad]
+            for filtered, pad in (
+                filter_amid_zeros(signal, interval, filter, name=record.label)
+                for signal in (fused.velocity, fused.acceleration)
+            )
+        )
+        return Kinematics(displacement - displacement[0], velocity, acceleration)
+    signal = getattr(record, used)
+    if signal is None:
+        missing_channel(record, used)
+    if baseline is not None:
+        signal = remove_baseline(signal, baseline, name=record.label)
+    if used == "acceleration":
+        return integrate_acceleration_twice(signal, interval, filter, name=record.label)
+    if used == "velocity":
+        return integrate_velocity(signal, interval, filter, name=record.label)
+    if filter is not None:
+        signal = band_pass(signal, interval, filter, name=record.label)
+    return differentiate(signal, interval)
+
+
+def missing_channel(record: Record, channel: str) -> Never:
+    """Refuse a channel that the record lacks.
+
+    Raises:
+        MotionError: always.
+    """
+    has = [
+        c for c in ("displacement", "velocity", "acceleration") if getattr(record, c) is not None
+    ]
+    raise MotionError(
+        f"{record.label}: has no {channel} channel; set motion.channel to '{has[0]}' or 'auto'"
+    )
+
+
+def intensity_measures(
+    source: Motion | Record,
+    *,
+    channel: Channel = "auto",
+    filter: Filter | None = None,
+    baseline: int | None = None,
+) -> IntensityMeasures:
+    """Intensity measures of a motion as driven, or of a record as measured.
+
+    Args:
+        source: a motion; or a record, whose histories come from :func:`kinematics`.
+        channel: of a record; as in :func:`kinematics`.
+        filter: of a record.
+        baseline: of a record.
+
+    Raises:
+        MotionError: as :func:`kinematics`; or channel, filter or baseline given for a motion, which
+            is driven as it is.
+    """
+    if isinstance(source, Motion):
+        if channel != "auto" or filter is not None or baseline is not None:
+            raise MotionError(
+                f"motion {source.name!r}: channel, filter and baseline are for records; a motion "
+                "is measured as driven"
+            )
+        histories = Kinematics(source.displacement, source.velocity, source.acceleration)
+        time_step = source.time_step
+    else:
+        histories = kinematics(source, channel=channel, filter=filter, baseline=baseline)
+        time_step = source.sample_interval
+    acceleration = histories.acceleration
+    peak, speed = pga(acceleration), pgv(histories.velocity)
+    return IntensityMeasures(
+        pga=peak,
+        pgv=speed,
+        pgd=_peak(histories.displacement, "displacement"),
+        pgv_pga=speed / peak if peak > 0 else 0.0,
+        arias=arias_intensity(acceleration, time_step),
+        duration_5_75=significant_duration(acceleration, time_step, 0.05, 0.75),
+        duration_5_95=significant_duration(acceleration, time_step, 0.05, 0.95),
+        cav=cumulative_absolute_velocity(acceleration, time_step),
+        time_step=time_step,
+        duration=(acceleration.size - 1) * time_step,
+    )
+
+
+def recorded_pga(record: Record, filter: Filter | None = None) -> float:
+    """Peak of the recorded acceleration after the band-pass [m/s^2].
+
+    With the default filter this is the definition behind the published PGA of the laboratory
+    campaign.
+
+    Args:
+        record: with an acceleration.
+        filter: None: 0.1-25 Hz, order 3.
+
+    Raises:
+        MotionError: the record has no acceleration, or as :func:`band_pass`.
+    """
+    if record.acceleration is None:
+        raise MotionError(f"{record.label}: has no acceleration, so no recorded PGA")
+    filtered = band_pass(
+        record.acceleration,
+        record.sample_interval,
+        Filter() if filter is None else filter,
+        name=record.label,
+    )
+    return pga(filtered)
+
+
+def _husid(acceleration: Array, time_step: float) -> Array:
+    """Arias intensity up to each sample (n,) [m/s]."""
+    squares = acceleration**2
+    steps = 0.5 * (squares[1:] + squares[:-1]) * time_step
+    total: Array = math.pi / (2 * STANDARD_GRAVITY) * np.concatenate([[0.0], np.cumsum(steps)])
+    return total
+
+
+def _time_of(husid: Array, level: float, time_step: float) -> float:
+    after = int(np.searchsorted(husid, level))
+    if after == 0:
+        return 0.0
+    below, above = float(husid[after - 1]), float(husid[after])
+    return (after - 1 + (level - below) / (above - below)) * time_step
+
+
+def _samples(signal: ArrayLike, quantity: str) -> Array:
     values = np.asarray(signal, dtype=np.float64)
     if values.size == 0:
-        raise MotionError(f"the peak of {quantity} is asked of no samples")
-    return float(np.abs(values).max())
+        raise MotionError(f"{quantity} is asked of no samples")
+    return values
+
+
+def _peak(signal: ArrayLike, quantity: str) -> float:
+    return float(np.abs(_samples(signal, f"the peak of {quantity}")).max())

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
-from vsr2.motion.measures import pga, pgv
 
 Array = NDArray[np.float64]
 
@@ -105,12 +104,12 @@ class Motion:
     @property
     def pga(self) -> float:
         """Peak ground acceleration of the motion as driven [m/s^2]."""
-        return pga(self.acceleration)
+        return float(np.abs(self.acceleration).max())
 
     @property
     def pgv(self) -> float:
         """Peak ground velocity of the motion as driven [m/s]."""
-        return pgv(self.velocity)
+        return float(np.abs(self.velocity).max())
 
     @property
     def pgv_pga(self) -> float:
@@ -123,6 +122,20 @@ class Motion:
         digest = hashlib.sha256(np.float64(self.time_step).tobytes())
         digest.update(self.displacement.tobytes())
         return digest.hexdigest()
+
+    def scaled_to_pga(self, pga: float, *, name: str | None = None) -> Motion:
+        """The same motion scaled so that its PGA as driven is `pga` [m/s^2], its sign kept.
+
+        Raises:
+            MotionError: `pga` is not positive and finite, or the motion is at rest.
+        """
+        if not (math.isfinite(pga) and pga > 0):
+            raise MotionError(
+                f"motion {self.name!r}: target PGA {pga} m/s^2 must be positive and finite"
+            )
+        if self.pga == 0:
+            raise MotionError(f"motion {self.name!r}: is at rest, so no factor gives it a PGA")
+        return self.scaled(pga / self.pga, name=name)
 
     def scaled(self, factor: float, *, name: str | None = None) -> Motion:
         """The same motion, every sample times `factor`; negative mirrors it.

@@ -1,25 +1,34 @@
 """From a recorded channel to a displacement that a pedestal can follow.
 
-All of it works at the record's own sampling interval. Order of treatment
-(:func:`vsr2.motion.build.build_recorded_motion`):
+The chain of :func:`vsr2.motion.build.build_recorded_motion`, all of it at the record's own sampling
+interval until the last step but one:
 
-- displacement: band-pass if asked, then the ends. Its offset needs no rest to be told from: the
-  band-pass takes it (exactly, the filter starts in its steady state), and :func:`taper_ends` counts
-  from the first sample. Where the pedestal stands has no effect on the rock.
-- acceleration: the offset at rest off, since it would drift; band-pass if asked, integration, ends.
+1. baseline, if asked: a polynomial (:func:`remove_baseline`).
+2. displacement of the chosen channel: the displacement itself; the velocity integrated
+   (:func:`integrate_velocity`); the acceleration integrated twice
+   (:func:`integrate_acceleration`); or both fused (:mod:`vsr2.motion.fusion`).
+3. band-pass, if asked, before an integration (:func:`band_pass`).
+4. ends brought to rest (:func:`taper_ends`).
+5. resampling to the time step (:func:`vsr2.motion.resample.resample`).
+6. scaling by a factor, and to a PGA if asked.
+
+A displacement's offset needs no rest to be told from: the band-pass takes it (exactly, the filter
+starts in its steady state), and :func:`taper_ends` counts from the first sample. Where the pedestal
+stands has no effect on the rock. An acceleration's offset would drift, so its level at rest comes
+off first. A velocity's is kept unless a baseline or band-pass takes it: records in velocity are
+integrals already, and a small slow velocity before the shaking is theirs.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from vsr2.config.study import Filter
 from vsr2.errors import MotionError
-from vsr2.motion.measures import pga
 from vsr2.motion.motion import Array
-from vsr2.motion.recording import Record
 
 REST_BAND = 0.1
 """Before shaking: a signal within this share of its peak around its first level."""
@@ -31,8 +40,48 @@ MOVING_END = 0.01
 """An end moves when its speed exceeds this share of the peak velocity."""
 MAX_PADDING = 1_000_000
 """Most zeros on either side of an acceleration that is filtered and integrated."""
+MAX_BASELINE_DEGREE = 10
+"""Greatest degree of a baseline; more follows the shaking."""
 MIN_RELATIVE_CORNER = 1e-5
 """Least lower corner, relative to the Nyquist frequency: below, the filter loses its digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """One motion at a record's own sampling.
+
+    Attributes:
+        displacement: shape (n,) [m], from 0 at the start.
+        velocity: shape (n,) [m/s].
+        acceleration: shape (n,) [m/s^2].
+    """
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+
+
+def remove_baseline(signal: Array, degree: int, *, name: str = "record") -> Array:
+    """The signal (n,) without its least-squares polynomial, any unit.
+
+    Args:
+        signal: shape (n,).
+        degree: 0 takes the mean, 1 the straight line, up to 10.
+        name: named in errors.
+
+    Raises:
+        MotionError: the degree is not within 0 to 10.
+    """
+    if not 0 <= degree <= MAX_BASELINE_DEGREE:
+        raise MotionError(
+            f"{name}: baseline of degree {degree}; 0 (mean) to {MAX_BASELINE_DEGREE} are possible"
+        )
+    # Legendre polynomials are nearly orthogonal on the samples, so high degrees keep their digits
+    s = np.linspace(-1.0, 1.0, signal.size)
+    basis = np.polynomial.legendre.legvander(s, min(degree, signal.size - 1))
+    coefficients = np.linalg.lstsq(basis, signal, rcond=None)[0]
+    corrected: Array = signal - basis @ coefficients
+    return corrected
 
 
 def rest_level(signal: Array, sample_interval: float) -> float:
@@ -103,6 +152,35 @@ def band_pass(
     return filtered
 
 
+def integrate_velocity(
+    velocity: Array,
+    sample_interval: float,
+    filter: Filter | None = None,
+    *,
+    name: str = "record",
+) -> Kinematics:
+    """Displacement and acceleration of `velocity` (n,) [m/s], as a cubic spline.
+
+    With a `filter` the velocity is band-passed amid zeros, as in :func:`integrate_acceleration`.
+    Without one it is believed as it is: an offset drifts (take it off with a baseline).
+
+    Raises:
+        MotionError: as :func:`band_pass`.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    clean, pad = filter_amid_zeros(velocity, sample_interval, filter, name=name)
+    samples = np.arange(clean.size, dtype=np.float64)
+    spline = make_interp_spline(samples, clean, k=3)
+    inside = samples[pad : clean.size - pad]
+    displacement = spline.antiderivative()(inside) * sample_interval
+    return Kinematics(
+        displacement=displacement - displacement[0],
+        velocity=clean[pad : clean.size - pad],
+        acceleration=spline(inside, 1) / sample_interval,
+    )
+
+
 def integrate_acceleration(
     acceleration: Array,
     sample_interval: float,
@@ -110,7 +188,26 @@ def integrate_acceleration(
     *,
     name: str = "record",
 ) -> Array:
-    """Displacement (n,) [m] from `acceleration` (n,) [m/s^2], drift controlled, 0 at the start.
+    """Displacement (n,) [m] of `acceleration` (n,) [m/s^2], drift controlled, 0 at the start.
+
+    As :func:`integrate_acceleration_twice`, which also gives the velocity.
+
+    Raises:
+        MotionError: as :func:`band_pass`.
+    """
+    return integrate_acceleration_twice(
+        acceleration, sample_interval, filter, name=name
+    ).displacement
+
+
+def integrate_acceleration_twice(
+    acceleration: Array,
+    sample_interval: float,
+    filter: Filter | None = None,
+    *,
+    name: str = "record",
+) -> Kinematics:
+    """Velocity and displacement of `acceleration` (n,) [m/s^2], drift controlled.
 
     The acceleration is integrated twice as a cubic spline, so exactly between samples. Two things
     would drift. An offset: the level at rest is subtracted first, and what is left of it is taken
@@ -126,20 +223,59 @@ def integrate_acceleration(
     """
     from scipy.interpolate import make_interp_spline
 
-    clean = acceleration - rest_level(acceleration, sample_interval)
-    pad = 0
-    if filter is not None:
-        rings = 1.5 * filter.order / filter.low if filter.low > 0 else 1.0
-        pad = min(math.ceil(rings / sample_interval), MAX_PADDING)
-        clean = band_pass(np.pad(clean, pad), sample_interval, filter, name=name)
+    at_rest = acceleration - rest_level(acceleration, sample_interval)
+    clean, pad = filter_amid_zeros(at_rest, sample_interval, filter, name=name)
     samples = np.arange(clean.size, dtype=np.float64)
     velocity = make_interp_spline(samples, clean, k=3).antiderivative()
     # the constant that ends it at rest: v - v_end t / T, so x - v_end t^2 / (2 T)
-    drift = 0.5 * float(velocity(samples[-1])) / samples[-1] * samples**2
-    displacement = (velocity.antiderivative()(samples) - drift) * sample_interval**2
-    recorded = displacement[pad : clean.size - pad]
-    from_zero: Array = recorded - recorded[0]
-    return from_zero
+    slope = float(velocity(samples[-1])) / samples[-1]
+    displacement = (
+        velocity.antiderivative()(samples) - 0.5 * slope * samples**2
+    ) * sample_interval**2
+    inside = slice(pad, clean.size - pad)
+    recorded = displacement[inside]
+    return Kinematics(
+        displacement=recorded - recorded[0],
+        velocity=(velocity(samples[inside]) - slope * samples[inside]) * sample_interval,
+        acceleration=clean[inside] - slope,
+    )
+
+
+def filter_amid_zeros(
+    signal: Array, sample_interval: float, filter: Filter | None, *, name: str = "record"
+) -> tuple[Array, int]:
+    """The band-passed signal amid zeros in which it rings out; as it is without a `filter`.
+
+    Args:
+        signal: shape (n,), near 0 at both ends, any unit.
+        sample_interval: [s].
+        filter: None: none, and no zeros.
+        name: named in errors.
+
+    Returns:
+        The signal (n + 2 p,) and p.
+
+    Raises:
+        MotionError: as :func:`band_pass`.
+    """
+    if filter is None:
+        return signal, 0
+    rings = 1.5 * filter.order / filter.low if filter.low > 0 else 1.0
+    pad = min(math.ceil(rings / sample_interval), MAX_PADDING)
+    return band_pass(np.pad(signal, pad), sample_interval, filter, name=name), pad
+
+
+def differentiate(displacement: Array, sample_interval: float) -> Kinematics:
+    """Velocity and acceleration of `displacement` (n,) [m], as a quintic spline."""
+    from scipy.interpolate import make_interp_spline
+
+    samples = np.arange(displacement.size, dtype=np.float64)
+    spline = make_interp_spline(samples, displacement, k=5)
+    return Kinematics(
+        displacement=displacement - displacement[0],
+        velocity=spline(samples, 1) / sample_interval,
+        acceleration=spline(samples, 2) / sample_interval**2,
+    )
 
 
 def taper_ends(displacement: Array, sample_interval: float) -> Array:
@@ -165,27 +301,3 @@ def taper_ends(displacement: Array, sample_interval: float) -> Array:
             last + (tapered[tapered.size - length :] - last) * blend[::-1]
         )
     return tapered
-
-
-def recorded_pga(record: Record, filter: Filter | None = None) -> float:
-    """Peak of the recorded acceleration after the band-pass [m/s^2].
-
-    With the default filter this is the definition behind the published PGA of the laboratory
-    campaign.
-
-    Args:
-        record: with an acceleration.
-        filter: None: 0.1-25 Hz, order 3.
-
-    Raises:
-        MotionError: the record has no acceleration, or as :func:`band_pass`.
-    """
-    if record.acceleration is None:
-        raise MotionError(f"{record.label}: has no acceleration, so no recorded PGA")
-    filtered = band_pass(
-        record.acceleration,
-        record.sample_interval,
-        Filter() if filter is None else filter,
-        name=record.label,
-    )
-    return pga(filtered)

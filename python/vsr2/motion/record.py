@@ -1,0 +1,146 @@
+"""One recording, whatever the file it came from."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.errors import MotionError
+from vsr2.motion.motion import MAX_SAMPLES, Array
+from vsr2.motion.resample import MIN_RECORD_SAMPLES
+from vsr2.motion.units import Quantity
+
+MAX_DISPLACEMENT = 1000.0
+"""[m]; more is a mistaken unit."""
+MAX_VELOCITY = 1.0e4
+"""[m/s]; more is a mistaken unit."""
+MAX_ACCELERATION = 1.0e5
+"""[m/s^2]; more is a mistaken unit."""
+MIN_INTERVAL, MAX_INTERVAL = 1.0e-6, 1.0
+"""Bounds of the sampling interval [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A recorded horizontal motion at its own sampling interval.
+
+    Attributes:
+        name: the file's name without its suffix, or any other.
+        sample_interval: [s].
+        displacement: shape (n,) [m], or None; as recorded, offset included.
+        velocity: shape (n,) [m/s], or None.
+        acceleration: shape (n,) [m/s^2], or None; positive along the displacement.
+        source: the file it came from.
+        sha256: hash of that file's bytes.
+
+    The arrays are copies and read-only.
+
+    Raises:
+        MotionError: no channel; lengths differ; fewer than 16 or more than `MAX_SAMPLES` samples;
+            NaN, infinity or an absurd value; a sampling interval outside 1e-6 to 1 s.
+    """
+
+    name: str
+    sample_interval: float
+    displacement: Array | None = None
+    velocity: Array | None = None
+    acceleration: Array | None = None
+    source: str = ""
+    sha256: str = ""
+
+    def __post_init__(self) -> None:
+        if not MIN_INTERVAL <= self.sample_interval <= MAX_INTERVAL:
+            raise MotionError(
+                f"{self.label}: sampling interval {self.sample_interval:g} s lies outside "
+                f"{MIN_INTERVAL:g} to {MAX_INTERVAL:g} s; check the unit of time"
+            )
+        sizes = {}
+        for field, unit, limit in (
+            ("displacement", "m", MAX_DISPLACEMENT),
+            ("velocity", "m/s", MAX_VELOCITY),
+            ("acceleration", "m/s^2", MAX_ACCELERATION),
+        ):
+            if getattr(self, field) is not None:
+                value = self._checked(field, unit, limit)
+                object.__setattr__(self, field, value)
+                sizes[field] = value.size
+        if not sizes:
+            raise MotionError(
+                f"{self.label}: has neither displacement nor acceleration nor velocity"
+            )
+        if len(set(sizes.values())) > 1:
+            counts = ", ".join(f"{field} has {size} samples" for field, size in sizes.items())
+            raise MotionError(f"{self.label}: {counts}; they must have the same number")
+
+    def _checked(self, field: str, unit: str, limit: float) -> Array:
+        try:
+            value = np.array(getattr(self, field), dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise MotionError(f"{self.label}: {field} is no array of numbers ({error})") from None
+        value.setflags(write=False)
+        if value.ndim != 1 or not MIN_RECORD_SAMPLES <= value.size <= MAX_SAMPLES:
+            raise MotionError(
+                f"{self.label}: {field} has shape {value.shape}; it needs one dimension and "
+                f"{MIN_RECORD_SAMPLES} to {MAX_SAMPLES} samples"
+            )
+        bad = np.flatnonzero(~(np.abs(value) <= limit))
+        if bad.size:
+            remedy = "check the unit" if np.isfinite(value[bad[0]]) else "repair or cut the record"
+            raise MotionError(
+                f"{self.label}: {field} is {value[bad[0]]:g} {unit} at sample {bad[0]} "
+                f"(t = {bad[0] * self.sample_interval:g} s), beyond {limit:g} {unit}; {bad.size} "
+                f"such samples; {remedy}"
+            )
+        return value
+
+    @property
+    def label(self) -> str:
+        """The file, or the name where there is none; for messages."""
+        return self.source or f"record {self.name!r}"
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        for channel in (self.displacement, self.velocity, self.acceleration):
+            if channel is not None:
+                return channel.size
+        return 0
+
+    @property
+    def sample_rate(self) -> float:
+        """[Hz]."""
+        return 1 / self.sample_interval
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return (self.size - 1) * self.sample_interval
+
+
+def one_channel_record(
+    path: Path, content: bytes, sample_interval: float, quantity: Quantity, values: Array
+) -> Record:
+    """The record of a file with one channel.
+
+    Args:
+        path: the file.
+        content: its bytes.
+        sample_interval: [s].
+        quantity: what `values` are.
+        values: shape (n,) [m], [m/s] or [m/s^2].
+
+    Raises:
+        MotionError: as :class:`Record`.
+    """
+    return Record(
+        name=path.stem,
+        sample_interval=sample_interval,
+        displacement=values if quantity == "displacement" else None,
+        velocity=values if quantity == "velocity" else None,
+        acceleration=values if quantity == "acceleration" else None,
+        source=str(path),
+        sha256=hashlib.sha256(content).hexdigest(),
+    )

@@ -1,0 +1,193 @@
+"""Earthquake-like motions for users without records.
+
+Seeded Gaussian noise, shaped in time by an envelope and in frequency by the spectrum of Kanai
+(1957) and Tajimi (1960) for ground of natural frequency f_g and damping 0.6, high-passed at 0.2 f_g
+(at least 0.2 Hz) so that the displacement returns to 0, and low-passed. Such motions stand for no
+site and no earthquake; they have the intensity measures asked for, and nothing more is meant.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vsr2.errors import MotionError
+from vsr2.motion.build import build_recorded_motion
+from vsr2.motion.measures import significant_duration
+from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
+from vsr2.motion.record import Record
+from vsr2.motion.units import STANDARD_GRAVITY
+
+SYNTHETIC_INTERVAL = 0.005
+"""Sampling interval at which the noise is shaped [s]."""
+PGV_PGA_TOLERANCE = 0.01
+"""Relative, of the motion as driven; its PGA is exact."""
+DURATION_TOLERANCE = 0.03
+"""Relative, of the significant duration."""
+PGV_PGA_RANGE = (0.012, 0.4)
+"""PGV/PGA that a motion can have [s]."""
+MIN_CYCLES = 2.0
+"""Least significant duration, in periods 2 pi PGV/PGA."""
+MIN_DURATION, MAX_DURATION = 2.0, 300.0
+"""Of the significant duration [s]."""
+
+_GROUND_FREQUENCIES = (0.2, 45.0)
+_LOW_PASS = 20.0
+_ATTEMPTS = 40
+_ROUNDS = 6
+
+
+def shaped_noise(
+    duration: float, ground_frequency: float, seed: int, *, low_pass: float = _LOW_PASS
+) -> Array:
+    """Displacement of arbitrary scale, every `SYNTHETIC_INTERVAL`, at rest at 0 at both ends.
+
+    Args:
+        duration: from the first to the last sample [s]; the envelope
+            (t/t_s exp(1 - t/t_s))^3 is strongest at t_s = 0.3 of it.
+        ground_frequency: f_g [Hz].
+        seed: of the noise.
+        low_pass: corner of the low-pass [Hz].
+    """
+    count = round(duration / SYNTHETIC_INTERVAL) + 1
+    time = np.arange(count) * SYNTHETIC_INTERVAL
+    strongest = 0.3 * duration
+    envelope = (time / strongest * np.exp(1 - time / strongest)) ** 3
+    noise = np.random.default_rng(seed).standard_normal(count) * envelope
+
+    # zeros after the record, so that the filters do not wrap round
+    length = max(8192, 2 ** math.ceil(math.log2(2 * count)))
+    frequency = np.fft.rfftfreq(length, SYNTHETIC_INTERVAL)
+    r2 = (frequency / ground_frequency) ** 2
+    damping = (2 * 0.6) ** 2 * r2
+    ground = np.sqrt((1 + damping) / ((1 - r2) ** 2 + damping))
+    safe = np.maximum(frequency, 1e-9)
+    corner = max(0.2, 0.2 * ground_frequency)
+    band = 1 / np.sqrt((1 + (corner / safe) ** 8) * (1 + (frequency / low_pass) ** 8))
+    spectrum = np.fft.rfft(noise, length) * ground * band / -((2 * np.pi * safe) ** 2)
+    spectrum[0] = 0
+    moved = np.fft.irfft(spectrum, length)[:count]
+
+    ramp = np.minimum(np.arange(count) * SYNTHETIC_INTERVAL, 1.0)
+    blend = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
+    shaped: Array = moved * blend * blend[::-1]
+    return shaped
+
+
+def synthetic_motion(
+    pga: float,
+    pgv_pga: float,
+    duration: float,
+    seed: int,
+    time_step: float,
+    *,
+    name: str | None = None,
+) -> Motion:
+    """An earthquake-like motion with the intensity measures asked for.
+
+    As driven at `time_step` its PGA is `pga` to rounding, its PGV/PGA within 1 % of `pgv_pga`, and
+    its significant duration (5-95 %) within 3 % of `duration`. The ground frequency and the
+    envelope's length are tuned to the noise; noise that cannot be tuned is replaced by the next of
+    the same seed, so that a seed gives one motion.
+
+    Args:
+        pga: [g].
+        pgv_pga: [s], 0.012 to 0.4.
+        duration: significant duration [s]; at least two periods 2 pi PGV/PGA and 2 s, at most 300.
+        seed: not negative.
+        time_step: of the simulation [s].
+        name: by default told by the measures and the seed.
+
+    Raises:
+        MotionError: a value is out of these ranges, or no noise could be tuned.
+    """
+    _check(pga, pgv_pga, duration, seed)
+    label = name or f"synthetic_pga{pga:.12g}g_pgv_pga{pgv_pga:.12g}s_d{duration:.12g}s_seed{seed}"
+    for attempt in range(_ATTEMPTS):
+        # a sequence of its own for every attempt of every seed
+        noise_seed = int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0])
+        motion = _tuned(pga, pgv_pga, duration, noise_seed, time_step, label)
+        if motion is not None:
+            return Motion(
+                name=label,
+                time_step=time_step,
+                displacement=motion.displacement,
+                velocity=motion.velocity,
+                acceleration=motion.acceleration,
+                kind="recording",
+                source=(
+                    f"synthetic, seed {seed} (noise {attempt + 1}): PGA {pga:.12g} g, PGV/PGA "
+                    f"{pgv_pga:.12g} s, significant duration {duration:.12g} s"
+                ),
+                resampling_error=motion.resampling_error,
+                resampling_error_rms=motion.resampling_error_rms,
+            )
+    raise MotionError(
+        f"synthetic motion with PGV/PGA {pgv_pga:g} s and a significant duration of {duration:g} "
+        f"s: none of {_ATTEMPTS} noises of seed {seed} could be tuned to it; take another seed, or "
+        "a longer duration"
+    )
+
+
+def _check(pga: float, pgv_pga: float, duration: float, seed: int) -> None:
+    if not (math.isfinite(pga) and 0 < pga <= 100):
+        raise MotionError(f"synthetic motion: pga is {pga} g; it must lie above 0, up to 100 g")
+    low, high = PGV_PGA_RANGE
+    if not low <= pgv_pga <= high:
+        raise MotionError(
+            f"synthetic motion: pgv_pga is {pgv_pga} s; it must lie from {low:g} to {high:g} s"
+        )
+    least = max(MIN_DURATION, MIN_CYCLES * 2 * math.pi * pgv_pga)
+    if not least <= duration <= MAX_DURATION:
+        raise MotionError(
+            f"synthetic motion: duration is {duration} s; with PGV/PGA {pgv_pga:g} s it must lie "
+            f"from {least:.3g} to {MAX_DURATION:g} s"
+        )
+    if seed < 0:
+        raise MotionError(f"synthetic motion: seed is {seed}; it must not be negative")
+
+
+def _tuned(
+    pga: float, pgv_pga: float, duration: float, seed: int, time_step: float, label: str
+) -> Motion | None:
+    """The motion of this noise, or None where its measures cannot be brought to those asked for."""
+    total = 2.2 * duration + 1.0
+    for _ in range(_ROUNDS):
+        if total / min(time_step, SYNTHETIC_INTERVAL) > MAX_SAMPLES:
+            return None
+        frequency = _ground_frequency(total, pgv_pga, seed)
+        moved = _shaped(total, frequency, seed)
+        motion = build_recorded_motion(
+            Record(label, SYNTHETIC_INTERVAL, displacement=moved / np.abs(moved).max()), time_step
+        ).scaled_to_pga(pga * STANDARD_GRAVITY)
+        reached = significant_duration(motion.acceleration, time_step)
+        long_enough = abs(reached - duration) <= DURATION_TOLERANCE * duration
+        if long_enough and abs(motion.pgv_pga - pgv_pga) <= PGV_PGA_TOLERANCE * pgv_pga:
+            return motion
+        # the tapers of 1 s do not stretch with the envelope
+        total = max(1.5, total * min(max(duration / reached, 0.5), 2.0))
+    return None
+
+
+def _shaped(duration: float, ground_frequency: float, seed: int) -> Array:
+    low_pass = max(_LOW_PASS, 1.5 * ground_frequency)
+    return shaped_noise(duration, ground_frequency, seed, low_pass=low_pass)
+
+
+def _ground_frequency(duration: float, pgv_pga: float, seed: int) -> float:
+    low, high = _GROUND_FREQUENCIES
+    for _ in range(16):
+        middle = math.sqrt(low * high)
+        # a higher ground frequency means more acceleration for the same velocity
+        if _ratio(_shaped(duration, middle, seed)) > pgv_pga:
+            low = middle
+        else:
+            high = middle
+    return math.sqrt(low * high)
+
+
+def _ratio(displacement: Array) -> float:
+    """PGV/PGA [s], by differences: near enough to tune by, and cheap."""
+    velocity = np.diff(displacement)
+    return float(np.abs(velocity).max() / np.abs(np.diff(velocity)).max()) * SYNTHETIC_INTERVAL

@@ -1,0 +1,80 @@
+"""Units of recorded motions, and what they measure."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, get_args
+
+from vsr2.config.study import RecordUnits
+from vsr2.errors import MotionError
+
+Quantity = Literal["displacement", "velocity", "acceleration"]
+
+STANDARD_GRAVITY = 9.80665
+"""The unit g of recorded accelerations and of PGA [m/s^2] (CGPM 1901); not the engine's gravity."""
+
+UNITS: dict[str, tuple[Quantity, float]] = {
+    "g": ("acceleration", STANDARD_GRAVITY),
+    "m/s^2": ("acceleration", 1.0),
+    "cm/s^2": ("acceleration", 0.01),
+    "mm/s^2": ("acceleration", 0.001),
+    "m/s": ("velocity", 1.0),
+    "cm/s": ("velocity", 0.01),
+    "mm/s": ("velocity", 0.001),
+    "m": ("displacement", 1.0),
+    "cm": ("displacement", 0.01),
+    "mm": ("displacement", 0.001),
+    "in": ("displacement", 0.0254),
+}
+"""Quantity of each unit, and its size in m, m/s or m/s^2."""
+
+_SPELLINGS = {
+    "gal": "cm/s^2",
+    "cm/s/s": "cm/s^2",
+    "cm/sec/sec": "cm/s^2",
+    "cm/sec^2": "cm/s^2",
+    "cm/sec2": "cm/s^2",
+    "cm/s2": "cm/s^2",
+    "cm/s**2": "cm/s^2",
+    "m/s/s": "m/s^2",
+    "m/sec^2": "m/s^2",
+    "m/sec2": "m/s^2",
+    "m/s2": "m/s^2",
+    "cm/sec": "cm/s",
+    "m/sec": "m/s",
+    "mm/sec": "mm/s",
+    "inch": "in",
+}
+
+
+def unit_in(text: str) -> str | None:
+    """The unit that a header's word names, spelt as in `UNITS`; None: none we know."""
+    word = text.strip().strip(".,;:()[]").lower()
+    word = _SPELLINGS.get(word, word)
+    return word if word in UNITS else None
+
+
+def require_units(path: Path, kind: str, units: RecordUnits | None) -> tuple[Quantity, float]:
+    """Quantity and size of the `units` given for a file whose format carries none.
+
+    Raises:
+        MotionError: none are given, or one we do not know.
+    """
+    if units is None:
+        raise MotionError(
+            f"{path}: {kind}, which carries no units: give them, for example units='g' "
+            "(in a study `motion.units: g`, on the command line `--units g`); known: "
+            f"{', '.join(get_args(RecordUnits))}"
+        )
+    check_units(path, units)
+    return UNITS[units]
+
+
+def check_units(path: Path, units: str) -> None:
+    """Refuse a unit we do not know.
+
+    Raises:
+        MotionError: `units` is none of `UNITS`.
+    """
+    if units not in UNITS:
+        raise MotionError(f"{path}: units {units!r} are unknown; known: {', '.join(UNITS)}")
