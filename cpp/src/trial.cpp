@@ -4,11 +4,18 @@
 #include <array>
 #include <cmath>
 #include <exception>
+#include <sstream>
 
 namespace vsr2 {
 namespace {
 
 constexpr std::int64_t kStepsBetweenCancelChecks = 64;
+
+std::string seconds(double value) {
+  std::ostringstream text;
+  text << value;
+  return text.str();
+}
 
 bool finite(const RockState& rock) {
   return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
@@ -115,7 +122,7 @@ class Run {
       result_.log[row + kTime] -= result_.settling_time;
     if (!settled) {
       result_.status = Status::settling_timeout;
-      result_.message = "the rock did not come to rest within " + std::to_string(timeout) +
+      result_.message = "the rock did not come to rest within " + seconds(timeout) +
                         " s before the motion; raise settling.timeout or the rest speeds, or start "
                         "it nearer to equilibrium";
     }
@@ -203,7 +210,7 @@ class Trial {
     }
     if (!resting && limit > 0) {
       result_.status = Status::tail_timeout;
-      result_.message = "the rock was still moving " + std::to_string(spec_.tail) +
+      result_.message = "the rock was still moving " + seconds(spec_.tail) +
                         " s after the motion; the outcome is of that state";
     }
     return true;

@@ -93,7 +93,9 @@ def _run(options: argparse.Namespace) -> int:
     if study.output.log_every:
         written.append(folder / "logs")
     if study.output.figures and not options.no_figures:
-        written += write_figures(load_result(folder), folder / "figures")
+        written += write_figures(
+            load_result(folder, logs=False), folder / "figures", logs_from=folder
+        )
     if not options.quiet:
         print(summary_table(result))
         print("wrote:")

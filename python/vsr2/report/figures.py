@@ -36,6 +36,9 @@ OUTCOME_STYLE: dict[str, dict[str, Any]] = {
 MAX_FREQUENCY = 50.0
 """Upper end of the frequency axis of `tracking_figure` [Hz]; ground motion has little beyond."""
 
+ROUNDING = 1e-9
+"""Errors below this are shown as none: they are rounding [m]."""
+
 
 def _panels(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
     from matplotlib.figure import Figure
@@ -156,24 +159,33 @@ def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
     Args:
         logs: one column each, titled by its key, such as one cosine and one recording.
 
-    Panels, from above: positions [m]; actual minus commanded [mm]; gain; phase [deg]. The last two
-    show the lines that the command excites, see :func:`vsr2.analysis.tracking`.
+    Panels, from above: positions [m]; actual minus commanded [mm]; power spectral density of both
+    accelerations; gain; phase [deg]. The last two show the lines that the command excites, see
+    :func:`vsr2.analysis.tracking`.
 
     Raises:
         ResultError: no logs, or one that cannot be analysed.
     """
     if not logs:
         raise ResultError("tracking figure: give at least one log")
-    figure, axes = _panels(4, len(logs), (1.0 + 4.5 * len(logs), 9.0))
+    figure, axes = _panels(5, len(logs), (1.0 + 4.5 * len(logs), 11.0))
     for column, (name, log) in enumerate(logs.items()):
         _tracking_column(axes[:, column], log, tracking(log), printable(name))
-    for row, label in enumerate(("position [m]", "error [mm]", "gain [1]", "phase [deg]")):
+    labels = (
+        "position [m]",
+        "error [mm]",
+        "power density\n[(m/s$^2$)$^2$/Hz]",
+        "gain [1]",
+        "phase [deg]",
+    )
+    for row, label in enumerate(labels):
         axes[row, 0].set_ylabel(label)
+    figure.align_ylabels(axes[:, 0])
     return figure
 
 
 def _tracking_column(panels: NDArray[Any], log: TrialLog, found: Tracking, title: str) -> None:
-    position, error, gain, phase = panels
+    position, error, power, gain, phase = panels
     during = log.time >= 0
     time = log.time[during]
     command = log.column("commanded_position")[during]
@@ -182,41 +194,58 @@ def _tracking_column(panels: NDArray[Any], log: TrialLog, found: Tracking, title
     changes = np.flatnonzero(np.diff(command))
     end = time[changes[-1] + 1] if changes.size else time[-1]
     shown = time <= end + 0.1 * (end - time[0])
-    position.plot(time[shown], command[shown], color=BLACK, label="commanded")
-    position.plot(time[shown], actual[shown], color=VERMILION, linestyle="--", label="actual")
+    commanded_style = {"color": BLACK, "label": "commanded"}
+    actual_style = {"color": VERMILION, "linestyle": "--", "label": "actual"}
+    position.plot(time[shown], command[shown], **commanded_style)
+    position.plot(time[shown], actual[shown], **actual_style)
     position.legend(loc="best", fontsize="small")
     position.set_title(title, parse_math=False)
     error.plot(time[shown], 1e3 * (actual - command)[shown], color=BLUE, linewidth=0.9)
     error.set_title(
-        f"peak {1e3 * found.peak_error:.3g} mm, rms {1e3 * found.rms_error:.3g} mm, "
+        f"peak {_millimetres(found.peak_error)}, rms {_millimetres(found.rms_error)}, "
         f"{_lag_text(found.lag)}",
         fontsize="small",
     )
     error.set_xlabel("time [s]")
-    for panel, values in ((gain, found.gain), (phase, np.degrees(found.phase))):
-        panel.plot(found.frequency, values, color=BLUE, marker=".", markersize=3, linewidth=0.9)
-        panel.set_xlim(0.0, min(MAX_FREQUENCY, float(found.frequency[-1])))
-        panel.set_xlabel("frequency [Hz]")
-    gain.axhline(1.0, color=GREY, linewidth=0.8)
-    phase.axhline(0.0, color=GREY, linewidth=0.8)
-    inside = found.frequency <= MAX_FREQUENCY
+    if found.peak_error < ROUNDING:
+        error.set_ylim(-1e-3, 1e-3)
+    _power_panel(power, found, commanded_style, actual_style)
     for panel, values, neutral, least in (
         (gain, found.gain, 1.0, 0.05),
         (phase, np.degrees(found.phase), 0.0, 5.0),
     ):
-        # An exact drive would otherwise be shown as noise of rounding.
-        known = values[inside & np.isfinite(values)]
+        panel.axhline(neutral, color=GREY, linewidth=0.8)
+        panel.plot(found.frequency, values, color=BLUE, marker=".", markersize=2, linewidth=0.9)
+        # At least this range: an exact drive would otherwise be shown as noise of rounding.
+        known = values[(found.frequency <= MAX_FREQUENCY) & np.isfinite(values)]
         low = min(float(known.min(initial=neutral)), neutral - least)
         high = max(float(known.max(initial=neutral)), neutral + least)
         margin = 0.05 * (high - low)
         panel.set_ylim(low - margin, high + margin)
-    largest = 1e3 * float(np.abs(actual - command).max())
-    if largest < 1e-6:
-        error.set_ylim(-1e-3, 1e-3)
+    for panel in (power, gain, phase):
+        panel.set_xlim(0.0, min(MAX_FREQUENCY, float(found.frequency[-1])))
+    phase.set_xlabel("frequency [Hz]")
+
+
+def _power_panel(
+    panel: Axes, found: Tracking, commanded: Mapping[str, Any], actual: Mapping[str, Any]
+) -> None:
+    shown = (found.frequency > 0) & (found.frequency <= MAX_FREQUENCY)
+    peak = float(found.commanded_power[shown].max(initial=0.0))
+    if peak == 0:
+        return
+    panel.semilogy(found.frequency[shown], found.commanded_power[shown], **commanded)
+    panel.semilogy(found.frequency[shown], found.achieved_power[shown], **actual)
+    # Below this the command is leakage and rounding, and gain and phase are not shown either.
+    panel.set_ylim(1e-6 * peak, 10 * peak)
+
+
+def _millimetres(length: float) -> str:
+    return f"{0.0 if length < ROUNDING else 1e3 * length:.3g} mm"
 
 
 def _lag_text(lag: float) -> str:
     if np.isnan(lag):
         return "no lag"
-    # Below a nanosecond it is rounding.
-    return f"{0.0 if abs(lag) < 1e-9 else 1e3 * lag:.3g} ms late"
+    milliseconds = 0.0 if abs(lag) < 1e-9 else 1e3 * lag
+    return f"{abs(milliseconds):.3g} ms {'early' if milliseconds < 0 else 'late'}"

@@ -121,7 +121,8 @@ def write_figures(
         _save(tracking_figure(tracked), path / TRACKING_FILE)
         shown[TRACKING_FILE] = (
             "Commanded against actual pedestal motion (supplement Fig. S1): position [m], error "
-            f"[mm], gain and phase [deg] against frequency [Hz]; {', '.join(tracked)}."
+            "[mm], power spectral density of both accelerations, gain and phase [deg] against "
+            f"frequency [Hz]; {', '.join(tracked)}."
         )
     note = ["# Figures", ""] + [f"- `{name}`: {text}" for name, text in shown.items()]
     content = ("\n".join(note) + "\n").encode("utf-8", "replace")

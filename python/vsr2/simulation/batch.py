@@ -24,7 +24,9 @@ from vsr2.config.study import Outcome, Output, Settling
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_motions
 from vsr2.results import (
+    INTEGER_COLUMNS,
     STATE_COLUMNS,
+    TEXT_COLUMNS,
     TRIAL_COLUMNS,
     BatchResult,
     Journal,
@@ -51,8 +53,6 @@ _FLOAT_COLUMNS = (
     "final_yaw",
     "peak_tracking_error",
 )
-_TEXT_COLUMNS = ("name", "motion", "motion_sha256", "status", "outcome", "engine", "message")
-_INTEGER_COLUMNS = ("trial", "seed", "steps")
 _RESULT_COLUMNS = (*_FLOAT_COLUMNS, "status", "outcome", "message", "steps")
 
 
@@ -197,9 +197,9 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
     count = len(trials)
     columns: dict[str, NDArray[Any]] = {}
     for name in TRIAL_COLUMNS:
-        if name in _TEXT_COLUMNS:
+        if name in TEXT_COLUMNS:
             columns[name] = np.full(count, "", dtype=object)
-        elif name in _INTEGER_COLUMNS:
+        elif name in INTEGER_COLUMNS:
             columns[name] = np.zeros(count, dtype=np.int64)
         else:
             columns[name] = np.full(count, np.nan)

@@ -1,0 +1,186 @@
+"""A trial as a sequence of poses to draw."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.config.load import study_from_mapping
+from vsr2.errors import ResultError, Vsr2Error
+from vsr2.results import (
+    BatchResult,
+    TrialLog,
+    load_models,
+    load_result,
+    load_trial_log,
+    logged_trials,
+    rotate,
+)
+from vsr2.results.files import MODEL_FOLDER
+from vsr2.scene import Triangles, build_pedestal, build_rock
+from vsr2.scene.shapes import pedestal_surface
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """One trial, ready to be drawn.
+
+    Attributes:
+        title: what is shown.
+        log: its log, cut where the state stops being finite.
+        rock: surface in the model frame M [m].
+        pedestal: surface in the world, the pedestal at its start [m].
+    """
+
+    title: str
+    log: TrialLog
+    rock: Triangles
+    pedestal: Triangles
+
+    @property
+    def time(self) -> Array:
+        """Time of each row, shape (n,) [s]."""
+        return self.log.time
+
+    @cached_property
+    def rock_orientation(self) -> Array:
+        """q_WM of each row, x, y, z, w, unit length, shape (n, 4)."""
+        q = self.log.orientation
+        unit: Array = q / np.linalg.norm(q, axis=1, keepdims=True)
+        return unit
+
+    @cached_property
+    def rock_position(self) -> Array:
+        """Origin of M in the world at each row, p_WM = p_WB - R_WM p_MB, shape (n, 3) [m]."""
+        arm = np.broadcast_to(self.log.mass_center, self.log.position.shape)
+        return self.log.position - rotate(self.rock_orientation, arm)
+
+    @cached_property
+    def tilt(self) -> Array:
+        """Tilt at each row, shape (n,) [rad]."""
+        return self.log.tilt
+
+    def row(self, time: float) -> int:
+        """Index of the row nearest to `time` [s]."""
+        after = int(np.searchsorted(self.time, time))
+        if after == 0:
+            return 0
+        if after == len(self.time):
+            return after - 1
+        before = after - 1
+        return before if time - self.time[before] <= self.time[after] - time else after
+
+    @cached_property
+    def _contact_times(self) -> tuple[Array, float]:
+        """Times at which contacts were found, and the time for which such a row stands [s]."""
+        times = np.unique(self.log.contacts[:, 0])
+        between = np.diff(times)
+        # Without a contact there is no row, so the shortest interval is the logging's own.
+        return times, float(between.min()) if between.size else 0.0
+
+    def contacts(self, time: float) -> Array:
+        """Contact points on the rock last logged at `time` [s], in the world, shape (k, 3) [m]."""
+        times, validity = self._contact_times
+        last = int(np.searchsorted(times, time + 1e-9, side="right")) - 1
+        if last < 0 or time - times[last] > max(validity, 1e-9) * (1 - 1e-6):
+            return np.empty((0, 3))
+        points: Array = self.log.contacts[self.log.contacts[:, 0] == times[last], 1:4]
+        return points
+
+
+def load_replay(folder: str | os.PathLike[str], trial: int | None = None) -> Replay:
+    """Make one trial of a result folder ready to be drawn.
+
+    Args:
+        folder: written by `vsr2 run` or `save_result`.
+        trial: its index; default: the first that has a log.
+
+    Raises:
+        ResultError: the folder cannot be read, or the trial has no log.
+        GeometryError, ConfigError: the folder holds no models and the study's cannot be read.
+    """
+    result = load_result(folder, logs=False)
+    trial = choose_trial(folder, result, trial)
+    log = _finite_part(load_trial_log(folder, trial), trial)
+    rock, pedestal = _models(Path(folder), result.provenance)
+    return Replay(trial_title(result, trial), log, rock, pedestal)
+
+
+def choose_trial(folder: str | os.PathLike[str], result: BatchResult, trial: int | None) -> int:
+    """The trial to show: as asked, or the first that has a log.
+
+    Raises:
+        ResultError: it has no log; names those that have.
+    """
+    logged = logged_trials(folder)
+    if not logged:
+        raise ResultError(
+            f"{folder}: no trial has a log; set output.log_every to 1 or more and run again"
+        )
+    if trial is None:
+        return logged[0]
+    if trial not in logged:
+        known = f"there are {len(result)} trials, counted from 0"
+        if 0 <= trial < len(result):
+            known = f"it has no log; trials with one: {', '.join(map(str, logged[:20]))}"
+        raise ResultError(f"{folder}: trial {trial} cannot be shown: {known}")
+    return trial
+
+
+def trial_title(result: BatchResult, trial: int) -> str:
+    """Index, name and outcome of a trial, for a heading."""
+    name = "".join(c if c.isprintable() else "?" for c in str(result["name"][trial]))
+    return f"trial {trial}: {name}, {result['outcome'][trial]}"
+
+
+def _finite_part(log: TrialLog, trial: int) -> TrialLog:
+    bad = np.flatnonzero(~np.isfinite(log.state).all(axis=1))
+    if not bad.size and len(log.state):
+        return log
+    rows = int(bad[0]) if bad.size else 0
+    if rows == 0:
+        raise ResultError(f"trial {trial}: the log has no finite state to show")
+    return TrialLog(
+        state=log.state[:rows],
+        contacts=log.contacts[log.contacts[:, 0] <= log.time[rows - 1]],
+        settled_position=log.settled_position,
+        settled_orientation=log.settled_orientation,
+        foot=log.foot,
+        mass_center=log.mass_center,
+        principal_axes=log.principal_axes,
+    )
+
+
+def _models(folder: Path, provenance: Mapping[str, Any]) -> tuple[Triangles, Triangles]:
+    """Those kept with the result; where there are none, built from its study again."""
+    if any((folder / MODEL_FOLDER).glob("*.npz")):
+        return load_models(folder)
+    settings = provenance.get("study")
+    if not isinstance(settings, Mapping):
+        raise ResultError(
+            f"{folder / MODEL_FOLDER}: holds no models and the provenance names no study; keep "
+            "them with save_models when a batch is made by hand"
+        )
+    try:
+        study = study_from_mapping(settings, folder, label=f"study in {folder}")
+        pedestal = build_pedestal(study.pedestal)
+        rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
+    except Vsr2Error as error:
+        raise type(error)(
+            f"{folder / MODEL_FOLDER}: holds no models, nor can the study's be read: {error}"
+        ) from error
+    if rock.surface is None:
+        raise ResultError(f"{folder}: the study's rock has no surface to draw")
+    if pedestal.surface is None:
+        return rock.surface, pedestal_surface(pedestal)
+    origin = np.asarray(pedestal.origin)
+    return rock.surface, Triangles(pedestal.surface.vertices + origin, pedestal.surface.faces)

@@ -1,0 +1,230 @@
+"""The interactive replay: a web server on the machine that holds the result."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import ResultError
+from vsr2.results import load_result, logged_trials
+from vsr2.view.drawing import Drawing, quiet_server, stop_server
+from vsr2.view.replay import Replay, choose_trial, load_replay, trial_title
+
+Array = NDArray[np.float64]
+
+SPEEDS = ("0.1 x", "0.25 x", "0.5 x", "1 x", "2 x", "5 x")
+FRAME_INTERVAL = 1.0 / 30.0
+"""Between two drawn states while it plays [s]."""
+PLOT_ROWS = 1000
+"""Points of the tilt curve; more would not be seen."""
+
+
+class ReplayServer:
+    """Serves a 3-D replay to any number of browsers until it is closed.
+
+    Time slider, play and pause, speed, tilt and slip readout, choice of trial. It works without a
+    screen and without the internet on this machine.
+
+    Args:
+        folder: result folder.
+        trial: shown first; default: the first that has a log.
+        host: address to listen on; `0.0.0.0`: all, so that others on the network can watch.
+        port: to listen on; the next free one is taken where it is in use.
+
+    Raises:
+        ResultError: the folder cannot be read, the trial has no log, the address cannot be
+            listened on, or viser is not installed.
+    """
+
+    def __init__(
+        self,
+        folder: str | os.PathLike[str],
+        *,
+        trial: int | None = None,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+    ) -> None:
+        self._folder = Path(folder)
+        self._result = load_result(self._folder, logs=False)
+        self._logged = logged_trials(self._folder)
+        first = choose_trial(self._folder, self._result, trial)
+        replay = load_replay(self._folder, first)
+        self._server = quiet_server(host, port)
+        self._host = host
+        self._lock = threading.RLock()
+        self._stop = threading.Event()
+        self._playing = False
+        self._loading = False
+        self._drawing = Drawing(self._server, replay)
+        self._add_controls(replay, first)
+        self._player = threading.Thread(target=self._play, name="replay", daemon=True)
+        self._player.start()
+
+    @property
+    def port(self) -> int:
+        """Port that is listened on."""
+        return int(self._server.get_port())
+
+    @property
+    def url(self) -> str:
+        """Address to open in a browser on this machine."""
+        everywhere = self._host in ("0.0.0.0", "::", "")
+        return f"http://{'127.0.0.1' if everywhere else self._host}:{self.port}"
+
+    @property
+    def time(self) -> float:
+        """Time shown [s]."""
+        return float(self._slider.value)
+
+    def show(self, time: float) -> None:
+        """Draw the state nearest to `time` [s]."""
+        self._slider.value = float(time)
+
+    def wait(self) -> None:
+        """Serve until :meth:`close` is called or Ctrl-C is pressed."""
+        # In slices, because a wait without end would not notice Ctrl-C everywhere.
+        while not self._stop.wait(0.5):
+            pass
+
+    def close(self) -> None:
+        """Stop serving."""
+        if not self._stop.is_set():
+            self._stop.set()
+            self._player.join(timeout=5.0)
+            stop_server(self._server)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _add_controls(self, replay: Replay, first: int) -> None:
+        gui = self._server.gui
+        self._options = {trial_title(self._result, i): i for i in self._logged}
+        titles = {i: title for title, i in self._options.items()}
+        self._trial = gui.add_dropdown(
+            "Trial", options=tuple(self._options), initial_value=titles[first]
+        )
+        self._slider = self._add_slider(replay)
+        self._button = gui.add_button("Play")
+        self._speed = gui.add_dropdown("Speed", options=SPEEDS, initial_value="1 x")
+        self._loop = gui.add_checkbox("Loop", initial_value=False)
+        self._tilt = gui.add_text("Tilt [deg]", initial_value="", disabled=True)
+        self._slip = gui.add_text("Slip x, y [mm]", initial_value="", disabled=True)
+        self._pedestal = gui.add_text("Pedestal [m]", initial_value="", disabled=True)
+        self._plot = self._add_plot(replay)
+        self._button.on_click(lambda _: self._toggle())
+        self._trial.on_update(lambda _: self._load(self._options[str(self._trial.value)]))
+        self._refresh()
+
+    def _add_slider(self, replay: Replay) -> Any:
+        start, end, interval = _time_range(replay)
+        slider = self._server.gui.add_slider(
+            "Time [s]", min=start, max=end, step=interval, initial_value=start
+        )
+        slider.on_update(lambda _: self._refresh())
+        return slider
+
+    def _add_plot(self, replay: Replay) -> Any:
+        return self._server.gui.add_uplot(
+            data=_tilt_curve(replay),
+            series=(
+                {"label": "t [s]"},
+                {"label": "tilt [deg]", "stroke": "#0072B2", "width": 2},
+            ),
+            scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
+            aspect=1.6,
+        )
+
+    def _toggle(self) -> None:
+        with self._lock:
+            if not self._playing and self.time >= self._end - 1e-9:
+                self.show(self._start)
+            self._set_playing(not self._playing)
+
+    def _set_playing(self, playing: bool) -> None:
+        self._playing = playing
+        self._button.label = "Pause" if playing else "Play"
+
+    @property
+    def _start(self) -> float:
+        return float(self._drawing.replay.time[0])
+
+    @property
+    def _end(self) -> float:
+        return float(self._drawing.replay.time[-1])
+
+    def _refresh(self) -> None:
+        with self._lock:
+            if self._loading:
+                return
+            replay = self._drawing.replay
+            row = self._drawing.show(self.time)
+            slip = 1e3 * replay.log.slip[row]
+            self._tilt.value = _rounded(float(np.degrees(replay.tilt[row])), 2)
+            self._slip.value = f"{_rounded(slip[0], 1)}, {_rounded(slip[1], 1)}"
+            self._pedestal.value = _rounded(replay.log.column("pedestal_position")[row], 4)
+
+    def _load(self, trial: int) -> None:
+        try:
+            replay = load_replay(self._folder, trial)
+        except ResultError as error:
+            self._server.add_notification("Cannot be shown", str(error), color="red")
+            return
+        with self._lock:
+            self._loading = True
+            self._set_playing(False)
+            self._server.scene.reset()
+            self._drawing = Drawing(self._server, replay)
+            start, self._slider.max, self._slider.step = _time_range(replay)
+            self._slider.min = start
+            self._slider.value = start
+            self._plot.data = _tilt_curve(replay)
+            self._loading = False
+            self._refresh()
+
+    def _play(self) -> None:
+        last = time.monotonic()
+        while not self._stop.wait(FRAME_INTERVAL):
+            now = time.monotonic()
+            passed, last = now - last, now
+            with self._lock:
+                if not self._playing:
+                    continue
+                # From the slider, so that it can be dragged while it plays.
+                moment = self.time + passed * float(str(self._speed.value).split()[0])
+                if moment >= self._end:
+                    moment = self._start if self._loop.value else self._end
+                    if not self._loop.value:
+                        self._set_playing(False)
+                self.show(moment)
+
+
+def _time_range(replay: Replay) -> tuple[float, float, float]:
+    """First and last time and interval of the rows [s]; the last is after the first."""
+    start, end = float(replay.time[0]), float(replay.time[-1])
+    interval = float(np.median(np.diff(replay.time))) if len(replay.time) > 1 else 1e-3
+    return start, max(end, start + interval), interval
+
+
+def _tilt_curve(replay: Replay) -> tuple[Array, Array]:
+    every = max(1, len(replay.time) // PLOT_ROWS)
+    return replay.time[::every].copy(), np.degrees(replay.tilt[::every])
+
+
+def _rounded(value: float, digits: int) -> str:
+    """With so many decimals, and 0 without a sign."""
+    return f"{round(float(value), digits) + 0.0:.{digits}f}"

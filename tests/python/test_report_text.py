@@ -1,0 +1,70 @@
+"""Tables for the terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from synthetic_results import make_result
+from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report import printable, summary_table, trial_table
+
+
+def test_summary_counts_outcomes_statuses_and_time() -> None:
+    result = make_result(
+        [None] * 4,
+        outcome=np.array(["overturned", "stable", "stable", "failed"], dtype=object),
+        status=np.array(["ok", "ok", "tail_timeout", "error"], dtype=object),
+        message=np.array(["", "", "", "mesh\nlost"], dtype=object),
+        simulated_time=np.array([1.0, 2.0, 3.5, np.nan]),
+        steps=np.array([1000, 2000, 3500, 0]),
+        provenance={"wall_time_s": 2.0, "threads": 1, "interrupted": True},
+    )
+    lines = summary_table(result).splitlines()
+    assert lines[0] == "4 trials"
+    assert "  stable                 2   50.0 %" in lines
+    assert "  overturned             1   25.0 %" in lines
+    assert not any("rocked" in line for line in lines)
+    [late] = [line for line in lines if "tail_timeout" in line]
+    assert late.startswith("  tail_timeout           1   25.0 %  not at rest in the end")
+    assert "  trial 3 (trial 3), error: mesh?lost" in lines
+    assert "  6.5 s simulated, 6500 time steps, 2 s on the clock, 3250 steps/s, 1 thread" in lines
+    assert "interrupted" in lines[-1]
+
+
+def test_summary_of_nothing_and_of_one() -> None:
+    assert summary_table(make_result([])).splitlines()[:4] == ["0 trials", "", "outcome", "  none"]
+    assert summary_table(make_result([None])).startswith("1 trial\n")
+
+
+def test_summary_bounds_the_failures_it_shows() -> None:
+    result = make_result([None] * 30, message=np.array(["bad"] * 30, dtype=object))
+    text = summary_table(result)
+    assert text.count(": bad") == 10
+    assert "and 20 more" in text
+
+
+def test_trial_table_columns_align_and_carry_units() -> None:
+    result = make_result(
+        [None] * 3,
+        name=np.array(["short", "x" * 50, "tab\tbed"], dtype=object),
+        pga=np.array([0.5, 0.25, np.nan]) * STANDARD_GRAVITY,
+        peak_tilt=np.array([np.pi / 2, 0.0, np.nan]),
+        final_slip=np.array([0.0123, 0.0, np.nan]),
+    )
+    header, first, second, third = trial_table(result).splitlines()
+    assert "PGA [g]" in header
+    assert "peak tilt [deg]" in header
+    assert "slip [mm]" in header
+    cells = first.split()
+    assert cells[:3] == ["0", "short", "0.5"]
+    assert {"90", "12.3"} <= set(cells)
+    assert "x" * 29 + "... " in second
+    assert "tab?bed" in third
+    assert " -" in third
+    start = header.index("outcome")
+    assert all(line[start:].startswith("stable") for line in (first, second, third))
+    assert trial_table(result, limit=1).splitlines()[-1] == "and 2 more"
+
+
+def test_what_cannot_be_shown_is_replaced() -> None:
+    assert printable("a\x1b[1m\n\udcff é 漢") == "a?[1m?? é 漢"
