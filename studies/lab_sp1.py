@@ -59,6 +59,7 @@ def lab_study(lab: Path, *, inertia: str, drive: str) -> dict[str, object]:
     """The study of one setting, as a YAML file would hold it."""
     return {
         "name": "lab_sp1",
+        "engine": {"mode": "parity"},
         "rock": {
             "shape": "mesh",
             "file": str(lab / "models" / "final_sp1_pca.obj"),

@@ -3,8 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <string>
+#include <tuple>
+#include <vector>
 
 #include <btBulletDynamicsCommon.h>
 #include <BulletDynamics/Featherstone/btMultiBody.h>
@@ -13,6 +16,7 @@
 #include <BulletDynamics/Featherstone/btMultiBodyJointMotor.h>
 #include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
 
+#include "bullet_world.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/world.hpp"
 
@@ -51,6 +55,28 @@ class Dispatcher final : public btCollisionDispatcher {
   double relative_threshold_;
 };
 
+// Bullet's deterministic order of pairs with an array that is kept: Bullet's own allocates one in
+// every step.
+class PairCache final : public btHashedOverlappingPairCache {
+ public:
+  using btHashedOverlappingPairCache::processAllOverlappingPairs;
+  void processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
+                                  const btDispatcherInfo& info) override {
+    if (!info.m_deterministicOverlappingPairs)
+      return btHashedOverlappingPairCache::processAllOverlappingPairs(callback, dispatcher);
+    btBroadphasePairArray& pairs = getOverlappingPairArray();
+    order_.clear();
+    for (int i = 0; i < pairs.size(); ++i)
+      order_.push_back({pairs[i].m_pProxy0->m_uniqueId, pairs[i].m_pProxy1->m_uniqueId, i});
+    std::sort(order_.begin(), order_.end(), std::greater<>());
+    // No callback of a world here asks for a pair to be removed, so indices stay valid.
+    for (const auto& entry : order_) callback->processOverlap(pairs[std::get<2>(entry)]);
+  }
+
+ private:
+  std::vector<std::tuple<int, int, int>> order_;
+};
+
 btDefaultCollisionConstructionInfo small_pools() {
   // A world has a handful of pairs; Bullet's default pools take 9 MB.
   btDefaultCollisionConstructionInfo info;
@@ -64,15 +90,18 @@ struct Body {
   std::vector<std::unique_ptr<btMultiBodyLinkCollider>> colliders;
 };
 
-class BulletWorld final : public World {
+class BulletWorld final : public BulletWorldBase {
  public:
-  BulletWorld(std::shared_ptr<const Scene> scene, Drive drive)
+  BulletWorld(std::shared_ptr<const Scene> scene, Drive drive,
+              std::unique_ptr<btMultiBodyConstraintSolver> solver, btCollisionShape* rock_shape)
       : scene_(std::move(scene)),
         drive_(drive),
+        rock_shape_(rock_shape ? rock_shape : scene_->shapes().rock),
         configuration_(small_pools()),
         dispatcher_(&configuration_, scene_->engine().contact_breaking_threshold),
         broadphase_(&pair_cache_),
-        world_(&dispatcher_, &broadphase_, &solver_, &configuration_) {
+        solver_(solver ? std::move(solver) : std::make_unique<btMultiBodyConstraintSolver>()),
+        world_(&dispatcher_, &broadphase_, solver_.get(), &configuration_) {
     const EngineSettings& engine = scene_->engine();
     world_.setGravity(btVector3(0, 0, -engine.gravity));
     world_.getDispatchInfo().m_deterministicOverlappingPairs = engine.deterministic_overlapping_pairs;
@@ -114,7 +143,7 @@ class BulletWorld final : public World {
     body.setLinearDamping(engine.linear_damping);
     body.setAngularDamping(engine.angular_damping);
     body.finalizeMultiDof();
-    btMultiBodyLinkCollider& collider = add_collider(rock_, -1, shapes.rock);
+    btMultiBodyLinkCollider& collider = add_collider(rock_, -1, rock_shape_);
     set_material(collider, scene_->rock().material);
     world_.addCollisionObject(&collider, kDefaultGroup, btBroadphaseProxy::AllFilter);
     world_.addMultiBody(&body);
@@ -157,6 +186,52 @@ class BulletWorld final : public World {
       motor_->setPositionTarget(target.position, kMotorPositionGain);
       motor_->setMaxAppliedImpulse(kMotorMaximumForce * engine.time_step);
       for (int i = 0; i < engine.substeps; ++i) world_.stepSimulation(dt, 0);
+    }
+  }
+
+  void set_pedestal(const PedestalState& state) override {
+    btMultiBody& robot = *robot_.multibody;
+    robot.setJointPos(0, state.position);
+    robot.setJointVel(0, state.velocity);
+    refresh(robot);
+    for (auto& collider : robot_.colliders) world_.updateSingleAabb(collider.get());
+  }
+
+  void set_contacts(const std::vector<CachedContact>& contacts) override {
+    btMultiBodyLinkCollider* rock = rock_.colliders.front().get();
+    btMultiBodyLinkCollider* link = robot_.colliders.back().get();
+    // A pass of collision detection makes the pair and its manifold.
+    world_.performDiscreteCollisionDetection();
+    for (int m = 0; m < dispatcher_.getNumManifolds(); ++m) {
+      btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(m);
+      const bool rock_is_a = manifold->getBody0() == rock && manifold->getBody1() == link;
+      if (!rock_is_a && (manifold->getBody1() != rock || manifold->getBody0() != link)) continue;
+      manifold->clearManifold();
+      if (contacts.empty()) return;
+      const auto wrap = [](const btCollisionObject* object) {
+        return btCollisionObjectWrapper(nullptr, object->getCollisionShape(), object,
+                                        object->getWorldTransform(), -1, -1);
+      };
+      const btCollisionObjectWrapper a = wrap(manifold->getBody0());
+      const btCollisionObjectWrapper b = wrap(manifold->getBody1());
+      btManifoldResult result(&a, &b);
+      result.setPersistentManifold(manifold);
+      // Bullet combines the two materials when it makes a point; the place is filled in after.
+      result.addContactPoint(btVector3(0, 0, rock_is_a ? 1 : -1), btVector3(0, 0, 0), 0.0);
+      const btManifoldPoint made = manifold->getContactPoint(0);
+      manifold->clearManifold();
+      for (const CachedContact& contact : contacts) {
+        btManifoldPoint point = made;
+        const btVector3 on_rock = to_bullet(contact.p_B);
+        const btVector3 on_link = to_bullet(contact.p_P);
+        point.m_localPointA = rock_is_a ? on_rock : on_link;
+        point.m_localPointB = rock_is_a ? on_link : on_rock;
+        point.m_normalWorldOnB = to_bullet(Eigen::Vector3d(rock_is_a ? contact.normal_W : -contact.normal_W));
+        manifold->addManifoldPoint(point);
+      }
+      manifold->refreshContactPoints(manifold->getBody0()->getWorldTransform(),
+                                     manifold->getBody1()->getWorldTransform());
+      return;
     }
   }
 
@@ -290,11 +365,12 @@ class BulletWorld final : public World {
 
   std::shared_ptr<const Scene> scene_;
   Drive drive_;
+  btCollisionShape* rock_shape_;
   btDefaultCollisionConfiguration configuration_;
   mutable Dispatcher dispatcher_;
-  btHashedOverlappingPairCache pair_cache_;
+  PairCache pair_cache_;
   btDbvtBroadphase broadphase_;
-  btMultiBodyConstraintSolver solver_;
+  std::unique_ptr<btMultiBodyConstraintSolver> solver_;
   btMultiBodyDynamicsWorld world_;
   Body ground_;
   Body robot_;
@@ -307,7 +383,13 @@ class BulletWorld final : public World {
 }  // namespace
 
 std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive) {
-  return std::make_unique<BulletWorld>(std::move(scene), drive);
+  return std::make_unique<BulletWorld>(std::move(scene), drive, nullptr, nullptr);
+}
+
+std::unique_ptr<BulletWorldBase> make_bullet_world_with(
+    std::shared_ptr<const Scene> scene, Drive drive,
+    std::unique_ptr<btMultiBodyConstraintSolver> solver, btCollisionShape* rock_shape) {
+  return std::make_unique<BulletWorld>(std::move(scene), drive, std::move(solver), rock_shape);
 }
 
 }  // namespace vsr2

@@ -3,6 +3,8 @@
 #include <cmath>
 #include <string>
 
+#include "fast_stepper.hpp"
+#include "hull_scan.hpp"
 #include "scene_shapes.hpp"
 
 namespace vsr2 {
@@ -180,11 +182,13 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock)
   shapes_->pedestal = build.body(pedestal_.parts, btTransform::getIdentity(), "pedestal");
   shapes_->pedestal_inertia = box_inertia(*shapes_->pedestal, pedestal_.mass);
   shapes_->rock = build.body(rock_.parts, to_bullet(rock_.X_MB).inverse(), "rock");
+  shapes_->scanned_rock = with_scanned_hulls(shapes_->rock, shapes_->owned);
   if (rock_.inertia_from_aabb) {
     shapes_->rock->calculateLocalInertia(rock_.mass, shapes_->rock_inertia);
   } else {
     shapes_->rock_inertia = to_bullet(rock_.principal_inertia);
   }
+  if (fast_model_violation(*this).empty()) shapes_->fast_model = std::make_shared<const FastModel>(*this);
 }
 
 Scene::~Scene() = default;

@@ -10,6 +10,8 @@
 
 namespace vsr2 {
 
+struct FastModel;
+
 struct Scene::Shapes {
   // Owned pieces, in the order of construction; the roots below point into them.
   std::vector<std::unique_ptr<btTriangleMesh>> triangle_meshes;
@@ -18,6 +20,8 @@ struct Scene::Shapes {
   std::unique_ptr<btCollisionShape> base;
   btCollisionShape* pedestal = nullptr;
   btCollisionShape* rock = nullptr;
+  btCollisionShape* scanned_rock = nullptr;  ///< the same rock with ScannedHull for its hulls
+  std::shared_ptr<const FastModel> fast_model;  ///< null outside the fast engine's domain
   btVector3 pedestal_inertia{0, 0, 0};
   btVector3 rock_inertia{0, 0, 0};
 };

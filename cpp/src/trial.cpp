@@ -6,6 +6,8 @@
 #include <exception>
 #include <sstream>
 
+#include "vsr2/engines.hpp"
+
 namespace vsr2 {
 namespace {
 
@@ -72,7 +74,8 @@ class Run {
  public:
   Run(const std::shared_ptr<const Scene>& scene, Drive drive, const Pose& X_WB,
       const std::atomic<bool>& cancel, TrialResult& result)
-      : world_(make_bullet_world(scene, drive)),
+      : world_(make_world(scene, drive)),
+        engine_(choose_engine(*scene)),
         cancel_(cancel),
         result_(result),
         dt_(scene->engine().time_step) {
@@ -81,6 +84,7 @@ class Run {
   }
 
   const World& world() const { return *world_; }
+  std::string engine() const { return engine_in_use(*world_, engine_); }
   const RockState& rock() const { return rock_; }
   const PedestalState& pedestal() const { return pedestal_; }
   double dt() const { return dt_; }
@@ -136,6 +140,7 @@ class Run {
   }
 
   std::unique_ptr<World> world_;
+  EngineKind engine_;
   const std::atomic<bool>& cancel_;
   TrialResult& result_;
   double dt_;
@@ -164,9 +169,8 @@ class Trial {
     result_.log.insert(result_.log.begin(), earlier.begin(), earlier.end());
     result_.settling_time += settled.settling_time;
     begin();
-    if (!shake()) return;
-    if (!come_to_rest()) return;
-    judge();
+    if (shake() && come_to_rest()) judge();
+    result_.engine = run_.engine();
   }
 
  private:

@@ -9,6 +9,7 @@
 #include "vsr2/batch.hpp"
 #include "vsr2/build_facts.hpp"
 #include "vsr2/contact_model.hpp"
+#include "vsr2/engines.hpp"
 
 namespace py = pybind11;
 using namespace vsr2;
@@ -77,19 +78,25 @@ void bind_scene(py::module_& m) {
            py::arg("spinning_friction"), py::arg("rolling_friction"), py::arg("stiffness"),
            py::arg("damping"));
 
+  py::enum_<EngineKind>(m, "EngineKind")
+      .value("auto", EngineKind::automatic)
+      .value("parity", EngineKind::parity)
+      .value("exact", EngineKind::exact)
+      .value("fast", EngineKind::fast);
+
   py::class_<EngineSettings>(m, "EngineSettings")
-      .def(py::init([](double gravity, double time_step, int substeps, int solver_iterations,
+      .def(py::init([](EngineKind kind, double gravity, double time_step, int substeps, int solver_iterations,
                        double residual_threshold, double restitution_velocity_threshold,
                        bool cone_friction, bool deterministic_overlapping_pairs,
                        double collision_margin, double contact_breaking_threshold,
                        double linear_damping, double angular_damping) {
-             return EngineSettings{gravity, time_step, substeps, solver_iterations,
+             return EngineSettings{kind, gravity, time_step, substeps, solver_iterations,
                                    residual_threshold, restitution_velocity_threshold,
                                    cone_friction, deterministic_overlapping_pairs,
                                    collision_margin, contact_breaking_threshold, linear_damping,
                                    angular_damping};
            }),
-           py::kw_only(), py::arg("gravity"), py::arg("time_step"), py::arg("substeps"),
+           py::kw_only(), py::arg("kind"), py::arg("gravity"), py::arg("time_step"), py::arg("substeps"),
            py::arg("solver_iterations"), py::arg("residual_threshold"),
            py::arg("restitution_velocity_threshold"), py::arg("cone_friction"),
            py::arg("deterministic_overlapping_pairs"), py::arg("collision_margin"),
@@ -139,6 +146,13 @@ void bind_scene(py::module_& m) {
       .def(py::init<EngineSettings, PedestalSpec, RockSpec>(), py::kw_only(), py::arg("engine"),
            py::arg("pedestal"), py::arg("rock"))
       .def_property_readonly("rock_inertia", &Scene::rock_inertia)
+      .def_property_readonly(
+          "engine", [](const Scene& scene) { return to_string(choose_engine(scene)); },
+          "Engine the scene gets.")
+      .def_property_readonly(
+          "fast_domain_violation",
+          [](const Scene& scene) { return fast_domain_violation(scene); },
+          "Why the engine `fast` does not take the scene; empty if it does.")
       .def_property_readonly("rock_hull_vertices", [](const Scene& scene) {
         const auto vertices = scene.rock_hull_vertices();
         py::array_t<double> out({static_cast<py::ssize_t>(vertices.size()), py::ssize_t{3}});
@@ -157,7 +171,7 @@ void bind_world(py::module_& m) {
   // The world behind vsr2.Simulation.
   py::class_<World>(m, "World")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive) {
-             return make_bullet_world(std::move(scene), drive);
+             return make_world(std::move(scene), drive);
            }),
            py::arg("scene"), py::arg("drive"))
       .def("spawn_rock",
@@ -257,6 +271,7 @@ void bind_trial(py::module_& m) {
       .def_readonly("status", &TrialResult::status)
       .def_readonly("outcome", &TrialResult::outcome)
       .def_readonly("message", &TrialResult::message)
+      .def_readonly("engine", &TrialResult::engine)
       .def_readonly("settling_time", &TrialResult::settling_time)
       .def_readonly("simulated_time", &TrialResult::simulated_time)
       .def_readonly("overturning_time", &TrialResult::overturning_time)

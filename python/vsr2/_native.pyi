@@ -6,14 +6,65 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Outcome', 'PedestalSpec', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
+__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Outcome', 'PedestalSpec', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
 class InvalidInput(ValueError):
     pass
 class Material:
     def __init__(self, *, restitution: typing.SupportsFloat | typing.SupportsIndex, lateral_friction: typing.SupportsFloat | typing.SupportsIndex, spinning_friction: typing.SupportsFloat | typing.SupportsIndex, rolling_friction: typing.SupportsFloat | typing.SupportsIndex, stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
+class EngineKind:
+    """
+    Members:
+    
+      auto
+    
+      parity
+    
+      exact
+    
+      fast
+    """
+    __members__: typing.ClassVar[dict[str, EngineKind]]
+    auto: typing.ClassVar[EngineKind]
+    exact: typing.ClassVar[EngineKind]
+    fast: typing.ClassVar[EngineKind]
+    parity: typing.ClassVar[EngineKind]
+    @typing.overload
+    def __eq__(self, other: EngineKind) -> bool:
+        ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool:
+        ...
+    def __getstate__(self) -> int:
+        ...
+    def __hash__(self) -> int:
+        ...
+    def __index__(self) -> int:
+        ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    def __int__(self) -> int:
+        ...
+    @typing.overload
+    def __ne__(self, other: EngineKind) -> bool:
+        ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool:
+        ...
+    def __repr__(self) -> str:
+        ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None:
+        ...
+    def __str__(self) -> str:
+        ...
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def value(self) -> int:
+        ...
 class EngineSettings:
-    def __init__(self, *, gravity: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex, substeps: typing.SupportsInt | typing.SupportsIndex, solver_iterations: typing.SupportsInt | typing.SupportsIndex, residual_threshold: typing.SupportsFloat | typing.SupportsIndex, restitution_velocity_threshold: typing.SupportsFloat | typing.SupportsIndex, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: typing.SupportsFloat | typing.SupportsIndex, contact_breaking_threshold: typing.SupportsFloat | typing.SupportsIndex, linear_damping: typing.SupportsFloat | typing.SupportsIndex, angular_damping: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def __init__(self, *, kind: EngineKind, gravity: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex, substeps: typing.SupportsInt | typing.SupportsIndex, solver_iterations: typing.SupportsInt | typing.SupportsIndex, residual_threshold: typing.SupportsFloat | typing.SupportsIndex, restitution_velocity_threshold: typing.SupportsFloat | typing.SupportsIndex, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: typing.SupportsFloat | typing.SupportsIndex, contact_breaking_threshold: typing.SupportsFloat | typing.SupportsIndex, linear_damping: typing.SupportsFloat | typing.SupportsIndex, angular_damping: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
 class HullPart:
     def __init__(self, points: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> None:
@@ -33,6 +84,16 @@ class RockSpec:
 class Scene:
     def __init__(self, *, engine: EngineSettings, pedestal: PedestalSpec, rock: RockSpec) -> None:
         ...
+    @property
+    def engine(self) -> str:
+        """
+        Engine the scene gets.
+        """
+    @property
+    def fast_domain_violation(self) -> str:
+        """
+        Why the engine `fast` does not take the scene; empty if it does.
+        """
     @property
     def rock_hull_vertices(self) -> numpy.typing.NDArray[numpy.float64]:
         ...
@@ -244,6 +305,9 @@ class TrialResult:
         """
         State log, shape (n, 18); may be taken once.
         """
+    @property
+    def engine(self) -> str:
+        ...
     @property
     def final_slip(self) -> float:
         ...

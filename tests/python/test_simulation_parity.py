@@ -138,7 +138,7 @@ def scene_of(body: str, inertia: str) -> Scene:
         from dataclasses import replace
 
         rock = replace(rock, inertia_from_aabb=True)
-    return make_scene(rock, pedestal, Engine(), Contact())
+    return make_scene(rock, pedestal, Engine(mode="parity"), Contact())
 
 
 def motion_of(kind: str) -> Motion:

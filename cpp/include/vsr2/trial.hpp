@@ -75,6 +75,7 @@ struct TrialResult {
   Status status = Status::not_run;
   Outcome outcome = Outcome::failed;
   std::string message;
+  std::string engine;  ///< that ran it; empty where none did
   double settling_time = std::numeric_limits<double>::quiet_NaN();   ///< shared and own [s]
   double simulated_time = std::numeric_limits<double>::quiet_NaN();  ///< after settling [s]
   double overturning_time = std::numeric_limits<double>::quiet_NaN();///< irreversible from [s]

@@ -67,7 +67,7 @@ def _run(options: argparse.Namespace) -> int:
         print(
             f"{study.name}: {len(trials)} trials, {Path(scene.rock.source).name} "
             f"({scene.rock.mass.mass:.4g} kg) on {Path(scene.pedestal.source).name}, engine "
-            f"{study.engine.mode}"
+            f"{scene.engine_name}"
         )
         for note in scene.rock.notes:
             print(f"note: {note}")

@@ -38,7 +38,7 @@ def load_study(
     label = os.fspath(path)
     document = read_yaml(path)
     for override in overrides:
-        _override(document.data, override)
+        apply_override(document.data, override)
 
     def place(key_path: KeyPath) -> str:
         # A missing key has no line of its own: its section's serves.
@@ -51,7 +51,12 @@ def load_study(
     return build_study(document.data, base, label=label, place=place, check_files=check_files)
 
 
-def _override(data: dict[str, Any], override: str) -> None:
+def apply_override(data: dict[str, Any], override: str) -> None:
+    """Set one key of a study's mapping, from `key.path=value` with the value in YAML.
+
+    Raises:
+        ConfigError: not of that form, or the path leads through a value that is no section.
+    """
     key_path, equals, text = override.partition("=")
     keys = key_path.strip().split(".")
     if not equals or not all(keys):

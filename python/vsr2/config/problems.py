@@ -55,13 +55,13 @@ def config_error(
     return ConfigError("\n  ".join([f"{label}: {len(lines)} problems", *lines]))
 
 
-def problems_of(error: ValidationError) -> list[Problem]:
-    """Translate pydantic's report on a :class:`Study`."""
-    return [_translate(dict(entry)) for entry in error.errors(include_url=False)]
+def problems_of(error: ValidationError, root: type[Section] = Study) -> list[Problem]:
+    """Translate pydantic's report on a :class:`Study`, or on another `root` section."""
+    return [_translate(dict(entry), root) for entry in error.errors(include_url=False)]
 
 
-def _translate(entry: dict[str, Any]) -> Problem:
-    path, owner, field = _walk(entry["loc"])
+def _translate(entry: dict[str, Any], root: type[Section]) -> Problem:
+    path, owner, field = _walk(entry["loc"], root)
     context: dict[str, Any] = entry.get("ctx", {})
     kind: str = entry["type"]
     value = entry.get("input")
@@ -70,7 +70,7 @@ def _translate(entry: dict[str, Any]) -> Problem:
     if kind == "value_error":
         return Problem(path, str(context["error"]))
     if kind == "extra_forbidden":
-        return Problem(path, _unknown_key(str(path[-1]), path[:-1], owner))
+        return Problem(path, _unknown_key(str(path[-1]), path[:-1], owner, root))
     if kind == "missing":
         return Problem(path, f"is missing{_meaning(field)}")
     held = variants(field) if field else None
@@ -123,12 +123,12 @@ def _expectation(kind: str, context: Mapping[str, Any], message: str) -> str:
 
 
 def _walk(
-    location: tuple[str | int, ...],
+    location: tuple[str | int, ...], root: type[Section]
 ) -> tuple[KeyPath, type[Section] | None, FieldInfo | None]:
     """Key path without pydantic's tags of unions; the section that owns its last key; that key."""
     path: list[str | int] = []
-    section: type[Section] | None = Study
-    owner: type[Section] | None = Study
+    section: type[Section] | None = root
+    owner: type[Section] | None = root
     field: FieldInfo | None = None
     held: Variants | None = None
     for part in location:
@@ -143,24 +143,26 @@ def _walk(
     return tuple(path), owner, field
 
 
-def _unknown_key(key: str, parent: KeyPath, section: type[Section] | None) -> str:
+def _unknown_key(
+    key: str, parent: KeyPath, section: type[Section] | None, root: type[Section]
+) -> str:
     if section is None:
         return "is no key here; remove it"
     valid = list(section.model_fields)
     near = _nearest(key, valid)
     if near:
         return f"is no key here; did you mean `{near}`?"
-    for place, other in _all_sections():
+    for place, other in _all_sections(root):
         if place[:-1] == parent and key in other.model_fields:
             return f"applies only with `{place[-1]}`; remove it"
-    for place, other in _all_sections():
+    for place, other in _all_sections(root):
         if key in other.model_fields:
             keys = [part for part in place if ": " not in part]
             return f"is no key here; did you mean `{dotted((*keys, key))}`?"
     return f"is no key here; known are {', '.join(valid)}"
 
 
-def _all_sections() -> Iterable[tuple[tuple[str, ...], type[Section]]]:
+def _all_sections(root: type[Section]) -> Iterable[tuple[tuple[str, ...], type[Section]]]:
     """Every section with its place; a member of a union adds a last part such as `shape: box`."""
 
     def below(
@@ -173,7 +175,7 @@ def _all_sections() -> Iterable[tuple[tuple[str, ...], type[Section]]]:
                 tagged = (f"{held.tag_key}: {tag}",) if held and held.tag_key else ()
                 yield from below((*place, key, *tagged), inner)
 
-    return below((), Study)
+    return below((), root)
 
 
 def _nearest(word: str, choices: Iterable[str]) -> str | None:

@@ -53,7 +53,7 @@ _FLOAT_COLUMNS = (
     "final_yaw",
     "peak_tracking_error",
 )
-_RESULT_COLUMNS = (*_FLOAT_COLUMNS, "status", "outcome", "message", "steps")
+_RESULT_COLUMNS = (*_FLOAT_COLUMNS, "status", "outcome", "message", "engine", "steps")
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +214,6 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
         columns["pga"][i] = trial.motion.pga
         columns["pgv"][i] = trial.motion.pgv
         columns["pgv_pga"][i] = trial.motion.pgv_pga
-        columns["engine"][i] = trial.scene.engine.mode
     return columns
 
 
@@ -222,6 +221,7 @@ def _fill(columns: dict[str, NDArray[Any]], i: int, result: _native.TrialResult)
     columns["status"][i] = result.status.name
     columns["outcome"][i] = result.outcome.name
     columns["message"][i] = result.message
+    columns["engine"][i] = result.engine
     columns["steps"][i] = result.steps
     for name in _FLOAT_COLUMNS:
         columns[name][i] = getattr(result, name)

@@ -48,6 +48,11 @@ class Scene:
     native: _native.Scene
 
     @property
+    def engine_name(self) -> str:
+        """Engine that runs the scene: parity, exact or fast."""
+        return str(self.native.engine)
+
+    @property
     def rock_inertia(self) -> NDArray[np.float64]:
         """Principal inertia the engine uses, shape (3,) [kg m^2]."""
         return np.asarray(self.native.rock_inertia)
@@ -136,7 +141,7 @@ def _native_engine(engine: Engine) -> _native.EngineSettings:
     # Bullet's own default damping is the single-precision 0.04; parity needs its bits.
     for key in ("linear_damping", "angular_damping"):
         values[key] = float(np.float32(values[key]))
-    return _native.EngineSettings(**values)
+    return _native.EngineSettings(kind=getattr(_native.EngineKind, engine.mode), **values)
 
 
 def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: Contact) -> Scene:
@@ -167,6 +172,11 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
                 material=_native_material(contact.rock),
             ),
         )
+        if engine.mode == "fast" and native.fast_domain_violation:
+            raise SimulationError(
+                f"engine.mode: fast does not take this scene: {native.fast_domain_violation}; "
+                "choose auto or exact"
+            )
     except _native.InvalidInput as error:
         raise SimulationError(f"{rock.source or 'scene'}: {error}") from error
     return Scene(rock, pedestal, engine, contact, native)

@@ -1,0 +1,581 @@
+#include "fast_stepper.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "scene_shapes.hpp"
+#include "vsr2/contact_model.hpp"
+
+namespace vsr2 {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Bullet's allowance before a contact's distance counts [m], its greatest normal impulse [N s] and
+// its bound on every velocity component [m/s], [rad/s].
+constexpr double kLinearSlop = 1e-5;
+constexpr double kGreatestImpulse = 1e10F;
+constexpr double kGreatestVelocity = 100.0;
+constexpr double kGreatestTurn = 0.25 * M_PI;  // per step [rad]
+// Candidates for the lowest vertex reach this far above it, per radius of the rock.
+constexpr double kCandidateBand = 0.02;
+
+const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
+
+bool is_identity(const Pose& pose) { return to_bullet(pose) == btTransform::getIdentity(); }
+
+// sin(h) / h and cos(h) without the maths library, whose last bit depends on the machine.
+void half_turn(double h, double& sinc, double& cosine) {
+  if (h < 0.05) {
+    const double q = h * h;
+    sinc = 1.0 + q * (-1.0 / 6 + q * (1.0 / 120 + q * (-1.0 / 5040 + q / 362880)));
+    cosine = 1.0 + q * (-0.5 + q * (1.0 / 24 + q * (-1.0 / 720 + q / 40320)));
+  } else {
+    sinc = std::sin(h) / h;
+    cosine = std::cos(h);
+  }
+}
+
+// One contact's rows. A row's change of impulse is rhs - cfm applied - j . velocity change, all
+// scaled by its effective mass; only entries that are not 0 on a support with normal z are kept.
+struct Rows {
+  // normal: along z
+  double nj0, nj1, njz, nd0, nd1, nd2, nrhs, nkeep, nk;
+  // spinning: about z
+  double sj, sd0, sd1, sd2, srhs, sk;
+  // lateral 1: along -y
+  double aj0, aj2, ajy, ad0, ad1, ad2, arhs, ak;
+  // lateral 2: along x
+  double bj1, bj2, bjx, bjs, bd0, bd1, bd2, brhs, bk;
+  double n, s, a, b;  // impulses
+};
+
+struct Change {
+  double w0, w1, w2, x, y, z, support;
+};
+
+// One sweep over all rows; returns the greatest change of a row's speed.
+template <bool kMotor>
+inline double sweep(Rows* rows, int count, double inverse_mass, double lateral, double spinning,
+                    double support_inverse_mass, double motor_rhs, double motor_limit,
+                    double& motor_impulse, Change& change) {
+  Change c = change;
+  double greatest = 0.0;
+  const auto note = [&greatest](double speed) { greatest = std::max(greatest, std::fabs(speed)); };
+  if constexpr (kMotor) {
+    const double sum = motor_impulse + (motor_rhs - c.support) / support_inverse_mass;
+    const double bounded = std::clamp(sum, -motor_limit, motor_limit);
+    const double delta = bounded - motor_impulse;
+    motor_impulse = bounded;
+    c.support += support_inverse_mass * delta;
+    note(delta * support_inverse_mass);
+  }
+  for (int i = 0; i < count; ++i) {
+    Rows& r = rows[i];
+    const double sum = (r.n * r.nkeep + r.nrhs) - ((r.nj0 * c.w0 + r.nj1 * c.w1) + r.njz * c.z);
+    const double bounded = std::min(std::max(sum, 0.0), kGreatestImpulse);
+    const double delta = bounded - r.n;
+    r.n = bounded;
+    c.w0 += r.nd0 * delta;
+    c.w1 += r.nd1 * delta;
+    c.w2 += r.nd2 * delta;
+    c.z += inverse_mass * delta;
+    note(delta * r.nk);
+  }
+  for (int i = 0; i < count; ++i) {
+    Rows& r = rows[i];
+    if (!(r.n > 0.0)) continue;
+    const double limit = spinning * r.n;
+    const double sum = (r.s + r.srhs) - r.sj * c.w2;
+    const double bounded = std::min(std::max(sum, -limit), limit);
+    const double delta = bounded - r.s;
+    r.s = bounded;
+    c.w0 += r.sd0 * delta;
+    c.w1 += r.sd1 * delta;
+    c.w2 += r.sd2 * delta;
+    note(delta * r.sk);
+  }
+  for (int i = 0; i < count; ++i) {
+    Rows& r = rows[i];
+    const double limit = lateral * r.n;
+    double a = (r.a + r.arhs) - ((r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y);
+    double along = (r.bj1 * c.w1 + r.bj2 * c.w2) + r.bjx * c.x;
+    if constexpr (kMotor) along += r.bjs * c.support;
+    double b = (r.b + r.brhs) - along;
+    const double square = a * a + b * b;
+    if (square >= limit * limit) {
+      const double scale = limit > 0.0 ? limit / std::sqrt(square) : 0.0;
+      a *= scale;
+      b *= scale;
+    }
+    const double da = a - r.a;
+    const double db = b - r.b;
+    r.a = a;
+    r.b = b;
+    c.w0 += r.ad0 * da + r.bd0 * db;
+    c.w1 += r.ad1 * da + r.bd1 * db;
+    c.w2 += r.ad2 * da + r.bd2 * db;
+    c.y -= inverse_mass * da;
+    c.x += inverse_mass * db;
+    if constexpr (kMotor) c.support -= support_inverse_mass * db;
+    note(da * r.ak + db * r.bk);
+  }
+  change = c;
+  return greatest;
+}
+
+double bounded_velocity(double v) { return std::clamp(v, -kGreatestVelocity, kGreatestVelocity); }
+Vector3d bounded_velocity(const Vector3d& v) {
+  return {bounded_velocity(v.x()), bounded_velocity(v.y()), bounded_velocity(v.z())};
+}
+
+}  // namespace
+
+std::string fast_model_violation(const Scene& scene) {
+  const RockSpec& rock = scene.rock();
+  const PedestalSpec& pedestal = scene.pedestal();
+  if (rock.parts.size() != 1)
+    return "the rock has " + std::to_string(rock.parts.size()) + " convex parts; one is needed";
+  if (pedestal.parts.size() != 1 || !std::holds_alternative<BoxPart>(only_part(pedestal.parts)))
+    return "the pedestal is not one box";
+  if (!is_identity(std::get<BoxPart>(only_part(pedestal.parts)).pose))
+    return "the pedestal's box is not centred in the pedestal's frame";
+  if (!scene.engine().cone_friction) return "friction is not bounded by a cone";
+  if (rock.material.rolling_friction > 0 || pedestal.material.rolling_friction > 0)
+    return "there is rolling friction";
+  if (!(scene.engine().collision_margin > 0) &&
+      std::holds_alternative<HullPart>(only_part(rock.parts)))
+    return "the collision margin is 0";
+  return {};
+}
+
+FastModel::FastModel(const Scene& scene) {
+  const std::string violation = fast_model_violation(scene);
+  if (!violation.empty()) throw InvalidInput("the fast engine does not apply: " + violation);
+  const EngineSettings& engine = scene.engine();
+  const RockSpec& rock = scene.rock();
+  const Scene::Shapes& shapes = scene.shapes();
+  is_box = std::holds_alternative<BoxPart>(only_part(rock.parts));
+  rock_is_first = shapes.rock->isCompound();
+  const btCollisionShape* shape = shapes.rock;
+  btTransform X_BS = btTransform::getIdentity();
+  if (rock_is_first) {
+    const auto* compound = static_cast<const btCompoundShape*>(shapes.rock);
+    shape = compound->getChildShape(0);
+    X_BS = compound->getChildTransform(0);
+  }
+  X_BC = {to_eigen(X_BS.getOrigin()), to_eigen(X_BS.getRotation())};
+  btVector3 lower;
+  btVector3 upper;
+  shape->getAabb(btTransform::getIdentity(), lower, upper);
+  bounds_centre = to_eigen(0.5 * (lower + upper));
+  bounds_half = to_eigen(0.5 * (upper - lower));
+  if (is_box) {
+    box_half = 0.5 * std::get<BoxPart>(only_part(rock.parts)).size;
+  } else {
+    const auto* hull = static_cast<const btConvexHullShape*>(shape);
+    std::vector<btVector3> points;
+    points.reserve(static_cast<std::size_t>(hull->getNumPoints()));
+    for (int i = 0; i < hull->getNumPoints(); ++i) {
+      points.push_back(X_BS(hull->getScaledPoint(i)));
+      radius = std::max(radius, static_cast<double>(points.back().length()));
+    }
+    vertices = PointColumns(points.data(), points.size());
+    margin = engine.collision_margin;
+  }
+  support_half = 0.5 * std::get<BoxPart>(only_part(scene.pedestal().parts)).size;
+  breaking_threshold =
+      std::min(shapes.rock->getContactBreakingThreshold(engine.contact_breaking_threshold),
+               shapes.pedestal->getContactBreakingThreshold(engine.contact_breaking_threshold));
+  // Bullet's normal is the direction of least depth: vertical in a thick top, away from its edge.
+  const double size = is_box ? box_half.norm() : radius;
+  deepest = std::min(0.1 * size, 0.2 * support_half.minCoeff());
+  guard = 2.0 * engine.collision_margin + 0.01 * size;
+
+  mass = rock.mass;
+  inertia = scene.rock_inertia();
+  inverse_inertia = inertia.cwiseInverse();
+  gravity = engine.gravity;
+  linear_damping = engine.linear_damping;
+  angular_damping = engine.angular_damping;
+  const ContactPair pair = combine(rock.material, scene.pedestal().material);
+  lateral_friction = pair.lateral_friction;
+  spinning_friction = pair.spinning_friction;
+  restitution = pair.restitution;
+  stiffness = pair.stiffness;
+  damping = pair.damping;
+  restitution_threshold = engine.restitution_velocity_threshold;
+  iterations = engine.solver_iterations;
+}
+
+FastStepper::FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold)
+    : model_(std::move(model)), residual_threshold_(residual_threshold) {}
+
+void FastStepper::clear() {
+  count_ = 0;
+  iterations_ = 0;
+  candidate_count_ = 0;
+}
+
+FastStepper::Snapshot FastStepper::snapshot() const { return {state, contacts_, count_}; }
+
+void FastStepper::restore(const Snapshot& snapshot) {
+  state = snapshot.state;
+  contacts_ = snapshot.contacts;
+  count_ = snapshot.count;
+}
+
+void FastStepper::gather_candidates(const Vector3d& up_B) {
+  const FastModel& m = *model_;
+  const double* x = m.vertices.x();
+  const double* y = m.vertices.y();
+  const double* z = m.vertices.z();
+  const auto height = [&](std::size_t i) {
+    return x[i] * up_B.x() + y[i] * up_B.y() + z[i] * up_B.z();
+  };
+  const std::size_t lowest = first_support(m.vertices, -up_B.x(), -up_B.y(), -up_B.z());
+  const double limit = height(lowest) + kCandidateBand * m.radius;
+  std::size_t found = 0;
+  for (std::size_t i = 0; i < m.vertices.size(); ++i) {
+    if (height(i) > limit) continue;
+    if (found == kCandidates) {
+      candidate_count_ = 0;
+      return;
+    }
+    candidates_[found] = x[i];
+    candidates_[kCandidates + found] = y[i];
+    candidates_[2 * kCandidates + found] = z[i];
+    candidate_index_[found++] = i;
+  }
+  candidate_count_ = found;
+  gathered_up_ = up_B;
+  // Whole blocks for the scan; the first again cannot win, being later.
+  for (std::size_t i = found; i % PointColumns::kBlock != 0; ++i)
+    for (std::size_t k = 0; k < 3; ++k)
+      candidates_[k * kCandidates + i] = candidates_[k * kCandidates];
+}
+
+std::size_t FastStepper::lowest_vertex(const Vector3d& up_B) {
+  const FastModel& m = *model_;
+  // The height of a vertex changes by at most |up - gathered up| times its radius.
+  const double reach = 0.5 * kCandidateBand;
+  if (candidate_count_ == 0 || (up_B - gathered_up_).squaredNorm() > reach * reach)
+    gather_candidates(up_B);
+  if (candidate_count_ == 0) return first_support(m.vertices, -up_B.x(), -up_B.y(), -up_B.z());
+  const PointView view{candidates_.data(), candidates_.data() + kCandidates,
+                       candidates_.data() + 2 * kCandidates, candidate_count_};
+  return candidate_index_[first_support(view, -up_B.x(), -up_B.y(), -up_B.z())];
+}
+
+// New places and distances of the kept contacts; those that opened or slid away are dropped, the
+// last taking the place of a dropped one.
+void FastStepper::refresh(const Matrix3d& R_PB, const Vector3d& p_PB) {
+  const double limit = model_->breaking_threshold;
+  for (int i = 0; i < count_; ++i) {
+    Contact& c = contacts_[static_cast<std::size_t>(i)];
+    c.r_P = R_PB * c.p_B;
+    c.s_P = c.p_P;
+    c.distance = (p_PB.z() + c.r_P.z()) - c.s_P.z();
+  }
+  for (int i = count_ - 1; i >= 0; --i) {
+    const Contact& c = contacts_[static_cast<std::size_t>(i)];
+    const double dx = (p_PB.x() + c.r_P.x()) - c.s_P.x();
+    const double dy = (p_PB.y() + c.r_P.y()) - c.s_P.y();
+    if (c.distance > limit || dx * dx + dy * dy > limit * limit) {
+      --count_;
+      if (i != count_)
+        contacts_[static_cast<std::size_t>(i)] = contacts_[static_cast<std::size_t>(count_)];
+    }
+  }
+}
+
+// Which of four contacts a fifth replaces: the one whose loss leaves the greatest area, measured
+// with three points, but never the deepest (Bullet's default rule).
+int FastStepper::slot_when_full(const Vector3d& point, double distance) const {
+  int deepest = -1;
+  double least = distance;
+  for (int i = 0; i < 4; ++i) {
+    if (contacts_[static_cast<std::size_t>(i)].distance < least) {
+      deepest = i;
+      least = contacts_[static_cast<std::size_t>(i)].distance;
+    }
+  }
+  const auto at = [&](int i) -> const Vector3d& {
+    const Contact& c = contacts_[static_cast<std::size_t>(i)];
+    return model_->rock_is_first ? c.p_B : c.p_P;
+  };
+  constexpr int triples[4][3] = {{1, 3, 2}, {0, 3, 2}, {0, 3, 1}, {0, 2, 1}};
+  int slot = 0;
+  double greatest = -1.0;
+  for (int i = 0; i < 4; ++i) {
+    double area = 0.0;
+    if (i != deepest)
+      area = (point - at(triples[i][0])).cross(at(triples[i][1]) - at(triples[i][2])).squaredNorm();
+    if (area > greatest) {
+      greatest = area;
+      slot = i;
+    }
+  }
+  return slot;
+}
+
+void FastStepper::add(const Vector3d& p_B, const Vector3d& p_P, double distance) {
+  const FastModel& m = *model_;
+  if (distance > m.breaking_threshold) return;
+  const Vector3d& point = m.rock_is_first ? p_B : p_P;
+  double nearest = m.breaking_threshold * m.breaking_threshold;
+  int slot = -1;
+  for (int i = 0; i < count_; ++i) {
+    const Contact& c = contacts_[static_cast<std::size_t>(i)];
+    const double d = ((m.rock_is_first ? c.p_B : c.p_P) - point).squaredNorm();
+    if (d < nearest) {
+      nearest = d;
+      slot = i;
+    }
+  }
+  if (slot < 0) slot = count_ == 4 ? slot_when_full(point, distance) : count_++;
+  Contact& c = contacts_[static_cast<std::size_t>(slot)];
+  c.p_B = p_B;
+  c.p_P = p_P;
+  c.distance = distance;
+}
+
+FastStepper::Verdict FastStepper::detect(const Support& support) {
+  const FastModel& m = *model_;
+  Matrix3d R_PB = state.q_WB.toRotationMatrix();
+  Vector3d p_PB = state.p_WB - support.p_WP;
+  if (!support.level) {
+    R_PB = support.R_WP.transpose() * R_PB;
+    p_PB = support.R_WP.transpose() * p_PB;
+  }
+  const double top = m.support_half.z();
+  // Near the edge another direction than the vertical may part the two at less depth.
+  const auto inside = [&](const Vector3d& point, double depth) {
+    const double guard = m.guard + 2.0 * std::max(depth, 0.0);
+    return std::fabs(point.x()) < m.support_half.x() - guard &&
+           std::fabs(point.y()) < m.support_half.y() - guard;
+  };
+  const auto near_top = [&] {
+    // Bullet leaves a wrapped part alone, and forgets its contacts, while the boxes around it and
+    // the support are apart.
+    const Matrix3d R_PC = R_PB * m.X_BC.orientation.toRotationMatrix();
+    const double centre =
+        p_PB.z() + R_PB.row(2).dot(m.X_BC.position) + R_PC.row(2).dot(m.bounds_centre);
+    return centre - R_PC.row(2).cwiseAbs().dot(m.bounds_half) <= top;
+  };
+  if (m.is_box) {
+    const Matrix3d R_PC = R_PB * m.X_BC.orientation.toRotationMatrix();
+    const Vector3d p_PC = p_PB + R_PB * m.X_BC.position;
+    const Vector3d nr = R_PC.row(2).transpose();
+    const double lowest = p_PC.z() - nr.cwiseAbs().dot(m.box_half);
+    const double depth = top - lowest;
+    if (depth > m.deepest) return Verdict::too_deep;
+    // The face that looks down most, as Bullet picks it.
+    const Vector3d anr = nr.cwiseAbs();
+    const int axis = anr.y() > anr.x() ? (anr.y() > anr.z() ? 1 : 2) : (anr.x() > anr.z() ? 0 : 2);
+    const int a1 = axis == 0 ? 1 : 0;
+    const int a2 = axis == 2 ? 1 : 2;
+    std::array<Vector3d, 4> corner_B;
+    std::array<Vector3d, 4> corner_P;
+    constexpr double signs[4][2] = {{-1, -1}, {-1, 1}, {1, 1}, {1, -1}};
+    const Matrix3d R_BC = m.X_BC.orientation.toRotationMatrix();
+    for (std::size_t k = 0; k < 4; ++k) {
+      Vector3d corner;
+      corner[axis] = nr[axis] < 0 ? m.box_half[axis] : -m.box_half[axis];
+      corner[a1] = signs[k][0] * m.box_half[a1];
+      corner[a2] = signs[k][1] * m.box_half[a2];
+      corner_B[k] = m.X_BC.position + R_BC * corner;
+      corner_P[k] = p_PB + R_PB * corner_B[k];
+      if (!inside(corner_P[k], depth)) return Verdict::off_the_top;
+    }
+    if (m.rock_is_first) {
+      refresh(R_PB, p_PB);
+      if (!near_top()) count_ = 0;
+    }
+    if (depth >= 0) {
+      for (std::size_t k = 0; k < 4; ++k) {
+        const double distance = corner_P[k].z() - top;
+        if (distance <= 0) add(corner_B[k], {corner_P[k].x(), corner_P[k].y(), top}, distance);
+      }
+    }
+  } else {
+    const Vector3d up_B = R_PB.row(2).transpose();
+    const std::size_t i = lowest_vertex(up_B);
+    const Vector3d vertex(m.vertices.x()[i], m.vertices.y()[i], m.vertices.z()[i]);
+    Vector3d point = p_PB + R_PB * vertex;
+    point.z() -= m.margin;
+    const double distance = point.z() - top;
+    if (!inside(point, -distance)) return Verdict::off_the_top;
+    if (-distance > m.deepest) return Verdict::too_deep;
+    bool look = true;
+    if (m.rock_is_first) {
+      refresh(R_PB, p_PB);
+      look = near_top();
+      if (!look) count_ = 0;
+    }
+    // The margin lies along the support's normal, not in the rock's frame.
+    if (look) add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
+  }
+  refresh(R_PB, p_PB);
+  return Verdict::in_domain;
+}
+
+void FastStepper::advance(const Support& support, SupportMotor& motor, double dt) {
+  const FastModel& m = *model_;
+  Matrix3d R = state.q_WB.toRotationMatrix();
+  Vector3d v = state.v_WB;
+  Vector3d w = state.w_WB;
+
+  // Weight, gyroscopic moment, and Bullet's damping with its linear and quadratic terms.
+  {
+    const Vector3d w_B = R.transpose() * w;
+    const Vector3d turn = -m.inverse_inertia.cwiseProduct(w_B.cross(m.inertia.cwiseProduct(w_B))) -
+                          w_B * (m.angular_damping + m.angular_damping * w_B.norm());
+    w = bounded_velocity(Vector3d(w + dt * (R * turn)));
+    const Vector3d drag = v * (m.linear_damping + m.linear_damping * v.norm());
+    v = bounded_velocity(Vector3d(v + dt * (Vector3d(0, 0, -m.gravity) - drag)));
+  }
+
+  motor.velocity_change = 0.0;
+  iterations_ = 0;
+  if (count_ > 0 || motor.inverse_mass > 0) {
+    // Rows along P's axes.
+    Vector3d v_P = v;
+    Vector3d w_P = w;
+    Vector3d support_v = support.v_WP;
+    Vector3d support_w = support.w_WP;
+    if (!support.level) {
+      const Matrix3d R_PW = support.R_WP.transpose();
+      R = R_PW * R;
+      v_P = R_PW * v;
+      w_P = R_PW * w;
+      support_v = R_PW * support.v_WP;
+      support_w = R_PW * support.w_WP;
+    }
+    const Matrix3d K = R * m.inverse_inertia.asDiagonal() * R.transpose();
+    const double inverse_mass = 1.0 / m.mass;
+    const double denominator =
+        std::max(dt * m.stiffness + m.damping, std::numeric_limits<double>::epsilon());
+    const double cfm = 1.0 / denominator / dt;
+    const double erp = dt * m.stiffness / denominator;
+    std::array<Rows, 4> rows;
+    for (int i = 0; i < count_; ++i) {
+      const Contact& c = contacts_[static_cast<std::size_t>(i)];
+      Rows& row = rows[static_cast<std::size_t>(i)];
+      const Vector3d& r = c.r_P;
+      const Vector3d rock_speed = v_P + w_P.cross(r);
+      Vector3d support_speed = support_v;
+      if (!support.level) support_speed += support_w.cross(c.s_P);
+      const Vector3d slip = rock_speed - support_speed;
+      {
+        const double j0 = r.y();
+        const double j1 = -r.x();
+        row.nd0 = K(0, 0) * j0 + K(0, 1) * j1;
+        row.nd1 = K(1, 0) * j0 + K(1, 1) * j1;
+        row.nd2 = K(2, 0) * j0 + K(2, 1) * j1;
+        row.nk = (j0 * row.nd0 + j1 * row.nd1 + inverse_mass) + cfm;
+        const double effective = 1.0 / row.nk;
+        row.nj0 = j0 * effective;
+        row.nj1 = j1 * effective;
+        row.njz = effective;
+        const double speed = slip.z();
+        double rebound = 0.0;
+        if (std::fabs(speed) >= m.restitution_threshold)
+          rebound = std::max(0.0, m.restitution * -speed);
+        double goal = rebound - speed;
+        const double distance = c.distance + kLinearSlop;
+        goal += distance > 0 ? -distance / dt : -distance * erp / dt;
+        row.nrhs = goal * effective;
+        row.nkeep = 1.0 - cfm * effective;
+      }
+      {
+        row.sd0 = K(0, 2);
+        row.sd1 = K(1, 2);
+        row.sd2 = K(2, 2);
+        row.sk = K(2, 2);
+        row.sj = 1.0 / row.sk;
+        row.srhs = -(support.level ? w_P.z() : w_P.z() - support_w.z()) * row.sj;
+      }
+      {
+        const double j0 = r.z();
+        const double j2 = -r.x();
+        row.ad0 = K(0, 0) * j0 + K(0, 2) * j2;
+        row.ad1 = K(1, 0) * j0 + K(1, 2) * j2;
+        row.ad2 = K(2, 0) * j0 + K(2, 2) * j2;
+        row.ak = j0 * row.ad0 + j2 * row.ad2 + inverse_mass;
+        const double effective = 1.0 / row.ak;
+        row.aj0 = j0 * effective;
+        row.aj2 = j2 * effective;
+        row.ajy = -effective;
+        row.arhs = slip.y() * effective;
+      }
+      {
+        const double j1 = r.z();
+        const double j2 = -r.y();
+        row.bd0 = K(0, 1) * j1 + K(0, 2) * j2;
+        row.bd1 = K(1, 1) * j1 + K(1, 2) * j2;
+        row.bd2 = K(2, 1) * j1 + K(2, 2) * j2;
+        row.bk = j1 * row.bd1 + j2 * row.bd2 + inverse_mass + motor.inverse_mass;
+        const double effective = 1.0 / row.bk;
+        row.bj1 = j1 * effective;
+        row.bj2 = j2 * effective;
+        row.bjx = effective;
+        row.bjs = -effective;
+        row.brhs = -slip.x() * effective;
+      }
+      row.n = row.s = row.a = row.b = 0.0;
+    }
+
+    Change change{};
+    double motor_impulse = 0.0;
+    const double motor_rhs = motor.target_velocity - support_v.x();
+    const double threshold = residual_threshold_;
+    for (int k = 0; k < m.iterations; ++k) {
+      const double residual =
+          motor.inverse_mass > 0
+              ? sweep<true>(rows.data(), count_, inverse_mass, m.lateral_friction,
+                            m.spinning_friction, motor.inverse_mass, motor_rhs,
+                            motor.maximum_impulse, motor_impulse, change)
+              : sweep<false>(rows.data(), count_, inverse_mass, m.lateral_friction,
+                             m.spinning_friction, 0.0, 0.0, 0.0, motor_impulse, change);
+      ++iterations_;
+      if (residual * residual <= threshold) break;
+    }
+    Vector3d dw(change.w0, change.w1, change.w2);
+    Vector3d dv(change.x, change.y, change.z);
+    if (!support.level) {
+      dw = support.R_WP * dw;
+      dv = support.R_WP * dv;
+    }
+    w = bounded_velocity(Vector3d(w + dw));
+    v = bounded_velocity(Vector3d(v + dv));
+    motor.velocity_change = change.support;
+    for (int i = 0; i < count_; ++i) {
+      Contact& c = contacts_[static_cast<std::size_t>(i)];
+      const Rows& row = rows[static_cast<std::size_t>(i)];
+      c.normal_impulse = row.n;
+      c.lateral_impulse_1 = row.a;
+      c.lateral_impulse_2 = row.b;
+    }
+  }
+
+  state.v_WB = v;
+  state.w_WB = w;
+  state.p_WB += dt * v;
+  const double speed = std::min(w.norm(), kGreatestTurn / dt);
+  double sinc;
+  double cosine;
+  half_turn(0.5 * speed * dt, sinc, cosine);
+  const Vector3d axis = w * (0.5 * dt * sinc);
+  const Eigen::Quaterniond& q = state.q_WB;
+  Eigen::Quaterniond next(cosine * q.w() - axis.x() * q.x() - axis.y() * q.y() - axis.z() * q.z(),
+                          cosine * q.x() + axis.x() * q.w() + axis.y() * q.z() - axis.z() * q.y(),
+                          cosine * q.y() + axis.y() * q.w() + axis.z() * q.x() - axis.x() * q.z(),
+                          cosine * q.z() + axis.z() * q.w() + axis.x() * q.y() - axis.y() * q.x());
+  next.coeffs() *= 1.0 / std::sqrt(next.squaredNorm());
+  state.q_WB = next;
+}
+
+}  // namespace vsr2

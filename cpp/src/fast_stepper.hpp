@@ -1,0 +1,137 @@
+#pragma once
+// One convex rock on the flat top of a moving support, with Bullet's contact model and order of
+// integration, without Bullet; private to the core.
+//
+// What is copied from Bullet 3.24 is the arithmetic of the model, not its bits: one step from the
+// same state differs by rounding. Frames: W, B as in scene.hpp; P the support, origin at the centre
+// of its box, z normal to the top.
+
+#include <array>
+#include <cstddef>
+#include <memory>
+
+#include "hull_scan.hpp"
+#include "vsr2/scene.hpp"
+#include "vsr2/world.hpp"
+
+namespace vsr2 {
+
+/// What the stepper needs to know of a scene: shared by all its worlds.
+struct FastModel {
+  explicit FastModel(const Scene& scene);
+
+  bool is_box = false;
+  PointColumns vertices;  ///< of a hull, in B [m]
+  double radius = 0.0;    ///< of the vertices about B's origin [m]
+  Eigen::Vector3d box_half = Eigen::Vector3d::Zero();
+  Pose X_BC;  ///< of the box
+  /// Bullet takes the first body of a pair for its choice among contact points: the rock where a
+  /// compound wraps it, else the support.
+  bool rock_is_first = false;
+  Eigen::Vector3d bounds_centre = Eigen::Vector3d::Zero();  ///< of Bullet's bounding box, in C [m]
+  Eigen::Vector3d bounds_half = Eigen::Vector3d::Zero();    ///< its half edges [m]
+  double margin = 0.0;  ///< of the hull and of the support's top [m]
+  Eigen::Vector3d support_half = Eigen::Vector3d::Zero();  ///< [m]
+  double breaking_threshold = 0.0;                         ///< [m]
+  double deepest = 0.0;  ///< greatest penetration the contact geometry holds for [m]
+  double guard = 0.0;    ///< least distance of contacts from the top's edge, without depth [m]
+
+  double mass = 0.0;
+  Eigen::Vector3d inverse_inertia = Eigen::Vector3d::Zero();
+  Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
+  double gravity = 0.0;
+  double linear_damping = 0.0;
+  double angular_damping = 0.0;
+  double lateral_friction = 0.0;
+  double spinning_friction = 0.0;
+  double restitution = 0.0;
+  double stiffness = 0.0;
+  double damping = 0.0;
+  double restitution_threshold = 0.0;
+  int iterations = 0;
+};
+
+/// Why a scene has no FastModel; empty if it has one.
+std::string fast_model_violation(const Scene& scene);
+
+/// Rigid motion of the support at the start of a step.
+struct Support {
+  Eigen::Vector3d p_WP = Eigen::Vector3d::Zero();  ///< [m]
+  Eigen::Matrix3d R_WP = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d v_WP = Eigen::Vector3d::Zero();  ///< over the step [m/s]
+  Eigen::Vector3d w_WP = Eigen::Vector3d::Zero();  ///< [rad/s]
+  bool level = true;  ///< R_WP is the identity and w_WP zero: saves the rotations
+};
+
+/// A motor that drives the support along x and feels the contacts.
+struct SupportMotor {
+  double inverse_mass = 0.0;     ///< 0: no motor, the support's motion is prescribed [1/kg]
+  double target_velocity = 0.0;  ///< [m/s]
+  double maximum_impulse = 0.0;  ///< [N s]
+  double velocity_change = 0.0;  ///< result [m/s]
+};
+
+class FastStepper {
+ public:
+  FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold);
+
+  RockState state;  ///< of the rock; the orientation's sign is arbitrary
+
+  /// The contact geometry no longer holds from here on.
+  enum class Verdict { in_domain, off_the_top, too_deep };
+
+  /// Forgets all contacts.
+  void clear();
+  struct Contact;
+  struct Snapshot;
+  /// State and contacts, to take a step back.
+  Snapshot snapshot() const;
+  void restore(const Snapshot& snapshot);
+  /// First half of a step: contacts for the state and support as they are. On any verdict other
+  /// than in_domain nothing was changed.
+  Verdict detect(const Support& support);
+  /// Second half: velocities, impulses, positions.
+  void advance(const Support& support, SupportMotor& motor, double dt);
+
+  struct Contact {
+    Eigen::Vector3d p_B;  ///< on the rock
+    Eigen::Vector3d p_P;  ///< on the support
+    Eigen::Vector3d r_P;  ///< rock point from the mass centre, along P's axes
+    Eigen::Vector3d s_P;  ///< support point from P's origin, along P's axes
+    double distance;
+    double normal_impulse;
+    double lateral_impulse_1;  ///< on the rock, along -y of P
+    double lateral_impulse_2;  ///< on the rock, along x of P
+  };
+  struct Snapshot {
+    RockState state;
+    std::array<Contact, 4> contacts;
+    int count;
+  };
+  int contact_count() const { return count_; }
+  const Contact& contact(int i) const { return contacts_[static_cast<std::size_t>(i)]; }
+  /// Iterations of the latest step.
+  int iterations() const { return iterations_; }
+
+ private:
+  std::size_t lowest_vertex(const Eigen::Vector3d& up_B);
+  void gather_candidates(const Eigen::Vector3d& up_B);
+  void refresh(const Eigen::Matrix3d& R_PB, const Eigen::Vector3d& p_PB);
+  void add(const Eigen::Vector3d& p_B, const Eigen::Vector3d& p_P, double distance);
+  int slot_when_full(const Eigen::Vector3d& point, double distance) const;
+
+  std::shared_ptr<const FastModel> model_;
+  double residual_threshold_;
+  std::array<Contact, 4> contacts_{};
+  int count_ = 0;
+  int iterations_ = 0;
+
+  // Vertices that can be the lowest near the direction in which they were gathered.
+  static constexpr std::size_t kCandidates = 128;
+  std::array<double, 3 * kCandidates> candidates_;
+  std::array<std::size_t, kCandidates> candidate_index_;
+  std::size_t candidate_count_ = 0;  ///< 0: none gathered, or too many
+  Eigen::Vector3d gathered_up_ = Eigen::Vector3d::Zero();
+};
+
+}  // namespace vsr2

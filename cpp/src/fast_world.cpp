@@ -1,0 +1,225 @@
+// The `fast` engine: FastStepper while the rock stands on the pedestal's top, Bullet from where it
+// leaves it.
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "bullet_world.hpp"
+#include "exact_solver.hpp"
+#include "fast_stepper.hpp"
+#include "vsr2/contact_model.hpp"
+#include "vsr2/engines.hpp"
+
+namespace vsr2 {
+namespace {
+
+// PyBullet's motor, as in the parity engine.
+constexpr double kMotorPositionGain = 0.1;
+constexpr double kMotorVelocityGain = 1.0;
+constexpr double kMotorMaximumForce = 5e8;  // [N]
+constexpr double kMotorSpeedClamp = 200.0;  // [m/s]
+constexpr double kQuaternionTolerance = 1e-3;
+
+class FastWorldOnBullet final : public FastWorld {
+ public:
+  FastWorldOnBullet(std::shared_ptr<const Scene> scene, Drive drive, const FastSettings& settings)
+      : scene_(std::move(scene)),
+        drive_(drive),
+        stepper_(scene_->shapes().fast_model ? scene_->shapes().fast_model
+                                             : std::make_shared<const FastModel>(*scene_),
+                 std::max(settings.residual_threshold, scene_->engine().residual_threshold)) {
+    pair_ = combine(scene_->rock().material, scene_->pedestal().material);
+  }
+
+  void spawn_rock(const Pose& X_WB) override {
+    if (has_rock_) throw InvalidInput("there is a rock already; delete it first");
+    if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
+        std::abs(X_WB.orientation.norm() - 1.0) > kQuaternionTolerance)
+      throw InvalidInput("the rock's start pose is not finite or its quaternion is not of norm 1");
+    stepper_.clear();
+    stepper_.state = {X_WB.position, X_WB.orientation.normalized(), Eigen::Vector3d::Zero(),
+                      Eigen::Vector3d::Zero()};
+    has_rock_ = true;
+  }
+
+  void delete_rock() override {
+    if (!has_rock_) throw InvalidInput("there is no rock to delete");
+    has_rock_ = false;
+    diverged_ = false;
+    if (!bullet_) return;
+    pedestal_ = bullet_->pedestal();
+    bullet_.reset();
+    handover_ = Handover::none;
+  }
+
+  bool has_rock() const override { return has_rock_; }
+
+  void set_rock_velocity(const Eigen::Vector3d& v_WB, const Eigen::Vector3d& w_WB) override {
+    if (!has_rock_) throw InvalidInput("there is no rock");
+    if (bullet_) {
+      bullet_->set_rock_velocity(v_WB, w_WB);
+    } else {
+      stepper_.state.v_WB = v_WB;
+      stepper_.state.w_WB = w_WB;
+    }
+  }
+
+  void step(const DriveTarget& target) override {
+    if (bullet_) return bullet_->step(target);
+    const EngineSettings& engine = scene_->engine();
+    const double dt = engine.time_step / engine.substeps;
+    const PedestalState start = pedestal_;
+    FastStepper::Snapshot before;
+    if (engine.substeps > 1) before = stepper_.snapshot();
+    for (int i = 0; i < engine.substeps; ++i) {
+      if (substep(target, dt, start.position, i)) continue;
+      // Bullet takes whole steps, so this one is its from the start.
+      if (i > 0) {
+        stepper_.restore(before);
+        pedestal_ = start;
+      }
+      return hand_over(target);
+    }
+  }
+
+  PedestalState pedestal() const override { return bullet_ ? bullet_->pedestal() : pedestal_; }
+
+  RockState rock() const override {
+    if (!has_rock_) throw InvalidInput("there is no rock");
+    if (bullet_) return bullet_->rock();
+    RockState state = stepper_.state;
+    // The sign Bullet's conversion from a matrix gives: w positive if it is large, else the largest
+    // other component.
+    Eigen::Quaterniond& q = state.q_WB;
+    double decisive = q.w();
+    if (q.w() * q.w() <= 0.25) {
+      int largest = 0;
+      q.vec().cwiseAbs().maxCoeff(&largest);
+      decisive = q.vec()[largest];
+    }
+    if (decisive < 0) q.coeffs() = -q.coeffs();
+    return state;
+  }
+
+  void contacts(std::vector<ContactPoint>& out) const override {
+    if (bullet_) return bullet_->contacts(out);
+    out.clear();
+    if (!has_rock_ || diverged_) return;
+    // Bullet's second lateral direction depends on which body it takes first.
+    const double sign = scene_->shapes().rock->isCompound() ? 1.0 : -1.0;
+    for (int i = 0; i < stepper_.contact_count(); ++i) {
+      const FastStepper::Contact& c = stepper_.contact(i);
+      out.push_back({
+          .p_W_rock = last_rock_ + c.r_P,
+          .p_W_pedestal = last_support_ + c.s_P,
+          .normal_W = Eigen::Vector3d::UnitZ(),
+          .distance = c.distance,
+          .normal_impulse = c.normal_impulse,
+          .lateral_impulse_1 = c.lateral_impulse_1,
+          .lateral_impulse_2 = sign * c.lateral_impulse_2,
+          .direction_1 = -Eigen::Vector3d::UnitY(),
+          .direction_2 = sign * Eigen::Vector3d::UnitX(),
+          .lateral_friction = pair_.lateral_friction,
+          .restitution = pair_.restitution,
+          .spinning_friction = pair_.spinning_friction,
+          .stiffness = pair_.stiffness,
+          .damping = pair_.damping,
+      });
+    }
+  }
+
+  Handover handover() const override { return handover_; }
+  int iterations() const override { return bullet_ ? 0 : stepper_.iterations(); }
+
+ private:
+  // False: the contact geometry does not hold, and nothing was done.
+  bool substep(const DriveTarget& target, double dt, double start, int i) {
+    const EngineSettings& engine = scene_->engine();
+    Support support;
+    support.p_WP = scene_->pedestal().p_WP0;
+    support.p_WP.x() += pedestal_.position;
+    // A state that is not a number stays as it is: Bullet would take none.
+    const bool moving_rock = has_rock_ && !diverged_;
+    if (moving_rock) {
+      const FastStepper::Verdict verdict = stepper_.detect(support);
+      if (verdict != FastStepper::Verdict::in_domain) {
+        const RockState& rock = stepper_.state;
+        diverged_ = !rock.p_WB.allFinite() || !rock.q_WB.coeffs().allFinite() ||
+                    !rock.v_WB.allFinite() || !rock.w_WB.allFinite();
+        if (diverged_) return substep(target, dt, start, i);
+        handover_ =
+            verdict == FastStepper::Verdict::too_deep ? Handover::too_deep : Handover::off_the_top;
+        return false;
+      }
+    }
+    SupportMotor motor;
+    if (drive_ == Drive::prescribed) {
+      const double goal = start + (target.position - start) * (i + 1) / engine.substeps;
+      pedestal_.velocity = (goal - pedestal_.position) / dt;
+    } else {
+      const double damping = engine.linear_damping;
+      pedestal_.velocity -=
+          dt * pedestal_.velocity * (damping + damping * std::abs(pedestal_.velocity));
+      const double reference = drive_ == Drive::motor_position_velocity ? target.velocity : 0.0;
+      motor.inverse_mass = 1.0 / scene_->pedestal().mass;
+      motor.target_velocity =
+          std::clamp(kMotorPositionGain * (target.position - pedestal_.position) / dt +
+                         pedestal_.velocity + kMotorVelocityGain * (reference - pedestal_.velocity),
+                     -kMotorSpeedClamp, kMotorSpeedClamp);
+      motor.maximum_impulse = kMotorMaximumForce * engine.time_step;
+    }
+    support.v_WP.x() = pedestal_.velocity;
+    last_support_ = support.p_WP;
+    if (moving_rock) {
+      last_rock_ = stepper_.state.p_WB;
+      stepper_.advance(support, motor, dt);
+    } else if (motor.inverse_mass > 0) {
+      motor.velocity_change =
+          std::clamp((motor.target_velocity - pedestal_.velocity) / motor.inverse_mass,
+                     -motor.maximum_impulse, motor.maximum_impulse) *
+          motor.inverse_mass;
+    }
+    pedestal_.velocity += motor.velocity_change;
+    pedestal_.position += dt * pedestal_.velocity;
+    return true;
+  }
+
+  void hand_over(const DriveTarget& target) {
+    bullet_ = make_bullet_world_with(scene_, drive_, std::make_unique<ExactSolver>(),
+                                     scene_->shapes().scanned_rock);
+    bullet_->set_pedestal(pedestal_);
+    const RockState& rock = stepper_.state;
+    bullet_->spawn_rock({rock.p_WB, rock.q_WB});
+    bullet_->set_rock_velocity(rock.v_WB, rock.w_WB);
+    std::vector<CachedContact> cached;
+    for (int i = 0; i < stepper_.contact_count(); ++i)
+      cached.push_back(
+          {stepper_.contact(i).p_B, stepper_.contact(i).p_P, Eigen::Vector3d::UnitZ()});
+    bullet_->set_contacts(cached);
+    bullet_->step(target);
+  }
+
+  std::shared_ptr<const Scene> scene_;
+  Drive drive_;
+  FastStepper stepper_;
+  ContactPair pair_;
+  PedestalState pedestal_;
+  Eigen::Vector3d last_rock_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d last_support_ = Eigen::Vector3d::Zero();
+  bool has_rock_ = false;
+  bool diverged_ = false;
+  Handover handover_ = Handover::none;
+  std::unique_ptr<BulletWorldBase> bullet_;
+};
+
+}  // namespace
+
+std::string fast_domain_violation(const Scene& scene) { return fast_model_violation(scene); }
+
+std::unique_ptr<FastWorld> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive,
+                                           const FastSettings& settings) {
+  return std::make_unique<FastWorldOnBullet>(std::move(scene), drive, settings);
+}
+
+}  // namespace vsr2
