@@ -41,7 +41,7 @@ struct Material {
 };
 
 /// How a scene is stepped. `parity`: Bullet's own code; `exact`: the same bits sooner; `fast`: a
-/// stepper for one convex rock on a flat top, equal on ensembles; `automatic`: the fastest valid one.
+/// stepper for one convex rock on a flat top, under validation; `automatic`: `exact`.
 enum class EngineKind { automatic, parity, exact, fast };
 
 /// Settings of the physics engine (supplement S1.2).

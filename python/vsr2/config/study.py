@@ -98,8 +98,9 @@ class Engine(Section):
 
     mode: Literal["auto", "parity", "exact", "fast"] = "auto"
     """`parity`: Bullet's own code, bit-identical with PyBullet on the same machine; `exact`: the same
-    bits, sooner; `fast`: a stepper of our own for one convex rock on a prism's flat top, equal on
-    ensembles; `auto`: `fast` where it is valid, else `exact`."""
+    bits, about four times sooner; `fast`: a stepper of our own for one convex rock on a prism's flat
+    top, under validation: its ensembles are not yet shown to equal those of `exact`; `auto`:
+    `exact`."""
     gravity: Annotated[float, Strict(), Field(ge=0, le=1000)] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
     time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = 0.001
