@@ -1,18 +1,18 @@
-"""Is the engine `fast` equal to `exact`, and so to `parity`, on ensembles?
+"""Compare the engine `fast` with `exact`, and so with `parity`, on ensembles.
 
 Run as:
 
     python studies/engine_equivalence.py [--records 20] [--replicates 300] [--out FOLDER]
 
-A rocking response is chaotic near its threshold, so engines that do not share every bit are judged on
-ensembles: the overturn probability over replicates with perturbed starts (turn about the vertical,
+A rocking response is chaotic near its threshold, so engines that do not share every bit are judged
+on ensembles: the overturn probability over replicates with perturbed starts (turn about the vertical,
 place on the pedestal) under borderline records, and the distribution of the largest tilt.
 
 Records are synthetic (seeded) and scaled until about half of a separate set of `fast` replicates
 overturn; those outside 0.1 to 0.9 are left out. Replicates of the two engines have different seeds.
 
-Writes `engine_equivalence.csv` (one row a record) and prints the verdicts:
-equivalence of the overturn probability by two one-sided tests at 5 % with margin 0.03, and two-sample
+Writes `engine_equivalence.csv` (one row a record) and prints the verdicts: equivalence of the
+overturn probability by two one-sided tests at 5 % with margin 0.03, and two-sample
 Kolmogorov-Smirnov tests of the largest tilt with Holm's correction over records. The power of the
 latter is stated for tilts 25 % greater.
 """
