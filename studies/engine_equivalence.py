@@ -5,8 +5,8 @@ Run as:
     python studies/engine_equivalence.py [--records 20] [--replicates 300] [--out FOLDER]
 
 A rocking response is chaotic near its threshold, so engines that do not share every bit are judged
-on ensembles: the overturn probability over replicates with perturbed starts (turn about the vertical,
-place on the pedestal) under borderline records, and the distribution of the largest tilt.
+on ensembles: the overturn probability over replicates with perturbed starts (turn about the
+vertical, place on the pedestal) under borderline records, and the distribution of the largest tilt.
 
 Records are synthetic (seeded) and scaled until about half of a separate set of `fast` replicates
 overturn; those outside 0.1 to 0.9 are left out. Replicates of the two engines have different seeds.

@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import distributed
+
+    from vsr2.config import Study
+    from vsr2.results import BatchResult
+    from vsr2.simulation import Trial
 
 
 def add_verbs(verbs: Any) -> None:
@@ -17,7 +25,7 @@ def add_verbs(verbs: Any) -> None:
             "The output folder holds trials.csv (one row a trial), provenance.json, logs/ (one "
             ".npz a trial), models/ (for `vsr2 view`) and figures/. Finished trials are on disk at "
             "once: after an interruption --resume runs only the others. `docs/configuration.md` "
-            "lists all keys of a study."
+            "lists all keys of a study, `docs/parallel.md` tells how to use more than one machine."
         ),
     )
     run.add_argument("study", metavar="STUDY.yaml", type=Path)
@@ -25,6 +33,21 @@ def add_verbs(verbs: Any) -> None:
     run.add_argument("--overwrite", action="store_true", help="replace a result that is there")
     run.add_argument(
         "--resume", action="store_true", help="go on with an unfinished run of the same study"
+    )
+    where = run.add_mutually_exclusive_group()
+    where.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="run on the Dask cluster of this scheduler, e.g. tcp://10.0.0.1:8786; or its "
+        "scheduler file (.json)",
+    )
+    where.add_argument(
+        "--shard",
+        metavar="I/N",
+        help="run only the I-th of N parts, 1 to N, into OUT/shards; for job arrays",
+    )
+    where.add_argument(
+        "--merge", action="store_true", help="make one result of all shards in OUT; runs nothing"
     )
     run.add_argument("--threads", type=int, help="default: all processors this process may use")
     run.add_argument(
@@ -40,12 +63,32 @@ def add_verbs(verbs: Any) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    import sys
+    from vsr2.config import load_study
+    from vsr2.errors import SimulationError
+    from vsr2.simulation import connect, study_trials
+
+    study = load_study(options.study, overrides=options.set)
+    folder = options.out or Path("out") / study.name
+    trials = study_trials(study)
+    if options.shard is not None:
+        return _run_shard(options, trials, folder)
+    if options.scheduler is None:
+        return _run_all(options, study, trials, folder, None)
+    if options.threads is not None:
+        raise SimulationError("--threads does not apply with --scheduler: workers have their own")
+    with connect(options.scheduler) as client:
+        return _run_all(options, study, trials, folder, client)
+
+
+def _run_all(
+    options: argparse.Namespace,
+    study: Study,
+    trials: Sequence[Trial],
+    folder: Path,
+    client: distributed.Client | None,
+) -> int:
     from dataclasses import replace
 
-    import numpy as np
-
-    from vsr2.config import load_study
     from vsr2.report import summary_table, write_figures
     from vsr2.results import (
         has_journal,
@@ -55,13 +98,13 @@ def _run(options: argparse.Namespace) -> int:
         save_models,
         save_result,
     )
-    from vsr2.simulation import run_batch, study_trials
+    from vsr2.simulation import merge_shards, run_batch
 
-    study = load_study(options.study, overrides=options.set)
-    folder = options.out or Path("out") / study.name
-    trials = study_trials(study)
     scene = trials[0].scene
-    if not (options.resume and has_journal(folder)):
+    facts: dict[str, Any] = {"study": study.model_dump(mode="json")}
+    if options.merge:
+        facts["shards"] = merge_shards(trials, folder, overwrite=options.overwrite)
+    elif not (options.resume and has_journal(folder)):
         prepare_folder(folder, overwrite=options.overwrite)
     if not options.quiet:
         print(
@@ -74,19 +117,15 @@ def _run(options: argparse.Namespace) -> int:
     if scene.rock.surface is not None and scene.pedestal_surface is not None:
         save_models(folder, scene.rock.surface, scene.pedestal_surface)
     result = run_batch(
-        trials, threads=options.threads, progress=not options.quiet, checkpoint=folder
+        trials,
+        threads=options.threads,
+        progress=not options.quiet,
+        checkpoint=folder,
+        client=client,
     )
     if result.provenance["interrupted"]:
-        finished = int((~np.isin(result["status"], ("cancelled", "not_run"))).sum())
-        print(
-            f"vsr2: interrupted; {finished} of {len(trials)} trials are finished and kept in "
-            f"{folder}. `--resume` runs the others.",
-            file=sys.stderr,
-        )
-        return 130
-    result = replace(
-        result, provenance={**result.provenance, "study": study.model_dump(mode="json")}
-    )
+        return _interrupted(result, folder)
+    result = replace(result, provenance={**result.provenance, **facts})
     save_result(result, folder, streamed_logs=True)
     remove_journal(folder)
     written = [folder / "trials.csv", folder / "provenance.json"]
@@ -102,3 +141,40 @@ def _run(options: argparse.Namespace) -> int:
         for path in written:
             print(f"  {path}")
     return 0 if set(result["status"]) <= {"ok"} else 1
+
+
+def _run_shard(options: argparse.Namespace, trials: Sequence[Trial], folder: Path) -> int:
+    from vsr2.simulation import Shard, run_shard
+
+    shard = Shard.parse(options.shard)
+    result = run_shard(
+        trials,
+        shard,
+        folder,
+        resume=options.resume,
+        overwrite=options.overwrite,
+        threads=options.threads,
+        progress=not options.quiet,
+    )
+    if result.provenance["interrupted"]:
+        return _interrupted(result, shard.folder(folder))
+    if not options.quiet:
+        print(
+            f"shard {shard}: {len(result)} trials in {shard.folder(folder)}. Once all shards are "
+            "run, --merge makes one result of them."
+        )
+    return 0 if set(result["status"]) <= {"ok"} else 1
+
+
+def _interrupted(result: BatchResult, folder: Path) -> int:
+    import sys
+
+    import numpy as np
+
+    finished = int((~np.isin(result["status"], ("cancelled", "not_run"))).sum())
+    print(
+        f"vsr2: interrupted; {finished} of {len(result)} trials are finished and kept in {folder}. "
+        "`--resume` runs the others.",
+        file=sys.stderr,
+    )
+    return 130

@@ -3,6 +3,7 @@
 from vsr2.results.dataset import to_xarray
 from vsr2.results.files import (
     NPY_COLUMNS,
+    adopt_trial_log,
     load_result,
     load_trial_log,
     logged_trials,
@@ -11,7 +12,13 @@ from vsr2.results.files import (
     save_result,
     save_trial_log,
 )
-from vsr2.results.journal import JOURNAL_FILE, Journal, has_journal, remove_journal
+from vsr2.results.journal import (
+    JOURNAL_FILE,
+    Journal,
+    has_journal,
+    read_journal,
+    remove_journal,
+)
 from vsr2.results.models import load_models, save_models
 from vsr2.results.provenance import base_provenance, sha256_of_file
 from vsr2.results.result import (
@@ -41,6 +48,7 @@ __all__ = [
     "BatchResult",
     "Journal",
     "TrialLog",
+    "adopt_trial_log",
     "base_provenance",
     "has_journal",
     "load_models",
@@ -50,6 +58,7 @@ __all__ = [
     "original_rows",
     "prepare_folder",
     "quaternion_product",
+    "read_journal",
     "remove_journal",
     "rotate",
     "save_models",

@@ -25,7 +25,7 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Raises:
         ResultError: naming `path` and why: no space, no permission, folder gone.
     """
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
+    temporary = _temporary(path)
     try:
         try:
             # "x", so that two writers cannot share a temporary file.
@@ -42,6 +42,37 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
         raise ResultError(
             f"{path}: cannot be written ({error.strerror or error}); {_REMEDY}"
         ) from error
+
+
+def link_atomic(origin: Path, path: Path) -> None:
+    """Give a file that never changes a second name, or copy it where that cannot be.
+
+    Raises:
+        ResultError: naming `path` and why: no space, no permission, `origin` gone.
+    """
+    temporary = _temporary(path)
+    try:
+        os.link(origin, temporary)
+    except OSError:
+        try:
+            content = origin.read_bytes()
+        except OSError as error:
+            raise ResultError(f"{origin}: cannot be read ({error.strerror or error})") from error
+        write_atomic(path, lambda file: file.write(content))
+        return
+    try:
+        os.replace(temporary, path)
+    except OSError as error:
+        raise ResultError(
+            f"{path}: cannot be written ({error.strerror or error}); {_REMEDY}"
+        ) from error
+    finally:
+        # Renaming onto a name of the same file does nothing, so that the temporary one stays.
+        temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
 
 
 def _sync_folder(folder: Path) -> None:

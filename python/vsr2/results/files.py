@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import link_atomic, write_atomic
 from vsr2.results.journal import JOURNAL_FILE
 from vsr2.results.result import (
     CONTACT_COLUMNS,
@@ -201,6 +201,37 @@ def save_trial_log(
         target = _numbered(path, NPY_FOLDER, index, "npy")
         _make_folder(target.parent)
         write_atomic(target, lambda file: np.save(file, rows, allow_pickle=False))
+
+
+def adopt_trial_log(
+    folder: str | os.PathLike[str],
+    index: int,
+    source: str | os.PathLike[str],
+    source_index: int,
+) -> bool:
+    """Take over the log of a trial from another result folder, which keeps it.
+
+    Files of one file system are linked, so that they take no more room.
+
+    Args:
+        folder: made ready by :func:`prepare_folder`.
+        index: of the trial in `folder`, from 0.
+        source: the other folder.
+        source_index: of the trial there.
+
+    Returns:
+        Whether it has a log.
+
+    Raises:
+        ResultError: a file cannot be read or written.
+    """
+    for kind, suffix in ((LOG_FOLDER, "npz"), (NPY_FOLDER, "npy")):
+        origin = _numbered(Path(source), kind, source_index, suffix)
+        if origin.exists():
+            target = _numbered(Path(folder), kind, index, suffix)
+            _make_folder(target.parent)
+            link_atomic(origin, target)
+    return _numbered(Path(source), LOG_FOLDER, source_index, "npz").exists()
 
 
 def original_rows(log: TrialLog) -> NDArray[np.float64]:

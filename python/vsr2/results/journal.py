@@ -39,10 +39,9 @@ class Journal:
 
     def __init__(self, folder: str | os.PathLike[str], plan: str, trials: int) -> None:
         self._path = Path(folder) / JOURNAL_FILE
-        self._header = {"format": _FORMAT, "version": _VERSION, "plan": plan, "trials": trials}
-        self.finished: dict[int, dict[str, Any]] = {}
+        self._header = _header(plan, trials)
         try:
-            end = self._read(trials)
+            self.finished, end = _read(self._path, self._header)
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT, 0o666)
             try:
                 os.ftruncate(self._file, end)
@@ -57,42 +56,6 @@ class Journal:
                 f"{self._path}: cannot be used ({error.strerror}); free space or choose another "
                 "folder"
             ) from error
-
-    def _read(self, trials: int) -> int:
-        """Take in whole lines; returns where the last one ends."""
-        if not self._path.exists():
-            return 0
-        if not self._path.is_file():
-            raise ResultError(f"{self._path}: is no regular file; choose another folder")
-        if self._path.stat().st_size > _MAX_BYTES:
-            raise ResultError(f"{self._path}: over {_MAX_BYTES} bytes; not a journal of ours")
-        content = self._path.read_bytes()
-        end = content.rfind(b"\n") + 1
-        for number, line in enumerate(content[:end].splitlines()):
-            try:
-                entry = json.loads(line)
-                if number == 0:
-                    self._check_header(entry)
-                    continue
-                index = entry["trial"]
-                if not (isinstance(index, int) and 0 <= index < trials):
-                    raise ValueError(f"trial {index!r}")
-            except (ValueError, KeyError, TypeError, RecursionError) as error:
-                raise ResultError(
-                    f"{self._path}:{number + 1}: damaged ({error}); start anew with overwrite"
-                ) from None
-            self.finished[index] = entry
-        return end
-
-    def _check_header(self, entry: Any) -> None:
-        if entry == self._header:
-            return
-        if not isinstance(entry, dict) or entry.get("format") != _FORMAT:
-            raise ValueError("not a journal of ours")
-        raise ResultError(
-            f"{self._path}: belongs to an unfinished run with other trials or settings; finish "
-            "that one with its own study, or start anew with overwrite"
-        )
 
     def record(self, trial: int, row: Mapping[str, Any]) -> None:
         """Append a finished trial; its log must be on disk already.
@@ -128,6 +91,71 @@ class Journal:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _header(plan: str, trials: int) -> dict[str, Any]:
+    return {"format": _FORMAT, "version": _VERSION, "plan": plan, "trials": trials}
+
+
+def _read(path: Path, header: Mapping[str, Any]) -> tuple[dict[int, dict[str, Any]], int]:
+    """Rows of all whole lines by trial index, and where the last whole line ends."""
+    finished: dict[int, dict[str, Any]] = {}
+    if not path.exists():
+        return finished, 0
+    if not path.is_file():
+        raise ResultError(f"{path}: is no regular file; choose another folder")
+    if path.stat().st_size > _MAX_BYTES:
+        raise ResultError(f"{path}: over {_MAX_BYTES} bytes; not a journal of ours")
+    content = path.read_bytes()
+    end = content.rfind(b"\n") + 1
+    for number, line in enumerate(content[:end].splitlines()):
+        try:
+            entry = json.loads(line)
+            if number == 0:
+                _check_header(path, entry, header)
+                continue
+            index = entry["trial"]
+            if not (isinstance(index, int) and 0 <= index < header["trials"]):
+                raise ValueError(f"trial {index!r}")
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            raise ResultError(
+                f"{path}:{number + 1}: damaged ({error}); start anew with overwrite"
+            ) from None
+        finished[index] = entry
+    return finished, end
+
+
+def _check_header(path: Path, entry: Any, header: Mapping[str, Any]) -> None:
+    if entry == header:
+        return
+    if not isinstance(entry, dict) or entry.get("format") != _FORMAT:
+        raise ValueError("not a journal of ours")
+    raise ResultError(
+        f"{path}: belongs to an unfinished run with other trials or settings; finish "
+        "that one with its own study, or start anew with overwrite"
+    )
+
+
+def read_journal(
+    folder: str | os.PathLike[str], plan: str, trials: int
+) -> dict[int, dict[str, Any]]:
+    """Rows of the finished trials by index, the journal left as it is: another may write it.
+
+    Args:
+        folder: of the result.
+        plan: as of :class:`Journal`.
+        trials: as of :class:`Journal`.
+
+    Raises:
+        ResultError: there is no journal, or as of :class:`Journal`.
+    """
+    path = Path(folder) / JOURNAL_FILE
+    if not path.exists():
+        raise ResultError(f"{path}: does not exist; no run was started in this folder")
+    try:
+        return _read(path, _header(plan, trials))[0]
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def has_journal(folder: str | os.PathLike[str]) -> bool:

@@ -9,22 +9,28 @@ from vsr2.simulation.contact_model import (
     normal_impulse,
     restitution_target,
 )
+from vsr2.simulation.distributed import connect
 from vsr2.simulation.scene import Scene, build_scene, make_scene
+from vsr2.simulation.shards import Shard, merge_shards, run_shard
 from vsr2.simulation.simulation import Simulation, State
 
 __all__ = [
     "ContactPair",
     "Scene",
+    "Shard",
     "Simulation",
     "State",
     "Trial",
     "build_scene",
+    "connect",
     "contact_softness",
     "effective_pair",
     "inverse_mass_along",
     "make_scene",
+    "merge_shards",
     "normal_impulse",
     "restitution_target",
     "run_batch",
+    "run_shard",
     "study_trials",
 ]

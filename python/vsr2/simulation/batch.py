@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ from vsr2.results import (
 )
 from vsr2.scene import Pose
 from vsr2.simulation.scene import Scene, build_scene
+
+if TYPE_CHECKING:
+    import distributed
 
 Array = NDArray[np.float64]
 
@@ -193,6 +196,48 @@ class _Specifications:
         return self._starts[key]
 
 
+def native_specifications(trials: Sequence[Trial]) -> list[_native.TrialSpec]:
+    """The trials as the core takes them.
+
+    Raises:
+        SimulationError: a trial that cannot be run as asked.
+    """
+    specifications = _Specifications()
+    return [specifications.of(trial) for trial in trials]
+
+
+def run_native(
+    trials: Sequence[Trial],
+    threads: int,
+    *,
+    take: Callable[[int, dict[str, Any], TrialLog | None], None],
+    stopped: Callable[[], bool],
+) -> None:
+    """Run trials in native threads of this process.
+
+    Args:
+        trials: what to run.
+        threads: how many at a time.
+        take: called with index, row and log of each trial as it finishes.
+        stopped: asked every `POLL`; once true, trials that run end with status `cancelled` and no
+            others begin.
+
+    Raises:
+        SimulationError: before any trial starts, where one cannot be run as asked.
+    """
+    native = _native.Batch(native_specifications(trials), threads)
+    try:
+        while not native.exhausted():
+            for i in native.wait(POLL):
+                result = native.take(i)
+                take(i, _row(result), _log(trials[i], result))
+            if stopped():
+                native.cancel()
+    finally:
+        native.cancel()
+        native.join()
+
+
 def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
     count = len(trials)
     columns: dict[str, NDArray[Any]] = {}
@@ -217,14 +262,15 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _fill(columns: dict[str, NDArray[Any]], i: int, result: _native.TrialResult) -> None:
-    columns["status"][i] = result.status.name
-    columns["outcome"][i] = result.outcome.name
-    columns["message"][i] = result.message
-    columns["engine"][i] = result.engine
-    columns["steps"][i] = result.steps
-    for name in _FLOAT_COLUMNS:
-        columns[name][i] = getattr(result, name)
+def _row(result: _native.TrialResult) -> dict[str, Any]:
+    row = {name: getattr(result, name) for name in (*_FLOAT_COLUMNS, "message", "engine", "steps")}
+    return row | {"status": result.status.name, "outcome": result.outcome.name}
+
+
+def failed_row(trial: Trial, message: str) -> dict[str, Any]:
+    """The row of a trial that could not be run to an end of its own, with status `error`."""
+    facts = {"message": message, "engine": trial.scene.engine_name, "steps": 0}
+    return dict.fromkeys(_FLOAT_COLUMNS, np.nan) | facts | {"status": "error", "outcome": "failed"}
 
 
 def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
@@ -282,11 +328,12 @@ def run_batch(
     keep_logs: bool = True,
     on_trial: Callable[[int, TrialLog | None], None] | None = None,
     checkpoint: str | PathLike[str] | None = None,
+    client: distributed.Client | None = None,
 ) -> BatchResult:
-    """Run independent trials in native threads.
+    """Run independent trials in native threads, or on a cluster.
 
-    The result does not depend on the number of threads or the order of the trials, to the last
-    bit. What goes wrong in one trial is that trial's status and message, and loses no other.
+    The result does not depend on the number of threads, workers or the order of the trials, to the
+    last bit. What goes wrong in one trial is that trial's status and message, and loses no other.
     Ctrl-C stops within a second and returns what is finished; `provenance["interrupted"]` says so.
 
     Args:
@@ -303,6 +350,8 @@ def run_batch(
             journal are kept as trials finish. Where it holds the journal of the same trials, those
             that finished are not run again; the result is the same to the last bit. Logs are then
             on disk only.
+        client: of a Dask distributed cluster that runs the trials, one a thread of its workers
+            (docs/parallel.md); collecting, `out`, `on_trial` and `checkpoint` stay here.
 
     Returns:
         One row a trial, in the order given.
@@ -325,6 +374,10 @@ def run_batch(
         raise SimulationError("the batch is empty: give at least one trial")
     if threads is None:
         threads = len(os.sched_getaffinity(0))
+    elif client is not None:
+        raise SimulationError(
+            "threads does not apply with a client: the workers' own threads run the trials"
+        )
     if not 1 <= threads <= 1024:
         raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
     if out is not None:
@@ -337,23 +390,24 @@ def run_batch(
                 Path(checkpoint),
             )
         pending = collection.pending
-        specifications = _Specifications()
-        native = _native.Batch([specifications.of(trials[i]) for i in pending], threads)
         interrupt = stack.enter_context(_InterruptFlag())
         bar = stack.enter_context(_bar(len(trials), len(pending), progress))
-        try:
-            while not native.exhausted():
-                for position in native.wait(POLL):
-                    collection.take(pending[position], native.take(position))
-                    bar.update()
-                if interrupt.raised:
-                    native.cancel()
-        finally:
-            native.cancel()
-            native.join()
+
+        def take(position: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
+            collection.take(pending[position], row, log)
+            bar.update()
+
+        waiting = [trials[i] for i in pending]
+        if client is None:
+            run_native(waiting, threads, take=take, stopped=lambda: interrupt.raised)
+            place: dict[str, Any] = {"threads": threads}
+        else:
+            from vsr2.simulation.distributed import run_on_cluster
+
+            place = run_on_cluster(waiting, client, take=take, stopped=lambda: interrupt.raised)
     provenance = base_provenance(_native.build_facts()) | {
         "study": None if study is None else study.model_dump(mode="json"),
-        "threads": threads,
+        **place,
         "interrupted": interrupt.raised,
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
@@ -397,10 +451,10 @@ class _Collection:
                 _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
         self.pending = [i for i in self.pending if i not in journal.finished]
 
-    def take(self, i: int, result: _native.TrialResult) -> None:
+    def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
-        _fill(self.columns, i, result)
-        log = _log(self._trials[i], result)
+        for name in _RESULT_COLUMNS:
+            self.columns[name][i] = row[name]
         _copy_out(self._out, i, self.columns, log)
         if self._journal is None:
             if self._keep_logs:
@@ -408,8 +462,9 @@ class _Collection:
         elif self.columns["status"][i] != "cancelled":
             if log is not None:
                 save_trial_log(self._folder, i, log, npy=self._trials[i].output.npy)
-            row = {name: _plain(self.columns[name][i]) for name in _RESULT_COLUMNS}
-            self._journal.record(i, row)
+            self._journal.record(
+                i, {name: _plain(self.columns[name][i]) for name in _RESULT_COLUMNS}
+            )
         if self._on_trial is not None:
             self._on_trial(i, log)
 
