@@ -9,7 +9,8 @@ the correct time base and a settled start:
 - `original`: inertia of Bullet's bounding box about the mesh's origin, joint motor;
 - `correct`: mass centre and inertia of the mesh, prescribed motion.
 
-Writes `table.csv` (one row a setting) and one result folder a setting. The committed table is
+Writes `table.csv` (one row a setting), `outcomes.csv` (observed and simulated outcome of every trial)
+and one result folder a setting. The committed table is
 docs/results/lab_sp1.csv.
 """
 
@@ -92,11 +93,17 @@ def main() -> int:
             for row in csv.DictReader(file)
         }
     rows = []
+    outcomes: dict[str, dict[str, object]] = {}
     for name, setting in SETTINGS.items():
         study = study_from_mapping(lab_study(lab, **setting), base=ROOT)
         result = run_batch(study, threads=options.threads, progress=True)
         options.out.mkdir(parents=True, exist_ok=True)
         save_result(result, options.out / name, overwrite=True)
+        for motion, outcome, status in zip(
+            result["motion"], result["outcome"], result["status"], strict=True
+        ):
+            row = outcomes.setdefault(motion, {"test": motion, "observed": int(observed[motion])})
+            row |= {f"{name}_outcome": outcome, f"{name}_status": status}
         judged = np.isin(result["status"], ("ok", "tail_timeout"))
         truth = np.array([observed[motion] for motion in result["motion"]])
         metrics = classification_metrics(truth[judged], result["outcome"][judged] == "overturned")
@@ -115,6 +122,10 @@ def main() -> int:
                 "wall_time_s": f"{result.provenance['wall_time_s']:.0f}",
             }
         )
+    with open(options.out / "outcomes.csv", "w", newline="") as file:
+        listing = csv.DictWriter(file, fieldnames=list(next(iter(outcomes.values()))))
+        listing.writeheader()
+        listing.writerows(outcomes.values())
     table = options.out / "table.csv"
     with open(table, "w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))

@@ -5,11 +5,13 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <mutex>
 #include <string>
 #include <tuple>
 #include <vector>
 
 #include <btBulletDynamicsCommon.h>
+#include <BulletCollision/CollisionDispatch/btInternalEdgeUtility.h>
 #include <BulletDynamics/Featherstone/btMultiBody.h>
 #include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
 #include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
@@ -76,6 +78,21 @@ class PairCache final : public btHashedOverlappingPairCache {
  private:
   std::vector<std::tuple<int, int, int>> order_;
 };
+
+// Turns the normals of contacts at inner edges of a triangle surface to those of its faces. Without
+// it a rock on topography is pushed about and never rests.
+bool correct_edge_normal(btManifoldPoint& point, const btCollisionObjectWrapper* a, int part_a,
+                         int index_a, const btCollisionObjectWrapper* b, int part_b, int index_b) {
+  btAdjustInternalEdgeContacts(point, b, a, part_b, index_b);
+  btAdjustInternalEdgeContacts(point, a, b, part_a, index_a);
+  return false;
+}
+
+// Bullet's hook is process-wide; it acts on flagged bodies only.
+void install_contact_hook() {
+  static std::once_flag once;
+  std::call_once(once, [] { gContactAddedCallback = correct_edge_normal; });
+}
 
 btDefaultCollisionConstructionInfo small_pools() {
   // A world has a handful of pairs; Bullet's default pools take 9 MB.
@@ -317,6 +334,11 @@ class BulletWorld final : public BulletWorldBase {
     base.setCollisionFlags(base.getCollisionFlags() | btCollisionObject::CF_STATIC_OBJECT);
     btMultiBodyLinkCollider& link = add_collider(robot_, 0, shapes.pedestal);
     set_material(link, pedestal.material);
+    if (!shapes.triangle_edges.empty()) {
+      install_contact_hook();
+      link.setCollisionFlags(link.getCollisionFlags() |
+                             btCollisionObject::CF_CUSTOM_MATERIAL_CALLBACK);
+    }
     refresh(body);
     world_.addCollisionObject(&base, kDefaultGroup, kDefaultGroup);
     world_.addCollisionObject(&link, kDefaultGroup, kDefaultGroup);

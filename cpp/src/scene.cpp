@@ -5,6 +5,8 @@
 
 #include "fast_stepper.hpp"
 #include "hull_scan.hpp"
+#include <BulletCollision/CollisionDispatch/btInternalEdgeUtility.h>
+
 #include "scene_shapes.hpp"
 
 namespace vsr2 {
@@ -123,6 +125,10 @@ class ShapeBuilder {
     }
     auto* shape = own(std::make_unique<btBvhTriangleMeshShape>(mesh.get(), true, true));
     shapes_.triangle_meshes.push_back(std::move(mesh));
+    // Contacts at edges between triangles would push sideways; worlds correct their normals.
+    auto edges = std::make_unique<btTriangleInfoMap>();
+    btGenerateInternalEdgeInfo(shape, edges.get());
+    shapes_.triangle_edges.push_back(std::move(edges));
     return shape;
   }
 

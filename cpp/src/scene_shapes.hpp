@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <btBulletCollisionCommon.h>
+#include <BulletCollision/CollisionShapes/btTriangleInfoMap.h>
 
 #include "vsr2/scene.hpp"
 
@@ -15,6 +16,7 @@ struct FastModel;
 struct Scene::Shapes {
   // Owned pieces, in the order of construction; the roots below point into them.
   std::vector<std::unique_ptr<btTriangleMesh>> triangle_meshes;
+  std::vector<std::unique_ptr<btTriangleInfoMap>> triangle_edges;
   std::vector<std::unique_ptr<btCollisionShape>> owned;
   std::unique_ptr<btCollisionShape> ground;
   std::unique_ptr<btCollisionShape> base;

@@ -11,8 +11,6 @@
 namespace vsr2 {
 namespace {
 
-constexpr std::int64_t kStepsBetweenCancelChecks = 64;
-
 std::string seconds(double value) {
   std::ostringstream text;
   text << value;
@@ -101,7 +99,7 @@ class Run {
                         "; check contact stiffness, damping and the time step";
       return false;
     }
-    if (result_.steps % kStepsBetweenCancelChecks == 0 && cancel_.load(std::memory_order_relaxed)) {
+    if (cancel_.load(std::memory_order_relaxed)) {
       result_.status = Status::cancelled;
       result_.message = "cancelled";
       return false;
@@ -347,6 +345,7 @@ TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
       result.status = settled.status;
       result.message = settled.message;
       result.settling_time = settled.settling_time;
+      result.log = settled.log;
     } else {
       Trial(spec, cancel, settled, result).run(settled);
     }

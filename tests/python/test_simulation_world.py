@@ -168,3 +168,31 @@ def test_mesh_pedestal_carries_the_rock() -> None:
         # It stands on the surface: no fall through, no jump off.
         assert abs(simulation.state.position[2] - before) < 0.05, collision
         assert len(simulation.contacts()) >= 3
+
+
+@pytest.mark.parametrize("position", [1e300, -1e7])
+def test_set_points_beyond_reason_are_refused(position: float) -> None:
+    with pytest.raises(SimulationError, match="beyond"):
+        Simulation(study()).step(position)
+
+
+def test_bad_velocities_and_drives_are_refused() -> None:
+    simulation = Simulation(study())
+    for linear in ([math.nan, 0, 0], [1.0, 2.0], "fast"):
+        with pytest.raises((SimulationError, ValueError), match=r"finite|convert"):
+            simulation.set_rock_velocity(linear)
+    with pytest.raises(SimulationError, match="drive 'hand'"):
+        Simulation(study(), drive="hand")  # type: ignore[arg-type]
+
+
+def test_a_log_that_cannot_fit_is_refused_before_any_work() -> None:
+    from vsr2.simulation import run_batch
+
+    endless = study(
+        engine={"time_step": 1e-6},
+        outcome={"tail": 3600.0},
+        output={"log_every": 1},
+        motion={"mode": "single_cosine", "pga": 0.1, "pgv_pga": 0.1},
+    )
+    with pytest.raises(SimulationError, match="log_every"):
+        run_batch(endless)

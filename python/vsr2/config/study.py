@@ -93,6 +93,10 @@ class Section(BaseModel):
     )
 
 
+MAX_SWEEPS_A_STEP = 1_000_000
+"""Most solver sweeps of one time step: some tenths of a second."""
+
+
 class Engine(Section):
     """The physics engine (supplement S1.2)."""
 
@@ -101,7 +105,7 @@ class Engine(Section):
     bits, about four times sooner; `fast`: a stepper of our own for one convex rock on a prism's flat
     top, under validation: its ensembles are not yet shown to equal those of `exact`; `auto`:
     `exact`."""
-    gravity: Annotated[float, Strict(), Field(ge=0, le=1000)] = 9.81
+    gravity: Annotated[float, Strict(), Field(gt=0, le=1000)] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
     time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = 0.001
     """Interval between two drive set-points and two log rows [s]."""
@@ -132,6 +136,15 @@ class Engine(Section):
     """Bullet's velocity damping of the bodies' translation, linear and quadratic term [1/s]."""
     angular_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.04
     """Bullet's velocity damping of the bodies' rotation, linear and quadratic term [1/s]."""
+
+    @model_validator(mode="after")
+    def _step_stays_short(self) -> Self:
+        if self.substeps * self.solver_iterations > MAX_SWEEPS_A_STEP:
+            raise ValueError(
+                f"substeps ({self.substeps}) times solver_iterations ({self.solver_iterations}) is "
+                f"above {MAX_SWEEPS_A_STEP} sweeps a time step; a run could not be interrupted"
+            )
+        return self
 
     @field_validator("split_impulse", "split_impulse_penetration_threshold")
     @classmethod
@@ -172,9 +185,10 @@ class MeshPedestal(Section):
     """OBJ, STL or PLY in metres [m]."""
     scale: Scale = 1.0
     """Factor on the mesh's coordinates."""
-    collision: Literal["hull", "decomposition", "triangles"] = "triangles"
-    """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows,
-    speed); `triangles`: the exact moving surface (fine topography)."""
+    collision: Literal["hull", "decomposition", "triangles"] = "decomposition"
+    """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows);
+    `triangles`: the exact moving surface (fine relief; a rock on many small triangles trembles by some
+    mm/s, so raise the rest speeds of `settling` with it)."""
     mass: Mass = 2.0e5
     """Mass carried by the prismatic joint [kg]; accepted only with `drive: motor`, since a
     prescribed motion does not depend on it."""
@@ -512,6 +526,10 @@ class Output(Section):
                 raise _inapplicable(
                     key, "has no effect without a log; set output.log_every above 0"
                 )
+        if self.contacts_every and self.log_every == 0:
+            raise _inapplicable(
+                "contacts_every", "needs the state's log beside it; set output.log_every above 0"
+            )
         if self.contact_trials is not None and self.contacts_every == 0:
             raise _inapplicable(
                 "contact_trials",

@@ -42,6 +42,8 @@ UNUSUAL_SIZE = (0.01, 50.0)
 """A rock whose longest edge is outside this range gets a note about the unit [m]."""
 HIGH_START = 0.005
 """A fixed start farther above the pedestal than this gets a note [m]."""
+LOST_START = 0.1
+"""A fixed start deeper inside the pedestal than this is refused [m]."""
 DEEP_START = 0.001
 """A fixed start deeper inside the pedestal than this gets a note [m]."""
 MAX_HULLS = 64
@@ -129,6 +131,10 @@ def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list
     height = height_above(body.parts, body.start, pedestal) if fixed else None
     if height is not None and height > HIGH_START:
         notes.append(f"start: {height:.4g} m above the pedestal; the rock drops onto it first")
+    if height is not None and height < -LOST_START:
+        raise GeometryError(
+            f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
+        )
     if height is not None and height < -DEEP_START:
         notes.append(
             f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
@@ -163,7 +169,12 @@ def build_pedestal(pedestal: PrismPedestal | MeshPedestal) -> PedestalBody:
             surface=box_surface(box),
         )
     closed = pedestal.collision == "decomposition"
-    loaded = load_mesh(pedestal.file, scale=pedestal.scale, closed=closed)
+    try:
+        loaded = load_mesh(pedestal.file, scale=pedestal.scale, closed=closed)
+    except GeometryError as error:
+        if not closed:
+            raise
+        raise GeometryError(f"{error}; or choose `collision: triangles` or `hull`") from error
     surface = loaded.surface
     low, high = surface.vertices.min(axis=0), surface.vertices.max(axis=0)
     half = 0.5 * np.asarray(base)
@@ -219,7 +230,7 @@ def _decompose(loaded: LoadedMesh, shift: Array) -> list[Triangles]:
     except ImportError as error:
         raise GeometryError(
             f"{loaded.source}: `collision: decomposition` needs the package vhacdx; "
-            "`pip install vsr2[decomposition]`, or choose `triangles` or `hull`"
+            "`pip install vhacdx`, or choose `triangles` or `hull`"
         ) from error
     import trimesh
 

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MAX_LOG_BYTES = 2e9
+"""Greatest state log of one trial that is accepted."""
 POLL = 0.1
 """How often finished trials are collected and Ctrl-C is noticed [s]."""
 
@@ -238,6 +240,23 @@ def run_native(
         native.join()
 
 
+def _check_log_size(trial: Trial) -> None:
+    """Refuse a log that could outgrow memory, before any trial runs."""
+    every, step = trial.output.log_every, trial.scene.engine.time_step
+    if every == 0:
+        return
+    seconds = trial.motion.duration + trial.outcome.tail
+    if trial.output.log_settling:
+        seconds += 2 * trial.settling.timeout
+    size = seconds / step / every * len(STATE_COLUMNS) * 8
+    if size > MAX_LOG_BYTES:
+        raise SimulationError(
+            f"trial {trial.name or trial.motion.name!r}: its log could take {size / 1e9:.3g} GB "
+            f"({seconds:g} s, a row every {every * step:g} s); raise output.log_every or shorten "
+            "outcome.tail"
+        )
+
+
 def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
     count = len(trials)
     columns: dict[str, NDArray[Any]] = {}
@@ -372,6 +391,8 @@ def run_batch(
         raise SimulationError("motions can be given only together with a study")
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
+    for trial in trials:
+        _check_log_size(trial)
     if threads is None:
         threads = len(os.sched_getaffinity(0))
     elif client is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from vsr2.scene import Pose
 from vsr2.simulation.scene import Scene, build_scene
 
 Array = NDArray[np.float64]
+MAX_SET_POINT = 1e6
+"""Greatest set-point of the pedestal [m], [m/s]."""
 DriveName = Literal["prescribed", "motor_position", "motor_position_velocity"]
 
 
@@ -75,6 +77,10 @@ class Simulation:
             self.scene = build_scene(loaded)
             chosen = drive or drive_name(loaded)
         self.drive: DriveName = chosen
+        if chosen not in get_args(DriveName):
+            raise SimulationError(
+                f"drive {chosen!r} is not known; choose one of {', '.join(get_args(DriveName))}"
+            )
         self._drive = getattr(_native.Drive, chosen)
         self._start = self.scene.rock.start
         self._world = _native.World(self.scene.native, self._drive)
@@ -141,15 +147,26 @@ class Simulation:
         Raises:
             SimulationError: a set-point that is not finite, or fewer than 1 step.
         """
-        if not (np.isfinite(position) and np.isfinite(velocity)):
-            raise SimulationError(f"step: the set-point ({position}, {velocity}) is not finite")
+        if not (abs(position) <= MAX_SET_POINT and abs(velocity) <= MAX_SET_POINT):
+            raise SimulationError(
+                f"step: the set-point ({position}, {velocity}) is not finite or beyond "
+                f"{MAX_SET_POINT:g} m or m/s"
+            )
         if steps < 1:
             raise SimulationError(f"step: steps must be at least 1, got {steps}")
         for _ in range(steps):
             self._world.step(float(position), float(velocity))
         self._steps += steps
         self._command = (float(position), float(velocity))
-        return self.state if self.has_rock else None
+        if not self.has_rock:
+            return None
+        state = self.state
+        if not np.isfinite(state.position).all() or not np.isfinite(state.velocity).all():
+            raise SimulationError(
+                "step: the rock's state became infinite or NaN; check contact stiffness, damping "
+                "and the time step, then reset"
+            )
+        return state
 
     def settle(self, settling: Settling | None = None) -> float:
         """Hold the pedestal until the rock rests; returns the time it took [s].
@@ -184,12 +201,15 @@ class Simulation:
         """Set the rock's velocities in the world, shapes (3,) [m/s] and (3,) [rad/s].
 
         Raises:
-            SimulationError: there is no rock.
+            SimulationError: there is no rock, or the values are not three finite numbers.
         """
-        try:
-            self._world.set_rock_velocity(
-                np.asarray(linear, dtype=np.float64), np.asarray(angular, dtype=np.float64)
+        velocities = [np.asarray(values, dtype=np.float64) for values in (linear, angular)]
+        if any(v.shape != (3,) or not np.isfinite(v).all() for v in velocities):
+            raise SimulationError(
+                f"set_rock_velocity: needs three finite numbers each, got {linear} and {angular}"
             )
+        try:
+            self._world.set_rock_velocity(*velocities)
         except _native.InvalidInput as error:
             raise SimulationError(f"set_rock_velocity: {error}") from error
 

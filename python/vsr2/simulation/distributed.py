@@ -1,0 +1,361 @@
+"""Batches on a cluster of Dask distributed.
+
+A chunk of trials is a task of a few kilobytes. Meshes and motions are tasks of their own, whose
+keys are the hashes of their content and which return it: the client sends each to the scheduler
+once, a worker that needs it fetches it once, and the scheduler can hand it out anew whichever
+worker dies.
+
+Dask runs the chunk of a lost worker again elsewhere. A chunk that outlives no worker is taken apart
+at the end, when nothing else runs, so that only a trial that kills workers all alone is given up.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from vsr2 import _native
+from vsr2.errors import SimulationError
+from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
+from vsr2.simulation.batch import POLL, Trial, failed_row, native_specifications
+from vsr2.simulation.orders import Cargo, Finished, hold, run_chunk, stop
+
+if TYPE_CHECKING:
+    import distributed
+
+MAX_CHUNK_TRIALS = 64
+"""Most trials of a chunk."""
+MAX_CHUNK_STEPS = 100_000
+"""Time steps of a chunk, unless a single trial has more: what a lost worker can cost."""
+MAX_CHUNK_BYTES = 8 * 2**20
+"""Size of a chunk's logs, unless a single trial has more [byte]: bounds memory everywhere."""
+KEPT_BYTES = 2**28
+"""Meshes and motions that no trial needs any more stay on the cluster up to this size, for the next
+batch of the same client [byte]."""
+
+_STEPS_BESIDE_MOTION = 2000
+_CONTACTS_A_ROW = 4
+_CHUNKS_A_THREAD = 4
+_MIN_WINDOW = 64
+_FETCHES = 4
+_STOP_GRACE = 0.7
+_COUNT_EVERY = 2.0
+
+
+def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:
+    """A client of the scheduler at an address such as tcp://10.0.0.1:8786.
+
+    Args:
+        address: of the scheduler, or the path of its scheduler file (.json).
+        timeout: give up after this long [s].
+
+    Raises:
+        SimulationError: Dask distributed is not installed, or no scheduler answers.
+    """
+    module = _distributed()
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    try:
+        client: distributed.Client = module.Client(
+            **where, timeout=timeout, set_as_default=False, name="vsr2"
+        )
+    except (OSError, ValueError) as error:
+        reason = str(error) or type(error).__name__
+        raise SimulationError(
+            f"scheduler {address}: cannot be reached ({reason}); give the address that `dask "
+            "scheduler` printed, such as tcp://10.0.0.1:8786"
+        ) from error
+    return client
+
+
+def _distributed() -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise SimulationError(
+            "Dask distributed is not installed; pip install 'vsr2[parallel]', here and on every "
+            "worker"
+        ) from error
+    return distributed
+
+
+def run_on_cluster(
+    trials: Sequence[Trial],
+    client: distributed.Client,
+    *,
+    take: Callable[[int, Mapping[str, Any], TrialLog | None], None],
+    stopped: Callable[[], bool],
+) -> dict[str, Any]:
+    """Run trials on the workers of a cluster; bits are those of :func:`run_native`.
+
+    Where no worker is connected, it waits for one.
+
+    Args:
+        trials: what to run.
+        client: of the cluster.
+        take: called with index, row and log of each trial as it comes back.
+        stopped: asked every `POLL`; once true, workers stop, and what they have finished is still
+            taken if it comes within a second.
+
+    Returns:
+        For the provenance: `scheduler`, the number of `workers` that sent results, and their
+        `processors`.
+
+    Raises:
+        SimulationError: before any trial starts, where one cannot be run as asked or the client
+            cannot be used; later, where the workers run another VSR2 or the cluster is lost.
+    """
+    module = _distributed()
+    if not isinstance(client, module.Client):
+        raise SimulationError(f"client must be a distributed.Client, it is {client!r}")
+    if client.asynchronous:
+        raise SimulationError("client is asynchronous; make it by Client(..., asynchronous=False)")
+    if client.status != "running":
+        raise SimulationError(f"client is {client.status}; connect a new one")
+    native_specifications(trials)  # refuses here what a worker would refuse
+    return _ClusterRun(trials, client, take, stopped).run()
+
+
+class _Content:
+    """Meshes and motions on the cluster, by the hash of their bytes."""
+
+    def __init__(self, client: distributed.Client) -> None:
+        self.client = client
+        self._held: OrderedDict[str, tuple[Any, int]] = OrderedDict()
+        self._sent: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def future(self, key: str, cargo: Cargo) -> Any:
+        """The task that gives the content; sent unless it is there."""
+        import dask
+
+        with self._lock:
+            if key in self._held:
+                future, _ = self._held[key]
+                if future.status in ("pending", "finished"):
+                    self._held.move_to_end(key)
+                    return future
+            content = cargo.content(key)
+            # A number, because the scheduler may still remember how it gave up the one before.
+            name = f"vsr2-{key}-{self._sent[key]}"
+            self._sent[key] += 1
+            # Dask warns of large tasks, since most of them are large by mistake.
+            with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+                future = self.client.submit(hold, content, key=name)
+            self._held[key] = (future, len(content))
+            return future
+
+    def shrink(self, needed: Callable[[str], bool]) -> None:
+        """Let go of what is not needed, the longest unused first, down to `KEPT_BYTES`."""
+        with self._lock:
+            held = sum(size for _, size in self._held.values())
+            if held <= KEPT_BYTES:
+                return
+            for key in [key for key in self._held if not needed(key)]:
+                future, size = self._held.pop(key)
+                future.release()
+                held -= size
+                if held <= KEPT_BYTES:
+                    return
+
+
+_contents: dict[str, _Content] = {}
+
+
+def _content_of(client: distributed.Client) -> _Content:
+    for name in [name for name, kept in _contents.items() if kept.client.status == "closed"]:
+        del _contents[name]
+    return _contents.setdefault(client.id, _Content(client))
+
+
+def _chunks(trials: Sequence[Trial], threads: int) -> Iterable[list[int]]:
+    """Positions of trials that go together, for a cluster of so many threads."""
+    most = min(MAX_CHUNK_TRIALS, -(-len(trials) // (_CHUNKS_A_THREAD * max(1, threads))))
+    chunk: list[int] = []
+    steps = size = 0
+    for i, trial in enumerate(trials):
+        samples, output = trial.motion.displacement.size, trial.output
+        own_steps = samples + _STEPS_BESIDE_MOTION
+        own_size = 0
+        if output.log_every:
+            own_size += samples // output.log_every * len(STATE_COLUMNS) * 8
+        if output.contacts_every:
+            rows = samples // output.contacts_every * _CONTACTS_A_ROW
+            own_size += rows * len(CONTACT_COLUMNS) * 8
+        full = len(chunk) >= most or steps + own_steps > MAX_CHUNK_STEPS
+        if chunk and (full or size + own_size > MAX_CHUNK_BYTES):
+            yield chunk
+            chunk, steps, size = [], 0, 0
+        chunk.append(i)
+        steps += own_steps
+        size += own_size
+    if chunk:
+        yield chunk
+
+
+@dataclass(eq=False)
+class _Flight:
+    """A chunk under way; `alone`: nothing else is."""
+
+    positions: list[int]
+    key: str
+    alone: bool
+    future: Any = None
+
+
+_Events: TypeAlias = queue.SimpleQueue[tuple[_Flight, bool, Any]]
+"""A chunk, whether its result is here, and the result."""
+
+
+class _ClusterRun:
+    """One batch on a cluster."""
+
+    def __init__(
+        self,
+        trials: Sequence[Trial],
+        client: distributed.Client,
+        take: Callable[[int, Mapping[str, Any], TrialLog | None], None],
+        stopped: Callable[[], bool],
+    ) -> None:
+        self._trials = trials
+        self._client: Any = client
+        self._take = take
+        self._stopped = stopped
+        self._name = f"{client.id}-{time.time_ns():x}"
+        self._cargo = Cargo(trials)
+        self._content = _content_of(client)
+        self._events: _Events = queue.SimpleQueue()
+        self._flying: set[_Flight] = set()
+        self._started = 0
+        self._suspects: deque[int] = deque()
+        self._tries: Counter[int] = Counter()
+        self._workers: set[str] = set()
+        self._processors: set[str] = set()
+
+    def run(self) -> dict[str, Any]:
+        threads, address = self._threads(), self._client.scheduler_info()["address"]
+        chunks = deque(_chunks(self._trials, threads))
+        window, counted = max(_MIN_WINDOW, 2 * threads), time.monotonic()
+        landed: deque[_Flight] = deque()
+        fetching = 0
+        deadline: float | None = None
+        try:
+            while chunks or self._flying or self._suspects:
+                if deadline is None and self._stopped():
+                    deadline = time.monotonic() + _STOP_GRACE
+                    self._stop_workers()
+                    chunks.clear()
+                    self._suspects.clear()
+                if deadline is not None and time.monotonic() > deadline:
+                    break
+                if self._suspects and not chunks and not self._flying:
+                    self._start([self._suspects.popleft()], alone=True)
+                while chunks and len(self._flying) < window:
+                    self._start(chunks.popleft())
+                if chunks and time.monotonic() > counted + _COUNT_EVERY:
+                    window, counted = max(_MIN_WINDOW, 2 * self._threads()), time.monotonic()
+                try:
+                    flight, fetched, result = self._events.get(timeout=POLL)
+                except queue.Empty:
+                    continue
+                if fetched:
+                    fetching -= 1
+                    self._flying.discard(flight)
+                    flight.future.release()
+                    self._land(flight, result)
+                else:
+                    landed.append(flight)
+                # Few at a time: what is not fetched yet stays in the memory of the workers.
+                while landed and fetching < _FETCHES:
+                    fetching += 1
+                    self._client.loop.add_callback(_fetch, landed.popleft(), self._events)
+        finally:
+            if self._flying:
+                if deadline is None:
+                    self._stop_workers()
+                for flight in self._flying:
+                    flight.future.release()
+            self._content.shrink(lambda key: False)
+        return {
+            "scheduler": address,
+            "workers": len(self._workers),
+            "processors": sorted(self._processors),
+        }
+
+    def _threads(self) -> int:
+        """Threads of all workers that are connected now."""
+        try:
+            return sum(self._client.nthreads().values())
+        except OSError as error:
+            raise SimulationError(
+                f"the scheduler does not answer ({error}); what was finished is kept where there "
+                "is a checkpoint"
+            ) from error
+
+    def _start(self, positions: list[int], *, alone: bool = False) -> None:
+        keys = dict.fromkeys(key for i in positions for key in self._cargo.keys(i))
+        flight = _Flight(positions, f"vsr2-trials-{self._name}-{self._started}", alone)
+        self._started += 1
+        flight.future = self._client.submit(
+            run_chunk,
+            self._name,
+            _native.build_facts(),
+            self._cargo.orders(positions),
+            {key: self._content.future(key, self._cargo) for key in keys},
+            key=flight.key,
+        )
+        self._flying.add(flight)
+        flight.future.add_done_callback(lambda _: self._events.put((flight, False, None)))
+
+    def _land(self, flight: _Flight, result: Any) -> None:
+        if isinstance(result, Finished):
+            self._workers.add(result.worker)
+            self._processors.add(result.processor)
+            for k, row, log in result.trials:
+                self._take(flight.positions[k], row, log)
+        elif not isinstance(result, _distributed().KilledWorker):
+            raise self._error(flight, result) from result
+        elif flight.alone and (result.task == flight.key or self._tries[flight.positions[0]] > 2):
+            [i] = flight.positions
+            self._take(i, failed_row(self._trials[i], f"every worker died: {result}"), None)
+        else:
+            self._suspects.extend(flight.positions)
+            self._tries.update(flight.positions)
+            return
+        for i in flight.positions:
+            self._cargo.done(i)
+        self._content.shrink(self._cargo.needed)
+
+    def _error(self, flight: _Flight, cause: BaseException) -> SimulationError:
+        names = [self._trials[i].name or self._trials[i].motion.name for i in flight.positions]
+        return SimulationError(
+            f"the cluster cannot run trials {names[0]!r} to {names[-1]!r} "
+            f"({type(cause).__name__}: {cause}); scheduler and workers need the VSR2 and Dask "
+            "that run here. What was finished is kept where there is a checkpoint"
+        )
+
+    def _stop_workers(self) -> None:
+        """Tell all workers to stop, without waiting for those that do not answer."""
+
+        def tell() -> None:
+            # Releasing the tasks stops what has not begun, should this not get through.
+            with suppress(Exception):
+                self._client.run(stop, self._name, on_error="ignore")
+
+        threading.Thread(target=tell, name="vsr2-stop", daemon=True).start()
+
+
+async def _fetch(flight: _Flight, events: _Events) -> None:
+    """Bring the result of a finished task here, in the client's event loop."""
+    import asyncio
+
+    try:
+        result = await flight.future.result()
+    except (Exception, asyncio.CancelledError) as error:
+        result = error
+    events.put((flight, True, result))
