@@ -9,8 +9,8 @@ the correct time base and a settled start:
 - `original`: inertia of Bullet's bounding box about the mesh's origin, joint motor;
 - `correct`: mass centre and inertia of the mesh, prescribed motion.
 
-Writes `table.csv` (one row a setting), `outcomes.csv` (observed and simulated outcome of every trial)
-and one result folder a setting. The committed table is
+Writes `table.csv` (one row a setting), `outcomes.csv` (observed and simulated outcome of every
+trial) and one result folder a setting. The committed table is
 docs/results/lab_sp1.csv.
 """
 

@@ -23,7 +23,8 @@ in `python/vsr2/config/study.py`; a test keeps both equal.
 - Unknown keys, keys given twice, keys without effect, NaN and infinity are refused; the error names
   file, line, key, value and the nearest valid key.
 - Numbers are read as in YAML 1.2: `1e7` is a number. Quoted numbers are text and refused.
-- Only plain data is read: no tags but those of plain values, at most 1 MB, at most 20 levels. `<<: *anchor` merges mappings.
+- Only plain data is read: no tags but those of plain values, at most 1 MB, at most 20 levels.
+  `<<: *anchor` merges mappings.
 - Quaternions are x, y, z, w.
 
 The smallest study:

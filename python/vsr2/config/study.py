@@ -101,10 +101,10 @@ class Engine(Section):
     """The physics engine (supplement S1.2)."""
 
     mode: Literal["auto", "parity", "exact", "fast"] = "auto"
-    """`parity`: Bullet's own code, bit-identical with PyBullet on the same machine; `exact`: the same
-    bits, about four times sooner; `fast`: a stepper of our own for one convex rock on a prism's flat
-    top, under validation: its ensembles are not yet shown to equal those of `exact`; `auto`:
-    `exact`."""
+    """`parity`: Bullet's own code, bit-identical with PyBullet on the same machine; `exact`: the
+    same bits, two to four times sooner; `fast`: a stepper of our own for one convex rock on a
+    prism's flat top, under validation: its ensembles are not yet shown to equal those of `exact`;
+    `auto`: `exact`."""
     gravity: Annotated[float, Strict(), Field(gt=0, le=1000)] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
     time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = 0.001
@@ -187,8 +187,8 @@ class MeshPedestal(Section):
     """Factor on the mesh's coordinates."""
     collision: Literal["hull", "decomposition", "triangles"] = "decomposition"
     """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows);
-    `triangles`: the exact moving surface (fine relief; a rock on many small triangles trembles by some
-    mm/s, so raise the rest speeds of `settling` with it)."""
+    `triangles`: the exact moving surface (fine relief; a rock on many small triangles trembles by
+    some mm/s, so raise the rest speeds of `settling` with it)."""
     mass: Mass = 2.0e5
     """Mass carried by the prismatic joint [kg]; accepted only with `drive: motor`, since a
     prescribed motion does not depend on it."""
