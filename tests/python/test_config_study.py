@@ -56,7 +56,10 @@ def test_a_study_is_frozen():
         ({"engine": {"gravity": math.inf}}, "engine.gravity: must be finite (is inf)"),
         ({"engine": {"time_step": 0}}, "engine.time_step: must be at least 1e-06 (is 0)"),
         ({"engine": {"time_step": 1.0}}, "engine.time_step: must be at most 0.02"),
-        ({"engine": {"mode": "partiy"}}, "engine.mode: must be auto, parity, exact or fast (is 'partiy')"),
+        (
+            {"engine": {"mode": "partiy"}},
+            "engine.mode: must be auto, parity, exact or fast (is 'partiy')",
+        ),
         ({"rock": {**BOX, "density": -1}}, "rock.density: must be greater than 0 (is -1)"),
         ({"rock": {**BOX, "density": 10**400}}, "rock.density: must be"),
         ({"rock": {**BOX, "mass": 10.0}}, "rock: give exactly one of `density`"),
