@@ -14,7 +14,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "python" / "vsr2"
 MODULES = sorted(PACKAGE.rglob("*.py"))
-HEAVY = {"matplotlib", "scipy", "trimesh", "xarray", "viser", "pandas", "sklearn", "statsmodels"}
+HEAVY = {
+    "matplotlib",
+    "scipy",
+    "trimesh",
+    "xarray",
+    "viser",
+    "pandas",
+    "sklearn",
+    "statsmodels",
+    "distributed",
+    "dask",
+}
 
 
 def order() -> list[set[str]]:

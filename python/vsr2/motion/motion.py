@@ -118,9 +118,10 @@ class Motion:
 
     @property
     def sha256(self) -> str:
-        """Hash of time step and displacement: what is driven."""
+        """Hash of time step, displacement and velocity: what is driven."""
         digest = hashlib.sha256(np.float64(self.time_step).tobytes())
         digest.update(self.displacement.tobytes())
+        digest.update(self.velocity.tobytes())
         return digest.hexdigest()
 
     def scaled_to_pga(self, pga: float, *, name: str | None = None) -> Motion:
