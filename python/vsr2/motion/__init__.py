@@ -23,7 +23,7 @@ from vsr2.motion.measures import (
     recorded_pga,
     significant_duration,
 )
-from vsr2.motion.motion import Motion
+from vsr2.motion.motion import Motion, Recording, SideMotion
 from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
@@ -44,7 +44,9 @@ __all__ = [
     "Noise",
     "Record",
     "RecordFormat",
+    "Recording",
     "Resampled",
+    "SideMotion",
     "arias_intensity",
     "band_pass",
     "build_motions",
