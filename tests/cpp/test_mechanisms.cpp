@@ -512,7 +512,9 @@ TEST(Mechanisms, ChangeEnginesWithTheRock) {
     parity->step({});
     fast->step({});
     ASSERT_LT((parity->rock().p_WB - fast->rock().p_WB).norm(), 1e-7) << i;
-    if (fast->handover() != Handover::none) EXPECT_GT(i, 50) << "it was to come in motion";
+    if (fast->handover() != Handover::none) {
+      EXPECT_GT(i, 50) << "it was to come in motion";
+    }
   }
   EXPECT_EQ(fast->handover(), Handover::off_the_top);
   for (int i = 0; i < 20; ++i) {
