@@ -6,6 +6,7 @@ import argparse
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,18 +19,21 @@ import pytest
 from calibration_samples import KNOWN_YAW, STUDY, write_planted
 from vsr2.calibration import (
     CalibrationInterrupted,
+    Evaluation,
     EvaluationStore,
     Evaluator,
     calibrate,
+    evaluations_at_most,
     load_calibration,
     prepare_calibration_folder,
     usable_trials,
 )
 from vsr2.calibration.evaluation import campaign_sha256
+from vsr2.calibration.scores import metrics_of
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.cli.calibration import add_verbs
 from vsr2.config import load_study
-from vsr2.errors import CampaignError, ResultError
+from vsr2.errors import CampaignError, ConfigError, ResultError
 
 
 @pytest.fixture(scope="module")
@@ -224,3 +228,54 @@ def test_a_campaign_that_tells_nothing_is_refused(planted, tmp_path):
     )  # fmt: skip
     with pytest.raises(CampaignError, match="both a motion and an outcome"):
         usable_trials(nothing)
+
+
+def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(planted, tmp_path):
+    text = STUDY.replace("profile_points: 4", "profile_points: 0, screen: 4")
+    path = planted / "screened.yaml"
+    path.write_text(text + "judged_with: {engine.mode: exact}\n")
+    study = load_calibration(path)
+    # What an earlier run without the screen knows must not change what a search with it sees.
+    shutil.copy(planted / "whole" / "evaluations.jsonl", tmp_path)
+    ran: list[Evaluation] = []
+    known = calibrate(study, tmp_path, threads=1, on_evaluation=ran.append)
+    fresh = calibrate(study, prepare_calibration_folder(tmp_path / "new"), threads=1)
+    assert len(known.steps) < len(ran) <= evaluations_at_most(study.own) + 1
+    for result in (known, fresh):
+        screen = result.screen
+        assert screen is not None
+        first = np.stack([step.evaluation.predicted for step in result.steps[:4]])
+        np.testing.assert_array_equal(screen.certain, (first == first[0]).all(axis=0))
+        assert 0 < screen.certain.sum() < 24
+        for step in result.steps:
+            assert (step.evaluation.predicted == first[0])[screen.certain].all()
+    later = fresh.steps[-1].evaluation
+    np.testing.assert_array_equal(later.known, ~fresh.screen.certain)
+    assert [s.evaluation.values for s in known.steps] == [s.evaluation.values for s in fresh.steps]
+    np.testing.assert_array_equal(known.out_of_fold, fresh.out_of_fold)
+    # Judged with the engine asked for, on every trial.
+    campaign = usable_trials(load_campaign(planted / "truth"))
+    with EvaluationStore(tmp_path / "new", campaign_sha256(campaign), 24) as store:
+        evaluate = Evaluator(study, campaign, store, tmp_path, threads=1)
+        exact = evaluate(fresh.searched.evaluation.values, keys={"engine.mode": "exact"})
+        assert evaluate.simulated == 0
+    best = {score.fitted: score for score in fresh.scores if score.name == "simulator"}
+    assert best["in sample"].metrics == metrics_of(fresh.observed, exact.predicted)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("method: {kind: joint, design: 8, screen: 9}", "more than design"),
+        ("judged_with: {rock.start.yaw: 3.0}", "is a parameter"),
+        ("judged_with: {engine.speed: 3.0}", "no key of the study"),
+        ("judged_with: {engine.mode: quick}", "judged_with"),
+    ],
+)
+def test_a_screen_or_judge_that_cannot_be_is_refused(planted, change, message):
+    key = change.split(":")[0]
+    kept = [line for line in STUDY.splitlines() if not line.startswith(key)]
+    path = planted / "refused.yaml"
+    path.write_text("\n".join([*kept, change]) + "\n")
+    with pytest.raises(ConfigError, match=message):
+        load_calibration(path)

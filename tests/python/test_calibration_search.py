@@ -214,9 +214,7 @@ def test_profiles_tell_what_is_identified_and_what_is_not():
     best = best_step(steps).evaluation.values
     every = [s.evaluation for s in steps] + [world(v) for v in profile_values(RANGES, best, 10)]
     resamples = motion_resamples(world.motions, 500, 0)
-    found = {
-        p.name: p for p in profiles(RANGES, every, world.observed, resamples, best, cells=10)
-    }
+    found = {p.name: p for p in profiles(RANGES, every, world.observed, resamples, best, cells=10)}
     assert found["p"].verdict == "identified"
     kept = [cell for cell in found["p"].cells if cell.compatible]
     assert kept[0].low <= 0.5 <= kept[-1].high

@@ -45,9 +45,8 @@ def test_a_torn_last_line_is_dropped_and_a_damaged_one_is_not(tmp_path):
 
 
 def test_another_campaign_or_process_is_refused(tmp_path):
-    with EvaluationStore(tmp_path, "c", 3):
-        with pytest.raises(ResultError, match="another process"):
-            EvaluationStore(tmp_path, "c", 3)
+    with EvaluationStore(tmp_path, "c", 3), pytest.raises(ResultError, match="another process"):
+        EvaluationStore(tmp_path, "c", 3)
     with pytest.raises(ResultError, match="another campaign"):
         EvaluationStore(tmp_path, "d", 3)
     with pytest.raises(ResultError, match="another campaign"):

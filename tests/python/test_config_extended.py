@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from pydantic import Field
 
 from vsr2.config.extended import load_extended
 from vsr2.config.study import Section
@@ -10,7 +11,7 @@ from vsr2.errors import ConfigError
 
 
 class Own(Section):
-    deep: dict[str, int] = {}
+    deep: dict[str, int] = Field(default_factory=dict)
     level: int = 1
 
 

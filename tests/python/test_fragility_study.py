@@ -71,9 +71,7 @@ def test_perturbations_are_drawn_by_seed_and_place(study):
     _, more = fragility_trials(study(overrides=["fragility.replicates=3"]))
     kept = [one for one in more if one.replicate < 2]
     strip = [(p.motion, p.azimuth, p.replicate, p.seed, p.yaw, p.offset_x) for p in kept]
-    assert strip == [
-        (p.motion, p.azimuth, p.replicate, p.seed, p.yaw, p.offset_x) for p in planned
-    ]
+    assert strip == [(p.motion, p.azimuth, p.replicate, p.seed, p.yaw, p.offset_x) for p in planned]
     # One perturbation does not depend on whether another is on.
     _, still = fragility_trials(study(("tilt: 0.05", "tilt: 0.0")))
     assert [one.yaw for one in still] == [one.yaw for one in planned]
@@ -186,9 +184,9 @@ def test_a_study_runs_to_tables_figures_and_page_and_resumes(study, tmp_path, ca
     for name in ("overturning", "curve_pga_g", "curve_pgv_pga_s", "surface", "azimuth"):
         assert (out / "figures" / f"{name}.png").stat().st_size > 10_000
         assert (out / "figures" / f"{name}.pdf").exists()
-    assert "40 trials: 10 ground motions, 2 azimuths, 2 replicates" in (
-        out / "report.md"
-    ).read_text()
+    assert (
+        "40 trials: 10 ground motions, 2 azimuths, 2 replicates" in (out / "report.md").read_text()
+    )
     provenance = json.loads((out / "provenance.json").read_text())
     assert provenance["fragility"]["replicates"] == 2
     assert not (out / JOURNAL_FILE).exists()

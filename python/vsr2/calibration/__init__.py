@@ -3,6 +3,7 @@
 from vsr2.calibration.calibrate import (
     CalibrationResult,
     Fold,
+    Screen,
     calibrate,
     cross_validate,
     evaluations_at_most,
@@ -30,6 +31,7 @@ __all__ = [
     "Fold",
     "Parameter",
     "Profile",
+    "Screen",
     "Step",
     "calibrate",
     "cross_validate",

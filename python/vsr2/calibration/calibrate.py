@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
 from vsr2.analysis.baseline import BaselineScore
-from vsr2.calibration.evaluation import Evaluate, Evaluator, campaign_sha256, usable_trials
+from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
 from vsr2.calibration.scores import as_predictions, metrics_of, objective_of
 from vsr2.calibration.search import (
@@ -50,9 +50,10 @@ class Fold:
     Attributes:
         held_out: its trials, shape (trials,).
         values: chosen without them.
-        training: objective on the other trials.
+        training: objective on the other trials, as the search saw it.
         judged: objective on its own.
-        predicted: of all trials with these values, shape (trials,).
+        predicted: of all trials with these values, shape (trials,); of its own trials all were
+            simulated, as :attr:`CalibrationSettings.judged_with` has it.
     """
 
     held_out: Mask
@@ -60,6 +61,22 @@ class Fold:
     training: float
     judged: float
     predicted: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Screen:
+    """What the screen assumed, and whether it held.
+
+    Attributes:
+        certain: trials that ended alike in all sets of the screen, shape (trials,).
+        checked: of these how many were simulated again with a chosen set: each with that of its
+            fold, and all with the calibrated values.
+        wrong: of the checked how many ended otherwise than assumed.
+    """
+
+    certain: Mask
+    checked: int
+    wrong: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +89,16 @@ class CalibrationResult:
         steps: of the search on all trials, in order.
         extra: evaluations beyond these: of folds and profiles.
         searched: the best step of the search on all trials, which compares with the folds'.
+        searched_in_sample: its objective on all trials, judged as the folds are.
         best: the best on all trials of all evaluated sets, those of folds and profiles included.
         start: the evaluation of the study's own values; None: they lie outside the ranges.
         folds: empty where there are none.
         fold: of each trial, -1 where there are none, shape (trials,).
         out_of_fold: prediction of each trial with values chosen without its motion (1, 0, NaN),
             shape (trials,); all NaN where there are no folds.
+        in_sample: prediction of each trial with the best values (1, 0, NaN), shape (trials,).
         scores: of the calibrated simulator in sample and out of fold, then of the baselines.
+        screen: None: every set was run on all trials.
         notes: what could not be done, for people.
         profiles: of each parameter.
         provenance: versions, hashes, seeds, wall time (JSON-serialisable).
@@ -94,8 +114,11 @@ class CalibrationResult:
     folds: tuple[Fold, ...]
     fold: NDArray[np.int64]
     out_of_fold: Array
+    searched_in_sample: float
+    in_sample: Array
     scores: tuple[BaselineScore, ...]
     profiles: tuple[Profile, ...]
+    screen: Screen | None = None
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -110,7 +133,7 @@ class CalibrationResult:
         """Objective of the search in sample minus out of fold; NaN without folds."""
         if not self.folds:
             return float("nan")
-        return self.searched.score - objective_of(self.observed, self.out_of_fold)
+        return self.searched_in_sample - objective_of(self.observed, self.out_of_fold)
 
 
 Search = Callable[[Score, int], list[Step]]
@@ -160,7 +183,9 @@ def evaluations_at_most(settings: CalibrationSettings) -> int | None:
         for one in settings.parameters.values()
     )
     searches = 1 + settings.folds
-    return method.design + searches * method.refine + (slices if method.profile_points else 0)
+    judged = searches if method.screen or settings.judged_with else 0
+    sets = method.design + searches * method.refine + (slices if method.profile_points else 0)
+    return sets + judged
 
 
 def calibrate(
@@ -204,33 +229,64 @@ def calibrate(
     digest = campaign_sha256(campaign)
     with EvaluationStore(folder, digest, len(campaign)) as store:
         evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
-        evaluate = _Remembered(evaluator, on_evaluation)
+        method = settings.method
+        screened = method.screen if isinstance(method, Joint) else 0
+        evaluate = _Remembered(evaluator, on_evaluation, screened, len(campaign))
         search = _search(study, evaluate, seed)
         steps = search(lambda one: objective_of(observed, one.predicted), 0)
         searched = best_step(steps)
         folds = cross_validate(search, observed, fold) if settings.folds else []
-        method = settings.method
         if isinstance(method, Joint):
             for values in profile_values(
                 settings.parameters, searched.evaluation.values, method.profile_points
             ):
                 evaluate(values)
         everything = list(evaluate.seen.values())
+        looked_at = {id(step.evaluation) for step in steps}
+        extra = tuple(one for one in everything if id(one) not in looked_at)
+        beyond = [Step(0, "extra", one, objective_of(observed, one.predicted)) for one in extra]
+        best = best_step([searched, *beyond])
+
+        def judge(one: Evaluation, among: Mask) -> Array:
+            if not screened and not settings.judged_with:
+                return one.predicted
+            found = evaluator(one.values, among=among, keys=settings.judged_with)
+            if on_evaluation is not None:
+                on_evaluation(found)
+            return np.where(among, found.predicted, one.predicted)
+
+        whole = np.ones(len(campaign), dtype=np.bool_)
+        final = judge(searched.evaluation, whole)
+        in_sample = final if best is searched else judge(best.evaluation, whole)
+        by_id = {id(one.predicted): one for one in everything}
+        folds = [
+            replace(
+                one,
+                predicted=(predicted := judge(by_id[id(one.predicted)], one.held_out)),
+                judged=objective_of(observed, predicted, one.held_out),
+            )
+            for one in folds
+        ]
         simulated = evaluator.simulated
-    looked_at = {id(step.evaluation) for step in steps}
-    extra = tuple(one for one in everything if id(one) not in looked_at)
-    beyond = [Step(0, "extra", one, objective_of(observed, one.predicted)) for one in extra]
-    best = best_step([searched, *beyond])
     resamples = motion_resamples(campaign.motion_ids, settings.replicates, seed)
     out_of_fold = np.full(len(campaign), np.nan)
     for one in folds:
         out_of_fold[one.held_out] = one.predicted[one.held_out]
-    chosen = {"in sample": searched.evaluation.predicted}
+    chosen = {"in sample": final}
     if folds:
         chosen = {"out of fold": out_of_fold} | chosen
     if best is not searched:
-        chosen["in sample, best of all sets"] = best.evaluation.predicted
+        chosen["in sample, best of all sets"] = in_sample
     scores, notes = _compare(campaign, settings, seed, chosen)
+    screen = None
+    if screened:
+        ends = [in_sample, *([out_of_fold] if folds else [])]
+        off = [evaluate.certain & (predicted != evaluate.assumed) for predicted in ends]
+        screen = Screen(
+            certain=evaluate.certain,
+            checked=int(evaluate.certain.sum()) * len(ends),
+            wrong=int(sum(one.sum() for one in off)),
+        )
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.study.model_dump(mode="json"),
         "calibration": settings.model_dump(mode="json"),
@@ -252,6 +308,9 @@ def calibrate(
         folds=tuple(folds),
         fold=fold,
         out_of_fold=out_of_fold,
+        searched_in_sample=objective_of(observed, final),
+        in_sample=in_sample,
+        screen=screen,
         scores=tuple(scores),
         profiles=tuple(
             profiles(
@@ -278,25 +337,46 @@ def _as_key(values: Mapping[str, Plain]) -> str:
 
 
 class _Remembered:
-    """Evaluates each parameter set once a run, and remembers all in order."""
+    """Evaluates each parameter set once a run, and remembers all in order.
+
+    Once the first `screen` sets are there, trials that ended alike in all of them are taken to end
+    so, and are run no more.
+    """
 
     def __init__(
-        self, evaluate: Evaluate, on_evaluation: Callable[[Evaluation], None] | None
+        self,
+        evaluate: Evaluator,
+        on_evaluation: Callable[[Evaluation], None] | None,
+        screen: int,
+        trials: int,
     ) -> None:
         self.seen: dict[str, Evaluation] = {}
+        self.certain = np.zeros(trials, dtype=np.bool_)
+        self.assumed = np.full(trials, np.nan)
         self._evaluate = evaluate
         self._on_evaluation = on_evaluation
+        self._screen = screen
 
     def __call__(self, values: Mapping[str, Plain]) -> Evaluation:
         key = _as_key(values)
         if key not in self.seen:
-            self.seen[key] = self._evaluate(values)
+            found = self._evaluate(values, among=~self.certain)
+            # Also where an earlier run knows better: a resumed search must see the same.
+            predicted = np.where(self.certain, self.assumed, found.predicted)
+            self.seen[key] = replace(found, predicted=predicted)
+            if len(self.seen) == self._screen:
+                self._settle()
             if self._on_evaluation is not None:
                 self._on_evaluation(self.seen[key])
         return self.seen[key]
 
+    def _settle(self) -> None:
+        ends = np.stack([one.predicted for one in self.seen.values()])
+        self.certain = (ends == ends[0]).all(axis=0)
+        self.assumed = np.where(self.certain, ends[0], np.nan)
 
-def _search(study: CalibrationStudy, evaluate: Evaluate, seed: int) -> Search:
+
+def _search(study: CalibrationStudy, evaluate: _Remembered, seed: int) -> Search:
     settings, method = study.own, study.own.method
     parameters, start = settings.parameters, start_values(study)
     if not isinstance(method, Joint):
@@ -319,7 +399,7 @@ def _compare(
     seed: int,
     chosen: Mapping[str, Array],
 ) -> tuple[list[BaselineScore], list[str]]:
-    """The simulator's scores by how it was fitted, then the baselines' on the same trials and folds."""
+    """The simulator's scores by how it was fitted, then the baselines' on the same folds."""
     observed = campaign.overturned == 1
 
     def score(fitted: str, predicted: Array) -> BaselineScore:

@@ -20,8 +20,8 @@ from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
 from vsr2.config.study import AllRecordings, Study
-from vsr2.errors import CampaignError
-from vsr2.motion import Motion, build_recorded_motion
+from vsr2.errors import CampaignError, MotionError
+from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, channel_noise
 from vsr2.results import has_journal, prepare_folder
 from vsr2.scene import PedestalBody, RockBody, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
@@ -70,6 +70,37 @@ def campaign_sha256(campaign: Campaign) -> str:
     return digest.hexdigest()
 
 
+def _noises(campaign: Campaign) -> dict[str, ChannelNoise]:
+    """Noise of each motion's channels; one without rest has the median noise of the others.
+
+    Raises:
+        MotionError: no motion has any rest, or one lacks a channel.
+    """
+    found: dict[str, ChannelNoise] = {}
+    refused: dict[str, MotionError] = {}
+    for name, record in campaign.motions.items():
+        try:
+            found[name] = channel_noise(record)
+        except MotionError as error:
+            if record.displacement is None or record.acceleration is None:
+                raise
+            refused[name] = error
+    if not found:
+        raise next(iter(refused.values()))
+
+    def median(channel: str) -> Noise:
+        noises = [getattr(one, channel) for one in found.values()]
+        return Noise(
+            *(
+                float(np.median([getattr(one, key) for one in noises]))
+                for key in ("deviation", "share", "persistence")
+            )
+        )
+
+    typical = ChannelNoise(median("displacement"), median("acceleration"))
+    return {name: found.get(name, typical) for name in campaign.motions}
+
+
 class Evaluator:
     """Simulates a campaign's trials under parameter sets, each set once.
 
@@ -103,19 +134,31 @@ class Evaluator:
         self._sha256 = campaign_sha256(campaign)
         self.simulated = 0
 
-    def __call__(self, values: Mapping[str, Plain]) -> Evaluation:
+    def __call__(
+        self,
+        values: Mapping[str, Plain],
+        *,
+        among: NDArray[np.bool_] | None = None,
+        keys: Mapping[str, Plain] | None = None,
+    ) -> Evaluation:
         """The predictions of a parameter set.
+
+        Args:
+            values: by parameter.
+            among: trials that are wanted, shape (trials,); None: all. Others may be unknown.
+            keys: values of further keys of the study, by dotted key.
 
         Raises:
             CalibrationInterrupted: Ctrl-C; the next call with the same set goes on.
             ConfigError, GeometryError, MotionError, SimulationError: a set that cannot be run.
         """
-        study = self._study.with_values(study_values(self._study, dict(values)))
+        study = self._study.with_values(study_values(self._study, dict(values)) | dict(keys or {}))
         bodies = self._placed(study)
         key = self._key(study, bodies)
+        wanted = np.ones(len(self._campaign), dtype=np.bool_) if among is None else among
         found = self._store.by_key(key)
-        if found is None:
-            found = self._run(key, dict(values), self._trials(study, bodies))
+        if found is None or found.lacking(wanted).any():
+            found = self._run(key, dict(values), self._trials(study, bodies), wanted)
         return replace(found, values=dict(values))
 
     def _placed(self, study: Study) -> tuple[RockBody, PedestalBody]:
@@ -180,12 +223,14 @@ class Evaluator:
         if key in self._motions:
             self._motions.move_to_end(key)
         else:
+            noises = _noises(self._campaign) if source.channel == "fused" else {}
             self._motions[key] = {
                 name: build_recorded_motion(
                     record,
                     study.engine.time_step,
                     channel=source.channel,
                     filter=source.filter,
+                    noise=noises.get(name),
                     name=name,
                 )
                 for name, record in self._campaign.motions.items()
@@ -205,23 +250,33 @@ class Evaluator:
         while len(self._motions) > 1 and held() > MAX_SAMPLES_HELD:
             self._motions.popitem(last=False)
 
-    def _run(self, key: str, values: dict[str, Plain], trials: list[Trial]) -> Evaluation:
+    def _run(
+        self,
+        key: str,
+        values: dict[str, Plain],
+        trials: list[Trial],
+        wanted: NDArray[np.bool_],
+    ) -> Evaluation:
         plan = plan_sha256(trials)
         found = self._store.by_plan(plan)
-        if found is not None:
-            evaluation = replace(found, values=values, seconds=0.0)
-        else:
+        missing = wanted if found is None else found.lacking(wanted)
+        predicted = np.full(len(trials), np.nan)
+        seconds = 0.0
+        if missing.any():
             started = time.monotonic()
-            predicted = self._simulate(plan, trials)
-            evaluation = Evaluation(values, predicted, plan, time.monotonic() - started)
+            chosen = [trial for trial, needed in zip(trials, missing, strict=True) if needed]
+            predicted[missing] = self._simulate(chosen)
+            seconds = time.monotonic() - started
             self.simulated += 1
-        self._store.add(key, evaluation)
+        self._store.add(key, Evaluation(values, predicted, plan, seconds, missing))
         # The journal goes only now: killed in between, the next run reads it instead.
         shutil.rmtree(self._folder / RUNNING, ignore_errors=True)
-        return evaluation
+        done = self._store.by_key(key)
+        assert done is not None
+        return done
 
-    def _simulate(self, plan: str, trials: list[Trial]) -> NDArray[np.float64]:
-        checkpoint = self._folder / RUNNING / plan[:16]
+    def _simulate(self, trials: list[Trial]) -> NDArray[np.float64]:
+        checkpoint = self._folder / RUNNING / plan_sha256(trials)[:16]
         if not has_journal(checkpoint):
             # Of a set that an earlier run did not finish, and this one does not begin with.
             shutil.rmtree(self._folder / RUNNING, ignore_errors=True)

@@ -162,14 +162,13 @@ def evaluation_rows(result: CalibrationResult) -> list[dict[str, Any]]:
 
 def prediction_rows(result: CalibrationResult) -> list[dict[str, Any]]:
     """One row a trial; blank: it failed, or there are no folds."""
-    chosen = result.best.evaluation.predicted
     return [
         {
             "trial": trial.trial,
             "motion": trial.motion,
             "fold": int(result.fold[i]) if result.folds else "",
             "observed": int(result.observed[i]),
-            "in_sample": _outcome(chosen[i]),
+            "in_sample": _outcome(result.in_sample[i]),
             "out_of_fold": _outcome(result.out_of_fold[i]),
         }
         for i, trial in enumerate(result.campaign.trials)

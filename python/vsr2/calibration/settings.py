@@ -84,6 +84,18 @@ class Joint(Section):
     """Parameter sets that the estimator adds, for all trials and again for each fold."""
     profile_points: Annotated[int, Strict(), Field(ge=0, le=200)] = 7
     """Values of each parameter that are tried with all others at their best; 0: none."""
+    screen: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 0
+    """Sets of the design that are run on all trials; trials which end alike in all of these are
+    taken to do so in the other sets, too. The chosen sets are run on all trials in the end. 0: all
+    sets are run on all trials."""
+
+    @model_validator(mode="after")
+    def _screen_fits(self) -> Self:
+        if self.screen == 1:
+            raise ValueError("screen: one set ends like itself; give 2 or more, or 0")
+        if self.screen > self.design:
+            raise ValueError(f"screen ({self.screen}) is more than design ({self.design})")
+        return self
 
 
 class CalibrationSettings(Section):
@@ -99,6 +111,9 @@ class CalibrationSettings(Section):
     """Folds by motion, each judged with values chosen without it; 0: in sample alone."""
     replicates: Annotated[int, Strict(), Field(ge=100, le=100_000)] = 2000
     """Bootstrap replicates over motions."""
+    judged_with: Annotated[dict[Key, Value], Field(max_length=20)] = Field(default_factory=dict)
+    """Values of dotted keys of the study with which the chosen sets are judged, after a search
+    without them; `{engine.mode: exact}` after a search with the fast engine, for example."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -112,6 +127,9 @@ class CalibrationSettings(Section):
                     f"parameters.{name}: the sequential procedure goes over a list; give `values`"
                 )
         keys = [key for parameter in self.parameters.values() for key in parameter.keys]
+        both = [key for key in self.judged_with if key in keys]
+        if both:
+            raise ValueError(f"judged_with: {both[0]} is a parameter, which the search chooses")
         double = {key for key in keys if keys.count(key) > 1}
         if double:
             raise ValueError(f"parameters: {min(double)} is varied twice; leave it to one")
@@ -140,6 +158,9 @@ def load_calibration(
     study = load_extended(path, CalibrationSettings, overrides=overrides, complete=_with_motions)
     for name, parameter in study.own.parameters.items():
         _check(study, name, parameter)
+    for key in study.own.judged_with:
+        study.value(key)
+    study.with_values(study.own.judged_with, label=f"{study.label}: judged_with")
     return study
 
 

@@ -24,7 +24,8 @@ EVALUATIONS_FILE = "evaluations.jsonl"
 _FORMAT = "vsr2 evaluations"
 _VERSION = 1
 _MAX_BYTES = 2**32
-_CODES = "01x"
+_CODES = "01x."
+"""Stood, overturned, failed, not simulated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,8 @@ class Evaluation:
     Attributes:
         values: by parameter.
         predicted: of each trial 1 (overturned), 0, or NaN (failed), shape (trials,).
+        known: whether it was simulated, shape (trials,); None: all were. Where it was not,
+            `predicted` is NaN in the store, and an assumption in a screened search.
         plan: hash of all that the predictions depend on (:func:`vsr2.simulation.batch.plan_sha256`
             over the trials).
         seconds: wall time of its simulation [s].
@@ -43,11 +46,16 @@ class Evaluation:
     predicted: NDArray[np.float64]
     plan: str = ""
     seconds: float = 0.0
+    known: NDArray[np.bool_] | None = None
 
     @property
     def failed(self) -> int:
         """Number of trials without an outcome."""
         return int(np.isnan(self.predicted).sum())
+
+    def lacking(self, among: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which trials of `among` were not simulated, shape (trials,)."""
+        return np.zeros_like(among) if self.known is None else among & ~self.known
 
 
 class EvaluationStore:
@@ -72,7 +80,7 @@ class EvaluationStore:
             "campaign": campaign,
             "trials": trials,
         }
-        self._by_key: dict[str, Evaluation] = {}
+        self._plan_of: dict[str, str] = {}
         self._by_plan: dict[str, Evaluation] = {}
         try:
             self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
@@ -141,34 +149,38 @@ class EvaluationStore:
         codes = entry["predicted"]
         if len(codes) != self._trials or set(codes) - set(_CODES):
             raise ValueError("predicted")
-        predicted = np.array([(0.0, 1.0, np.nan)[_CODES.index(code)] for code in codes])
-        evaluation = Evaluation(
-            values=dict(entry["values"]),
-            predicted=predicted,
-            plan=str(entry["plan"]),
-            seconds=float(entry["seconds"]),
-        )
-        self._by_key[str(entry["key"])] = evaluation
-        self._by_plan[evaluation.plan] = evaluation
+        predicted = np.array([(0.0, 1.0, np.nan, np.nan)[_CODES.index(code)] for code in codes])
+        known = np.array([code != "." for code in codes])
+        plan, seconds = str(entry["plan"]), float(entry["seconds"])
+        old = self._by_plan.get(plan)
+        if old is not None and old.known is not None:
+            predicted = np.where(known, predicted, old.predicted)
+            known |= old.known
+            seconds += old.seconds
+        self._plan_of[str(entry["key"])] = plan
+        self._by_plan[plan] = Evaluation(dict(entry["values"]), predicted, plan, seconds, known)
 
     def __len__(self) -> int:
-        return len(self._by_key)
+        return len(self._plan_of)
 
     def by_key(self, key: str) -> Evaluation | None:
         """What was evaluated under a key; None: nothing."""
-        return self._by_key.get(key)
+        plan = self._plan_of.get(key)
+        return None if plan is None else self._by_plan[plan]
 
     def by_plan(self, plan: str) -> Evaluation | None:
         """What was evaluated with the same trials to the last bit; None: nothing."""
         return self._by_plan.get(plan)
 
     def add(self, key: str, evaluation: Evaluation) -> None:
-        """Append an evaluation.
+        """Append an evaluation; of further trials of the same set, to what is there.
 
         Raises:
             ResultError: it cannot be written.
         """
         codes = [2 if np.isnan(value) else int(value) for value in evaluation.predicted]
+        if evaluation.known is not None:
+            codes = [c if k else 3 for c, k in zip(codes, evaluation.known, strict=True)]
         entry = {
             "key": key,
             "plan": evaluation.plan,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsr2.analysis.bootstrap import SCORES
-from vsr2.calibration.calibrate import CalibrationResult
+from vsr2.calibration.calibrate import CalibrationResult, Screen
 from vsr2.calibration.files import best_of_sweeps
 from vsr2.calibration.profile import Profile
 from vsr2.calibration.settings import Parameter
@@ -179,8 +179,8 @@ def search_figure(result: CalibrationResult) -> Figure:
         judged = [one.judged for one in result.folds]
         panel.plot(index, training, "o", color=BLUE, markersize=4, label="training trials")
         panel.plot(index, judged, "s", color=VERMILION, markersize=4, label="held-out trials")
-        outside = result.searched.score - result.optimism
-        panel.axhline(result.searched.score, color=BLUE, linewidth=0.9, label="all, in sample")
+        outside = result.searched_in_sample - result.optimism
+        panel.axhline(result.searched_in_sample, color=BLUE, linewidth=0.9, label="all, in sample")
         panel.axhline(
             outside, color=VERMILION, linewidth=0.9, linestyle="--", label="all, out of fold"
         )
@@ -203,7 +203,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     known = (measures.pga > 0) & (measures.pgv_pga > 0)
     if not known.any():
         return None
-    predicted = result.out_of_fold if result.folds else result.best.evaluation.predicted
+    predicted = result.out_of_fold if result.folds else result.in_sample
     observed = result.observed
     figure, axes = sheet(1, 1, (5.2, 4.2))
     panel = axes[0, 0]
@@ -270,10 +270,15 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
             "The simulator's scores are in sample: the values were chosen on the trials that they "
             "are judged on, so the scores are too good. Set `folds` to see by how much."
         )
-    failed = int(np.isnan(result.best.evaluation.predicted).sum())
+    failed = int(np.isnan(result.in_sample).sum())
     if failed:
         lines.append(f"{failed} trials have no outcome with the best set; they count as wrong.")
     lines += [f"Note: {printable(note)}" for note in result.notes]
+    if settings.judged_with:
+        told = ", ".join(f"`{key}: {value}`" for key, value in settings.judged_with.items())
+        lines += ["", f"The chosen sets are judged with {told}; the search ran without."]
+    if result.screen is not None:
+        lines += ["", _screen_text(result, result.screen)]
     lines += ["", "## Values", "", _value_table(result), ""]
     lines += _identifiability(result)
     if result.settings.method.kind == "sequential":
@@ -285,6 +290,17 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
     for name, text in figures.items():
         lines += [f"![{text}]({name})", ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _screen_text(result: CalibrationResult, screen: Screen) -> str:
+    method = result.settings.method
+    count = int(screen.certain.sum())
+    return (
+        f"Screened: {count} of {len(result.campaign)} trials ended alike in the first "
+        f"{getattr(method, 'screen', 0)} sets, and were taken to do so in the others. The chosen "
+        f"sets were run on all trials: {screen.wrong} of {screen.checked} assumptions that this "
+        "checked were wrong. Scores above assume nothing; profiles and the search do."
+    )
 
 
 def _score_table(result: CalibrationResult) -> str:
