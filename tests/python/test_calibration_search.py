@@ -38,8 +38,10 @@ def score_on(world: World):
     return lambda one: objective_of(world.observed, one.predicted)
 
 
-def joint(world: World, *, design: int = 12, refine: int = 12, seed: int = 1):
-    method = Joint(kind="joint", design=design, refine=refine)
+def joint(
+    world: World, *, design: int = 12, refine: int = 12, seed: int = 1, proposals: str = "tpe"
+):
+    method = Joint(kind="joint", design=design, refine=refine, proposals=proposals)
     sets = [world(v) for v in design_values(RANGES, START, design, seed)]
     return joint_search(RANGES, sets, world, score_on(world), method, seed)
 
@@ -114,16 +116,17 @@ def test_the_sequential_procedure_carries_the_best_forward_and_stops_without_gai
     assert len(sequential_search(parameters, START, world, score_on(world), short)) == 6
 
 
-def test_the_joint_search_finds_the_optimum_and_takes_the_same_steps_again():
+@pytest.mark.parametrize("proposals", ["tpe", "cma"])
+def test_the_joint_search_finds_the_optimum_and_takes_the_same_steps_again(proposals):
     world = World()
-    steps = joint(world)
+    steps = joint(world, proposals=proposals)
     assert [s.group for s in steps] == ["design"] * 12 + ["refine"] * 12
     assert abs(best_step(steps).evaluation.values["p"] - 0.5) < 0.05
     refined = [s.score for s in steps[12:]]
     assert np.mean(refined) > np.mean([s.score for s in steps[:12]]) + 0.05
-    again = joint(World())
+    again = joint(World(), proposals=proposals)
     assert [s.evaluation.values for s in again] == [s.evaluation.values for s in steps]
-    other = joint(World(), seed=2)
+    other = joint(World(), seed=2, proposals=proposals)
     assert [s.evaluation.values for s in other] != [s.evaluation.values for s in steps]
 
 

@@ -79,3 +79,10 @@ def test_keys_may_lead_into_lists_and_overrides_into_parameters(study):
 def test_what_cannot_be_used_is_named(study, old, new, match):
     with pytest.raises(ConfigError, match=match):
         study((old, new))
+
+
+def test_the_evolution_strategy_takes_ranges_alone(study):
+    cma = ("kind: joint", "kind: joint, proposals: cma")
+    assert study(cma).own.method.proposals == "cma"
+    with pytest.raises(ConfigError, match=r"parameters\.yaw: method\.proposals `cma` goes over"):
+        study(cma, ("range: [0.0, 60.0]", "values: [0.0, 60.0]"))

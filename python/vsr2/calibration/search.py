@@ -112,29 +112,50 @@ def joint_search(
     method: Joint,
     seed: int,
 ) -> list[Step]:
-    """A multivariate tree-structured Parzen estimator, begun from a design.
+    """A design, then sets that an estimator or an evolution strategy proposes.
 
-    Bergstra et al. (2011), as optuna's `TPESampler` has it: it takes steps in the objective, words
-    among the parameters and ridges between them, and a few hundred evaluations are enough to be of
-    use; an evolution strategy takes no words, and wants populations. Ranges are searched by their
-    share (:func:`vsr2.calibration.settings.at_share`), so that all have one scale.
+    Ranges are searched by their share (:func:`vsr2.calibration.settings.at_share`), so that all
+    have one scale.
 
     Args:
         parameters: what is varied.
         design: evaluations of :func:`design_values`.
         evaluate: gives further evaluations.
         score: what is maximised.
-        method: how many.
-        seed: of the estimator. Same seed, same scores: same steps.
+        method: how, and how many.
+        seed: of the proposals. Same seed, same scores: same steps.
 
     Returns:
         The design, then what was added.
     """
+    steps = [Step(0, "design", one, score(one)) for one in design]
+
+    def step(coordinates: Mapping[str, Any]) -> float:
+        evaluation = evaluate(_values(parameters, coordinates))
+        steps.append(Step(0, "refine", evaluation, score(evaluation)))
+        return steps[-1].score
+
+    if method.refine:
+        propose = _by_evolution if method.proposals == "cma" else _by_estimator
+        propose(parameters, tuple(steps), step, method.refine, seed)
+    return steps
+
+
+def _by_estimator(
+    parameters: Parameters,
+    design: Sequence[Step],
+    step: Callable[[Mapping[str, Any]], float],
+    count: int,
+    seed: int,
+) -> None:
+    """A multivariate tree-structured Parzen estimator, begun from a design.
+
+    Bergstra et al. (2011), as optuna's `TPESampler` has it: it takes steps in the objective, words
+    among the parameters and ridges between them, and a few hundred evaluations are enough to be of
+    use.
+    """
     import optuna
 
-    steps = [Step(0, "design", one, score(one)) for one in design]
-    if method.refine == 0:
-        return steps
     level = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
@@ -144,22 +165,48 @@ def joint_search(
             sampler = optuna.samplers.TPESampler(multivariate=True, seed=seed, n_startup_trials=0)
         study = optuna.create_study(direction="maximize", sampler=sampler)
         distributions = {name: _distribution(one) for name, one in parameters.items()}
-        for step in steps:
+        for one in design:
             study.add_trial(
                 optuna.trial.create_trial(
-                    params=_coordinates(parameters, step.evaluation.values),
+                    params=_coordinates(parameters, one.evaluation.values),
                     distributions=distributions,
-                    value=step.score,
+                    value=one.score,
                 )
             )
-        for _ in range(method.refine):
+        for _ in range(count):
             trial = study.ask(fixed_distributions=distributions)
-            evaluation = evaluate(_values(parameters, trial.params))
-            steps.append(Step(0, "refine", evaluation, score(evaluation)))
-            study.tell(trial, steps[-1].score)
+            study.tell(trial, step(trial.params))
     finally:
         optuna.logging.set_verbosity(level)
-    return steps
+
+
+def _by_evolution(
+    parameters: Parameters,
+    design: Sequence[Step],
+    step: Callable[[Mapping[str, Any]], float],
+    count: int,
+    seed: int,
+) -> None:
+    """An evolution strategy with adapted covariance (Hansen and Ostermeier 2001), package cma.
+
+    It starts at the best of the design with a standard deviation of a fifth of each range.
+    """
+    import cma
+
+    start = _coordinates(parameters, best_step(design).evaluation.values)
+    # The package takes the seed 0 for the clock's.
+    options = {"bounds": [0.0, 1.0], "seed": 1 + seed % (2**31 - 1), "verbose": -9}
+    strategy = cma.CMAEvolutionStrategy(list(start.values()), 0.2, options)
+    done = 0
+    while done < count:
+        population = strategy.ask()
+        if count - done < len(population):
+            for point in population[: count - done]:
+                step(dict(zip(parameters, point, strict=True)))
+            return
+        scores = [step(dict(zip(parameters, point, strict=True))) for point in population]
+        strategy.tell(population, [-value for value in scores])
+        done += len(population)
 
 
 def _distribution(parameter: Parameter) -> Any:

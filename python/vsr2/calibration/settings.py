@@ -75,13 +75,16 @@ class Sequential(Section):
 
 
 class Joint(Section):
-    """All parameters together: a Latin hypercube, then a tree-structured Parzen estimator."""
+    """All parameters together: a Latin hypercube, then sets that a search proposes."""
 
     kind: Literal["joint"]
     design: Annotated[int, Strict(), Field(ge=2, le=100_000)] = 64
     """Parameter sets of the Latin hypercube, which knows no outcomes and serves all folds."""
     refine: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 24
-    """Parameter sets that the estimator adds, for all trials and again for each fold."""
+    """Parameter sets that the search adds, for all trials and again for each fold."""
+    proposals: Literal["tpe", "cma"] = "tpe"
+    """`tpe`: tree-structured Parzen estimator (optuna); also for lists of words. `cma`: evolution
+    strategy with adapted covariance (cma); for ranges alone, and hundreds of sets."""
     profile_points: Annotated[int, Strict(), Field(ge=0, le=200)] = 7
     """Values of each parameter that are tried with all others at their best; 0: none."""
     screen: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 0
@@ -117,11 +120,19 @@ class CalibrationSettings(Section):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
+        evolution = isinstance(self.method, Joint) and self.method.proposals == "cma"
+        if evolution and len(self.parameters) < 2:
+            raise ValueError("method.proposals: `cma` needs two parameters; set it to `tpe`")
         if self.folds == 1:
             raise ValueError("folds: 1 leaves nothing to choose with; give 2 or more, or 0")
         for name, parameter in self.parameters.items():
             if name in RESERVED:
                 raise ValueError(f"parameters.{name}: is a column of the tables; rename it")
+            if evolution and parameter.values is not None:
+                raise ValueError(
+                    f"parameters.{name}: method.proposals `cma` goes over ranges; give `range`, or "
+                    "set it to `tpe`"
+                )
             if self.method.kind == "sequential" and parameter.values is None:
                 raise ValueError(
                     f"parameters.{name}: the sequential procedure goes over a list; give `values`"

@@ -26,6 +26,8 @@ REPORT = "report.md"
 MAX_PANELS = 12
 BINS = 10
 """Of the observed shares beside a curve."""
+SHADES = "Blues"
+"""Of probabilities: light to dark, in print without colours, too."""
 
 Array = NDArray[np.float64]
 
@@ -68,7 +70,7 @@ def overturning_figure(result: FragilityResult) -> Figure:
     One marker a motion; its colour is the share of its replicates that overturned.
     """
     azimuths = list(dict.fromkeys(result.azimuth.tolist()))[:MAX_PANELS]
-    columns = min(3, len(azimuths))
+    columns = 2 if len(azimuths) == 4 else min(3, len(azimuths))
     rows = math.ceil(len(azimuths) / columns)
     width = 5.6 if len(azimuths) == 1 else 3.0 * columns + 1.0
     figure, axes = sheet(rows, columns, (width, 4.2 if rows == 1 == columns else 2.8 * rows + 0.5))
@@ -79,7 +81,7 @@ def overturning_figure(result: FragilityResult) -> Figure:
         x, y, share = _shares(result, chosen)
         size = float(np.clip(2500.0 / max(1, x.size), 12.0, 45.0))
         marks = panel.scatter(
-            x, y, c=share, s=size, cmap="cividis_r", vmin=0, vmax=1,
+            x, y, c=share, s=size, cmap=SHADES, vmin=0, vmax=1,
             edgecolor=BLACK, linewidth=0.3, zorder=3,
         )  # fmt: skip
         _log_where_wide(panel, "x", x)
@@ -115,7 +117,7 @@ def _log_where_wide(panel: Axes, which: str, values: Array) -> None:
 def curve_figure(result: FragilityResult, name: str) -> Figure:
     """The curve in one measure with its band, and the shares observed along it.
 
-    Shares are of up to ten groups of equally many trials, with their 95 % Wilson interval; each
+    Shares are of up to ten groups of trials, with their 95 % Wilson interval; each
     trial is a tick at the top (overturned) or bottom (stood).
     """
     fit = result.curves[name]
@@ -161,14 +163,21 @@ def _curve_title(fit: FragilityFit) -> str:
 
 
 def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Shares of overturned trials in groups of equally many along a measure.
+    """Shares of overturned trials in groups along a measure.
+
+    Each level is a group where there are up to ten; else groups have equally many trials.
 
     Returns:
         Geometric mean of the measure (g,), share (g,), and the ends of Wilson's 95 % interval
         (2, g).
     """
-    order = np.argsort(values, kind="stable")
-    groups = np.array_split(order, min(BINS, max(1, values.size // 5)))
+    # Levels that differ by rounding alone are one.
+    levels, member = np.unique(np.round(np.log(values), 6), return_inverse=True)
+    if levels.size <= BINS:
+        groups = [np.flatnonzero(member == i) for i in range(levels.size)]
+    else:
+        order = np.argsort(values, kind="stable")
+        groups = np.array_split(order, min(BINS, max(1, values.size // 5)))
     middle = np.array([math.exp(float(np.log(values[group]).mean())) for group in groups])
     count = np.array([group.size for group in groups], dtype=np.float64)
     share = np.array([overturned[group].mean() for group in groups])
@@ -212,15 +221,21 @@ def surface_figure(result: FragilityResult) -> Figure:
         ),
     ):
         panel.grid(False)
+        steps = round(10 * most)
         filled = panel.contourf(
-            x, y, values, levels=np.linspace(0, most, 11), cmap="cividis_r", extend="neither"
+            x,
+            y,
+            values,
+            levels=np.linspace(0, most, 1 + (steps if steps > 4 else 2 * steps)),
+            cmap=SHADES,
+            extend="neither",
         )
         figure.colorbar(filled, ax=panel, label=label)
         points = np.unique(
             np.stack([result.measures[fit.names[k]][result.used] for k in (across, up)], axis=1),
             axis=0,
         )
-        panel.plot(*points.T, ".", color=BLACK, markersize=1.2)
+        panel.plot(*points.T, ".", color=BLACK, markersize=2, clip_on=False)
         for which, k in (("x", across), ("y", up)):
             if fit.high[k] > 8 * fit.low[k]:
                 scale_axis(panel, which)
