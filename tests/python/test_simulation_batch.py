@@ -302,7 +302,7 @@ def test_early_stop_takes_no_pause_at_the_point_of_balance_for_rest() -> None:
         early, late = with_and_without_early_stop(near)
         np.testing.assert_array_equal(early["outcome"], late["outcome"])
         first = int(np.argmax(late["outcome"] == "overturned"))
-        assert 0 < first
+        assert first > 0
         low, high = scales[first - 1], scales[first]
     paused = late["overturning_time"][first] - trial.motion.duration
     assert paused > 1.5

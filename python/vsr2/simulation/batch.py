@@ -35,6 +35,8 @@ from vsr2.results import (
     TrialLog,
     base_provenance,
     load_trial_log,
+    remove_temporaries,
+    require_space,
     save_trial_log,
 )
 from vsr2.scene import Pose
@@ -57,6 +59,8 @@ MAX_AHEAD_BYTES = 2**28
 _KEPT_SAMPLES_BYTES = 2**28
 _KEPT_STARTS = 4096
 _CONTACTS_A_ROW = 4
+_ROW_BYTES = 256
+"""Least size of a trial's row, in the journal and in the table."""
 
 _FLOAT_COLUMNS = (
     "settling_time",
@@ -316,6 +320,14 @@ def _log_bytes(trial: Trial) -> float:
     return _state_bytes(trial) + rows * _CONTACTS_A_ROW * len(CONTACT_COLUMNS) * 8
 
 
+def _least_bytes(trial: Trial) -> float:
+    """What a trial takes on disk at least [byte]."""
+    size, output = 2.0 * _ROW_BYTES, trial.output
+    if output.log_every and not trial.outcome.stop_early:
+        size += trial.motion.displacement.size // output.log_every * len(STATE_COLUMNS) * 8
+    return size
+
+
 def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
     count = len(trials)
     columns: dict[str, NDArray[Any]] = {}
@@ -437,7 +449,8 @@ def run_batch(
     Raises:
         ConfigError, GeometryError, MotionError, SimulationError: before any trial starts, where
             the input cannot be used (an empty batch, for example).
-        ResultError: the checkpoint cannot be used, or belongs to other trials.
+        ResultError: the checkpoint cannot be used, belongs to other trials, is in use by another
+            process, or there is no room for the result.
     """
     started = time.time()
     study: Study | None = None
@@ -529,6 +542,8 @@ class _Collection:
                 logged = "state" in self._out and self._trials[i].output.log_every > 0
                 _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
         self.pending = [i for i in self.pending if i not in journal.finished]
+        remove_temporaries(folder)
+        require_space(folder, sum(_least_bytes(self._trials[i]) for i in self.pending))
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
