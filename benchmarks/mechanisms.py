@@ -88,8 +88,6 @@ def main() -> None:
         plain = trial_with(None, motion)
         cases = {"channels beside x": trial_with(None, in_space(motion))}
         for name, mechanisms in MECHANISMS.items():
-            if mode == "fast" and mechanisms.friction_ratio != 1:
-                continue
             cases[name] = trial_with(mechanisms, motion)
         for name, trial in cases.items():
             ratios = []

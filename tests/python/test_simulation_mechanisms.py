@@ -83,16 +83,9 @@ def test_each_is_alive(rock: dict[str, Any], mode: str) -> None:
     plain = response(scene(given), motion)
     np.testing.assert_array_equal(plain, response(scene(given, Mechanisms()), motion))
     for name, mechanisms in EACH.items():
-        if name == "friction_ratio" and mode == "fast":
-            continue
         changed = response(scene(given, mechanisms), motion)
         rows = min(len(plain), len(changed))
         assert np.abs(plain[:rows, 5:8] - changed[:rows, 5:8]).max() > 2e-3, name
-
-
-def test_what_fast_does_not_take_is_named() -> None:
-    with pytest.raises(SimulationError, match="friction depends on the speed of slip"):
-        scene(study(BOX, "fast"), EACH["friction_ratio"])
 
 
 def test_values_without_meaning_are_refused() -> None:
