@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "contact_sweeps.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/contact_model.hpp"
 
@@ -13,10 +14,9 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Bullet's allowance before a contact's distance counts [m], its greatest normal impulse [N s] and
-// its bound on every velocity component [m/s], [rad/s].
+// Bullet's allowance before a contact's distance counts [m] and its bound on every velocity
+// component [m/s], [rad/s].
 constexpr double kLinearSlop = 1e-5;
-constexpr double kGreatestImpulse = 1e10F;
 constexpr double kGreatestVelocity = 100.0;
 constexpr double kGreatestTurn = 0.25 * M_PI;  // per step [rad]
 // Candidates for the lowest vertex reach this far above it, per radius of the rock.
@@ -36,94 +36,6 @@ void half_turn(double h, double& sinc, double& cosine) {
     sinc = std::sin(h) / h;
     cosine = std::cos(h);
   }
-}
-
-// One contact's rows. A row's change of impulse is rhs - cfm applied - j . velocity change, all
-// scaled by its effective mass; only entries that are not 0 on a support with normal z are kept.
-struct Rows {
-  // normal: along z
-  double nj0, nj1, njz, nd0, nd1, nd2, nrhs, nkeep, nk;
-  // spinning: about z
-  double sj, sd0, sd1, sd2, srhs, sk;
-  // lateral 1: along -y
-  double aj0, aj2, ajy, ad0, ad1, ad2, arhs, ak;
-  // lateral 2: along x
-  double bj1, bj2, bjx, bjs, bd0, bd1, bd2, brhs, bk;
-  double n, s, a, b;  // impulses
-};
-
-struct Change {
-  double w0, w1, w2, x, y, z, support;
-};
-
-// One sweep over all rows; returns the greatest change of a row's speed.
-template <bool kMotor>
-inline double sweep(Rows* rows, int count, double inverse_mass, double lateral, double spinning,
-                    double support_inverse_mass, double motor_rhs, double motor_limit,
-                    double& motor_impulse, Change& change) {
-  Change c = change;
-  double greatest = 0.0;
-  const auto note = [&greatest](double speed) { greatest = std::max(greatest, std::fabs(speed)); };
-  if constexpr (kMotor) {
-    const double sum = motor_impulse + (motor_rhs - c.support) / support_inverse_mass;
-    const double bounded = std::clamp(sum, -motor_limit, motor_limit);
-    const double delta = bounded - motor_impulse;
-    motor_impulse = bounded;
-    c.support += support_inverse_mass * delta;
-    note(delta * support_inverse_mass);
-  }
-  for (int i = 0; i < count; ++i) {
-    Rows& r = rows[i];
-    const double sum = (r.n * r.nkeep + r.nrhs) - ((r.nj0 * c.w0 + r.nj1 * c.w1) + r.njz * c.z);
-    const double bounded = std::min(std::max(sum, 0.0), kGreatestImpulse);
-    const double delta = bounded - r.n;
-    r.n = bounded;
-    c.w0 += r.nd0 * delta;
-    c.w1 += r.nd1 * delta;
-    c.w2 += r.nd2 * delta;
-    c.z += inverse_mass * delta;
-    note(delta * r.nk);
-  }
-  for (int i = 0; i < count; ++i) {
-    Rows& r = rows[i];
-    if (!(r.n > 0.0)) continue;
-    const double limit = spinning * r.n;
-    const double sum = (r.s + r.srhs) - r.sj * c.w2;
-    const double bounded = std::min(std::max(sum, -limit), limit);
-    const double delta = bounded - r.s;
-    r.s = bounded;
-    c.w0 += r.sd0 * delta;
-    c.w1 += r.sd1 * delta;
-    c.w2 += r.sd2 * delta;
-    note(delta * r.sk);
-  }
-  for (int i = 0; i < count; ++i) {
-    Rows& r = rows[i];
-    const double limit = lateral * r.n;
-    double a = (r.a + r.arhs) - ((r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y);
-    double along = (r.bj1 * c.w1 + r.bj2 * c.w2) + r.bjx * c.x;
-    if constexpr (kMotor) along += r.bjs * c.support;
-    double b = (r.b + r.brhs) - along;
-    const double square = a * a + b * b;
-    if (square >= limit * limit) {
-      const double scale = limit > 0.0 ? limit / std::sqrt(square) : 0.0;
-      a *= scale;
-      b *= scale;
-    }
-    const double da = a - r.a;
-    const double db = b - r.b;
-    r.a = a;
-    r.b = b;
-    c.w0 += r.ad0 * da + r.bd0 * db;
-    c.w1 += r.ad1 * da + r.bd1 * db;
-    c.w2 += r.ad2 * da + r.bd2 * db;
-    c.y -= inverse_mass * da;
-    c.x += inverse_mass * db;
-    if constexpr (kMotor) c.support -= support_inverse_mass * db;
-    note(da * r.ak + db * r.bk);
-  }
-  change = c;
-  return greatest;
 }
 
 double bounded_velocity(double v) { return std::clamp(v, -kGreatestVelocity, kGreatestVelocity); }
@@ -460,10 +372,17 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         std::max(dt * m.stiffness + m.damping, std::numeric_limits<double>::epsilon());
     const double cfm = 1.0 / denominator / dt;
     const double erp = dt * m.stiffness / denominator;
-    std::array<Rows, 4> rows;
+    ContactProblem problem;
+    problem.count = count_;
+    problem.inverse_mass = inverse_mass;
+    problem.lateral_friction = m.lateral_friction;
+    problem.spinning_friction = m.spinning_friction;
+    problem.motor_inverse_mass = motor.inverse_mass;
+    problem.motor_rhs = motor.target_velocity - support_v.x();
+    problem.motor_limit = motor.maximum_impulse;
     for (int i = 0; i < count_; ++i) {
       const Contact& c = contacts_[static_cast<std::size_t>(i)];
-      Rows& row = rows[static_cast<std::size_t>(i)];
+      ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
       const Vector3d& r = c.r_P;
       const Vector3d rock_speed = v_P + w_P.cross(r);
       Vector3d support_speed = support_v;
@@ -525,24 +444,10 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         row.bjs = -effective;
         row.brhs = -slip.x() * effective;
       }
-      row.n = row.s = row.a = row.b = 0.0;
     }
 
-    Change change{};
-    double motor_impulse = 0.0;
-    const double motor_rhs = motor.target_velocity - support_v.x();
-    const double threshold = residual_threshold_;
-    for (int k = 0; k < m.iterations; ++k) {
-      const double residual =
-          motor.inverse_mass > 0
-              ? sweep<true>(rows.data(), count_, inverse_mass, m.lateral_friction,
-                            m.spinning_friction, motor.inverse_mass, motor_rhs,
-                            motor.maximum_impulse, motor_impulse, change)
-              : sweep<false>(rows.data(), count_, inverse_mass, m.lateral_friction,
-                             m.spinning_friction, 0.0, 0.0, 0.0, motor_impulse, change);
-      ++iterations_;
-      if (residual * residual <= threshold) break;
-    }
+    iterations_ = solve(problem, m.iterations, residual_threshold_);
+    const VelocityChange& change = problem.change;
     Vector3d dw(change.w0, change.w1, change.w2);
     Vector3d dv(change.x, change.y, change.z);
     if (!support.level) {
@@ -554,7 +459,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     motor.velocity_change = change.support;
     for (int i = 0; i < count_; ++i) {
       Contact& c = contacts_[static_cast<std::size_t>(i)];
-      const Rows& row = rows[static_cast<std::size_t>(i)];
+      const ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
       c.normal_impulse = row.n;
       c.lateral_impulse_1 = row.a;
       c.lateral_impulse_2 = row.b;
