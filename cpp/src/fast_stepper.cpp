@@ -4,6 +4,11 @@
 #include <cmath>
 #include <limits>
 
+#include <BulletCollision/NarrowPhaseCollision/btGjkEpaPenetrationDepthSolver.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
+
 #include "contact_sweeps.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/contact_model.hpp"
@@ -21,6 +26,8 @@ constexpr double kGreatestVelocity = 100.0;
 constexpr double kGreatestTurn = 0.25 * M_PI;  // per step [rad]
 // Candidates for the lowest vertex reach this far above it, per radius of the rock.
 constexpr double kCandidateBand = 0.02;
+// Bullet's search takes four points that span less than this for points of one plane [m^3].
+constexpr double kFlatVolume = 1e-8;
 
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
@@ -72,7 +79,8 @@ FastModel::FastModel(const Scene& scene) {
   is_box = std::holds_alternative<BoxPart>(only_part(rock.parts));
   rock_is_first = shapes.rock->isCompound();
   const btCollisionShape* shape = shapes.rock;
-  btTransform X_BS = btTransform::getIdentity();
+  support_half = 0.5 * std::get<BoxPart>(only_part(scene.pedestal().parts)).size;
+  X_BS = btTransform::getIdentity();
   if (rock_is_first) {
     const auto* compound = static_cast<const btCompoundShape*>(shapes.rock);
     shape = compound->getChildShape(0);
@@ -87,7 +95,12 @@ FastModel::FastModel(const Scene& scene) {
   if (is_box) {
     box_half = 0.5 * std::get<BoxPart>(only_part(rock.parts)).size;
   } else {
-    const auto* hull = static_cast<const btConvexHullShape*>(shape);
+    hull = std::make_unique<ScannedHull>(*static_cast<const btConvexHullShape*>(shape));
+    support_box =
+        std::make_unique<btBoxShape>(*static_cast<const btBoxShape*>(shapes.pedestal));
+    // The four points are mostly a vertex less three corners of the top, so it tells vertices apart
+    // that differ by kFlatVolume over the top's area; measured so within a factor of 1.2.
+    same_height = std::max(3.0 * kFlatVolume / (4.0 * support_half.x() * support_half.y()), 1e-10);
     std::vector<btVector3> points;
     points.reserve(static_cast<std::size_t>(hull->getNumPoints()));
     for (int i = 0; i < hull->getNumPoints(); ++i) {
@@ -97,7 +110,6 @@ FastModel::FastModel(const Scene& scene) {
     vertices = PointColumns(points.data(), points.size());
     margin = engine.collision_margin;
   }
-  support_half = 0.5 * std::get<BoxPart>(only_part(scene.pedestal().parts)).size;
   breaking_threshold =
       std::min(shapes.rock->getContactBreakingThreshold(engine.contact_breaking_threshold),
                shapes.pedestal->getContactBreakingThreshold(engine.contact_breaking_threshold));
@@ -179,6 +191,54 @@ std::size_t FastStepper::lowest_vertex(const Vector3d& up_B) {
   const PointView view{candidates_.data(), candidates_.data() + kCandidates,
                        candidates_.data() + 2 * kCandidates, candidate_count_};
   return candidate_index_[first_support(view, -up_B.x(), -up_B.y(), -up_B.z())];
+}
+
+bool FastStepper::is_only_lowest(std::size_t vertex, const Vector3d& up_B) const {
+  const FastModel& m = *model_;
+  const double* x = m.vertices.x();
+  const double* y = m.vertices.y();
+  const double* z = m.vertices.z();
+  const double limit = (x[vertex] * up_B.x() + y[vertex] * up_B.y() + z[vertex] * up_B.z()) +
+                       m.same_height;
+  std::size_t count = m.vertices.size();
+  if (candidate_count_ > 0) {
+    x = candidates_.data();
+    y = candidates_.data() + kCandidates;
+    z = candidates_.data() + 2 * kCandidates;
+    count = candidate_count_;
+  }
+  int low = 0;
+  for (std::size_t i = 0; i < count; ++i)
+    low += x[i] * up_B.x() + y[i] * up_B.y() + z[i] * up_B.z() <= limit;
+  return low == 1;
+}
+
+// Where an edge or a face lies flat on the top, the closest point is where Bullet's search ends.
+bool FastStepper::closest_by_bullet(const Support& support, Vector3d& p_W_rock,
+                                    Vector3d& p_W_support, double& distance) const {
+  const FastModel& m = *model_;
+  const btTransform X_WS = to_bullet(Pose{state.p_WB, state.q_WB}) * m.X_BS;
+  const btTransform X_WP = to_bullet(Pose{support.p_WP, Eigen::Quaterniond(support.R_WP)});
+  const btConvexShape* first = m.hull.get();
+  const btConvexShape* second = m.support_box.get();
+  if (!m.rock_is_first) std::swap(first, second);
+  btVoronoiSimplexSolver simplex;
+  btGjkEpaPenetrationDepthSolver penetration;
+  btGjkPairDetector detector(first, second, &simplex, &penetration);
+  btGjkPairDetector::ClosestPointInput input;
+  input.m_transformA = m.rock_is_first ? X_WS : X_WP;
+  input.m_transformB = m.rock_is_first ? X_WP : X_WS;
+  const double reach = first->getMargin() + second->getMargin() + m.breaking_threshold;
+  input.m_maximumDistanceSquared = reach * reach;
+  btPointCollector found;
+  detector.getClosestPoints(input, found, nullptr);
+  if (!found.m_hasResult) return false;
+  const btVector3 on_second = found.m_pointInWorld;
+  const btVector3 on_first = on_second + found.m_normalOnBInWorld * found.m_distance;
+  p_W_rock = to_eigen(m.rock_is_first ? on_first : on_second);
+  p_W_support = to_eigen(m.rock_is_first ? on_second : on_first);
+  distance = found.m_distance;
+  return true;
 }
 
 // New places and distances of the kept contacts; those that opened or slid away are dropped, the
@@ -328,7 +388,16 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
       if (!look) count_ = 0;
     }
     // The margin lies along the support's normal, not in the rock's frame.
-    if (look) add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
+    if (look && is_only_lowest(i, up_B)) {
+      add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
+    } else if (look) {
+      Vector3d p_W_rock;
+      Vector3d p_W_support;
+      double between;
+      if (closest_by_bullet(support, p_W_rock, p_W_support, between))
+        add(state.q_WB.conjugate() * (p_W_rock - state.p_WB),
+            support.R_WP.transpose() * (p_W_support - support.p_WP), between);
+    }
   }
   refresh(R_PB, p_PB);
   return Verdict::in_domain;
