@@ -13,8 +13,8 @@ std::string to_string(EngineKind kind) {
 
 EngineKind choose_engine(const Scene& scene) {
   const EngineKind asked = scene.engine().kind;
-  // `fast` is not chosen by itself while its ensembles are not shown to equal those of `exact`.
-  if (asked == EngineKind::automatic) return EngineKind::exact;
+  if (asked == EngineKind::automatic)
+    return fast_domain_violation(scene).empty() ? EngineKind::fast : EngineKind::exact;
   if (asked == EngineKind::fast) {
     const std::string violation = fast_domain_violation(scene);
     if (!violation.empty())

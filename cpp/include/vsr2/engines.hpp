@@ -10,7 +10,8 @@ namespace vsr2 {
 
 std::string to_string(EngineKind kind);
 
-/// The engine a scene gets: the one asked for; `automatic`: `exact`. @throws InvalidInput if `fast` is asked for and does not take the scene.
+/// The engine a scene gets: the one asked for; `automatic`: `fast` where it takes the scene, else
+/// `exact`. @throws InvalidInput if `fast` is asked for and does not take the scene.
 EngineKind choose_engine(const Scene& scene);
 
 /// A world of the engine that choose_engine() names.
