@@ -1,12 +1,6 @@
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
-namespace {
-// Stopping at 1e-10 shifts overturn probabilities on a rock with a flat base; at 1e-14 they are those
-// of 1e-28 (studies/engine_equivalence.py) [(m/s)^2].
-constexpr double kFastResidualThreshold = 1e-14;
-}  // namespace
-
 std::string to_string(EngineKind kind) {
   switch (kind) {
     case EngineKind::automatic: return "auto";
@@ -19,8 +13,8 @@ std::string to_string(EngineKind kind) {
 
 EngineKind choose_engine(const Scene& scene) {
   const EngineKind asked = scene.engine().kind;
-  // `fast` is not chosen by itself while its ensembles are not shown to equal those of `exact`.
-  if (asked == EngineKind::automatic) return EngineKind::exact;
+  if (asked == EngineKind::automatic)
+    return fast_domain_violation(scene).empty() ? EngineKind::fast : EngineKind::exact;
   if (asked == EngineKind::fast) {
     const std::string violation = fast_domain_violation(scene);
     if (!violation.empty())
@@ -32,12 +26,7 @@ EngineKind choose_engine(const Scene& scene) {
 
 std::unique_ptr<World> make_world(std::shared_ptr<const Scene> scene, Drive drive) {
   switch (choose_engine(*scene)) {
-    case EngineKind::fast: {
-      // A threshold of 0 is Bullet's default, not a wish for all iterations.
-      const double asked = scene->engine().residual_threshold;
-      return make_fast_world(std::move(scene), drive,
-                             {.residual_threshold = asked > 0 ? asked : kFastResidualThreshold});
-    }
+    case EngineKind::fast: return make_fast_world(std::move(scene), drive);
     case EngineKind::exact: return make_exact_world(std::move(scene), drive);
     default: return make_bullet_world(std::move(scene), drive);
   }

@@ -4,6 +4,12 @@
 #include <cmath>
 #include <limits>
 
+#include <BulletCollision/NarrowPhaseCollision/btGjkEpaPenetrationDepthSolver.h>
+#include <BulletCollision/NarrowPhaseCollision/btGjkPairDetector.h>
+#include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
+#include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
+
+#include "contact_sweeps.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/contact_model.hpp"
 
@@ -13,14 +19,15 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Bullet's allowance before a contact's distance counts [m], its greatest normal impulse [N s] and
-// its bound on every velocity component [m/s], [rad/s].
+// Bullet's allowance before a contact's distance counts [m] and its bound on every velocity
+// component [m/s], [rad/s].
 constexpr double kLinearSlop = 1e-5;
-constexpr double kGreatestImpulse = 1e10F;
 constexpr double kGreatestVelocity = 100.0;
 constexpr double kGreatestTurn = 0.25 * M_PI;  // per step [rad]
 // Candidates for the lowest vertex reach this far above it, per radius of the rock.
 constexpr double kCandidateBand = 0.02;
+// Bullet's search takes four points that span less than this for points of one plane [m^3].
+constexpr double kFlatVolume = 1e-8;
 
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
@@ -36,94 +43,6 @@ void half_turn(double h, double& sinc, double& cosine) {
     sinc = std::sin(h) / h;
     cosine = std::cos(h);
   }
-}
-
-// One contact's rows. A row's change of impulse is rhs - cfm applied - j . velocity change, all
-// scaled by its effective mass; only entries that are not 0 on a support with normal z are kept.
-struct Rows {
-  // normal: along z
-  double nj0, nj1, njz, nd0, nd1, nd2, nrhs, nkeep, nk;
-  // spinning: about z
-  double sj, sd0, sd1, sd2, srhs, sk;
-  // lateral 1: along -y
-  double aj0, aj2, ajy, ad0, ad1, ad2, arhs, ak;
-  // lateral 2: along x
-  double bj1, bj2, bjx, bjs, bd0, bd1, bd2, brhs, bk;
-  double n, s, a, b;  // impulses
-};
-
-struct Change {
-  double w0, w1, w2, x, y, z, support;
-};
-
-// One sweep over all rows; returns the greatest change of a row's speed.
-template <bool kMotor>
-inline double sweep(Rows* rows, int count, double inverse_mass, double lateral, double spinning,
-                    double support_inverse_mass, double motor_rhs, double motor_limit,
-                    double& motor_impulse, Change& change) {
-  Change c = change;
-  double greatest = 0.0;
-  const auto note = [&greatest](double speed) { greatest = std::max(greatest, std::fabs(speed)); };
-  if constexpr (kMotor) {
-    const double sum = motor_impulse + (motor_rhs - c.support) / support_inverse_mass;
-    const double bounded = std::clamp(sum, -motor_limit, motor_limit);
-    const double delta = bounded - motor_impulse;
-    motor_impulse = bounded;
-    c.support += support_inverse_mass * delta;
-    note(delta * support_inverse_mass);
-  }
-  for (int i = 0; i < count; ++i) {
-    Rows& r = rows[i];
-    const double sum = (r.n * r.nkeep + r.nrhs) - ((r.nj0 * c.w0 + r.nj1 * c.w1) + r.njz * c.z);
-    const double bounded = std::min(std::max(sum, 0.0), kGreatestImpulse);
-    const double delta = bounded - r.n;
-    r.n = bounded;
-    c.w0 += r.nd0 * delta;
-    c.w1 += r.nd1 * delta;
-    c.w2 += r.nd2 * delta;
-    c.z += inverse_mass * delta;
-    note(delta * r.nk);
-  }
-  for (int i = 0; i < count; ++i) {
-    Rows& r = rows[i];
-    if (!(r.n > 0.0)) continue;
-    const double limit = spinning * r.n;
-    const double sum = (r.s + r.srhs) - r.sj * c.w2;
-    const double bounded = std::min(std::max(sum, -limit), limit);
-    const double delta = bounded - r.s;
-    r.s = bounded;
-    c.w0 += r.sd0 * delta;
-    c.w1 += r.sd1 * delta;
-    c.w2 += r.sd2 * delta;
-    note(delta * r.sk);
-  }
-  for (int i = 0; i < count; ++i) {
-    Rows& r = rows[i];
-    const double limit = lateral * r.n;
-    double a = (r.a + r.arhs) - ((r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y);
-    double along = (r.bj1 * c.w1 + r.bj2 * c.w2) + r.bjx * c.x;
-    if constexpr (kMotor) along += r.bjs * c.support;
-    double b = (r.b + r.brhs) - along;
-    const double square = a * a + b * b;
-    if (square >= limit * limit) {
-      const double scale = limit > 0.0 ? limit / std::sqrt(square) : 0.0;
-      a *= scale;
-      b *= scale;
-    }
-    const double da = a - r.a;
-    const double db = b - r.b;
-    r.a = a;
-    r.b = b;
-    c.w0 += r.ad0 * da + r.bd0 * db;
-    c.w1 += r.ad1 * da + r.bd1 * db;
-    c.w2 += r.ad2 * da + r.bd2 * db;
-    c.y -= inverse_mass * da;
-    c.x += inverse_mass * db;
-    if constexpr (kMotor) c.support -= support_inverse_mass * db;
-    note(da * r.ak + db * r.bk);
-  }
-  change = c;
-  return greatest;
 }
 
 double bounded_velocity(double v) { return std::clamp(v, -kGreatestVelocity, kGreatestVelocity); }
@@ -160,7 +79,8 @@ FastModel::FastModel(const Scene& scene) {
   is_box = std::holds_alternative<BoxPart>(only_part(rock.parts));
   rock_is_first = shapes.rock->isCompound();
   const btCollisionShape* shape = shapes.rock;
-  btTransform X_BS = btTransform::getIdentity();
+  support_half = 0.5 * std::get<BoxPart>(only_part(scene.pedestal().parts)).size;
+  X_BS = btTransform::getIdentity();
   if (rock_is_first) {
     const auto* compound = static_cast<const btCompoundShape*>(shapes.rock);
     shape = compound->getChildShape(0);
@@ -175,7 +95,12 @@ FastModel::FastModel(const Scene& scene) {
   if (is_box) {
     box_half = 0.5 * std::get<BoxPart>(only_part(rock.parts)).size;
   } else {
-    const auto* hull = static_cast<const btConvexHullShape*>(shape);
+    hull = std::make_unique<ScannedHull>(*static_cast<const btConvexHullShape*>(shape));
+    support_box =
+        std::make_unique<btBoxShape>(*static_cast<const btBoxShape*>(shapes.pedestal));
+    // The four points are mostly a vertex less three corners of the top, so it tells vertices apart
+    // that differ by kFlatVolume over the top's area; measured so within a factor of 1.2.
+    same_height = std::max(3.0 * kFlatVolume / (4.0 * support_half.x() * support_half.y()), 1e-10);
     std::vector<btVector3> points;
     points.reserve(static_cast<std::size_t>(hull->getNumPoints()));
     for (int i = 0; i < hull->getNumPoints(); ++i) {
@@ -185,7 +110,6 @@ FastModel::FastModel(const Scene& scene) {
     vertices = PointColumns(points.data(), points.size());
     margin = engine.collision_margin;
   }
-  support_half = 0.5 * std::get<BoxPart>(only_part(scene.pedestal().parts)).size;
   breaking_threshold =
       std::min(shapes.rock->getContactBreakingThreshold(engine.contact_breaking_threshold),
                shapes.pedestal->getContactBreakingThreshold(engine.contact_breaking_threshold));
@@ -267,6 +191,54 @@ std::size_t FastStepper::lowest_vertex(const Vector3d& up_B) {
   const PointView view{candidates_.data(), candidates_.data() + kCandidates,
                        candidates_.data() + 2 * kCandidates, candidate_count_};
   return candidate_index_[first_support(view, -up_B.x(), -up_B.y(), -up_B.z())];
+}
+
+bool FastStepper::is_only_lowest(std::size_t vertex, const Vector3d& up_B) const {
+  const FastModel& m = *model_;
+  const double* x = m.vertices.x();
+  const double* y = m.vertices.y();
+  const double* z = m.vertices.z();
+  const double limit = (x[vertex] * up_B.x() + y[vertex] * up_B.y() + z[vertex] * up_B.z()) +
+                       m.same_height;
+  std::size_t count = m.vertices.size();
+  if (candidate_count_ > 0) {
+    x = candidates_.data();
+    y = candidates_.data() + kCandidates;
+    z = candidates_.data() + 2 * kCandidates;
+    count = candidate_count_;
+  }
+  int low = 0;
+  for (std::size_t i = 0; i < count; ++i)
+    low += x[i] * up_B.x() + y[i] * up_B.y() + z[i] * up_B.z() <= limit;
+  return low == 1;
+}
+
+// Where an edge or a face lies flat on the top, the closest point is where Bullet's search ends.
+bool FastStepper::closest_by_bullet(const Support& support, Vector3d& p_W_rock,
+                                    Vector3d& p_W_support, double& distance) const {
+  const FastModel& m = *model_;
+  const btTransform X_WS = to_bullet(Pose{state.p_WB, state.q_WB}) * m.X_BS;
+  const btTransform X_WP = to_bullet(Pose{support.p_WP, Eigen::Quaterniond(support.R_WP)});
+  const btConvexShape* first = m.hull.get();
+  const btConvexShape* second = m.support_box.get();
+  if (!m.rock_is_first) std::swap(first, second);
+  btVoronoiSimplexSolver simplex;
+  btGjkEpaPenetrationDepthSolver penetration;
+  btGjkPairDetector detector(first, second, &simplex, &penetration);
+  btGjkPairDetector::ClosestPointInput input;
+  input.m_transformA = m.rock_is_first ? X_WS : X_WP;
+  input.m_transformB = m.rock_is_first ? X_WP : X_WS;
+  const double reach = first->getMargin() + second->getMargin() + m.breaking_threshold;
+  input.m_maximumDistanceSquared = reach * reach;
+  btPointCollector found;
+  detector.getClosestPoints(input, found, nullptr);
+  if (!found.m_hasResult) return false;
+  const btVector3 on_second = found.m_pointInWorld;
+  const btVector3 on_first = on_second + found.m_normalOnBInWorld * found.m_distance;
+  p_W_rock = to_eigen(m.rock_is_first ? on_first : on_second);
+  p_W_support = to_eigen(m.rock_is_first ? on_second : on_first);
+  distance = found.m_distance;
+  return true;
 }
 
 // New places and distances of the kept contacts; those that opened or slid away are dropped, the
@@ -416,7 +388,16 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
       if (!look) count_ = 0;
     }
     // The margin lies along the support's normal, not in the rock's frame.
-    if (look) add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
+    if (look && is_only_lowest(i, up_B)) {
+      add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
+    } else if (look) {
+      Vector3d p_W_rock;
+      Vector3d p_W_support;
+      double between;
+      if (closest_by_bullet(support, p_W_rock, p_W_support, between))
+        add(state.q_WB.conjugate() * (p_W_rock - state.p_WB),
+            support.R_WP.transpose() * (p_W_support - support.p_WP), between);
+    }
   }
   refresh(R_PB, p_PB);
   return Verdict::in_domain;
@@ -460,10 +441,17 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         std::max(dt * m.stiffness + m.damping, std::numeric_limits<double>::epsilon());
     const double cfm = 1.0 / denominator / dt;
     const double erp = dt * m.stiffness / denominator;
-    std::array<Rows, 4> rows;
+    ContactProblem problem;
+    problem.count = count_;
+    problem.inverse_mass = inverse_mass;
+    problem.lateral_friction = m.lateral_friction * friction_scale;
+    problem.spinning_friction = m.spinning_friction;
+    problem.motor_inverse_mass = motor.inverse_mass;
+    problem.motor_rhs = motor.target_velocity - support_v.x();
+    problem.motor_limit = motor.maximum_impulse;
     for (int i = 0; i < count_; ++i) {
       const Contact& c = contacts_[static_cast<std::size_t>(i)];
-      Rows& row = rows[static_cast<std::size_t>(i)];
+      ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
       const Vector3d& r = c.r_P;
       const Vector3d rock_speed = v_P + w_P.cross(r);
       Vector3d support_speed = support_v;
@@ -525,25 +513,10 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         row.bjs = -effective;
         row.brhs = -slip.x() * effective;
       }
-      row.n = row.s = row.a = row.b = 0.0;
     }
 
-    Change change{};
-    double motor_impulse = 0.0;
-    const double motor_rhs = motor.target_velocity - support_v.x();
-    const double lateral_friction = m.lateral_friction * friction_scale;
-    const double threshold = residual_threshold_;
-    for (int k = 0; k < m.iterations; ++k) {
-      const double residual =
-          motor.inverse_mass > 0
-              ? sweep<true>(rows.data(), count_, inverse_mass, lateral_friction,
-                            m.spinning_friction, motor.inverse_mass, motor_rhs,
-                            motor.maximum_impulse, motor_impulse, change)
-              : sweep<false>(rows.data(), count_, inverse_mass, lateral_friction,
-                             m.spinning_friction, 0.0, 0.0, 0.0, motor_impulse, change);
-      ++iterations_;
-      if (residual * residual <= threshold) break;
-    }
+    iterations_ = solve(problem, m.iterations, residual_threshold_);
+    const VelocityChange& change = problem.change;
     Vector3d dw(change.w0, change.w1, change.w2);
     Vector3d dv(change.x, change.y, change.z);
     if (!support.level) {
@@ -555,7 +528,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     motor.velocity_change = change.support;
     for (int i = 0; i < count_; ++i) {
       Contact& c = contacts_[static_cast<std::size_t>(i)];
-      const Rows& row = rows[static_cast<std::size_t>(i)];
+      const ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
       c.normal_impulse = row.n;
       c.lateral_impulse_1 = row.a;
       c.lateral_impulse_2 = row.b;

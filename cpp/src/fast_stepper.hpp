@@ -25,6 +25,12 @@ struct FastModel {
   double radius = 0.0;    ///< of the vertices about B's origin [m]
   Eigen::Vector3d box_half = Eigen::Vector3d::Zero();
   Pose X_BC;  ///< of the box
+  /// Vertices this near the lowest are as low in Bullet's search for the closest points, which is
+  /// asked then [m].
+  double same_height = 0.0;
+  std::unique_ptr<btConvexHullShape> hull;
+  std::unique_ptr<btBoxShape> support_box;
+  btTransform X_BS;  ///< of the hull
   /// Bullet takes the first body of a pair for its choice among contact points: the rock where a
   /// compound wraps it, else the support.
   bool rock_is_first = false;
@@ -111,11 +117,14 @@ class FastStepper {
   };
   int contact_count() const { return count_; }
   const Contact& contact(int i) const { return contacts_[static_cast<std::size_t>(i)]; }
-  /// Iterations of the latest step.
+  /// Sweeps of the latest step that were done one by one.
   int iterations() const { return iterations_; }
 
  private:
   std::size_t lowest_vertex(const Eigen::Vector3d& up_B);
+  bool is_only_lowest(std::size_t vertex, const Eigen::Vector3d& up_B) const;
+  bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,
+                         Eigen::Vector3d& p_W_support, double& distance) const;
   void gather_candidates(const Eigen::Vector3d& up_B);
   void refresh(const Eigen::Matrix3d& R_PB, const Eigen::Vector3d& p_PB);
   void add(const Eigen::Vector3d& p_B, const Eigen::Vector3d& p_P, double distance);

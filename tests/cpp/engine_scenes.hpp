@@ -13,10 +13,10 @@
 
 namespace vsr2::test {
 
-enum class RockKind { box, box_off_centre, hull, hull_off_centre };
+enum class RockKind { box, box_off_centre, hull, hull_off_centre, hull_flat };
 
 inline const char* name(RockKind kind) {
-  constexpr const char* names[] = {"Box", "BoxOffCentre", "Hull", "HullOffCentre"};
+  constexpr const char* names[] = {"Box", "BoxOffCentre", "Hull", "HullOffCentre", "HullFlat"};
   return names[static_cast<int>(kind)];
 }
 
@@ -38,6 +38,19 @@ inline HullPart ellipsoid() {
   return hull;
 }
 
+/// A column that stands level on a nine-sided base, its mass centre at the origin.
+inline HullPart column() {
+  HullPart hull;
+  for (const double z : {-0.48, 0.5}) {
+    for (int i = 0; i < 9; ++i) {
+      const double angle = 0.7 * i;
+      const double radius = z < 0 ? 0.25 + 0.01 * (i % 3) : 0.2;
+      hull.points.emplace_back(radius * std::cos(angle), radius * std::sin(angle), z);
+    }
+  }
+  return hull;
+}
+
 inline RockSpec rock(RockKind kind) {
   RockSpec spec;
   spec.mass = 353.8;
@@ -45,9 +58,9 @@ inline RockSpec rock(RockKind kind) {
   if (box) {
     spec.parts.emplace_back(BoxPart{{0.4, 0.55, 0.95}, {}});
   } else {
-    spec.parts.emplace_back(ellipsoid());
+    spec.parts.emplace_back(kind == RockKind::hull_flat ? column() : ellipsoid());
   }
-  if (kind == RockKind::box || kind == RockKind::hull) {
+  if (kind != RockKind::box_off_centre && kind != RockKind::hull_off_centre) {
     spec.inertia_from_aabb = true;
   } else {
     spec.principal_inertia = {11.8, 18.8, 25.1};
@@ -65,12 +78,13 @@ inline PedestalSpec pedestal(const Eigen::Vector3d& size = {10, 10, 0.5}) {
   return spec;
 }
 
-/// Just above the pedestal's top, a little turned; the ellipsoid leans so that it rocks.
+/// Just above the pedestal's top, a little turned; the ellipsoid leans so that it rocks, the others
+/// are level.
 inline Pose start(RockKind kind) {
-  const bool box = kind == RockKind::box || kind == RockKind::box_off_centre;
+  const bool level = kind != RockKind::hull && kind != RockKind::hull_off_centre;
   const Eigen::Vector3d axis =
-      box ? Eigen::Vector3d(0, 0, 1) : Eigen::Vector3d(1, 0.4, 0.1).normalized();
-  return {{0, 0, box ? 2.985 : 2.96}, Eigen::Quaterniond(Eigen::AngleAxisd(0.2, axis))};
+      level ? Eigen::Vector3d(0, 0, 1) : Eigen::Vector3d(1, 0.4, 0.1).normalized();
+  return {{0, 0, level ? 2.985 : 2.96}, Eigen::Quaterniond(Eigen::AngleAxisd(0.2, axis))};
 }
 
 /// One cosine pulse, displacement A (1 - cos) [m], after 0.3 s at rest.

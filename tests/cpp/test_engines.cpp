@@ -10,10 +10,13 @@ std::shared_ptr<const Scene> scene_with(EngineSettings engine) {
   return testing::block_scene({.engine = engine});
 }
 
-TEST(Engines, AutomaticTakesTheFastestThatIsShownToBeRight) {
+TEST(Engines, AutomaticTakesTheFastestThatTakesTheScene) {
   EngineSettings engine;
   engine.kind = EngineKind::automatic;
+  EXPECT_EQ(choose_engine(*scene_with(engine)), EngineKind::fast);
+  engine.cone_friction = false;
   EXPECT_EQ(choose_engine(*scene_with(engine)), EngineKind::exact);
+  engine.cone_friction = true;
   engine.kind = EngineKind::parity;
   EXPECT_EQ(choose_engine(*scene_with(engine)), EngineKind::parity);
 }
@@ -27,13 +30,14 @@ TEST(Engines, FastRefusesWhatItCannotDo) {
 
 TEST(Engines, EveryResultSaysWhichEngineRan) {
   const std::atomic<bool> run_on{false};
-  for (EngineKind kind : {EngineKind::parity, EngineKind::exact, EngineKind::fast}) {
+  for (EngineKind kind :
+       {EngineKind::parity, EngineKind::exact, EngineKind::fast, EngineKind::automatic}) {
     EngineSettings engine;
     engine.kind = kind;
     const TrialResult result =
         run_trial(testing::trial_of(scene_with(engine), testing::standing(0.477), testing::cosine(0.01, 1.0)), run_on);
     ASSERT_EQ(result.status, Status::ok) << result.message;
-    EXPECT_EQ(result.engine, to_string(kind));
+    EXPECT_EQ(result.engine, kind == EngineKind::automatic ? "fast" : to_string(kind));
   }
 }
 

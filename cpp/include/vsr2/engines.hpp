@@ -10,7 +10,8 @@ namespace vsr2 {
 
 std::string to_string(EngineKind kind);
 
-/// The engine a scene gets: the one asked for; `automatic`: `exact`. @throws InvalidInput if `fast` is asked for and does not take the scene.
+/// The engine a scene gets: the one asked for; `automatic`: `fast` where it takes the scene, else
+/// `exact`. @throws InvalidInput if `fast` is asked for and does not take the scene.
 EngineKind choose_engine(const Scene& scene);
 
 /// A world of the engine that choose_engine() names.
@@ -38,14 +39,15 @@ enum class Handover {
 class FastWorld : public World {
  public:
   virtual Handover handover() const = 0;
-  /// Solver iterations of the latest solver step; 0 after a handover.
+  /// Sweeps of the latest solver step that were done one by one; 0 after a handover.
   virtual int iterations() const = 0;
 };
 
 struct FastSettings {
-  /// The solver stops once no row changed its speed by more than the root of this [(m/s)^2]; 0:
-  /// all iterations, as Bullet does.
-  double residual_threshold = 1e-10;
+  /// The solver stops once no row changed its speed by more than the root of this [(m/s)^2], or of
+  /// the scene's own threshold if that is greater. 0: none ends early, and long runs of sweeps are
+  /// taken at once.
+  double residual_threshold = 0.0;
 };
 
 /// Why make_fast_world() does not take a scene; empty if it does.

@@ -42,8 +42,9 @@ struct Material {
   double damping = 1.0e7;    ///< per contact point [N s/m]
 };
 
-/// How a scene is stepped. `parity`: Bullet's own code; `exact`: the same bits sooner; `fast`: a
-/// stepper for one convex rock on a flat top, under validation; `automatic`: `exact`.
+/// How a scene is stepped. `parity`: Bullet's own code; `exact`: the same bits sooner; `fast`: the
+/// same model to rounding, in a stepper for one convex rock on a flat top; `automatic`: `fast` where
+/// it takes the scene, else `exact`.
 enum class EngineKind { automatic, parity, exact, fast };
 
 /// Settings of the physics engine (supplement S1.2).
