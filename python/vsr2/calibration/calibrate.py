@@ -69,8 +69,8 @@ class Screen:
 
     Attributes:
         certain: trials that ended alike in all sets of the screen, shape (trials,).
-        checked: of these how many were simulated again with a chosen set: each with that of its
-            fold, and all with the calibrated values.
+        checked: of these how many were simulated with a chosen set: all with the calibrated
+            values, and those of each fold with its values where they differ.
         wrong: of the checked how many ended otherwise than assumed.
     """
 
@@ -280,12 +280,14 @@ def calibrate(
     scores, notes = _compare(campaign, settings, seed, chosen)
     screen = None
     if screened:
-        ends = [in_sample, *([out_of_fold] if folds else [])]
-        off = [evaluate.certain & (predicted != evaluate.assumed) for predicted in ends]
+        # A fold that chose the same values checks nothing anew.
+        others = [one for one in folds if one.values != best.evaluation.values]
+        checks = [(evaluate.certain, in_sample)]
+        checks += [(evaluate.certain & one.held_out, one.predicted) for one in others]
         screen = Screen(
             certain=evaluate.certain,
-            checked=int(evaluate.certain.sum()) * len(ends),
-            wrong=int(sum(one.sum() for one in off)),
+            checked=int(sum(among.sum() for among, _ in checks)),
+            wrong=int(sum((among & (p != evaluate.assumed)).sum() for among, p in checks)),
         )
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.study.model_dump(mode="json"),

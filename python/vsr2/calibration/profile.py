@@ -76,7 +76,9 @@ class Profile:
         """The compatible values in words."""
         kept = [cell for cell in self.cells if cell.compatible]
         if kept and kept[0].low == kept[0].high:
-            return ", ".join(f"{cell.low}" for cell in kept)
+            return ", ".join(
+                cell.low if isinstance(cell.low, str) else f"{cell.low:g}" for cell in kept
+            )
         return f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
 
 

@@ -143,7 +143,11 @@ def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: flo
     # Sets far worse than every cell's best would press the cells together; they stay outside.
     lowest = min(cell.objective for cell in known)
     reach = max(top - lowest, 0.05)
-    panel.set_ylim(max(lowest - 0.5 * reach, -0.02), min(top + 0.15 * reach, 1.02))
+    whiskers = [top - end for cell in known for end in (cell.deficit_low, cell.deficit_high)]
+    panel.set_ylim(
+        max(min(lowest - 0.5 * reach, *whiskers), -0.02),
+        min(max(top + 0.15 * reach, *whiskers), 1.02),
+    )
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     panel.set_xlabel(printable(profile.name.replace("_", " ") + unit), parse_math=False)
     panel.set_title(profile.verdict, fontsize="small")
@@ -169,7 +173,8 @@ def search_figure(result: CalibrationResult) -> Figure:
         color=BLUE,
         label="best so far",
     )
-    panel.set_ylim(None, 1.02)
+    panel.set_ylim(None, min(panel.get_ylim()[1], 1.02))
+    panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     panel.set_xlabel("step of the search on all trials")
     panel.set_ylabel("objective in sample")
     panel.legend(fontsize="small", loc="lower right")
@@ -186,7 +191,8 @@ def search_figure(result: CalibrationResult) -> Figure:
             outside, color=VERMILION, linewidth=0.9, linestyle="--", label="all, out of fold"
         )
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-        panel.set_ylim(max(0.0, min(training + judged) - 0.1), 1.02)
+        low, high = panel.get_ylim()
+        panel.set_ylim(low, min(high, 1.02))
         panel.set_xlabel("fold")
         panel.set_ylabel("objective")
         panel.legend(fontsize="small", loc="best")
