@@ -1,7 +1,8 @@
 """Microseconds a step of every engine, of PyBullet and of MuJoCo, interleaved in one run.
 
     pip install '.[benchmark]'
-    python benchmarks/engine_speed.py [--mesh MESH --mass KG] [--rounds N] [--steps N] [--out CSV]
+    python benchmarks/engine_speed.py [--mesh MESH --mass KG] [--orientation X Y Z W] [--rounds N] [--steps N]
+                                      [--out CSV]
 
 All drive the same rock through the same record (embedded: configs/motions/synthetic_07.csv) on the
 same prism. CPU time of the stepping loop alone, one round of each engine after the other, so that
@@ -25,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.config.study import Contact as ContactConfig
-from vsr2.config.study import Engine, MeshRock, Outcome, Output, PrismPedestal, Settling
+from vsr2.config.study import Engine, MeshRock, Outcome, Output, PrismPedestal, Settling, YawStart
 from vsr2.motion import Motion, build_recorded_motion, read_record
 from vsr2.results import base_provenance
 from vsr2.scene import build_pedestal, build_rock
@@ -34,11 +35,11 @@ from vsr2.simulation import Scene, Trial, make_scene, run_batch
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def scene_of(mesh: Path, mass: float, mode: str) -> Scene:
+def scene_of(rock: MeshRock, mode: str) -> Scene:
     """The rock on the default prism, for one engine."""
     pedestal = build_pedestal(PrismPedestal())
-    rock = build_rock(MeshRock(shape="mesh", file=mesh, mass=mass), pedestal, clearance=0.002)
-    return make_scene(rock, pedestal, Engine(mode=mode), ContactConfig())
+    body = build_rock(rock, pedestal, clearance=0.002)
+    return make_scene(body, pedestal, Engine(mode=mode), ContactConfig())
 
 
 def record(steps: int) -> Motion:
@@ -50,12 +51,12 @@ def record(steps: int) -> Motion:
     return Motion("bench", 1e-3, *tiled, "recording")
 
 
-def native(mesh: Path, mass: float, mode: str, motion: Motion) -> Callable[[], float]:
+def native(rock: MeshRock, mode: str, motion: Motion) -> Callable[[], float]:
     """CPU seconds of the steps of one trial, without settling."""
     trial = Trial(
-        scene=scene_of(mesh, mass, mode),
+        scene=scene_of(rock, mode),
         motion=motion,
-        settling=Settling(timeout=10.0),
+        settling=Settling(linear_speed=0.05, angular_speed=0.2),
         outcome=Outcome(tail=1e-3),
         output=Output(log_every=0),
     )
@@ -79,12 +80,12 @@ def native(mesh: Path, mass: float, mode: str, motion: Motion) -> Callable[[], f
     return measure
 
 
-def pybullet_loop(mesh: Path, mass: float, motion: Motion) -> Callable[[], float]:
+def pybullet_loop(rock: MeshRock, motion: Motion) -> Callable[[], float]:
     """CPU seconds of PyBullet's loop over the record."""
     import pybullet
     import pybullet_data
 
-    scene = scene_of(mesh, mass, "parity")
+    scene = scene_of(rock, "parity")
 
     def measure() -> float:
         client = pybullet.connect(pybullet.DIRECT)
@@ -118,20 +119,20 @@ def pybullet_loop(mesh: Path, mass: float, motion: Motion) -> Callable[[], float
             linkJointAxis=[[1, 0, 0]],
             **c,
         )
-        shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(mesh), **c)
+        shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(rock.file), **c)
         frame, start = scene.body_frame, scene.body_pose(scene.rock.start)
-        rock = pybullet.createMultiBody(
-            baseMass=mass,
+        body = pybullet.createMultiBody(
+            baseMass=scene.rock.mass.mass,
             baseCollisionShapeIndex=shape,
             baseInertialFramePosition=frame.position,
             baseInertialFrameOrientation=frame.orientation,
             **c,
         )
         inertia = scene.rock.mass.principal_inertia.tolist()
-        pybullet.changeDynamics(rock, -1, localInertiaDiagonal=inertia, **c)
-        for body, index in ((robot, 0), (rock, -1)):
+        pybullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, **c)
+        for each, index in ((robot, 0), (body, -1)):
             pybullet.changeDynamics(
-                body,
+                each,
                 index,
                 restitution=0.35,
                 lateralFriction=0.7,
@@ -140,7 +141,7 @@ def pybullet_loop(mesh: Path, mass: float, motion: Motion) -> Callable[[], float
                 contactDamping=1e7,
                 **c,
             )
-        pybullet.resetBasePositionAndOrientation(rock, start.position, start.orientation, **c)
+        pybullet.resetBasePositionAndOrientation(body, start.position, start.orientation, **c)
         for _ in range(600):
             pybullet.stepSimulation(**c)
         begin = time.process_time()
@@ -156,11 +157,11 @@ def pybullet_loop(mesh: Path, mass: float, motion: Motion) -> Callable[[], float
     return measure
 
 
-def mujoco_loop(mesh: Path, mass: float, motion: Motion) -> Callable[[], float]:
+def mujoco_loop(rock: MeshRock, motion: Motion) -> Callable[[], float]:
     """CPU seconds of MuJoCo's loop with its default settings (1 ms), same hull."""
     import mujoco
 
-    scene = scene_of(mesh, mass, "parity")
+    scene = scene_of(rock, "parity")
     points = scene.rock_hull_vertices
     start = scene.body_pose(scene.rock.start)
     inertia = scene.rock.mass.principal_inertia
@@ -173,7 +174,7 @@ def mujoco_loop(mesh: Path, mass: float, motion: Motion) -> Callable[[], float]:
         <body name="pedestal" mocap="true" pos="0 0 2.25"><geom type="box" size="5 5 0.25"/></body>
         <body name="rock" pos="{" ".join(map(str, start.position))}" quat="{w} {x} {y} {z}">
           <freejoint/>
-          <inertial pos="0 0 0" mass="{mass}" diaginertia="{" ".join(map(str, inertia))}"/>
+          <inertial pos="0 0 0" mass="{scene.rock.mass.mass}" diaginertia="{" ".join(map(str, inertia))}"/>
           <geom type="mesh" mesh="rock" friction="0.7 0.005 0.0001" condim="4"/>
         </body>
       </worldbody>
@@ -200,20 +201,33 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=15000)
     parser.add_argument("--out", type=Path, help="also write the table as CSV")
+    parser.add_argument(
+        "--orientation",
+        type=float,
+        nargs=4,
+        default=(0.0, 0.0, 0.0, 1.0),
+        help="of the mesh where it stands, quaternion x y z w",
+    )
     options = parser.parse_args()
+    rock = MeshRock(
+        shape="mesh",
+        file=options.mesh,
+        mass=options.mass,
+        start=YawStart(base_orientation=tuple(options.orientation)),
+    )
     motion = record(options.steps)
     loops: dict[str, Callable[[], float]] = {}
     if importlib.util.find_spec("pybullet"):
-        loops["PyBullet"] = pybullet_loop(options.mesh, options.mass, motion)
+        loops["PyBullet"] = pybullet_loop(rock, motion)
     if importlib.util.find_spec("mujoco"):
-        loops["MuJoCo default"] = mujoco_loop(options.mesh, options.mass, motion)
+        loops["MuJoCo default"] = mujoco_loop(rock, motion)
     for mode in ("parity", "exact", "fast"):
-        loops[mode] = native(options.mesh, options.mass, mode, motion)
+        loops[mode] = native(rock, mode, motion)
     times: dict[str, list[float]] = {name: [] for name in loops}
     for _ in range(options.rounds):
         for name, measure in loops.items():
             times[name].append(measure() / options.steps * 1e6)
-    hull = len(scene_of(options.mesh, options.mass, "parity").rock_hull_vertices)
+    hull = len(scene_of(rock, "parity").rock_hull_vertices)
     print(
         f"{options.mesh.name}: {hull} hull vertices, {options.steps} steps, "
         f"{options.rounds} rounds; CPU microseconds a step; {processor()}"

@@ -140,11 +140,9 @@ typedef double Lanes __attribute__((vector_size(4 * sizeof(double)), may_alias))
 
 // Motor, 4 normal, 4 spinning and 8 lateral rows.
 constexpr int kMostVariables = 17;
-constexpr int kMostRows = kMostVariables + 3;  // whole blocks of the product
-constexpr int kMostOutputs = 16;
 constexpr int kMostPowers = 24;
-// Changes below this part of the greatest normal impulse are rounding.
-constexpr double kRounding = 1e-16;
+// Changes below this part of the greatest impulse are rounding.
+constexpr double kRounding = 1e-15;
 
 // Which impulses vary within a pattern, in the order of the sweep.
 struct Variables {
@@ -180,22 +178,24 @@ struct Variables {
   }
 };
 
-// State difference e after m sweeps: e_m = A^m e_0 + c_m. The first variable's own value does not
-// count in a Gauss-Seidel sweep, so A has no column for it: column q is of variable q + 1.
-template <int kWidth>
-struct Power {
-  Lanes row[kMostRows][kWidth];
-  alignas(32) double c[4 * kWidth + 4];  // from variable 0 on
-};
-
-template <int kWidth>
-VSR2_INLINE double dot(const Lanes* row, const double* columns) {
-  Lanes sum = row[0] * *reinterpret_cast<const Lanes*>(columns);
-  for (int w = 1; w < kWidth; ++w) sum += row[w] * reinterpret_cast<const Lanes*>(columns)[w];
-  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+VSR2_INLINE void transpose(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d,
+                           Lanes& p, Lanes& q, Lanes& r, Lanes& s) {
+  const Lanes ab_low = __builtin_shufflevector(a, b, 0, 4, 2, 6);
+  const Lanes ab_high = __builtin_shufflevector(a, b, 1, 5, 3, 7);
+  const Lanes cd_low = __builtin_shufflevector(c, d, 0, 4, 2, 6);
+  const Lanes cd_high = __builtin_shufflevector(c, d, 1, 5, 3, 7);
+  p = __builtin_shufflevector(ab_low, cd_low, 0, 1, 4, 5);
+  q = __builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5);
+  r = __builtin_shufflevector(ab_low, cd_low, 2, 3, 6, 7);
+  s = __builtin_shufflevector(ab_high, cd_high, 2, 3, 6, 7);
 }
 
-template <int kWidth>
+// From a state and its latest sweep on: a sweep is an affine map of the impulses, and their change e
+// in m more sweeps follows e_(k+m) = A^m e_k + c_m. The first variable's own value does not count in
+// a Gauss-Seidel sweep, so A has a column for each variable but that.
+//
+// kOut and kIn: groups of four that hold all variables, and all but the first.
+template <int kOut, int kIn>
 class Jump {
  public:
   VSR2_INLINE Jump(const ContactProblem& p, const Pattern& pattern, const Variables& variables)
@@ -205,153 +205,186 @@ class Jump {
 
   // Sweeps jumped, at most `most`; `e` then holds the change of every variable.
   VSR2_INLINE int run(int most, double* e) {
-    alignas(32) double columns[4 * kWidth];
-    std::fill(e, e + 4 * kWidth + 4, 0.0);
-    if (!holds(e)) return 0;
+    State now{};
+    if (!holds(now)) return 0;
     // c_1 = A d, of the latest sweep's changes d.
-    shift(change_, columns);
-    for (int r = 0; r < count_; ++r) power_[0].c[r] = dot<kWidth>(power_[0].row[r], columns);
-    if (!holds(power_[0].c)) return 0;
+    add_product(power_[0], change_, now);
+    if (!holds(now)) return 0;
+    power_[0].c = now;
     int level = 0;
     int done = 1;
-    const double* now = power_[0].c;
     while (2 * done <= most && level + 1 < kMostPowers) {
       // c_2m = A^m c_m + c_m
-      Power<kWidth>& next = power_[level + 1];
-      const double greatest = advance(power_[level], now, next.c);
-      if (!holds(next.c)) break;
+      State next = now;
+      add_product(power_[level], now, next);
+      if (!holds(next)) break;
+      const double greatest = greatest_difference(next, now);
+      now = next;
       ++level;
       done *= 2;
-      now = next.c;
       if (greatest <= rounding_) {
         done = most;
         break;
       }
-      if (2 * done <= most) square(power_[level - 1], next);
+      power_[level].c = now;
+      if (2 * done <= most) square(power_[level - 1], power_[level]);
     }
-    std::copy(now, now + count_, e);
-    for (int i = level - 1; i >= 0; --i) {
+    for (int i = level - 1; i >= 0 && done < most; --i) {
       const int step = 1 << i;
       if (done + step > most) continue;
-      double trial[4 * kWidth + 4];
-      advance(power_[i], e, trial);
-      if (!holds(trial)) continue;
-      std::copy(trial, trial + count_, e);
+      State next = power_[i].c;
+      add_product(power_[i], now, next);
+      if (!holds(next)) continue;
+      now = next;
       done += step;
     }
+    for (int r = 0; r < count_; ++r) e[r] = now[r];
     return done;
   }
 
  private:
-  static VSR2_INLINE void shift(const double* variables, double* columns) {
-    for (int q = 0; q < 4 * kWidth; ++q) columns[q] = variables[q + 1];
-  }
-
-  // to = A e + c; returns the greatest difference of the two.
-  VSR2_INLINE double advance(const Power<kWidth>& power, const double* e, double* to) {
-    alignas(32) double columns[4 * kWidth];
-    shift(e, columns);
-    double greatest = 0.0;
-    for (int r = 0; r < count_; ++r) {
-      to[r] = dot<kWidth>(power.row[r], columns) + power.c[r];
-      greatest = std::max(greatest, std::fabs(to[r] - e[r]));
+  // One value a variable.
+  struct State {
+    Lanes group[kOut];
+    VSR2_INLINE double operator[](int r) const {
+      return reinterpret_cast<const double*>(group)[r];
     }
-    for (int r = count_; r < 4 * kWidth + 4; ++r) to[r] = 0.0;
-    return greatest;
-  }
+  };
+  struct Power {
+    State column[4 * kIn];  // the q-th: what a unit of variable q + 1 becomes
+    State c;
+  };
 
-  VSR2_INLINE void square(const Power<kWidth>& from, Power<kWidth>& to) {
-    constexpr int kBlock = kWidth <= 2 ? 4 : 2;
-    for (int first = 0; first < count_; first += kBlock) {
-      // Rows past the last are zeros.
-      Lanes sum[kBlock][kWidth] = {};
-      for (int q = 1; q < count_; ++q) {
-        for (int k = 0; k < kBlock; ++k) {
-          const double factor = reinterpret_cast<const double*>(from.row[first + k])[q - 1];
-          for (int w = 0; w < kWidth; ++w) sum[k][w] += factor * from.row[q][w];
-        }
+  // to += A e
+  VSR2_INLINE void add_product(const Power& power, const State& e, State& to) const {
+    Lanes other[kOut] = {};
+    int q = 0;
+    for (; q + 2 < count_; q += 2) {
+      for (int w = 0; w < kOut; ++w) {
+        to.group[w] += e[q + 1] * power.column[q].group[w];
+        other[w] += e[q + 2] * power.column[q + 1].group[w];
       }
-      for (int k = 0; k < kBlock; ++k)
-        for (int w = 0; w < kWidth; ++w) to.row[first + k][w] = sum[k][w];
+    }
+    if (q + 1 < count_)
+      for (int w = 0; w < kOut; ++w) to.group[w] += e[q + 1] * power.column[q].group[w];
+    for (int w = 0; w < kOut; ++w) to.group[w] += other[w];
+  }
+
+  static VSR2_INLINE double greatest_difference(const State& a, const State& b) {
+    Lanes most{};
+    for (int w = 0; w < kOut; ++w) {
+      const Lanes d = a.group[w] - b.group[w];
+      const Lanes size = d < -d ? -d : d;
+      most = most < size ? size : most;
+    }
+    return std::max(std::max(most[0], most[1]), std::max(most[2], most[3]));
+  }
+
+  VSR2_INLINE void square(const Power& from, Power& to) const {
+    constexpr int kBlock = kOut <= 2 ? 4 : kOut <= 4 ? 2 : 1;
+    for (int first = 0; first < count_ - 1; first += kBlock) {
+      Lanes sum[kBlock * kOut] = {};
+      for (int r = 0; r < count_ - 1; ++r) {
+#pragma GCC unroll 8
+        for (int i = 0; i < kBlock * kOut; ++i)
+          sum[i] += from.column[first + i / kOut][r + 1] * from.column[r].group[i % kOut];
+      }
+#pragma GCC unroll 8
+      for (int i = 0; i < kBlock * kOut; ++i) to.column[first + i / kOut].group[i % kOut] = sum[i];
     }
   }
 
-  // One sweep of the linear parts: the columns of power_[0] and of the outputs.
+  // A linear function of the variables but the first, its weights in their order.
+  struct Linear {
+    Lanes group[kIn];
+    VSR2_INLINE double of(const double* columns) const {
+      Lanes sum = group[0] * reinterpret_cast<const Lanes*>(columns)[0];
+      for (int w = 1; w < kIn; ++w)
+        sum += group[w] * reinterpret_cast<const Lanes*>(columns)[w];
+      return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+    }
+    VSR2_INLINE void set(int q, double weight) { reinterpret_cast<double*>(group)[q] = weight; }
+  };
+
+  // One sweep of the linear parts, as functions of the variables before it.
   VSR2_INLINE void linearise() {
-    Power<kWidth>& map = power_[0];
-    Lanes speed[7][kWidth];
-    double* s = reinterpret_cast<double*>(speed);
-    constexpr int n = 4 * kWidth;
-    std::fill(s, s + 7 * n, 0.0);
-    double* x = reinterpret_cast<double*>(map.row);
-    std::fill(x, x + (count_ + 3) * n, 0.0);
-    std::fill(map.c, map.c + 4 * kWidth + 4, 0.0);
-    std::fill(std::begin(change_), std::end(change_), 0.0);
+    Linear x[4 * kOut] = {};  // the variables
+    Linear w0{}, w1{}, w2{}, vx{}, vy{}, vz{}, support{};  // the speeds
+    Linear open[4] = {};
+    double d[4 * kOut] = {};
     const auto contacts = static_cast<std::size_t>(p_.count);
-    // Speeds by a unit of each variable but the first.
-    for (int q = 1; q < count_; ++q) x[q * n + q - 1] = 1.0;
+    const bool motor = p_.motor_inverse_mass > 0;
+    for (int q = 1; q < count_; ++q) x[q].set(q - 1, 1.0);
     double greatest = 0.0;
+    const ContactRows* first = nullptr;
     for (std::size_t i = 0; i < contacts; ++i) {
       const ContactRows& r = p_.rows[i];
-      const auto put = [&](int q, double w0, double w1, double w2, int axis, double value) {
-        if (q < 1) return;
-        s[0 * n + q - 1] = w0;
-        s[1 * n + q - 1] = w1;
-        s[2 * n + q - 1] = w2;
-        if (axis >= 0) s[axis * n + q - 1] = value;
-      };
-      if (v_.normal[i] >= 0) {
-        put(v_.normal[i], r.nd0, r.nd1, r.nd2, 5, p_.inverse_mass);
-        change_[v_.normal[i]] = r.dn;
+      if (const int q = v_.normal[i]; q >= 0) {
+        if (q == 0) {
+          first = &r;
+        } else {
+          w0.set(q - 1, r.nd0);
+          w1.set(q - 1, r.nd1);
+          w2.set(q - 1, r.nd2);
+          vz.set(q - 1, p_.inverse_mass);
+        }
+        d[q] = r.dn;
         greatest = std::max(greatest, r.n);
       }
-      if (v_.spin[i] >= 0) {
-        put(v_.spin[i], r.sd0, r.sd1, r.sd2, -1, 0.0);
-        change_[v_.spin[i]] = r.ds;
+      if (const int q = v_.spin[i]; q >= 0) {
+        w0.set(q - 1, r.sd0);
+        w1.set(q - 1, r.sd1);
+        w2.set(q - 1, r.sd2);
+        d[q] = r.ds;
       }
-      if (v_.lateral[i] >= 0) {
-        put(v_.lateral[i], r.ad0, r.ad1, r.ad2, 4, -p_.inverse_mass);
-        put(v_.lateral[i] + 1, r.bd0, r.bd1, r.bd2, 3, p_.inverse_mass);
-        s[6 * n + v_.lateral[i]] = -p_.motor_inverse_mass;
-        change_[v_.lateral[i]] = r.da;
-        change_[v_.lateral[i] + 1] = r.db;
+      if (const int q = v_.lateral[i]; q >= 0) {
+        w0.set(q - 1, r.ad0);
+        w1.set(q - 1, r.ad1);
+        w2.set(q - 1, r.ad2);
+        vy.set(q - 1, -p_.inverse_mass);
+        w0.set(q, r.bd0);
+        w1.set(q, r.bd1);
+        w2.set(q, r.bd2);
+        vx.set(q, p_.inverse_mass);
+        support.set(q, -p_.motor_inverse_mass);
+        d[q] = r.da;
+        d[q + 1] = r.db;
+      }
+    }
+    if (motor) {
+      d[0] = p_.motor_change;
+      greatest = std::max(greatest, std::fabs(p_.motor_impulse));
+      for (int w = 0; w < kIn; ++w) {
+        x[0].group[w] = -support.group[w] / p_.motor_inverse_mass;
+        support.group[w] = Lanes{};
       }
     }
     rounding_ = kRounding * greatest;
-    if (p_.motor_inverse_mass > 0) {
-      change_[0] = p_.motor_change;
-      rounding_ = kRounding * std::max(greatest, std::fabs(p_.motor_impulse));
-      for (int w = 0; w < kWidth; ++w) {
-        map.row[0][w] = -speed[6][w] / p_.motor_inverse_mass;
-        speed[6][w] = Lanes{};
-      }
-    }
-    const ContactRows* first = nullptr;
-    for (std::size_t i = 0; i < contacts; ++i)
-      if (v_.normal[i] == 0) first = &p_.rows[i];
+    std::copy(d, d + 4 * kOut, reinterpret_cast<double*>(change_.group));
     for (std::size_t i = 0; i < contacts; ++i) {
       const ContactRows& r = p_.rows[i];
       const int q = v_.normal[i];
+      before_first_[i] = 0.0;
       if (q < 0) {
+        any_open_ = true;
+        for (int w = 0; w < kIn; ++w)
+          open[i].group[w] = -((r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w]);
         // Before the first variable's turn its old value still counts.
-        before_first_[i] = 0.0;
         if (first != nullptr)
           before_first_[i] = -((r.nj0 * first->nd0 + r.nj1 * first->nd1) + r.njz * p_.inverse_mass);
+        continue;
       }
       if (q == 0) first = nullptr;
-      for (int w = 0; w < kWidth; ++w) {
-        const Lanes part = (r.nj0 * speed[0][w] + r.nj1 * speed[1][w]) + r.njz * speed[5][w];
-        if (q < 0) {
-          output_[i][w] = -part;
-          continue;
-        }
-        const Lanes next = map.row[q][w] * r.nkeep - part;
-        const Lanes delta = next - map.row[q][w];
-        map.row[q][w] = next;
-        speed[0][w] += r.nd0 * delta;
-        speed[1][w] += r.nd1 * delta;
-        speed[2][w] += r.nd2 * delta;
-        speed[5][w] += p_.inverse_mass * delta;
+      for (int w = 0; w < kIn; ++w) {
+        const Lanes next =
+            x[q].group[w] * r.nkeep -
+            ((r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w]);
+        const Lanes delta = next - x[q].group[w];
+        x[q].group[w] = next;
+        w0.group[w] += r.nd0 * delta;
+        w1.group[w] += r.nd1 * delta;
+        w2.group[w] += r.nd2 * delta;
+        vz.group[w] += p_.inverse_mass * delta;
       }
     }
     for (std::size_t i = 0; i < contacts; ++i) {
@@ -359,106 +392,126 @@ class Jump {
       const int q = v_.spin[i];
       if (q < 0) continue;
       const double sign = pattern_.spin[i] == Pattern::upper ? 1.0 : -1.0;
-      for (int w = 0; w < kWidth; ++w) {
-        Lanes next = map.row[q][w] - r.sj * speed[2][w];
+      for (int w = 0; w < kIn; ++w) {
+        Lanes next = x[q].group[w] - r.sj * w2.group[w];
         if (pattern_.spin[i] != Pattern::free) {
-          output_[4 + i][w] = next;
-          next = (sign * p_.spinning_friction) * map.row[v_.normal[i]][w];
+          spin_sum_[i].group[w] = next;
+          next = (sign * p_.spinning_friction) * x[v_.normal[i]].group[w];
         }
-        const Lanes delta = next - map.row[q][w];
-        map.row[q][w] = next;
-        speed[0][w] += r.sd0 * delta;
-        speed[1][w] += r.sd1 * delta;
-        speed[2][w] += r.sd2 * delta;
+        const Lanes delta = next - x[q].group[w];
+        x[q].group[w] = next;
+        w0.group[w] += r.sd0 * delta;
+        w1.group[w] += r.sd1 * delta;
+        w2.group[w] += r.sd2 * delta;
       }
     }
     for (std::size_t i = 0; i < contacts; ++i) {
       const ContactRows& r = p_.rows[i];
       const int q = v_.lateral[i];
       if (q < 0) continue;
-      for (int w = 0; w < kWidth; ++w) {
-        Lanes a = map.row[q][w] -
-                  ((r.aj0 * speed[0][w] + r.aj2 * speed[2][w]) + r.ajy * speed[4][w]);
-        Lanes b = map.row[q + 1][w] -
-                  (((r.bj1 * speed[1][w] + r.bj2 * speed[2][w]) + r.bjx * speed[3][w]) +
-                   r.bjs * speed[6][w]);
+      for (int w = 0; w < kIn; ++w) {
+        Lanes a = x[q].group[w] -
+                  ((r.aj0 * w0.group[w] + r.aj2 * w2.group[w]) + r.ajy * vy.group[w]);
+        Lanes along = (r.bj1 * w1.group[w] + r.bj2 * w2.group[w]) + r.bjx * vx.group[w];
+        if (motor) along += r.bjs * support.group[w];
+        Lanes b = x[q + 1].group[w] - along;
         if (pattern_.slides[i]) {
-          output_[8 + 2 * i][w] = a;
-          output_[9 + 2 * i][w] = b;
+          a_sum_[i].group[w] = a;
+          b_sum_[i].group[w] = b;
           // The impulse is mu n u / |u| with u = (a, b) before the bound.
           const double length = std::sqrt(r.a_sum * r.a_sum + r.b_sum * r.b_sum);
           const double ua = r.a_sum / length;
           const double ub = r.b_sum / length;
           const double turn = p_.lateral_friction * r.n / length;
-          const Lanes normal = p_.lateral_friction * map.row[v_.normal[i]][w];
+          const Lanes normal = p_.lateral_friction * x[v_.normal[i]].group[w];
           const Lanes across = turn * (ua * b - ub * a);
           a = ua * normal - ub * across;
           b = ub * normal + ua * across;
         }
-        const Lanes da = a - map.row[q][w];
-        const Lanes db = b - map.row[q + 1][w];
-        map.row[q][w] = a;
-        map.row[q + 1][w] = b;
-        speed[0][w] += r.ad0 * da + r.bd0 * db;
-        speed[1][w] += r.ad1 * da + r.bd1 * db;
-        speed[2][w] += r.ad2 * da + r.bd2 * db;
-        speed[4][w] -= p_.inverse_mass * da;
-        speed[3][w] += p_.inverse_mass * db;
-        speed[6][w] -= p_.motor_inverse_mass * db;
+        const Lanes da = a - x[q].group[w];
+        const Lanes db = b - x[q + 1].group[w];
+        x[q].group[w] = a;
+        x[q + 1].group[w] = b;
+        w0.group[w] += r.ad0 * da + r.bd0 * db;
+        w1.group[w] += r.ad1 * da + r.bd1 * db;
+        w2.group[w] += r.ad2 * da + r.bd2 * db;
+        vy.group[w] -= p_.inverse_mass * da;
+        vx.group[w] += p_.inverse_mass * db;
+        if (motor) support.group[w] -= p_.motor_inverse_mass * db;
       }
     }
-  }
-
-  // A contact's normal impulse in the sweep after.
-  VSR2_INLINE double next_normal(std::size_t i, const double* next) const {
-    return p_.rows[i].n + dot<kWidth>(power_[0].row[v_.normal[i]], next);
+    State* column = power_[0].column;
+    for (int w = 0; w < kIn; ++w) {
+      for (int o = 0; o < kOut; ++o)
+        transpose(x[4 * o].group[w], x[4 * o + 1].group[w], x[4 * o + 2].group[w],
+                  x[4 * o + 3].group[w], column[4 * w].group[o], column[4 * w + 1].group[o],
+                  column[4 * w + 2].group[o], column[4 * w + 3].group[o]);
+      if (any_open_)
+        transpose(open[0].group[w], open[1].group[w], open[2].group[w], open[3].group[w],
+                  open_[4 * w], open_[4 * w + 1], open_[4 * w + 2], open_[4 * w + 3]);
+    }
+    if (!any_open_) return;
+    // Of closed contacts they stay at -1.
+    open_base_ = Lanes{-1.0, -1.0, -1.0, -1.0};
+    for (std::size_t i = 0; i < contacts; ++i)
+      if (v_.normal[i] < 0) open_base_[i] = p_.rows[i].n_sum;
+    for (int q = 0; q < count_ - 1; ++q) open_base_ += change_[q + 1] * open_[q];
+    for (int i = 0; i < 4; ++i) open_first_[i] = i < p_.count ? before_first_[i] : 0.0;
+    open_base_ += change_[0] * open_first_;
   }
 
   // Whether the pattern is that of the state `e` further on, and of the unbounded values in the
   // sweep after it.
-  VSR2_INLINE bool holds(const double* e) const {
-    alignas(32) double next[4 * kWidth];
-    for (int q = 0; q < 4 * kWidth; ++q) next[q] = e[q + 1] + change_[q + 1];
+  VSR2_INLINE bool holds(const State& e) const {
     if (p_.motor_inverse_mass > 0 && !(std::fabs(p_.motor_impulse + e[0]) < p_.motor_limit))
       return false;
+    if (any_open_) {
+      Lanes open = open_base_ + e[0] * open_first_;
+      for (int q = 0; q < count_ - 1; ++q) open += e[q + 1] * open_[q];
+      if (!(open[0] <= 0.0 && open[1] <= 0.0 && open[2] <= 0.0 && open[3] <= 0.0)) return false;
+    }
     for (int k = 0; k < p_.count; ++k) {
       const auto i = static_cast<std::size_t>(k);
+      if (v_.normal[i] < 0) continue;
       const ContactRows& r = p_.rows[i];
-      if (v_.normal[i] < 0) {
-        const double n = r.n_sum + (dot<kWidth>(output_[i], next) +
-                                    before_first_[i] * (e[0] + change_[0]));
-        if (!(n <= 0.0)) return false;
-        continue;
-      }
       const double n = r.n + e[v_.normal[i]];
       if (!(n > 0.0 && n < kGreatestImpulse)) return false;
-      const double spin_limit = p_.spinning_friction * n;
       if (pattern_.spin[i] == Pattern::free) {
         const double s = v_.spin[i] < 0 ? r.s : r.s + e[v_.spin[i]];
-        if (!(std::fabs(s) <= spin_limit)) return false;
-      } else if (v_.spin[i] >= 0) {
-        const double s = r.s_sum + dot<kWidth>(output_[4 + i], next);
-        if (!((pattern_.spin[i] == Pattern::upper ? s : -s) > p_.spinning_friction * next_normal(i, next)))
-          return false;
+        if (!(std::fabs(s) <= p_.spinning_friction * n)) return false;
       }
       const int q = v_.lateral[i];
-      if (q < 0) continue;
-      const double limit = p_.lateral_friction * n;
-      if (!pattern_.slides[i]) {
+      if (q >= 0 && !pattern_.slides[i]) {
+        const double limit = p_.lateral_friction * n;
         const double a = r.a + e[q];
         const double b = r.b + e[q + 1];
         if (!(a * a + b * b < limit * limit)) return false;
-      } else {
-        const double a = r.a_sum + dot<kWidth>(output_[8 + 2 * i], next);
-        const double b = r.b_sum + dot<kWidth>(output_[9 + 2 * i], next);
-        const double next_limit = p_.lateral_friction * next_normal(i, next);
-        if (!(a * a + b * b >= next_limit * next_limit)) return false;
-        if (!(std::fabs(a * r.b_sum - b * r.a_sum) <=
-              kMostTurn * (r.a_sum * r.a_sum + r.b_sum * r.b_sum)))
-          return false;
       }
+      if ((v_.spin[i] >= 0 && pattern_.spin[i] != Pattern::free) ||
+          (q >= 0 && pattern_.slides[i]))
+        if (!bounds_hold(i, e)) return false;
     }
     return true;
+  }
+
+  // Of a contact that slides or whose spinning row is at its bound.
+  VSR2_INLINE bool bounds_hold(std::size_t i, const State& e) const {
+    const ContactRows& r = p_.rows[i];
+    alignas(32) double next[4 * kIn] = {};
+    for (int q = 0; q < count_ - 1; ++q) next[q] = e[q + 1] + change_[q + 1];
+    double n = r.n;
+    for (int q = 0; q < count_ - 1; ++q) n += next[q] * power_[0].column[q][v_.normal[i]];
+    if (v_.spin[i] >= 0 && pattern_.spin[i] != Pattern::free) {
+      const double s = r.s_sum + spin_sum_[i].of(next);
+      if (!((pattern_.spin[i] == Pattern::upper ? s : -s) > p_.spinning_friction * n)) return false;
+    }
+    if (v_.lateral[i] < 0 || !pattern_.slides[i]) return true;
+    const double limit = p_.lateral_friction * n;
+    const double a = r.a_sum + a_sum_[i].of(next);
+    const double b = r.b_sum + b_sum_[i].of(next);
+    return a * a + b * b >= limit * limit &&
+           std::fabs(a * r.b_sum - b * r.a_sum) <=
+               kMostTurn * (r.a_sum * r.a_sum + r.b_sum * r.b_sum);
   }
 
   const ContactProblem& p_;
@@ -466,25 +519,33 @@ class Jump {
   const Variables& v_;
   const int count_;
   double rounding_ = 0.0;
-  double change_[kMostVariables + 4];  // of the latest sweep
-  Lanes output_[kMostOutputs][kWidth];
+  bool any_open_ = false;
+  State change_;  // of the latest sweep
+  // What the rows would take without their bounds.
+  Lanes open_[4 * kIn];  // of open contacts, by variable
+  Lanes open_base_;
+  Lanes open_first_;
   double before_first_[4];
-  Power<kWidth> power_[kMostPowers];
+  Linear spin_sum_[4];
+  Linear a_sum_[4];
+  Linear b_sum_[4];
+  Power power_[kMostPowers];
 };
 
-template <int kWidth>
+template <int kOut, int kIn>
 VSR2_INLINE int jump_with(const ContactProblem& p, const Pattern& pattern, const Variables& v,
                           int most, double* e) {
-  Jump<kWidth> jump(p, pattern, v);
+  Jump<kOut, kIn> jump(p, pattern, v);
   return jump.run(most, e);
 }
 
 VSR2_INLINE int jump_any(const ContactProblem& p, const Pattern& pattern, const Variables& v,
                          int most, double* e) {
-  if (v.count <= 5) return jump_with<1>(p, pattern, v, most, e);
-  if (v.count <= 9) return jump_with<2>(p, pattern, v, most, e);
-  if (v.count <= 13) return jump_with<3>(p, pattern, v, most, e);
-  return jump_with<4>(p, pattern, v, most, e);
+  if (v.count <= 4) return jump_with<1, 1>(p, pattern, v, most, e);
+  if (v.count <= 8) return jump_with<2, 2>(p, pattern, v, most, e);
+  if (v.count <= 12) return jump_with<3, 3>(p, pattern, v, most, e);
+  if (v.count <= 13) return jump_with<4, 3>(p, pattern, v, most, e);
+  return jump_with<5, 4>(p, pattern, v, most, e);
 }
 
 int jump_portable(const ContactProblem& p, const Pattern& pattern, const Variables& v, int most,
