@@ -60,7 +60,7 @@ class Restitution(Effect):
     def verify(self, bench: Bench) -> Sequence[Check]:
         checks = []
         setup = bench.block()
-        radius, alpha, _ = _rocking(setup)
+        _, alpha, _ = _rocking(setup)
         housner = (1 - 1.5 * math.sin(alpha) ** 2) ** 2
         for ratio in (0.65, 1.0, 1.1):
             tilt = 0.15
@@ -99,7 +99,7 @@ class RockingDamping(Effect):
         return _with(setup, rocking_damping=values["ratio"])
 
     def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, tilt, duration, zeta = bench.block(), 0.05, 0.2, 0.05
+        setup, tilt, duration, zeta = bench.block(), 0.1, 0.2, 0.05
         _, _, p = _rocking(setup)
         free = _rate(bench.release(setup, tilt, duration))
         damped = _rate(bench.release(self.change(setup, {"ratio": zeta}), tilt, duration))

@@ -1,6 +1,6 @@
 """Linear second-order systems driven by a motion, and a table with limits.
 
-The systems are solved exactly for an input that runs linearly between samples, so that displacement,
+The systems are solved exactly for an input that runs linearly between samples, so displacement,
 velocity and acceleration belong to one solution whatever the time step.
 """
 
@@ -51,7 +51,8 @@ def respond(
     """Output of y'' + 2 zeta w y' + w^2 y = rate_gain u' + gain u from rest, and its rate.
 
     Args:
-        rate_gain, gain: factors on the input's rate and on the input.
+        rate_gain: factor on the input's rate.
+        gain: factor on the input.
         frequency: w / (2 pi) [Hz].
         ratio: zeta.
         signal: u, shape (n,); before it there is rest at u[0].

@@ -17,7 +17,10 @@ class OutcomeRule(Effect):
     """Another rule of what has overturned, and slips of the pen."""
 
     name = "outcome_rule"
-    meaning = "A trial counts as overturned where its largest tilt reached a threshold; some are noted wrongly"
+    meaning = (
+        "A trial counts as overturned where its largest tilt reached a threshold; some trials are "
+        "noted wrongly"
+    )
     parameters = (
         Parameter(
             "tilt", "rad", math.pi, 0.1, 1.0, "uniform",
