@@ -111,10 +111,9 @@ class DynamicsWorld final : public btMultiBodyDynamicsWorld {
   using btMultiBodyDynamicsWorld::btMultiBodyDynamicsWorld;
   std::function<void()> before_solution;
 
- protected:
-  void solveInternalConstraints(btContactSolverInfo& info) override {
+  void solveConstraints(btContactSolverInfo& info) override {
     if (before_solution) before_solution();
-    btMultiBodyDynamicsWorld::solveInternalConstraints(info);
+    btMultiBodyDynamicsWorld::solveConstraints(info);
   }
 };
 

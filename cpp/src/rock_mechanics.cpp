@@ -28,16 +28,22 @@ constexpr double kTetherDamping = 0.5;  // of the critical
 // Greatest (natural frequency x time step)^2 of the tether.
 constexpr double kTetherStep = 0.04;
 
-// An impact begins with a blow at this speed [m/s], goes on while there are blows at that one, is
-// over when none came for kQuiet [s], and is given up after kLongest [s]. A rock that comes back to
-// its other edge within kQuiet left at less than g kQuiet, so impacts do not run into one another.
+// An impact begins with a blow at this speed [m/s] on a point that has borne nothing for kForget
+// [s], goes on while there are blows at kAfterBlow, is over when none came for kQuiet [s], and is
+// given up after kLongest [s]. A rock that comes back to its other edge within kForget left at a
+// speed near kBlow; the two ends of one edge may strike in turn for about as long.
 constexpr double kBlow = 0.04;
 constexpr double kAfterBlow = 0.01;
 constexpr double kQuiet = 0.004;
 constexpr double kLongest = 0.03;
+constexpr double kForget = 0.05;
 // Share of energy that an impact takes from which on the ratio applies in full.
 constexpr double kWholeLoss = 0.02;
-// Bound of the correction, for impacts in which the rock slid or wobbled off what Housner assumes.
+// Points that open at more than this share of the first blow's speed do not bear the rock.
+constexpr double kOpens = 0.5;
+// Where the motion after the impact is a rotation about the new support but for less than this share
+// of its energy, it becomes one; else it is scaled as it is, by no more than kGreatestGain.
+constexpr double kStray = 0.1;
 constexpr double kGreatestGain = 1.5;
 // Points of support nearer than this to one another, and to a line, are one and on it [m].
 constexpr double kSamePoint = 2e-3;
@@ -69,8 +75,7 @@ Matrix3d RockMechanics::inertia_W(const RockState& rock) const {
 }
 
 double RockMechanics::kinetic_energy(const RockState& rock, const Velocity& velocity) const {
-  const Vector3d w_B = rock.q_WB.conjugate() * velocity.w;
-  return 0.5 * (mass_ * velocity.v.squaredNorm() + w_B.dot(inertia_.cwiseProduct(w_B)));
+  return kinetic_energy_B(in_body(rock, velocity));
 }
 
 void RockMechanics::start(const RockState& rock, const PedestalMotion& pedestal) {
@@ -79,7 +84,7 @@ void RockMechanics::start(const RockState& rock, const PedestalMotion& pedestal)
   normal_force_ = 0.0;
   bond_ = Bond::none;
   rested_ = 0.0;
-  impact_.open = false;
+  impact_ = {};
   const Vector3d up = pedestal.R_WP.col(2);
   up_B_ = rock.q_WB.conjugate() * up;
   double lowest = 0.0;
@@ -226,93 +231,129 @@ void RockMechanics::form_bond(const RockState& rock) {
 
 bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedestal,
                                   const std::vector<Touch>& touches, double dt) {
+  Impact& impact = impact_;
   // Speeds of approach before the step, when the pedestal moved as in the step before.
   const Velocity before = relative(before_, pedestal_);
   double blow = 0.0;
-  for (const Touch& touch : touches)
-    if (touch.impulse > 0)
-      blow = std::max(blow, -touch.normal_W.dot(before.at(touch.p_W - before_.p_WB)));
-  Impact& impact = impact_;
-  if (!impact.open) {
-    if (!(blow > kBlow)) return false;
-    open_impact(before);
+  double first_blow = 0.0;
+  for (const Touch& touch : touches) {
+    if (!(touch.impulse > 0)) continue;
+    const double speed = -touch.normal_W.dot(before.at(touch.p_W - before_.p_WB));
+    blow = std::max(blow, speed);
+    if (!bears(before_.q_WB.conjugate() * (touch.p_W - before_.p_WB)))
+      first_blow = std::max(first_blow, speed);
   }
+  if (!impact.open && first_blow > kBlow) {
+    impact.open = true;
+    impact.elapsed = impact.quiet = impact.work = impact.greatest_work = 0.0;
+    impact.blow = first_blow;
+    impact.energy = kinetic_energy(before_, before);
+    impact.before_B = in_body(before_, before);
+  }
+  note_support(touches, dt);
+  if (!impact.open) return false;
   const Vector3d acceleration =
       (pedestal.velocity_at(rock.p_WB) - pedestal_.velocity_at(rock.p_WB)) / dt;
   const Velocity now = relative(rock, pedestal);
   impact.work += mass_ * dt * now.v.dot(Vector3d(0, 0, -gravity_) - acceleration);
   impact.greatest_work = std::max(impact.greatest_work, impact.work);
   impact.elapsed += dt;
-  if (blow > kAfterBlow) {
-    impact.quiet = 0.0;
-    impact.supports = 0;
-  } else {
-    impact.quiet += dt;
-    for (const Touch& touch : touches)
-      if (touch.impulse > 0) note_support(before_.q_WB.conjugate() * (touch.p_W - before_.p_WB));
-  }
+  impact.quiet = blow > kAfterBlow ? 0.0 : impact.quiet + dt;
   if (impact.quiet > kQuiet - 0.5 * dt) return close_impact(rock, pedestal);
   if (impact.elapsed > kLongest) impact.open = false;
   return false;
 }
 
-void RockMechanics::open_impact(const Velocity& velocity) {
-  impact_.open = true;
-  impact_.elapsed = impact_.quiet = impact_.work = impact_.greatest_work = 0.0;
-  impact_.supports = 0;
-  impact_.energy = kinetic_energy(before_, velocity);
-  impact_.v_B = before_.q_WB.conjugate() * velocity.v;
-  impact_.w_B = before_.q_WB.conjugate() * velocity.w;
+bool RockMechanics::bears(const Vector3d& p_B) const {
+  for (std::size_t i = 0; i < impact_.supports; ++i)
+    if ((impact_.support[i].p_B - p_B).squaredNorm() < kSamePoint * kSamePoint) return true;
+  return false;
 }
 
-void RockMechanics::note_support(const Vector3d& p_B) {
+void RockMechanics::note_support(const std::vector<Touch>& touches, double dt) {
   Impact& impact = impact_;
-  for (std::size_t i = 0; i < impact.supports; ++i)
-    if ((impact.support_B[i] - p_B).squaredNorm() < kSamePoint * kSamePoint) return;
-  if (impact.supports < impact.support_B.size()) impact.support_B[impact.supports++] = p_B;
+  for (std::size_t i = impact.supports; i-- > 0;) {
+    impact.support[i].idle += dt;
+    if (impact.support[i].idle > kForget) impact.support[i] = impact.support[--impact.supports];
+  }
+  for (const Touch& touch : touches) {
+    if (!(touch.impulse > 0)) continue;
+    const Vector3d p_B = before_.q_WB.conjugate() * (touch.p_W - before_.p_WB);
+    std::size_t slot = impact.supports;
+    for (std::size_t i = 0; i < impact.supports; ++i)
+      if ((impact.support[i].p_B - p_B).squaredNorm() < kSamePoint * kSamePoint) slot = i;
+    if (slot == impact.support.size()) continue;
+    if (slot == impact.supports) ++impact.supports;
+    impact.support[slot] = {p_B, 0.0};
+  }
 }
 
-// Share of the energy before the impact that its projection onto the rotations about the points of
-// support keeps; NaN where these leave none.
-double RockMechanics::housner_ratio() const {
-  constexpr double none = std::numeric_limits<double>::quiet_NaN();
+RockMechanics::Velocity RockMechanics::in_body(const RockState& rock, const Velocity& velocity) {
+  return {rock.q_WB.conjugate() * velocity.v, rock.q_WB.conjugate() * velocity.w};
+}
+
+bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivot& pivot) const {
   const Impact& impact = impact_;
-  if (impact.supports == 0) return none;
-  const Vector3d& Q = impact.support_B[0];
-  Vector3d chord = Vector3d::Zero();
-  for (std::size_t i = 1; i < impact.supports; ++i)
-    if ((impact.support_B[i] - Q).squaredNorm() > chord.squaredNorm()) chord = impact.support_B[i] - Q;
-  const Vector3d L =
-      inertia_.cwiseProduct(impact.w_B) - mass_ * Q.cross(impact.v_B);  // about Q, along B's axes
+  const auto counts = [&](const Support& support) {
+    return support.idle < impact.elapsed && up_B.dot(now_B.at(support.p_B)) < kOpens * impact.blow;
+  };
+  pivot.chord.setZero();
+  bool any = false;
+  for (std::size_t i = 0; i < impact.supports; ++i) {
+    if (!counts(impact.support[i])) continue;
+    const Vector3d& p = impact.support[i].p_B;
+    if (!any) pivot.p_B = p;
+    any = true;
+    if ((p - pivot.p_B).squaredNorm() > pivot.chord.squaredNorm()) pivot.chord = p - pivot.p_B;
+  }
+  if (!any || pivot.chord.isZero()) return any;
+  pivot.chord.normalize();
+  for (std::size_t i = 0; i < impact.supports; ++i)
+    if (counts(impact.support[i]) &&
+        (impact.support[i].p_B - pivot.p_B).cross(pivot.chord).norm() > kSamePoint)
+      return false;
+  return true;
+}
+
+RockMechanics::Velocity RockMechanics::about(const Pivot& pivot, const Velocity& velocity_B) const {
+  const Vector3d& Q = pivot.p_B;
+  const Vector3d L = inertia_.cwiseProduct(velocity_B.w) - mass_ * Q.cross(velocity_B.v);
   const Matrix3d I_Q = Matrix3d(inertia_.asDiagonal()) +
                        mass_ * (Q.squaredNorm() * Matrix3d::Identity() - Q * Q.transpose());
-  double kept;
-  if (impact.supports == 1) {
-    kept = 0.5 * L.dot(I_Q.ldlt().solve(L));
-  } else {
-    const Vector3d e = chord.normalized();
-    for (std::size_t i = 1; i < impact.supports; ++i)
-      if ((impact.support_B[i] - Q).cross(e).norm() > kSamePoint) return none;
-    kept = 0.5 * std::pow(e.dot(L), 2) / e.dot(I_Q * e);
-  }
-  return kept / impact.energy;
+  const Vector3d& e = pivot.chord;
+  const Vector3d w = e.isZero() ? Vector3d(I_Q.ldlt().solve(L)) : Vector3d(e * (e.dot(L) / e.dot(I_Q * e)));
+  return {-w.cross(Q), w};
+}
+
+double RockMechanics::kinetic_energy_B(const Velocity& velocity_B) const {
+  return 0.5 * (mass_ * velocity_B.v.squaredNorm() +
+                velocity_B.w.dot(inertia_.cwiseProduct(velocity_B.w)));
 }
 
 bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal) {
-  impact_.open = false;
-  const double housner = housner_ratio();
-  if (!(housner > 0)) return false;
+  Impact& impact = impact_;
+  impact.open = false;
+  const Velocity now_B = in_body(rock, relative(rock, pedestal));
+  Pivot pivot;
+  if (!find_pivot(now_B, rock.q_WB.conjugate() * pedestal.R_WP.col(2), pivot)) return false;
+  const double housner = kinetic_energy_B(about(pivot, impact.before_B)) / impact.energy;
   const double power = std::clamp((1.0 - housner) / kWholeLoss, 0.0, 1.0);
   const double kept = std::min(1.0, std::pow(mechanisms_.impact_energy_ratio, power) * housner);
   // The impact is where the weight had done most work: the rock was lowest there.
-  const double wanted = kept * (impact_.energy + impact_.greatest_work) -
-                        (impact_.greatest_work - impact_.work);
-  const Velocity now = relative(rock, pedestal);
-  const double present = kinetic_energy(rock, now);
+  const double wanted =
+      kept * (impact.energy + impact.greatest_work) - (impact.greatest_work - impact.work);
+  const double present = kinetic_energy_B(now_B);
   if (!(wanted > 0) || !(present > 0)) return false;
-  const double scale = std::sqrt(std::min(wanted / present, kGreatestGain));
-  rock.v_WB = pedestal.velocity_at(rock.p_WB) + scale * now.v;
-  rock.w_WB = pedestal.w_WP + scale * now.w;
+  Velocity next = about(pivot, now_B);
+  const double rotation = kinetic_energy_B(next);
+  double gain = wanted / rotation;
+  if (!(rotation > (1.0 - kStray) * present)) {
+    next = now_B;
+    gain = std::min(wanted / present, kGreatestGain);
+  }
+  const double scale = std::sqrt(gain);
+  rock.v_WB = pedestal.velocity_at(rock.p_WB) + scale * (rock.q_WB * next.v);
+  rock.w_WB = pedestal.w_WP + scale * (rock.q_WB * next.w);
   return true;
 }
 

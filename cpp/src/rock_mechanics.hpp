@@ -58,10 +58,22 @@ class RockMechanics {
   double height_of_bond(const RockState& rock) const;
   bool follow_impact(RockState& rock, const PedestalMotion& pedestal,
                      const std::vector<Touch>& touches, double dt);
-  void open_impact(const Velocity& velocity);
-  void note_support(const Eigen::Vector3d& p_B);
   bool close_impact(RockState& rock, const PedestalMotion& pedestal);
-  double housner_ratio() const;
+  /// Whether a point bore the rock lately.
+  bool bears(const Eigen::Vector3d& p_B) const;
+  void note_support(const std::vector<Touch>& touches, double dt);
+  static Velocity in_body(const RockState& rock, const Velocity& velocity);
+  double kinetic_energy_B(const Velocity& velocity_B) const;
+
+  /// What the rock turns about after an impact, in B: a point, or a line through it.
+  struct Pivot {
+    Eigen::Vector3d p_B = Eigen::Vector3d::Zero();
+    Eigen::Vector3d chord = Eigen::Vector3d::Zero();  ///< unit, or zero: a point
+  };
+  /// False: there is none.
+  bool find_pivot(const Velocity& now_B, const Eigen::Vector3d& up_B, Pivot& pivot) const;
+  /// The rotation about a pivot nearest to a velocity, in the metric of the inertia.
+  Velocity about(const Pivot& pivot, const Velocity& velocity_B) const;
 
   Mechanisms mechanisms_;
   double mass_;
@@ -89,16 +101,21 @@ class RockMechanics {
   Eigen::Vector3d up_B_ = Eigen::Vector3d::UnitZ();  ///< the pedestal's normal at the start
   double start_height_ = 0.0;                        ///< of the mass centre over the lowest vertex [m]
 
+  struct Support {
+    Eigen::Vector3d p_B;
+    double idle;  ///< since it last bore the rock [s]
+  };
   struct Impact {
     bool open = false;
-    double elapsed = 0.0;      ///< [s]
-    double quiet = 0.0;        ///< since its last blow [s]
-    double energy = 0.0;       ///< before it [J]
-    double work = 0.0;         ///< of weight and inertia force since it began [J]
+    double elapsed = 0.0;  ///< [s]
+    double quiet = 0.0;    ///< since its last blow [s]
+    double blow = 0.0;     ///< speed of the first one [m/s]
+    double energy = 0.0;   ///< before it [J]
+    double work = 0.0;     ///< of weight and inertia force since it began [J]
     double greatest_work = 0.0;
-    Eigen::Vector3d v_B;       ///< velocity before it, along B's axes
-    Eigen::Vector3d w_B;
-    std::array<Eigen::Vector3d, 16> support_B;
+    Velocity before_B{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+    // Points that bore the rock lately, in an impact or not.
+    std::array<Support, 16> support;
     std::size_t supports = 0;
   };
   Impact impact_;

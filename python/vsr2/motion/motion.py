@@ -157,6 +157,16 @@ class Motion:
         return value
 
     @property
+    def sides(self) -> dict[str, SideMotion | None]:
+        """The motions beside x by their names."""
+        return {name: getattr(self, name) for name in SIDES}
+
+    @property
+    def is_spatial(self) -> bool:
+        """Whether there is any motion beside x."""
+        return any(side is not None for side in self.sides.values())
+
+    @property
     def duration(self) -> float:
         """From the first to the last sample [s]."""
         return (self.displacement.size - 1) * self.time_step
