@@ -28,20 +28,33 @@ Channel = Literal["motion", "tilt", "yaw", "slip", "rest pose", "label"]
 class Response(Protocol):
     """What a bench measures in a trial; rows in time, from the start of the motion."""
 
-    time: Array
-    """Shape (n,) [s]."""
-    tilt: Array
-    """Away from the settled pose, shape (n,) [rad]."""
-    position: Array
-    """Mass centre p_WB, shape (n, 3) [m]."""
-    velocity: Array
-    """Of the mass centre, shape (n, 3) [m/s]."""
-    angular_velocity: Array
-    """In the world, shape (n, 3) [rad/s]."""
-    pedestal: Array
-    """Displacement of the pedestal along x, shape (n,) [m]."""
-    observation: Observation
-    """What is written down, after effects on the outcome."""
+    @property
+    def time(self) -> Array:
+        """Shape (n,) [s]."""
+
+    @property
+    def tilt(self) -> Array:
+        """Away from the settled pose, relative to the pedestal, shape (n,) [rad]."""
+
+    @property
+    def position(self) -> Array:
+        """Mass centre p_WB, shape (n, 3) [m]."""
+
+    @property
+    def velocity(self) -> Array:
+        """Of the mass centre, shape (n, 3) [m/s]."""
+
+    @property
+    def angular_velocity(self) -> Array:
+        """In the world, shape (n, 3) [rad/s]."""
+
+    @property
+    def pedestal(self) -> Array:
+        """Displacement of the pedestal along x, shape (n,) [m]."""
+
+    @property
+    def observation(self) -> Observation:
+        """What is written down, after effects on the outcome."""
 
 
 class Bench(Protocol):

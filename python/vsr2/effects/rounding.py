@@ -86,15 +86,18 @@ def _outline(points: Array) -> Array:
     from scipy.spatial import ConvexHull
 
     distinct = _merged(np.unique(points, axis=0))
-    return distinct[np.sort(ConvexHull(distinct).vertices)]
+    outline: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
+    return outline
 
 
 def _above(hull: object, points: Array, down: Array) -> Array:
-    """Hull vertices all of whose faces look up."""
+    """Hull vertices none of whose faces looks down."""
     simplices = hull.simplices  # type: ignore[attr-defined]
-    looks_down = hull.equations[:, :3] @ down > -_SAME  # type: ignore[attr-defined]
+    looks_down = hull.equations[:, :3] @ down > _SAME  # type: ignore[attr-defined]
     touched = np.unique(simplices[looks_down])
-    return points[np.setdiff1d(hull.vertices, touched)]  # type: ignore[attr-defined]
+    kept = np.setdiff1d(hull.vertices, touched)  # type: ignore[attr-defined]
+    above: Array = points[kept]
+    return above
 
 
 def _distinct(equations: Array) -> Array:

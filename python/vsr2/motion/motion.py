@@ -245,7 +245,9 @@ class Motion:
                 recording=None
                 if self.recording is None
                 else replace(self.recording, scale=self.recording.scale * factor),
-                **{name: _scaled(getattr(self, name), factor) for name in SIDES},
+                transverse=_scaled(self.transverse, factor),
+                vertical=_scaled(self.vertical, factor),
+                pitch=_scaled(self.pitch, factor),
             )
 
 

@@ -21,6 +21,7 @@ from vsr2.config.study import (
     YawStart,
 )
 from vsr2.effects import Effect, Observation, Setup
+from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
 from vsr2.results import STATE_COLUMNS, TrialLog
 from vsr2.scene import (
@@ -163,7 +164,7 @@ class EffectBench:
             trial = with_effects([trial], [(effect, effect.complete(values or {}))])[0]
         result = run_batch([trial], threads=1)
         if str(result["status"][0]) not in ("ok", "tail_timeout"):
-            raise RuntimeError(f"bench: {result['status'][0]}: {result['message'][0]}")
+            raise SimulationError(f"bench: {result['status'][0]}: {result['message'][0]}")
         log = result.logs[0]
         assert log is not None
         return _response(log, _observation(result, 0))
@@ -235,7 +236,7 @@ def _response(log: TrialLog, observation: Observation) -> BenchResponse:
     )
 
 
-def _columns(log: TrialLog, prefix: str, rows: Array) -> Array:
+def _columns(log: TrialLog, prefix: str, rows: NDArray[np.bool_]) -> Array:
     places = [STATE_COLUMNS.index(f"{prefix}{axis}") for axis in "xyz"]
     found: Array = log.state[rows][:, places]
     return found

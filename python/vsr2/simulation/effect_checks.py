@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, Setup
+from vsr2.errors import SimulationError
 from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
@@ -26,7 +26,7 @@ from vsr2.simulation.effects import with_effects
 
 Array = NDArray[np.float64]
 
-PULSES = ((6.0, 2.0), (6.5, 1.6), (9.0, 3.0), (12.0, 4.0))
+PULSES = ((6.0, 2.0), (6.5, 1.6), (9.0, 3.0), (16.0, 4.0))
 """PGA [m/s^2] and frequency [Hz] of the motions under which effects must be alive."""
 DRAWS = 2
 """Starts."""
@@ -153,7 +153,10 @@ def _start(start: Pose, turn: float, draw: int) -> Pose:
 def _features(result: BatchResult) -> Array:
     bad = [str(s) for s in result["status"] if s not in ("ok", "tail_timeout")]
     if bad:
-        raise RuntimeError(f"effect check: a trial ended with status {bad[0]}")
+        raise SimulationError(
+            f"effect check: a trial at the far end of the prior ended with status {bad[0]}; make "
+            "the prior milder"
+        )
     tilt = np.clip(result["peak_tilt"].astype(float), 1e-5, 1.4)
     overturned = result["outcome"] == "overturned"
     # Where the rock lies after overturning tells nothing.
@@ -165,9 +168,3 @@ def _features(result: BatchResult) -> Array:
             overturned.astype(float),
         ]
     )
-
-
-def check_effects(effects: Sequence[Effect]) -> list[EffectReport]:
-    """Reports of several effects."""
-    checker = EffectChecker()
-    return [checker.check(effect) for effect in effects]
