@@ -1,41 +1,67 @@
 #include "vsr2/batch.hpp"
 
-#include <algorithm>
 #include <chrono>
+#include <stdexcept>
 #include <string>
 
 namespace vsr2 {
+namespace {
 
-Batch::Batch(std::vector<TrialSpec> trials, int threads)
-    : trials_(std::move(trials)), results_(trials_.size()) {
+std::size_t checked(int threads) {
   if (threads < 1) throw InvalidInput("threads must be at least 1, got " + std::to_string(threads));
-  ready_.reserve(trials_.size());
-  running_ = static_cast<int>(std::min<std::size_t>(threads, std::max<std::size_t>(trials_.size(), 1)));
-  workers_.reserve(running_);
-  for (int i = 0, n = running_; i < n; ++i) workers_.emplace_back([this] { work(); });
+  return static_cast<std::size_t>(threads);
 }
+
+}  // namespace
+
+Batch::Batch(int threads) : threads_(checked(threads)) { workers_.reserve(threads_); }
 
 Batch::~Batch() {
   cancel();
   join();
 }
 
-void Batch::work() {
-  while (!cancel_.load(std::memory_order_relaxed)) {
-    const std::size_t index = next_.fetch_add(1, std::memory_order_relaxed);
-    if (index >= trials_.size()) break;
-    TrialResult result = run_trial(trials_[index], cancel_);
-    {
-      const std::lock_guard lock(mutex_);
-      results_[index] = std::move(result);
-      ready_.push_back(index);
-    }
-    finished_.notify_one();
-  }
+std::size_t Batch::add(TrialSpec trial) {
+  std::size_t index = 0;
   {
     const std::lock_guard lock(mutex_);
-    --running_;
+    if (closed_) throw InvalidInput("the batch is closed");
+    index = next_++;
+    waiting_.emplace_back(index, std::move(trial));
+    if (workers_.size() < threads_ && !cancel_.load(std::memory_order_relaxed)) {
+      workers_.emplace_back([this] { work(); });
+      ++running_;
+    }
   }
+  added_.notify_one();
+  return index;
+}
+
+void Batch::close() {
+  {
+    const std::lock_guard lock(mutex_);
+    closed_ = true;
+  }
+  added_.notify_all();
+}
+
+void Batch::work() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    added_.wait(lock, [this] {
+      return !waiting_.empty() || closed_ || cancel_.load(std::memory_order_relaxed);
+    });
+    if (waiting_.empty() || cancel_.load(std::memory_order_relaxed)) break;
+    const auto [index, trial] = std::move(waiting_.front());
+    waiting_.pop_front();
+    lock.unlock();
+    TrialResult result = run_trial(trial, cancel_);
+    lock.lock();
+    results_.emplace(index, std::move(result));
+    ready_.push_back(index);
+    finished_.notify_one();
+  }
+  --running_;
   finished_.notify_all();
 }
 
@@ -45,16 +71,23 @@ std::vector<std::size_t> Batch::wait(double timeout) {
                      [this] { return !ready_.empty() || running_ == 0; });
   std::vector<std::size_t> out;
   out.swap(ready_);
-  handed_out_ += out.size();
   return out;
 }
 
 bool Batch::exhausted() {
   const std::lock_guard lock(mutex_);
-  return running_ == 0 && ready_.empty();
+  const bool ends = closed_ || cancel_.load(std::memory_order_relaxed);
+  return ends && running_ == 0 && ready_.empty();
 }
 
-void Batch::cancel() { cancel_.store(true, std::memory_order_relaxed); }
+void Batch::cancel() {
+  {
+    // Under the lock, so that a worker that is about to wait cannot miss it.
+    const std::lock_guard lock(mutex_);
+    cancel_.store(true, std::memory_order_relaxed);
+  }
+  added_.notify_all();
+}
 
 void Batch::join() {
   for (std::thread& worker : workers_)
@@ -63,7 +96,12 @@ void Batch::join() {
 
 TrialResult Batch::take(std::size_t index) {
   const std::lock_guard lock(mutex_);
-  return std::move(results_.at(index));
+  const auto found = results_.find(index);
+  if (found == results_.end())
+    throw std::out_of_range("trial " + std::to_string(index) + " has no result to take");
+  TrialResult result = std::move(found->second);
+  results_.erase(found);
+  return result;
 }
 
 }  // namespace vsr2

@@ -33,15 +33,13 @@ inline double free_speed(const Row& row, const double* v) {
   }
 }
 
-// On a pedestal that moves along x the slider has one joint, else all of them.
-template <bool kFlat>
-constexpr int kSliderJoints = kFlat ? 1 : ExactSolver::kJoints;
-
 template <bool kFlat, Order kOrder, Kind kKind>
 inline double unclamped_change(const Row& row, const double* v, const double* vs) {
   const double base = row.rhs - row.applied * row.cfm;
-  double slider = 0.0;
-  for (int i = 0; i < kSliderJoints<kFlat>; ++i) slider += row.js[i] * vs[i];
+  // On a pedestal that moves along x the slider has one joint.
+  double slider = 0.0 + row.js * vs[0];
+  if constexpr (!kFlat)
+    for (int i = 1; i < ExactSolver::kJoints; ++i) slider += row.js_more[i - 1] * vs[i];
   const double free = free_speed<kFlat, kKind>(row, v);
   if (kOrder == Order::free_first || (kOrder == Order::mixed && row.free_is_a))
     return (base - free * row.inverse) - slider * row.inverse;
@@ -51,7 +49,9 @@ inline double unclamped_change(const Row& row, const double* v, const double* vs
 template <bool kFlat>
 inline void apply(const Row& row, double impulse, double* v, double* vs) {
   for (int i = 0; i < 6; ++i) v[i] += row.d[i] * impulse;
-  for (int i = 0; i < kSliderJoints<kFlat>; ++i) vs[i] += row.ds[i] * impulse;
+  vs[0] += row.ds * impulse;
+  if constexpr (!kFlat)
+    for (int i = 1; i < ExactSolver::kJoints; ++i) vs[i] += row.ds_more[i - 1] * impulse;
 }
 
 template <bool kFlat, Order kOrder, Kind kKind>
@@ -120,7 +120,7 @@ void run_iteration(System& s) {
   std::copy(s.vs, s.vs + ExactSolver::kJoints, vs);
   for (Row& row : s.motor) {
     // Bullet takes the slider as both bodies of its motor; the second has a Jacobian of zeros.
-    double change = (row.rhs - row.applied * row.cfm) - (0.0 + row.js[0] * vs[0]) * row.inverse;
+    double change = (row.rhs - row.applied * row.cfm) - (0.0 + row.js * vs[0]) * row.inverse;
     const double sum = row.applied + change;
     if (sum < row.lower) {
       change = row.lower - row.applied;
@@ -132,7 +132,7 @@ void run_iteration(System& s) {
       row.applied = sum;
     }
     row.change = change;
-    vs[0] += row.ds[0] * change;
+    vs[0] += row.ds * change;
   }
   for (Row& row : s.normals) solve_row<kFlat, kOrder, Kind::normal>(row, v, vs);
   for (Row& row : s.spinning) {
@@ -308,8 +308,10 @@ bool ExactSolver::flatten(const btMultiBodyConstraintArray& rows, std::vector<Ro
       if (motor && side == 1) {
         if (j[6] != 0.0 || d[6] != 0.0) return false;
       } else {
-        std::copy(j + 6, j + 6 + joints, row.js);
-        std::copy(d + 6, d + 6 + joints, row.ds);
+        row.js = j[6];
+        row.ds = d[6];
+        std::copy(j + 7, j + 6 + joints, row.js_more);
+        std::copy(d + 7, d + 6 + joints, row.ds_more);
       }
     }
     if (!motor && !has_free) return false;

@@ -33,8 +33,8 @@ class ExactSolver final : public btMultiBodyConstraintSolver {
   struct Row {
     double j[6];
     double d[6];
-    double js[kJoints];
-    double ds[kJoints];
+    double js;
+    double ds;
     double rhs;
     double cfm;
     double inverse;  ///< of the effective inverse mass
@@ -45,6 +45,8 @@ class ExactSolver final : public btMultiBodyConstraintSolver {
     double change;       ///< impulse of the latest iteration
     std::size_t normal;  ///< index of the normal row whose impulse bounds a friction row
     bool free_is_a;
+    double js_more[kJoints - 1];  ///< of joints after the first
+    double ds_more[kJoints - 1];
   };
   struct System {
     std::vector<Row> motor;

@@ -142,7 +142,6 @@ std::string fast_model_violation(const Scene& scene) {
     return "the pedestal is not one box";
   if (!is_identity(std::get<BoxPart>(only_part(pedestal.parts)).pose))
     return "the pedestal's box is not centred in the pedestal's frame";
-  if (scene.mechanisms().sets_friction()) return "friction depends on the speed of slip";
   if (!scene.engine().cone_friction) return "friction is not bounded by a cone";
   if (rock.material.rolling_friction > 0 || pedestal.material.rolling_friction > 0)
     return "there is rolling friction";
@@ -532,14 +531,15 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     Change change{};
     double motor_impulse = 0.0;
     const double motor_rhs = motor.target_velocity - support_v.x();
+    const double lateral_friction = m.lateral_friction * friction_scale;
     const double threshold = residual_threshold_;
     for (int k = 0; k < m.iterations; ++k) {
       const double residual =
           motor.inverse_mass > 0
-              ? sweep<true>(rows.data(), count_, inverse_mass, m.lateral_friction,
+              ? sweep<true>(rows.data(), count_, inverse_mass, lateral_friction,
                             m.spinning_friction, motor.inverse_mass, motor_rhs,
                             motor.maximum_impulse, motor_impulse, change)
-              : sweep<false>(rows.data(), count_, inverse_mass, m.lateral_friction,
+              : sweep<false>(rows.data(), count_, inverse_mass, lateral_friction,
                              m.spinning_friction, 0.0, 0.0, 0.0, motor_impulse, change);
       ++iterations_;
       if (residual * residual <= threshold) break;

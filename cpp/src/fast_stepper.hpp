@@ -76,6 +76,7 @@ class FastStepper {
   FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold);
 
   RockState state;  ///< of the rock; the orientation's sign is arbitrary
+  double friction_scale = 1.0;  ///< factor of the lateral friction of all contacts
 
   /// The contact geometry no longer holds from here on.
   enum class Verdict { in_domain, off_the_top, too_deep };

@@ -133,7 +133,7 @@ class FastWorldOnBullet final : public FastWorld {
           .lateral_impulse_2 = sign * c.lateral_impulse_2,
           .direction_1 = -last_turn_.col(1),
           .direction_2 = sign * last_turn_.col(0),
-          .lateral_friction = pair_.lateral_friction,
+          .lateral_friction = pair_.lateral_friction * stepper_.friction_scale,
           .restitution = pair_.restitution,
           .spinning_friction = pair_.spinning_friction,
           .stiffness = pair_.stiffness,
@@ -201,7 +201,10 @@ class FastWorldOnBullet final : public FastWorld {
     last_turn_ = support.R_WP;
     if (moving_rock) {
       last_rock_ = stepper_.state.p_WB;
-      if (mechanics_) mechanics_->begin_step(stepper_.state, dt);
+      if (mechanics_) {
+        mechanics_->begin_step(stepper_.state, dt);
+        if (scene_->mechanisms().sets_friction()) stepper_.friction_scale = mean_friction_scale();
+      }
       stepper_.advance(support, motor, dt);
     } else if (motor.inverse_mass > 0) {
       motor.velocity_change =
@@ -226,6 +229,15 @@ class FastWorldOnBullet final : public FastWorld {
                            touches_, dt);
     }
     return true;
+  }
+
+  // The stepper has one coefficient for all contacts.
+  double mean_friction_scale() const {
+    double sum = 0.0;
+    for (int k = 0; k < stepper_.contact_count(); ++k)
+      sum += mechanics_->friction_scale(last_rock_ + last_turn_ * stepper_.contact(k).r_P,
+                                        last_turn_.col(2));
+    return stepper_.contact_count() > 0 ? sum / stepper_.contact_count() : 1.0;
   }
 
   void hand_over(const DriveTarget& target) {

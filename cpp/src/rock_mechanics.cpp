@@ -41,8 +41,8 @@ constexpr double kForget = 0.05;
 constexpr double kWholeLoss = 0.02;
 // Points that open at more than this share of the first blow's speed do not bear the rock.
 constexpr double kOpens = 0.5;
-// Where the motion after the impact is a rotation about the new support but for less than this share
-// of its energy, it becomes one; else it is scaled as it is, by no more than kGreatestGain.
+// A motion is a rotation about a support if this share of its energy, at most, is not that of one. Its
+// energy grows by no more than kGreatestGain.
 constexpr double kStray = 0.1;
 constexpr double kGreatestGain = 1.5;
 // Points of support nearer than this to one another, and to a line, are one and on it [m].
@@ -292,27 +292,42 @@ RockMechanics::Velocity RockMechanics::in_body(const RockState& rock, const Velo
   return {rock.q_WB.conjugate() * velocity.v, rock.q_WB.conjugate() * velocity.w};
 }
 
+// The line through the points that bear the rock after the impact or, where it does not turn about
+// that, the one of them that it turns about.
 bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivot& pivot) const {
   const Impact& impact = impact_;
-  const auto counts = [&](const Support& support) {
-    return support.idle < impact.elapsed && up_B.dot(now_B.at(support.p_B)) < kOpens * impact.blow;
+  const double enough = (1.0 - kStray) * kinetic_energy_B(now_B);
+  const auto turns_about = [&](const Pivot& candidate) {
+    return kinetic_energy_B(about(candidate, now_B)) > enough;
   };
-  pivot.chord.setZero();
-  bool any = false;
+  std::array<Vector3d, kSupports> point;
+  std::size_t count = 0;
   for (std::size_t i = 0; i < impact.supports; ++i) {
-    if (!counts(impact.support[i])) continue;
-    const Vector3d& p = impact.support[i].p_B;
-    if (!any) pivot.p_B = p;
-    any = true;
-    if ((p - pivot.p_B).squaredNorm() > pivot.chord.squaredNorm()) pivot.chord = p - pivot.p_B;
+    const Support& support = impact.support[i];
+    if (support.idle < impact.elapsed && up_B.dot(now_B.at(support.p_B)) < kOpens * impact.blow)
+      point[count++] = support.p_B;
   }
-  if (!any || pivot.chord.isZero()) return any;
-  pivot.chord.normalize();
-  for (std::size_t i = 0; i < impact.supports; ++i)
-    if (counts(impact.support[i]) &&
-        (impact.support[i].p_B - pivot.p_B).cross(pivot.chord).norm() > kSamePoint)
-      return false;
-  return true;
+  for (std::size_t i = 0; i < count; ++i)
+    for (std::size_t k = i + 1; k < count; ++k)
+      if ((point[k] - point[i]).squaredNorm() > pivot.chord.squaredNorm())
+        pivot = {point[i], point[k] - point[i]};
+  if (!pivot.chord.isZero()) {
+    pivot.chord.normalize();
+    bool line = true;
+    for (std::size_t i = 0; i < count; ++i)
+      line = line && (point[i] - pivot.p_B).cross(pivot.chord).norm() <= kSamePoint;
+    if (line && turns_about(pivot)) return true;
+  }
+  double greatest = 0.0;
+  for (std::size_t i = 0; i < count; ++i) {
+    const Pivot candidate{point[i], Vector3d::Zero()};
+    const double energy = kinetic_energy_B(about(candidate, now_B));
+    if (energy > greatest) {
+      greatest = energy;
+      pivot = candidate;
+    }
+  }
+  return greatest > enough;
 }
 
 RockMechanics::Velocity RockMechanics::about(const Pivot& pivot, const Velocity& velocity_B) const {
@@ -342,16 +357,10 @@ bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal
   // The impact is where the weight had done most work: the rock was lowest there.
   const double wanted =
       kept * (impact.energy + impact.greatest_work) - (impact.greatest_work - impact.work);
-  const double present = kinetic_energy_B(now_B);
+  const Velocity next = about(pivot, now_B);
+  const double present = kinetic_energy_B(next);
   if (!(wanted > 0) || !(present > 0)) return false;
-  Velocity next = about(pivot, now_B);
-  const double rotation = kinetic_energy_B(next);
-  double gain = wanted / rotation;
-  if (!(rotation > (1.0 - kStray) * present)) {
-    next = now_B;
-    gain = std::min(wanted / present, kGreatestGain);
-  }
-  const double scale = std::sqrt(gain);
+  const double scale = std::sqrt(std::min(wanted / present, kGreatestGain));
   rock.v_WB = pedestal.velocity_at(rock.p_WB) + scale * (rock.q_WB * next.v);
   rock.w_WB = pedestal.w_WP + scale * (rock.q_WB * next.w);
   return true;

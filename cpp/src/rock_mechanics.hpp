@@ -101,6 +101,7 @@ class RockMechanics {
   Eigen::Vector3d up_B_ = Eigen::Vector3d::UnitZ();  ///< the pedestal's normal at the start
   double start_height_ = 0.0;                        ///< of the mass centre over the lowest vertex [m]
 
+  static constexpr std::size_t kSupports = 16;
   struct Support {
     Eigen::Vector3d p_B;
     double idle;  ///< since it last bore the rock [s]
@@ -115,7 +116,7 @@ class RockMechanics {
     double greatest_work = 0.0;
     Velocity before_B{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
     // Points that bore the rock lately, in an impact or not.
-    std::array<Support, 16> support;
+    std::array<Support, kSupports> support;
     std::size_t supports = 0;
   };
   Impact impact_;

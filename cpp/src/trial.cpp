@@ -11,6 +11,13 @@
 namespace vsr2 {
 namespace {
 
+// Bullet keeps at most so many contact points between two convex parts.
+constexpr std::int64_t kManifoldPoints = 4;
+
+// A rock that leans may be about to leave its point of balance, where its speed grows as
+// exp(sqrt(m g r / I) t); it must keep still for so many windows before the trial is stopped early.
+constexpr std::int64_t kLeaningWindows = 8;
+
 std::string seconds(double value) {
   std::ostringstream text;
   text << value;
@@ -20,6 +27,17 @@ std::string seconds(double value) {
 bool finite(const RockState& rock) {
   return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
          rock.w_WB.allFinite();
+}
+
+std::int64_t steps_in(double time, double time_step) {
+  return static_cast<std::int64_t>(std::llround(time / time_step));
+}
+
+// Makes room for the rows of so many time steps, so that stepping allocates nothing. Memory that is
+// never written to is not resident.
+void reserve_rows(std::vector<double>& log, std::int64_t steps, std::int64_t every,
+                  std::int64_t doubles_a_row) {
+  if (every > 0) log.reserve(log.size() + static_cast<std::size_t>((steps / every + 1) * doubles_a_row));
 }
 
 // Counts how long the rock has been slow relative to the pedestal without a break.
@@ -33,8 +51,9 @@ class RestClock {
     const Eigen::Vector3d w = rock.w_WB - pedestal.w_WP;
     const bool slow = v.norm() < criterion_.linear_speed && w.norm() < criterion_.angular_speed;
     quiet_ = slow ? quiet_ + 1 : 0;
-    return quiet_ >= needed_;
+    return at_rest_for(1);
   }
+  bool at_rest_for(std::int64_t windows) const { return quiet_ >= windows * needed_; }
 
  private:
   RestCriterion criterion_;
@@ -136,7 +155,8 @@ class Run {
   bool settle(const RestCriterion& criterion, double timeout, const DriveTarget& hold,
               std::int64_t log_every) {
     RestClock rest(criterion, dt_);
-    const auto limit = static_cast<std::int64_t>(std::llround(timeout / dt_));
+    const std::int64_t limit = steps_in(timeout, dt_);
+    reserve_rows(result_.log, limit, log_every, kLogColumns);
     bool settled = limit == 0;
     for (std::int64_t i = 0; i < limit && !settled; ++i) {
       if (log_every > 0 && i % log_every == 0)
@@ -204,6 +224,8 @@ class Trial {
     result_.settling_time += settled.settling_time;
     begin();
     if (shake() && come_to_rest()) judge();
+    result_.log.shrink_to_fit();
+    result_.contacts.shrink_to_fit();
     result_.engine = run_.engine();
   }
 
@@ -219,6 +241,10 @@ class Trial {
     settled_ = run_.on_pedestal();
     result_.peak_tilt = 0.0;
     result_.peak_tracking_error = 0.0;
+    const auto steps = static_cast<std::int64_t>(spec_.position->size()) + steps_in(spec_.tail, dt_);
+    reserve_rows(result_.log, steps, spec_.log_every, kLogColumns);
+    reserve_rows(result_.contacts, steps, spec_.contacts_every, kManifoldPoints * kContactColumns);
+    contacts_.reserve(kManifoldPoints);
     observe(0, set_point(spec_, 0, 0.0));
   }
 
@@ -237,7 +263,7 @@ class Trial {
 
   bool come_to_rest() {
     if (overturned_ && spec_.stop_early) return true;
-    const auto limit = static_cast<std::int64_t>(std::llround(spec_.tail / dt_));
+    const std::int64_t limit = steps_in(spec_.tail, dt_);
     const DriveTarget hold = set_point(spec_, spec_.position->size() - 1, 0.0);
     bool resting = false;
     for (std::int64_t i = 0; i < limit; ++i) {
@@ -246,7 +272,7 @@ class Trial {
       observe(shaken_, hold);
       if (overturned_ && spec_.stop_early) return true;
       resting = tail_rest_.at_rest(run_.rock(), run_.pedestal_motion());
-      if (resting && spec_.stop_early) return true;
+      if (spec_.stop_early && tail_rest_.at_rest_for(leans_ ? kLeaningWindows : 1)) return true;
     }
     if (!resting && limit > 0) {
       result_.status = Status::tail_timeout;
@@ -260,6 +286,7 @@ class Trial {
     const Pose rock = run_.on_pedestal();
     const double tilt = tilt_from(settled_.orientation, rock.orientation);
     result_.peak_tilt = std::max(result_.peak_tilt, tilt);
+    leans_ = tilt >= spec_.outcome.rocked_tilt;
     result_.peak_tracking_error =
         std::max(result_.peak_tracking_error, std::abs(run_.pedestal().position - target.position));
     const bool fallen = rock.position.z() < settled_.position.z() - height_;
@@ -329,6 +356,7 @@ class Trial {
   double height_ = 0.0;
   std::int64_t shaken_ = 0;
   bool overturned_ = false;
+  bool leans_ = false;
 };
 
 }  // namespace

@@ -326,8 +326,9 @@ void bind_trial(py::module_& m) {
            "Contact log, shape (n, 20); may be taken once.");
 
   py::class_<Batch>(m, "Batch")
-      .def(py::init<std::vector<TrialSpec>, int>(), py::arg("trials"), py::arg("threads"))
-      .def("__len__", &Batch::size)
+      .def(py::init<int>(), py::arg("threads"))
+      .def("add", &Batch::add, py::arg("trial"))
+      .def("close", &Batch::close)
       // Python signals are handled between the short waits, so Ctrl-C is noticed at once.
       .def("wait", &Batch::wait, py::arg("timeout"), py::call_guard<py::gil_scoped_release>())
       .def("exhausted", &Batch::exhausted, py::call_guard<py::gil_scoped_release>())

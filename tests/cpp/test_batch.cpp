@@ -1,5 +1,6 @@
 #include <chrono>
 #include <cstring>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 
@@ -22,8 +23,10 @@ std::vector<TrialSpec> trials() {
 }
 
 std::vector<TrialResult> run(std::vector<TrialSpec> specs, int threads) {
-  Batch batch(std::move(specs), threads);
-  std::vector<TrialResult> results(batch.size());
+  std::vector<TrialResult> results(specs.size());
+  Batch batch(threads);
+  for (TrialSpec& spec : specs) batch.add(std::move(spec));
+  batch.close();
   while (!batch.exhausted())
     for (std::size_t i : batch.wait(0.05)) results[i] = batch.take(i);
   return results;
@@ -66,7 +69,8 @@ TEST(Batch, CancelStopsWithinASecondAndKeepsWhatIsDone) {
   const auto endless = std::make_shared<const std::vector<double>>(20'000'000, 0.0);
   for (std::size_t i = 1; i < specs.size(); ++i) specs[i].position = endless;
   for (TrialSpec& spec : specs) spec.log_every = 0;
-  Batch batch(std::move(specs), 2);
+  Batch batch(2);
+  for (TrialSpec& spec : specs) batch.add(std::move(spec));
   std::vector<std::size_t> done;
   while (done.empty()) done = batch.wait(0.1);
   EXPECT_EQ(batch.take(done.front()).status, Status::ok);
@@ -77,7 +81,38 @@ TEST(Batch, CancelStopsWithinASecondAndKeepsWhatIsDone) {
   for (std::size_t i : batch.wait(0.0)) EXPECT_EQ(batch.take(i).status, Status::cancelled);
 }
 
-TEST(Batch, RefusesNoThreads) { EXPECT_THROW(Batch({}, 0), InvalidInput); }
+TEST(Batch, TakesTrialsWhileItRuns) {
+  const auto specs = trials();
+  const auto reference = run(specs, 1);
+  Batch batch(3);
+  EXPECT_FALSE(batch.exhausted());
+  // Workers run out of trials and wait between the rounds; an index goes on counting.
+  for (std::size_t round = 0; round < 3; ++round) {
+    for (std::size_t i = 0; i < specs.size(); ++i)
+      EXPECT_EQ(batch.add(specs[i]), round * specs.size() + i);
+    std::size_t told = 0;
+    while (told < specs.size())
+      for (std::size_t i : batch.wait(0.05)) {
+        EXPECT_EQ(batch.take(i).log, reference[i % specs.size()].log);
+        EXPECT_THROW(batch.take(i), std::out_of_range);
+        ++told;
+      }
+    EXPECT_FALSE(batch.exhausted());
+  }
+  batch.close();
+  EXPECT_THROW(batch.add(specs[0]), InvalidInput);
+  batch.join();
+  EXPECT_TRUE(batch.exhausted());
+}
+
+TEST(Batch, EndsWithoutTrials) {
+  Batch batch(2);
+  batch.close();
+  EXPECT_TRUE(batch.wait(0.0).empty());
+  EXPECT_TRUE(batch.exhausted());
+}
+
+TEST(Batch, RefusesNoThreads) { EXPECT_THROW(Batch(0), InvalidInput); }
 
 }  // namespace
 }  // namespace vsr2

@@ -21,8 +21,6 @@ constexpr double kG = 9.81;
 
 enum class Engine { parity, exact, fast };
 constexpr Engine kEngines[] = {Engine::parity, Engine::exact, Engine::fast};
-// `fast` has one coefficient of friction for all contacts.
-constexpr Engine kFrictionEngines[] = {Engine::parity, Engine::exact};
 
 std::unique_ptr<World> make(Engine engine, const std::shared_ptr<const Scene>& scene,
                             Drive drive = Drive::prescribed) {
@@ -260,7 +258,7 @@ Block slab() {
 
 TEST(Mechanisms, FrictionBreaksAwayAtTheStaticValue) {
   constexpr double ratio = 1.4;
-  for (const Engine engine : kFrictionEngines) {
+  for (const Engine engine : kEngines) {
     const auto slip_at = [&](double acceleration) {
       Block block = slab();
       block.mechanisms.friction_ratio = ratio;
@@ -279,7 +277,7 @@ TEST(Mechanisms, FrictionBreaksAwayAtTheStaticValue) {
 }
 
 TEST(Mechanisms, FrictionSlidesAtTheKineticValue) {
-  for (const Engine engine : kFrictionEngines) {
+  for (const Engine engine : kEngines) {
     Block block = slab();
     block.mechanisms.friction_ratio = 1.6;
     block.mechanisms.friction_speed = 0.02;
@@ -402,12 +400,12 @@ TEST(Mechanisms, TheTetherHolds) {
   }
 }
 
-Mechanisms everything(Engine engine = Engine::exact) {
+Mechanisms everything() {
   Mechanisms m;
   m.impact_energy_ratio = 0.8;
   m.rocking_damping = 0.02;
   m.rolling_resistance = 0.003;
-  if (engine != Engine::fast) m.friction_ratio = 1.3;
+  m.friction_ratio = 1.3;
   m.adhesion = 2e3;
   m.catch_slack = 0.3;
   return m;
@@ -468,7 +466,6 @@ TEST(Mechanisms, EachChangesTheResponse) {
     for (const RockKind kind : {RockKind::box, RockKind::hull}) {
       const auto plain = response(*make(engine, scene_of(kind, {})), kind);
       for (const Mechanisms& one : each()) {
-        if (engine == Engine::fast && one.sets_friction()) continue;
         // An ellipsoid has no footprint.
         if (kind == RockKind::hull && one.adhesion > 0) continue;
         const auto changed = response(*make(engine, scene_of(kind, one)), kind);
@@ -499,7 +496,7 @@ TEST(Mechanisms, GiveTheSameBitsInExactAsInParity) {
 
 // Over the edge of a small pedestal: bond, tether and open impact go on in Bullet.
 TEST(Mechanisms, ChangeEnginesWithTheRock) {
-  Mechanisms m = everything(Engine::fast);
+  Mechanisms m = everything();
   m.catch_slack = NAN;
   const auto scene = scene_of(RockKind::hull, m, 1, test::pedestal({2.5, 2.5, 0.5}));
   const auto parity = make_bullet_world(scene, Drive::prescribed);
@@ -526,7 +523,7 @@ TEST(Mechanisms, ChangeEnginesWithTheRock) {
 
 TEST(Mechanisms, StartAfreshWithEachRock) {
   for (const Engine engine : kEngines) {
-    const auto scene = scene_of(RockKind::box, everything(engine));
+    const auto scene = scene_of(RockKind::box, everything());
     const auto fresh = make(engine, scene);
     const auto used = make(engine, scene);
     response(*used, RockKind::box, 700);
@@ -547,7 +544,7 @@ TEST(Mechanisms, StepWithoutAllocating) {
   for (const RockKind kind : {RockKind::box, RockKind::hull}) {
     for (const Engine engine : {Engine::exact, Engine::fast}) {
       for (const int substeps : {1, 2}) {
-        const auto world = make(engine, scene_of(kind, everything(engine), substeps));
+        const auto world = make(engine, scene_of(kind, everything(), substeps));
         world->spawn_rock(test::start(kind));
         const test::Pulse pulse{0.2, 1.5};
         for (int i = 0; i < 50; ++i) world->step(pulse.at(i));

@@ -3,7 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include "allocation_count.hpp"
 #include "scenes.hpp"
+#include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
@@ -77,6 +79,33 @@ TEST(Trial, EarlyStopChangesNoOutcome) {
     const TrialResult late = run_trial(spec, kRunOn);
     EXPECT_EQ(early.outcome, late.outcome) << amplitude;
     EXPECT_LT(early.steps, late.steps);
+  }
+}
+
+TEST(Trial, SteppingAllocatesNothing) {
+  test::count_bullet_allocations();
+  for (const EngineKind kind : {EngineKind::parity, EngineKind::exact, EngineKind::fast}) {
+    EngineSettings engine;
+    engine.kind = kind;
+    const auto scene = testing::block_scene({.size = {0.25, 0.5, 1.0}, .engine = engine});
+    // The longer trial makes the same allocations: none is of a step, with all rows logged.
+    long allocations[2];
+    for (const bool longer : {false, true}) {
+      std::vector<double> motion = testing::cosine(0.06, 1.5);
+      motion.insert(motion.end(), longer ? 5000 : 2000, 0.0);
+      TrialSpec spec = testing::trial_of(scene, testing::standing(0.502, 0.1), std::move(motion));
+      spec.stop_early = false;
+      spec.tail = 1.0;
+      spec.log_every = 1;
+      spec.contacts_every = 1;
+      const long before = test::allocation_count();
+      const TrialResult result = run_trial(spec, kRunOn);
+      allocations[longer] = test::allocation_count() - before;
+      EXPECT_EQ(result.log.size() / kLogColumns, longer ? 6668U : 3668U) << result.message;
+      EXPECT_EQ(result.log.size(), result.log.capacity());
+      EXPECT_GT(result.contacts.size() / kContactColumns, 3668U);
+    }
+    EXPECT_EQ(allocations[0], allocations[1]) << to_string(kind);
   }
 }
 

@@ -23,6 +23,8 @@ HEAVY = {
     "pandas",
     "sklearn",
     "statsmodels",
+    "optuna",
+    "cma",
     "distributed",
     "dask",
 }

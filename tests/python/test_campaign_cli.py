@@ -2,11 +2,16 @@
 
 import argparse
 import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from campaign_samples import campaign, grid
+from campaign_samples import assert_equal, campaign, grid
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.campaign import add_verbs
 from vsr2.errors import CampaignError
@@ -77,6 +82,54 @@ def test_simulate_checks_before_it_runs_and_resumes(tmp_path, capsys):
         run("simulate", study, tmp_path / "c", *options, "--resume", "--seed", "1")
     assert run("simulate", study, tmp_path / "c", "--overwrite", "--quiet") == 0
     assert load_campaign(tmp_path / "c").tier == "M"
+
+
+def test_a_killed_simulation_resumes_to_the_same_campaign(tmp_path):
+    (tmp_path / "study.yaml").write_text(
+        STUDY.replace("max: 0.6, step: 0.4", "max: 0.6, step: 0.05")
+        .replace("max: 0.1, step: 0.1", "max: 0.2, step: 0.05")
+        .replace("name: block", "name: block\nengine: {mode: exact}")
+    )
+    options = ["--threads", "2", "--noise-tilt", "0.001", "--series-every", "20", "--quiet"]
+    study = tmp_path / "study.yaml"
+    assert run("simulate", study, tmp_path / "calm", *options) == 0
+    assert not (tmp_path / "calm.checkpoint").exists()
+
+    command = [sys.executable, "-m", "vsr2.cli.main", "campaign", "simulate", str(study)]
+    command += [str(tmp_path / "wild"), *options]
+    journal = tmp_path / "wild.checkpoint" / "journal.jsonl"
+    child = subprocess.Popen(command)
+    while child.poll() is None:
+        if journal.is_file() and journal.read_bytes().count(b"\n") > 5:
+            child.send_signal(signal.SIGKILL)
+            break
+        time.sleep(0.001)
+    assert child.wait() == -signal.SIGKILL
+    assert not (tmp_path / "wild").exists()
+    logs = {path: path.stat().st_mtime_ns for path in logs_of_finished(journal)}
+    assert len(logs) > 4
+    with pytest.raises(CampaignError, match="--resume"):
+        run("simulate", study, tmp_path / "wild", *options)
+    # Killed again, after the last trial: the journal is whole, the campaign not there yet.
+    script = (
+        "import os, sys, vsr2.campaign\n"
+        "vsr2.campaign.save_campaign = lambda *a, **k: os._exit(9)\n"
+        "from vsr2.cli.main import main\n"
+        "main(sys.argv[1:])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", script, *command[3:], "--resume"], check=False)
+    assert ended.returncode == 9
+    assert {path: path.stat().st_mtime_ns for path in logs} == logs
+    assert run("simulate", study, tmp_path / "wild", *options, "--resume") == 0
+    calm, wild = load_campaign(tmp_path / "calm"), load_campaign(tmp_path / "wild")
+    assert_equal(replace(calm, provenance={}), replace(wild, provenance={}))
+    assert not (tmp_path / "wild.checkpoint").exists()
+
+
+def logs_of_finished(journal):
+    lines = journal.read_bytes().splitlines()[1:]
+    finished = [json.loads(line)["trial"] for line in lines if line.endswith(b"}")]
+    return [journal.parent / "logs" / f"{i:06d}.npz" for i in finished]
 
 
 def test_import_lab_reports_what_it_wrote(tmp_path, capsys):

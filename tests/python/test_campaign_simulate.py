@@ -16,7 +16,7 @@ from vsr2.campaign import (
 from vsr2.config import study_from_mapping
 from vsr2.errors import CampaignError
 from vsr2.motion import Record
-from vsr2.results import rotate
+from vsr2.results import JOURNAL_FILE, prepare_folder, rotate
 from vsr2.simulation import run_batch, study_trials
 
 BLOCK = {
@@ -167,6 +167,26 @@ def test_an_interrupted_campaign_resumes_to_the_same(study, tmp_path):
     assert_equal(whole, simulate_campaign(**arguments, resume=whole))
     with pytest.raises(CampaignError, match="from another study, seed or noise"):
         simulate_campaign(**arguments, seed=1, resume=whole)
+
+
+def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_path):
+    arguments = {
+        "study": study,
+        "series_every": 20,
+        "threads": 1,
+        "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001),
+    }
+    whole = simulate_campaign(**arguments)
+    folder = prepare_folder(tmp_path / "whole")
+    kept = simulate_campaign(**arguments, checkpoint=folder)
+    assert_equal(replace(whole, provenance={}), replace(kept, provenance={}))
+    lines = (folder / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    for finished in (0, 3, 6):
+        (folder / JOURNAL_FILE).write_bytes(b"".join(lines[: finished + 1]))
+        again = simulate_campaign(**arguments, checkpoint=folder)
+        assert_equal(replace(whole, provenance={}), replace(again, provenance={}))
+    with pytest.raises(CampaignError, match="not both"):
+        simulate_campaign(**arguments, checkpoint=folder, resume=whole)
 
 
 def test_trials_of_ones_own_with_ids_and_records(study):

@@ -16,18 +16,22 @@ import pytest
 
 from vsr2.config.study import Outcome, Output, Settling, Study
 from vsr2.errors import SimulationError
-from vsr2.motion import Motion, cosine_motion
+from vsr2.motion import Motion, build_recorded_motion, cosine_motion, read_record
 from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.simulation import Simulation, Trial, run_batch, study_trials
+from vsr2.simulation.batch import run_native
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def block_study(**output: object) -> Study:
+def block_study(
+    *, mode: str = "auto", size: tuple[float, float, float] = (0.25, 0.5, 1.0), **output: object
+) -> Study:
     return Study.model_validate(
         {
-            "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
+            "engine": {"mode": mode},
+            "rock": {"shape": "box", "size": list(size), "density": 2700.0},
             "motion": {
                 "mode": "grid_cosine",
                 "pga": {"min": 0.2, "max": 0.6, "step": 0.2},
@@ -171,6 +175,38 @@ def test_contacts_are_logged_for_the_chosen_trials_only() -> None:
     ]  # fmt: skip
 
 
+def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Whatever the batch's length: trials are handed to the core as results are taken.
+    monkeypatch.setattr("vsr2.simulation.batch.MAX_AHEAD", 5)
+    asked: list[int] = []
+    taken: list[int] = []
+
+    class Watched(list[Trial]):
+        def __getitem__(self, i):  # type: ignore[no-untyped-def]
+            asked.append(i)
+            assert i <= len(taken) + 5
+            return super().__getitem__(i)
+
+    trials = study_trials(block_study(mode="fast"))
+    batch = [trials[i % 6] for i in range(24)]
+    reference = run_batch(trials)
+    for limit in (5, 10**9):
+        # The size of logs is a limit too; two trials a thread are always handed over.
+        monkeypatch.setattr("vsr2.simulation.batch.MAX_AHEAD", limit)
+        monkeypatch.setattr("vsr2.simulation.batch.MAX_AHEAD_BYTES", 2**40 if limit == 5 else 0)
+        asked.clear()
+        taken.clear()
+        rows: dict[int, dict[str, object]] = {}
+
+        def take(i: int, row: dict[str, object], log: object) -> None:
+            taken.append(i)
+            rows[i] = row  # noqa: B023
+
+        run_native(Watched(batch), 2, take=take, stopped=lambda: False)
+        assert sorted(taken) == list(range(24))
+        assert all(rows[i]["peak_tilt"] == reference["peak_tilt"][i % 6] for i in range(24))
+
+
 def test_exception_in_the_callback_reaches_the_caller() -> None:
     def fail(index: int, log: object) -> None:
         raise RuntimeError(f"no room for {index}")
@@ -225,12 +261,51 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
     assert child.returncode == 0
 
 
+def with_and_without_early_stop(trials: list[Trial]) -> tuple[BatchResult, BatchResult]:
+    return tuple(
+        run_batch([replace(t, outcome=Outcome(stop_early=early, tail=6.0)) for t in trials])
+        for early in (True, False)
+    )  # type: ignore[return-value]
+
+
 def test_early_stop_keeps_the_outcome() -> None:
-    trials = study_trials(block_study(log_every=0))
-    early = run_batch(trials)
-    late = run_batch([replace(t, outcome=Outcome(stop_early=False, tail=12.0)) for t in trials])
+    # Bodies near their threshold, standing anyhow to the shaking, under embedded records.
+    records = [
+        build_recorded_motion(read_record(ROOT / f"configs/motions/synthetic_{k:02d}.csv"), 1e-3)
+        for k in (3, 7)
+    ]
+    rng = np.random.default_rng(3)
+    trials = []
+    for size in ((0.25, 0.5, 1.0), (0.3, 0.35, 0.9)):
+        [first, *_] = study_trials(block_study(mode="fast", size=size, log_every=0))
+        for motion in records:
+            for scale in rng.uniform(2.0, 9.0, 5) / motion.pga:
+                half = rng.uniform(0, np.pi) / 2
+                start = Pose(
+                    first.scene.rock.start.position, (0.0, 0.0, np.sin(half), np.cos(half))
+                )
+                trials.append(replace(first, start=start, motion=motion.scaled(float(scale))))
+    early, late = with_and_without_early_stop(trials)
     np.testing.assert_array_equal(early["outcome"], late["outcome"])
-    assert early["steps"].sum() < late["steps"].sum()
+    np.testing.assert_array_equal(early["overturning_time"], late["overturning_time"])
+    assert {"overturned", "rocked"} <= set(early["outcome"])
+    assert early["steps"].sum() < 0.9 * late["steps"].sum()
+
+
+def test_early_stop_takes_no_pause_at_the_point_of_balance_for_rest() -> None:
+    trial = study_trials(block_study(mode="fast", log_every=0))[3]
+    low, high = 0.5, 2.0
+    # The nearer to the threshold, the longer the block pauses on its edge.
+    for _ in range(6):
+        scales = np.linspace(low, high, 9)
+        near = [replace(trial, motion=trial.motion.scaled(float(s))) for s in scales]
+        early, late = with_and_without_early_stop(near)
+        np.testing.assert_array_equal(early["outcome"], late["outcome"])
+        first = int(np.argmax(late["outcome"] == "overturned"))
+        assert first > 0
+        low, high = scales[first - 1], scales[first]
+    paused = late["overturning_time"][first] - trial.motion.duration
+    assert paused > 1.5
 
 
 def test_mirrored_records_mirror_the_slip() -> None:

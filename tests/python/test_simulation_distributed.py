@@ -255,6 +255,20 @@ def test_a_checkpoint_resumes_on_a_cluster(
         assert load_trial_log(folder, i).state.tobytes() == local.log(i).state.tobytes()
 
 
+def test_a_campaign_is_simulated_on_a_cluster(
+    client: Any, trials: list[Trial], tmp_path: Path
+) -> None:
+    from campaign_samples import assert_equal
+    from vsr2.campaign import simulate_campaign
+
+    local = simulate_campaign(trials[:6], series_every=20, threads=1)
+    far = simulate_campaign(
+        trials[:6], series_every=20, client=client, checkpoint=prepare_folder(tmp_path / "c")
+    )
+    assert far.provenance["workers"] >= 1
+    assert_equal(replace(local, provenance={}), replace(far, provenance={}))
+
+
 def test_ctrl_c_keeps_what_is_finished(
     client: Any, trials: list[Trial], local: BatchResult
 ) -> None:

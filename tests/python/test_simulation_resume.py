@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -16,7 +18,8 @@ import pytest
 
 from vsr2.config.study import Output, Study
 from vsr2.errors import ResultError
-from vsr2.results import JOURNAL_FILE, BatchResult, load_trial_log, prepare_folder
+from vsr2.motion import Motion
+from vsr2.results import JOURNAL_FILE, BatchResult, Journal, load_trial_log, prepare_folder
 from vsr2.simulation import Trial, run_batch, study_trials
 
 STUDY = """
@@ -129,7 +132,24 @@ def test_kill_9_at_any_moment_loses_no_finished_trial(tmp_path: Path) -> None:
         kills += child.wait() == -signal.SIGKILL
     assert kills >= 2, "the runs ended before they could be killed: the test shows nothing"
     before = journal.read_bytes().rpartition(b"\n")[0]
+    finished = [json.loads(line)["trial"] for line in before.splitlines()[1:]]
+    logs = [wild / "out" / "logs" / f"{i:06d}.npz" for i in finished]
+    written = [log.stat().st_mtime_ns for log in logs]
+    (wild / "out" / "logs" / f".{logs[0].name}.0123456789ab.tmp").write_bytes(b"torn")
+    # Killed once more, when the whole result is written but the journal still there.
+    code = (
+        "import os, sys, vsr2.results\n"
+        "vsr2.results.remove_journal = lambda folder: os._exit(9)\n"
+        "from vsr2.cli.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    late = subprocess.run([sys.executable, "-c", code, *run_cli(wild, "--resume")[3:]], check=False)
+    assert late.returncode == 9
+    assert (wild / "out" / "provenance.json").exists()
     subprocess.run(run_cli(wild, "--resume"), check=True)
+    # No finished trial ran again.
+    assert [log.stat().st_mtime_ns for log in logs] == written
+    assert not list((wild / "out").rglob("*.tmp"))
     assert not journal.exists()
     assert before.count(b"\n") >= 9
     assert (wild / "out" / "trials.csv").read_bytes() == table
@@ -188,3 +208,93 @@ def test_a_full_disk_stops_with_an_error_and_leaves_whole_lines(tmp_path: Path) 
         [sys.executable, "-m", "vsr2.cli.main", *arguments, "--resume"], timeout=60
     )
     assert done.returncode == 0
+
+
+def test_two_processes_cannot_write_one_journal(tmp_path: Path) -> None:
+    folder = prepare_folder(tmp_path / "run")
+    with Journal(folder, "plan", 3) as journal:
+        journal.record(0, {"x": 1})
+        with pytest.raises(ResultError, match="another process"):
+            Journal(folder, "plan", 3)
+    with Journal(folder, "plan", 3) as journal:
+        assert journal.finished == {0: {"x": 1, "trial": 0}}
+
+
+def test_logs_that_cannot_fit_are_refused_at_the_start(tmp_path: Path) -> None:
+    from vsr2.config.study import Outcome
+
+    still = np.zeros(1_500_000)
+    endless = Motion("endless", 1e-3, still, still, still, "recording")
+    long = replace(
+        trials()[0],
+        motion=endless,
+        outcome=Outcome(stop_early=False),
+        output=Output(log_every=1),
+    )
+    count = 2 + int(shutil.disk_usage(tmp_path).free / (still.size * 18 * 8))
+    folder = prepare_folder(tmp_path / "run")
+    with pytest.raises(ResultError, match="needs at least"):
+        run_batch([long] * count, checkpoint=folder)
+    assert len((folder / JOURNAL_FILE).read_bytes().splitlines()) == 1
+
+
+FULL = """
+mount -t tmpfs -o size={size} none {mount} || exit 77
+mkdir {mount}/out
+[ {filler} = 0 ] || head -c {filler} /dev/zero > {mount}/filler 2>/dev/null
+[ {remount} = 0 ] || mount -o remount,ro {mount}
+{command}
+code=$?
+cat {mount}/out/journal.jsonl > {copy}/journal.jsonl 2>/dev/null
+find {mount}/out -type f > {copy}/files
+for log in {mount}/out/logs/*.npz; do cp $log {copy}/ 2>/dev/null; done
+exit $code
+"""
+
+
+def run_on_small_disk(tmp_path: Path, **facts: object) -> subprocess.CompletedProcess[str]:
+    """Runs the study on a file system of its own, in a name space where that may be mounted."""
+    (tmp_path / "study.yaml").write_text(STUDY)
+    mount, copy = tmp_path / "mount", tmp_path / "copy"
+    mount.mkdir()
+    copy.mkdir()
+    command = shlex.join(run_cli(tmp_path)).replace(str(tmp_path / "out"), str(mount / "out"))
+    script = FULL.format(command=command, mount=mount, copy=copy, **facts)
+    unshare = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script]
+    try:
+        done = subprocess.run(unshare, capture_output=True, text=True, timeout=100)
+    except FileNotFoundError:
+        pytest.skip("there is no unshare")
+    if done.returncode == 77 or "unshare:" in done.stderr:
+        pytest.skip("this system lets users mount nothing in a name space of their own")
+    return done
+
+
+def test_a_read_only_folder_and_a_full_disk_are_told_at_the_start(tmp_path: Path) -> None:
+    for name, filler, remount in (("read-only", 0, 1), ("full", 10**6, 0)):
+        folder = tmp_path / name
+        folder.mkdir()
+        done = run_on_small_disk(folder, size="64k", filler=filler, remount=remount)
+        assert done.returncode == 2, done.stderr
+        reason = "Read-only file system" if remount else "No space left on device"
+        assert reason in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+        assert (folder / "copy" / "files").read_text() == ""
+
+
+def test_a_disk_that_fills_up_leaves_whole_files_only(tmp_path: Path) -> None:
+    done = run_on_small_disk(tmp_path, size="300k", filler=0, remount=0)
+    assert done.returncode == 2, done.stderr
+    assert "No space left on device" in done.stderr
+    copy = tmp_path / "copy"
+    lines = (copy / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    assert all(line.endswith(b"}\n") for line in lines)
+    finished = [json.loads(line)["trial"] for line in lines[1:]]
+    assert 0 < len(finished) < 33
+    (copy / "logs").mkdir()
+    for log in copy.glob("*.npz"):
+        log.rename(copy / "logs" / log.name)
+    for i in finished:
+        assert len(load_trial_log(copy, i).state) > 10
+    files = (copy / "files").read_text().splitlines()
+    assert not [name for name in files if name.endswith(("trials.csv", "provenance.json", ".tmp"))]

@@ -18,14 +18,16 @@ struct Mechanisms {
   /// Housner's ratio, here for any body: the share of the kinetic energy left if the velocity before
   /// the impact is projected (in the metric of the inertia) onto the rotations about the new edge,
   /// or the new point, of support. For a rectangular block of slenderness angle alpha it is
-  /// (1 - 3/2 sin^2 alpha)^2 (Housner 1963). An impact takes from its first step until its
-  /// contacts have been quiet for 4 ms; then the rock's velocity relative to the pedestal is
-  /// scaled, so that no contact opens or closes by it. The product never exceeds 1.
+  /// (1 - 3/2 sin^2 alpha)^2 (Housner 1963).
   ///
-  /// Where Housner's ratio H exceeds 0.98, as between the facets of a rounded edge, the ratio is
-  /// raised to the power (1 - H) / 0.02, so that rolling does not depend on the number of facets.
-  /// Impacts that leave the rock on three points or more that do not lie on a line, or slower than
-  /// 0.04 m/s, are left as they are.
+  /// An impact begins with a blow at 0.04 m/s or more on a point that has borne nothing for 50 ms, and
+  /// is over when its contacts have been quiet for 4 ms. The rock's velocity relative to the pedestal
+  /// is then set to the rotation about its new support that has the energy wanted: about the line
+  /// through the points that bear it, or, where it does not turn about that, about one of them. The
+  /// share kept never exceeds 1. Where Housner's ratio H exceeds 0.98, as between the facets of a
+  /// rounded edge, the given ratio is raised to the power (1 - H) / 0.02, so that rolling does not
+  /// depend on the number of facets. Impacts after which the rock turns about neither (it lies flat
+  /// on three points or more, slides or flies) are left as they are.
   double impact_energy_ratio = std::numeric_limits<double>::quiet_NaN();
 
   /// Damping of rocking [1], 0: none. A moment -2 zeta p I_O w against the horizontal part w of the
@@ -41,7 +43,8 @@ struct Mechanisms {
 
   /// Static friction relative to kinetic friction [1], 1: one value. The coefficient of a contact is
   /// mu = mu_k (1 + (friction_ratio - 1) exp(-|v| / friction_speed)), v its speed of slip before the
-  /// step and mu_k the materials' coefficient.
+  /// step and mu_k the materials' coefficient. The engine `fast` takes the mean of its contacts'
+  /// coefficients for all of them: the same but for a rock that slides and spins at once.
   double friction_ratio = 1.0;
   double friction_speed = 0.01;  ///< [m/s]
 

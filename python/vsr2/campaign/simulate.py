@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -24,9 +25,11 @@ from vsr2.config.study import MeshRock, Study
 from vsr2.effects import chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
-from vsr2.results import BatchResult, TrialLog, quaternion_product
+from vsr2.results import BatchResult, TrialLog, load_trial_log, quaternion_product
 
 if TYPE_CHECKING:
+    import distributed
+
     from vsr2.simulation import Trial
 
 Array = NDArray[np.float64]
@@ -54,6 +57,8 @@ def simulate_campaign(
     threads: int | None = None,
     progress: bool = False,
     resume: Campaign | None = None,
+    checkpoint: str | os.PathLike[str] | None = None,
+    client: distributed.Client | None = None,
 ) -> Campaign:
     """Run trials and write down what an experimenter would have measured.
 
@@ -86,15 +91,21 @@ def simulate_campaign(
         threads: as in :func:`vsr2.simulation.run_batch`.
         progress: show a progress bar on standard error.
         resume: a campaign of the same call that was interrupted; only trials that it lacks are run.
+        checkpoint: a folder in which finished trials are kept, as in
+            :func:`vsr2.simulation.run_batch`: a call that was killed, made again, runs only the
+            others and gives the same campaign. Not together with `resume`.
+        client: of a Dask distributed cluster, as in :func:`vsr2.simulation.run_batch`.
 
     Returns:
         The campaign. Trials whose outcome cannot be trusted (failed, interrupted) have no outcome
         and carry their status as note. Its provenance holds study, seed, noise and versions.
 
     Raises:
-        CampaignError: lists of another length than the trials, or `resume` is of another call.
+        CampaignError: lists of another length than the trials, or `resume` is of another call or
+            given with a checkpoint.
         ConfigError, GeometryError, MotionError, SimulationError: as `run_batch`, before any trial
             runs.
+        ResultError: the checkpoint cannot be used, or belongs to other trials.
     """
     from vsr2.simulation import apply_effects, run_batch, study_trials
 
@@ -118,6 +129,8 @@ def simulate_campaign(
     for label, given in (("motion_ids", motion_ids), ("records", records), ("sessions", sessions)):
         if given is not None and len(given) != len(trials):
             raise CampaignError(f"{label} has {len(given)} entries for {len(trials)} trials")
+    if resume is not None and checkpoint is not None:
+        raise CampaignError("give either resume or checkpoint, not both")
     if series_every < 0 or seed < 0:
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
     output = {
@@ -151,7 +164,14 @@ def simulate_campaign(
             progress=progress,
             keep_logs=False,
             on_trial=keep,
+            checkpoint=checkpoint,
+            client=client,
         )
+        if checkpoint is not None and series_every:
+            # Of trials that were finished before; there is no resumed campaign then.
+            for i in range(len(trials)):
+                if i not in series and result["status"][i] in JUDGED:
+                    keep(i, load_trial_log(checkpoint, i))
     files, written = _records(asked, ids, records, noise, seed)
     rows: list[CampaignTrial] = []
     for i, trial in enumerate(asked):

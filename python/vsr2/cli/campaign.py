@@ -107,7 +107,15 @@ def _add_simulate(verbs: Any) -> None:
     )
     simulate.add_argument("--overwrite", action="store_true", help="replace a campaign in DEST")
     simulate.add_argument(
-        "--resume", action="store_true", help="run only what an interrupted campaign in DEST lacks"
+        "--resume",
+        action="store_true",
+        help="go on where the same command was interrupted or killed; until it ends, what is "
+        "finished is kept in DEST.checkpoint",
+    )
+    simulate.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="run on the Dask cluster of this scheduler, as `vsr2 run` does",
     )
     simulate.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
     simulate.set_defaults(run=_simulate)
@@ -177,6 +185,8 @@ def _without_nan(value: Any) -> Any:
 
 
 def _simulate(options: argparse.Namespace) -> int:
+    from contextlib import ExitStack
+
     from vsr2.campaign import (
         MeasurementNoise,
         format_campaign,
@@ -186,30 +196,55 @@ def _simulate(options: argparse.Namespace) -> int:
     )
     from vsr2.campaign.folder import prepare_destination
     from vsr2.config import load_study
+    from vsr2.errors import CampaignError, SimulationError
+    from vsr2.results import has_journal, prepare_folder, remove_result
+    from vsr2.simulation import connect
 
     study = load_study(options.study, overrides=options.set)
-    prepare_destination(options.dest, overwrite=options.overwrite or options.resume)
-    present = (options.dest / "campaign.yaml").exists()
-    resume = load_campaign(options.dest) if options.resume and present else None
-    campaign = simulate_campaign(
-        study,
-        name=options.name,
-        sessions=options.session_size,
-        noise=MeasurementNoise(
-            displacement=options.noise_displacement,
-            acceleration=options.noise_acceleration,
-            peak_tilt=options.noise_peak_tilt,
-            tilt=options.noise_tilt,
-            position=options.noise_position,
-            orientation=options.noise_orientation,
-        ),
-        seed=options.seed,
-        series_every=options.series_every,
-        threads=options.threads,
-        progress=not options.quiet,
-        resume=resume,
+    noise = MeasurementNoise(
+        displacement=options.noise_displacement,
+        acceleration=options.noise_acceleration,
+        peak_tilt=options.noise_peak_tilt,
+        tilt=options.noise_tilt,
+        position=options.noise_position,
+        orientation=options.noise_orientation,
     )
+    prepare_destination(options.dest, overwrite=options.overwrite or options.resume)
+    checkpoint = options.dest.with_name(f"{options.dest.name}.checkpoint")
+    present = (options.dest / "campaign.yaml").exists()
+    unfinished = options.resume and has_journal(checkpoint)
+    resume = load_campaign(options.dest) if options.resume and present and not unfinished else None
+    if has_journal(checkpoint) and not (options.resume or options.overwrite):
+        raise CampaignError(
+            f"{checkpoint}: keeps an unfinished simulation; go on with --resume, or begin anew "
+            "with --overwrite"
+        )
+    if resume is None and not unfinished:
+        prepare_folder(checkpoint, overwrite=options.overwrite)
+    with ExitStack() as stack:
+        client = None
+        if options.scheduler is not None:
+            if options.threads is not None:
+                raise SimulationError(
+                    "--threads does not apply with --scheduler: workers have their own"
+                )
+            client = stack.enter_context(connect(options.scheduler))
+        campaign = simulate_campaign(
+            study,
+            name=options.name,
+            sessions=options.session_size,
+            noise=noise,
+            seed=options.seed,
+            series_every=options.series_every,
+            threads=options.threads,
+            progress=not options.quiet,
+            resume=resume,
+            checkpoint=checkpoint if resume is None else None,
+            client=client,
+        )
     save_campaign(campaign, options.dest, overwrite=options.overwrite or options.resume)
+    if not campaign.provenance.get("interrupted"):
+        remove_result(checkpoint)
     if not options.quiet:
         print(format_campaign(campaign))
         print(f"wrote {options.dest}")

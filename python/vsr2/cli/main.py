@@ -6,7 +6,17 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from vsr2.cli import bodies, campaign, configuration, effects, motion, replay, study
+from vsr2.cli import (
+    bodies,
+    calibration,
+    campaign,
+    configuration,
+    effects,
+    fragility,
+    motion,
+    replay,
+    study,
+)
 from vsr2.errors import Vsr2Error
 
 EXIT_CODES = """\
@@ -28,7 +38,17 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="store_true", help="version and build facts, then end")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
-    for room in (study, replay, bodies, motion, campaign, effects, configuration):
+    for room in (
+        study,
+        replay,
+        bodies,
+        motion,
+        campaign,
+        calibration,
+        fragility,
+        effects,
+        configuration,
+    ):
         room.add_verbs(verbs)
     return parser
 

@@ -114,8 +114,6 @@ def _run_all(
         )
         for note in scene.rock.notes:
             print(f"note: {note}")
-    if scene.rock.surface is not None and scene.pedestal_surface is not None:
-        save_models(folder, scene.rock.surface, scene.pedestal_surface)
     result = run_batch(
         trials,
         threads=options.threads,
@@ -125,9 +123,11 @@ def _run_all(
     )
     if result.provenance["interrupted"]:
         return _interrupted(result, folder)
+    if scene.rock.surface is not None and scene.pedestal_surface is not None:
+        save_models(folder, scene.rock.surface, scene.pedestal_surface)
     result = replace(result, provenance={**result.provenance, **facts})
-    save_result(result, folder, streamed_logs=True)
-    remove_journal(folder)
+    # As long as the journal is there, a run that was killed here goes on from it.
+    save_result(result, folder, streamed_logs=True, overwrite=True)
     written = [folder / "trials.csv", folder / "provenance.json"]
     if study.output.log_every:
         written.append(folder / "logs")
@@ -135,6 +135,7 @@ def _run_all(
         written += write_figures(
             load_result(folder, logs=False), folder / "figures", logs_from=folder
         )
+    remove_journal(folder)
     if not options.quiet:
         print(summary_table(result))
         print("wrote:")

@@ -479,7 +479,8 @@ class Outcome(Section):
     rest_angular_speed: Positive = 0.05
     """... and the rock turns slower than this ... [rad/s]"""
     rest_window: Annotated[float, Strict(), Field(gt=0, le=3600)] = 0.5
-    """... without a break for this long: too slow to overturn any more [s]."""
+    """... without a break for this long, and eight times as long while it leans by `rocked_tilt` or
+    more, as it may pause at its point of balance: too slow to overturn any more [s]."""
     overturned_tilt: Annotated[float, Strict(), Field(gt=0, lt=3.1416)] = 1.4
     """A tilt from which nothing comes back: the trial may stop [rad]."""
     toppled_tilt: Annotated[float, Strict(), Field(gt=0, lt=3.1416)] = 0.35

@@ -25,7 +25,7 @@ from vsr2.motion.cosine import (
     grid_parameters,
     grid_values,
 )
-from vsr2.motion.fusion import fuse
+from vsr2.motion.fusion import ChannelNoise, fuse
 from vsr2.motion.measures import Channel, missing_channel
 from vsr2.motion.motion import Array, Motion, Recording
 from vsr2.motion.processing import (
@@ -80,6 +80,7 @@ def build_recorded_motion(
     filter: Filter | None = None,
     scale: float = 1.0,
     target_pga: float | None = None,
+    noise: ChannelNoise | None = None,
     name: str | None = None,
 ) -> Motion:
     """The motion that a record asks of the pedestal.
@@ -100,6 +101,7 @@ def build_recorded_motion(
         scale: factor on the motion; negative mirrors it.
         target_pga: PGA of the motion as driven [m/s^2], which `scale` then only signs; None: as
             `scale` has it.
+        noise: of the channels, for "fused" alone; None: told from the record's rest.
         name: of the motion; by default the record's.
 
     Raises:
@@ -110,7 +112,11 @@ def build_recorded_motion(
         raise MotionError(f"{record.label}: scale {scale} must be finite and not 0")
     interval = record.sample_interval
     used = _driving_channel(record) if channel == "auto" else channel
-    displacement, how = _displacement(record, used, baseline, filter)
+    if noise is not None and used != "fused":
+        raise MotionError(
+            f"{record.label}: noise has no effect on the {used} channel; leave it out"
+        )
+    displacement, how = _displacement(record, used, baseline, filter, noise)
     driven = resample(
         scale * taper_ends(displacement, interval), interval, time_step, name=record.label
     )
@@ -144,19 +150,23 @@ def _driving_channel(record: Record) -> Channel:
 
 
 def _displacement(
-    record: Record, channel: Channel, baseline: int | None, filter: Filter | None
+    record: Record,
+    channel: Channel,
+    baseline: int | None,
+    filter: Filter | None,
+    noise: ChannelNoise | None,
 ) -> tuple[Array, str]:
     """What drives (n,) [m], and how it came about."""
     interval, label = record.sample_interval, record.label
     if channel == "fused":
-        fused = fuse(record, baseline=baseline)
+        fused = fuse(record, noise=noise, baseline=baseline)
         displacement = fused.displacement
         if filter is not None:
             displacement = band_pass(displacement, interval, filter, name=label)
-        noise = fused.noise
+        seen = fused.noise
         return displacement, (
-            f"displacement and acceleration fused (noise {noise.displacement.deviation:.3g} m and "
-            f"{noise.acceleration.deviation:.3g} m/s^2, consistency {fused.consistency:.3g})"
+            f"displacement and acceleration fused (noise {seen.displacement.deviation:.3g} m and "
+            f"{seen.acceleration.deviation:.3g} m/s^2, consistency {fused.consistency:.3g})"
         )
     signal = {
         "displacement": record.displacement,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -176,12 +177,12 @@ class Motion:
         """Sample times from 0, shape (n,) [s]."""
         return np.arange(self.displacement.size, dtype=np.float64) * self.time_step
 
-    @property
+    @cached_property
     def pga(self) -> float:
         """Peak ground acceleration of the motion as driven [m/s^2]."""
         return float(np.abs(self.acceleration).max())
 
-    @property
+    @cached_property
     def pgv(self) -> float:
         """Peak ground velocity of the motion as driven [m/s]."""
         return float(np.abs(self.velocity).max())
@@ -191,7 +192,7 @@ class Motion:
         """PGV/PGA [s]; 0 for a motion at rest."""
         return self.pgv / self.pga if self.pga > 0 else 0.0
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Hash of time step, displacement, velocity and side motions: what is driven."""
         digest = hashlib.sha256(np.float64(self.time_step).tobytes())

@@ -20,7 +20,9 @@ import json
 import os
 import re
 import secrets
+import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -70,6 +72,7 @@ _RESERVED = "result_files"
 _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
 _SPATIAL_NAMES = ("excursions", "pivot")
 _NUMBERED = re.compile(r"\d{6,}\.(npz|npy)")
+_TEMPORARY = re.compile(r"\..+\.[0-9a-f]{12}\.tmp")
 _MAX_TEXT_FILE = 2**31
 
 
@@ -101,20 +104,74 @@ def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -
             f"{path}: already holds a result ({present[0].name} and {len(present) - 1} more "
             "files); choose another folder, or overwrite it"
         )
-    for file in present:
+    _remove(present)
+    return path
+
+
+def remove_result(folder: str | os.PathLike[str]) -> None:
+    """Remove a result and its folders, but no file that VSR2 did not write.
+
+    Raises:
+        ResultError: a file cannot be removed.
+    """
+    path = Path(folder)
+    if not path.is_dir():
+        return
+    remove_temporaries(path)
+    _remove(_result_files(path))
+    for parent in (path / LOG_FOLDER, path / NPY_FOLDER, path / MODEL_FOLDER, path):
+        with suppress(OSError):  # not there, or not empty
+            parent.rmdir()
+
+
+def _remove(files: list[Path]) -> None:
+    for file in files:
         try:
             file.unlink(missing_ok=True)
         except OSError as error:
             raise ResultError(f"{file}: cannot be removed ({error.strerror})") from error
-    return path
+
+
+def require_space(folder: str | os.PathLike[str], size: float) -> None:
+    """Refuse a file system that cannot take a result, before any work is spent on one.
+
+    Args:
+        folder: where the result will be.
+        size: that it will have at least [byte].
+
+    Raises:
+        ResultError: less than `size` is free.
+    """
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise ResultError(f"{folder}: cannot be used ({error.strerror})") from error
+    if free < size:
+        raise ResultError(
+            f"{folder}: the result needs at least {size / 1e6:.3g} MB and {free / 1e6:.3g} MB are "
+            "free; free space, choose another folder, or raise output.log_every"
+        )
+
+
+def remove_temporaries(folder: str | os.PathLike[str]) -> None:
+    """Remove what a killed writer left in a result folder; no other may be at work there.
+
+    Raises:
+        ResultError: a file cannot be removed.
+    """
+    path = Path(folder)
+    for parent in (path, path / LOG_FOLDER, path / NPY_FOLDER):
+        _remove([file for file in parent.glob(".*.tmp") if _TEMPORARY.fullmatch(file.name)])
 
 
 def _try_to_write(path: Path) -> None:
     # Permission bits tell little (root, read-only mounts, quotas): only writing does.
     probe = path / f".probe.{secrets.token_hex(6)}.tmp"
-    with open(probe, "xb") as file:
-        file.write(b"0")
-    probe.unlink()
+    try:
+        with open(probe, "xb") as file:
+            file.write(b"0")
+    finally:
+        probe.unlink(missing_ok=True)
 
 
 def _result_files(path: Path) -> list[Path]:
@@ -158,7 +215,7 @@ def save_result(
     text = _provenance_text(result, [])  # refuse what cannot be written before writing anything
     if streamed_logs:
         path = Path(folder)
-        _refuse_finished(path)
+        _refuse_finished(path, overwrite)
     else:
         path = prepare_folder(folder, overwrite=overwrite)
     for i, log in enumerate(result.logs):
@@ -172,10 +229,11 @@ def save_result(
     return path
 
 
-def _refuse_finished(path: Path) -> None:
+def _refuse_finished(path: Path, overwrite: bool) -> None:
     if not path.is_dir():
         raise ResultError(f"{path}: is no folder; call prepare_folder before the run")
-    if (path / PROVENANCE_FILE).exists() or (path / TRIALS_FILE).exists():
+    present = (path / PROVENANCE_FILE).exists() or (path / TRIALS_FILE).exists()
+    if present and not overwrite:
         raise ResultError(f"{path}: already holds a result; call prepare_folder before the run")
 
 

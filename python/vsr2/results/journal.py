@@ -2,11 +2,14 @@
 
 A line is appended by a single write after the trial's log is on disk. However the process ends, the
 file holds whole lines and at most one torn last line, which a resumed run drops and does again.
-Floats are written so that they read back to the last bit.
+Floats are written so that they read back to the last bit. While a process writes the journal it
+holds a lock on it, where the file system has locks, so that no second one writes into it.
 """
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -30,20 +33,22 @@ class Journal:
         trials: number of trials of the plan.
 
     Attributes:
-        finished: rows by trial index, as they were recorded.
+        finished: rows by trial index that were there at the start.
 
     Raises:
-        ResultError: the journal there is of another plan, is damaged before its last line, or the
-            folder cannot be written to.
+        ResultError: the journal there is of another plan, is damaged before its last line, is
+            written by another process, or the folder cannot be written to.
     """
 
     def __init__(self, folder: str | os.PathLike[str], plan: str, trials: int) -> None:
         self._path = Path(folder) / JOURNAL_FILE
         self._header = _header(plan, trials)
         try:
-            self.finished, end = _read(self._path, self._header)
+            _check_regular(self._path)
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT, 0o666)
             try:
+                self._lock()
+                self.finished, end = _read(self._path, self._header)
                 os.ftruncate(self._file, end)
                 os.lseek(self._file, 0, os.SEEK_END)
                 if end == 0:
@@ -70,7 +75,16 @@ class Journal:
             raise ResultError(
                 f"{self._path}: cannot be written ({error.strerror}); free space and resume"
             ) from error
-        self.finished[trial] = entry
+
+    def _lock(self) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno == errno.EWOULDBLOCK:
+                raise ResultError(
+                    f"{self._path}: another process is writing it; let that one finish, or end it"
+                ) from error
+            # A file system without locks, as some networks have: nothing to hold on to.
 
     def _append(self, entry: Mapping[str, Any]) -> None:
         line = (json.dumps(entry, separators=(",", ":")) + "\n").encode()
@@ -80,7 +94,7 @@ class Journal:
             # A full disk takes part of a line; take it back, so that later lines stay readable.
             os.ftruncate(self._file, start)
             os.lseek(self._file, start, os.SEEK_SET)
-            raise OSError(28, "No space left on device")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def close(self) -> None:
         """Close the file; the journal stays."""
@@ -100,10 +114,9 @@ def _header(plan: str, trials: int) -> dict[str, Any]:
 def _read(path: Path, header: Mapping[str, Any]) -> tuple[dict[int, dict[str, Any]], int]:
     """Rows of all whole lines by trial index, and where the last whole line ends."""
     finished: dict[int, dict[str, Any]] = {}
+    _check_regular(path)
     if not path.exists():
         return finished, 0
-    if not path.is_file():
-        raise ResultError(f"{path}: is no regular file; choose another folder")
     if path.stat().st_size > _MAX_BYTES:
         raise ResultError(f"{path}: over {_MAX_BYTES} bytes; not a journal of ours")
     content = path.read_bytes()
@@ -123,6 +136,11 @@ def _read(path: Path, header: Mapping[str, Any]) -> tuple[dict[int, dict[str, An
             ) from None
         finished[index] = entry
     return finished, end
+
+
+def _check_regular(path: Path) -> None:
+    if path.exists() and not path.is_file():
+        raise ResultError(f"{path}: is no regular file; choose another folder")
 
 
 def _check_header(path: Path, entry: Any, header: Mapping[str, Any]) -> None:

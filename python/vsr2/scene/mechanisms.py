@@ -47,5 +47,5 @@ class Mechanisms:
 
     @property
     def key(self) -> str:
-        """Text that is the same for mechanisms that act the same."""
+        """Text that is equal where the mechanisms are; `==` is false for those that are NaN."""
         return "" if self.off else repr(astuple(self))

@@ -8,6 +8,7 @@ import os
 import signal
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
@@ -25,6 +26,7 @@ from vsr2.effects import Applied, Observation, chosen
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_motions
 from vsr2.results import (
+    CONTACT_COLUMNS,
     INTEGER_COLUMNS,
     STATE_COLUMNS,
     TEXT_COLUMNS,
@@ -34,6 +36,8 @@ from vsr2.results import (
     TrialLog,
     base_provenance,
     load_trial_log,
+    remove_temporaries,
+    require_space,
     save_trial_log,
 )
 from vsr2.scene import Pose
@@ -48,6 +52,16 @@ MAX_LOG_BYTES = 2e9
 """Greatest state log of one trial that is accepted."""
 POLL = 0.1
 """How often finished trials are collected and Ctrl-C is noticed [s]."""
+MAX_AHEAD = 1024
+"""Most trials that the core holds, waiting, running or not yet taken."""
+MAX_AHEAD_BYTES = 2**28
+"""Most that their logs can take, unless two trials a thread take more [byte]."""
+
+_KEPT_SAMPLES_BYTES = 2**28
+_KEPT_STARTS = 4096
+_CONTACTS_A_ROW = 4
+_ROW_BYTES = 256
+"""Least size of a trial's row, in the journal and in the table."""
 
 _FLOAT_COLUMNS = (
     "settling_time",
@@ -159,42 +173,50 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
 
 
 class _Specifications:
-    """Native specifications of trials; motions are copied once, equal starts settle once."""
+    """Native specifications of trials; motions are copied once, equal starts settle once.
+
+    What was not used for a while is let go of, so that memory does not grow with the batch.
+    """
 
     def __init__(self) -> None:
-        self._samples: dict[int, dict[str, Any]] = {}
-        self._starts: dict[tuple[Any, ...], _native.SettledStart] = {}
+        # With what the key's `id` is of, so that no other object gets it.
+        self._samples: OrderedDict[int, tuple[Motion, dict[str, Any]]] = OrderedDict()
+        self._starts: OrderedDict[tuple[Any, ...], tuple[Scene, _native.SettledStart]] = (
+            OrderedDict()
+        )
+        self._bytes = 0
 
     def of(self, trial: Trial) -> _native.TrialSpec:
-        scene, motion = trial.scene, trial.motion
-        if abs(motion.time_step - scene.engine.time_step) > 1e-12 * scene.engine.time_step:
-            raise SimulationError(
-                f"motion {motion.name!r} is sampled at {motion.time_step:g} s but the engine steps "
-                f"at {scene.engine.time_step:g} s; resample the motion in time"
-            )
-        if id(motion) not in self._samples:
-            self._samples[id(motion)] = {
-                "motion_position": _native.Samples(motion.displacement),
-                "motion_velocity": _native.Samples(motion.velocity),
-            } | {
-                name: None if side is None else _native.Samples(side.displacement)
-                for name, side in motion.sides.items()
-            }
         outcome, output = trial.outcome, trial.output
         return _native.TrialSpec(
             start=self._start(trial),
-            **self._samples[id(motion)],
+            **self._motion(trial.motion),
             log_every=output.log_every,
             contacts_every=output.contacts_every,
             **outcome.model_dump(),
         )
 
+    def _motion(self, motion: Motion) -> dict[str, Any]:
+        key = id(motion)
+        if key in self._samples:
+            self._samples.move_to_end(key)
+            return self._samples[key][1]
+        samples = {
+            "motion_position": _native.Samples(motion.displacement),
+            "motion_velocity": _native.Samples(motion.velocity),
+        } | {
+            name: None if side is None else _native.Samples(side.displacement)
+            for name, side in motion.sides.items()
+        }
+        self._samples[key] = motion, samples
+        self._bytes += _sample_bytes(motion)
+        while self._bytes > _KEPT_SAMPLES_BYTES and len(self._samples) > 1:
+            _, (oldest, _) = self._samples.popitem(last=False)
+            self._bytes -= _sample_bytes(oldest)
+        return samples
+
     def _start(self, trial: Trial) -> _native.SettledStart:
         if trial.motion.is_spatial:
-            if trial.drive != "prescribed":
-                raise SimulationError(
-                    f"motion {trial.motion.name!r} goes beside x; only drive: prescribed follows it"
-                )
             drive = _native.Drive.prescribed_spatial
         elif trial.drive == "prescribed":
             drive = _native.Drive.prescribed
@@ -205,26 +227,21 @@ class _Specifications:
         body = trial.scene.body_pose(trial.start or trial.scene.rock.start)
         log_every = trial.output.log_every if trial.output.log_settling else 0
         key = (id(trial.scene), drive, body, trial.settling, log_every)
-        if key not in self._starts:
-            self._starts[key] = _native.SettledStart(
-                scene=trial.scene.native,
-                drive=drive,
-                position=body.position,
-                orientation=body.orientation,
-                log_every=log_every,
-                **trial.settling.model_dump(),
-            )
-        return self._starts[key]
-
-
-def native_specifications(trials: Sequence[Trial]) -> list[_native.TrialSpec]:
-    """The trials as the core takes them.
-
-    Raises:
-        SimulationError: a trial that cannot be run as asked.
-    """
-    specifications = _Specifications()
-    return [specifications.of(trial) for trial in trials]
+        if key in self._starts:
+            self._starts.move_to_end(key)
+            return self._starts[key][1]
+        start = _native.SettledStart(
+            scene=trial.scene.native,
+            drive=drive,
+            position=body.position,
+            orientation=body.orientation,
+            log_every=log_every,
+            **trial.settling.model_dump(),
+        )
+        self._starts[key] = trial.scene, start
+        while len(self._starts) > _KEPT_STARTS:
+            self._starts.popitem(last=False)
+        return start
 
 
 def run_native(
@@ -236,45 +253,101 @@ def run_native(
 ) -> None:
     """Run trials in native threads of this process.
 
+    Trials are handed to the core a little ahead of those that are finished and taken, so that
+    neither what waits nor what `take` has not caught up with grows with the batch.
+
     Args:
-        trials: what to run.
+        trials: what to run; they passed :func:`check_trials`.
         threads: how many at a time.
         take: called with index, row and log of each trial as it finishes.
         stopped: asked every `POLL`; once true, trials that run end with status `cancelled` and no
             others begin.
-
-    Raises:
-        SimulationError: before any trial starts, where one cannot be run as asked.
     """
-    native = _native.Batch(native_specifications(trials), threads)
+    specifications = _Specifications()
+    native = _native.Batch(threads)
+    sizes: dict[int, float] = {}
+    ahead = 0.0
+    added = 0
     try:
         while not native.exhausted():
+            while added < len(trials):
+                size = _log_bytes(trials[added])
+                full = len(sizes) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
+                if full and len(sizes) >= 2 * threads:
+                    break
+                sizes[native.add(specifications.of(trials[added]))] = size
+                ahead += size
+                added += 1
+            else:
+                native.close()
             for i in native.wait(POLL):
                 result = native.take(i)
+                ahead -= sizes.pop(i)
                 take(i, _row(result), _log(trials[i], result))
             if stopped():
                 native.cancel()
+                added = len(trials)
     finally:
         native.cancel()
         native.join()
 
 
-def _check_log_size(trial: Trial) -> None:
-    """Refuse a log that could outgrow memory, before any trial runs."""
-    every, step = trial.output.log_every, trial.scene.engine.time_step
-    if every == 0:
-        return
+def check_trials(trials: Sequence[Trial]) -> None:
+    """Refuse what cannot be run, before any trial runs.
+
+    Raises:
+        SimulationError: a motion of another time step than its scene's, a motor asked to drive a
+            motion beside x, or a log that could outgrow memory.
+    """
+    for trial in trials:
+        scene, motion = trial.scene, trial.motion
+        if abs(motion.time_step - scene.engine.time_step) > 1e-12 * scene.engine.time_step:
+            raise SimulationError(
+                f"motion {motion.name!r} is sampled at {motion.time_step:g} s but the engine steps "
+                f"at {scene.engine.time_step:g} s; resample the motion in time"
+            )
+        if motion.is_spatial and trial.drive != "prescribed":
+            raise SimulationError(
+                f"motion {motion.name!r} goes beside x; only drive: prescribed follows it"
+            )
+        size, every = _state_bytes(trial), trial.output.log_every * scene.engine.time_step
+        if size > MAX_LOG_BYTES:
+            raise SimulationError(
+                f"trial {trial.name or motion.name!r}: its log could take {size / 1e9:.3g} GB "
+                f"({_longest(trial):g} s, a row every {every:g} s); raise output.log_every or "
+                "shorten outcome.tail"
+            )
+
+
+def _longest(trial: Trial) -> float:
+    """The longest time that a trial can log [s]."""
     seconds = trial.motion.duration + trial.outcome.tail
-    if trial.output.log_settling:
-        seconds += 2 * trial.settling.timeout
-    columns = len(STATE_COLUMNS) + (3 if trial.motion.is_spatial else 0)
-    size = seconds / step / every * columns * 8
-    if size > MAX_LOG_BYTES:
-        raise SimulationError(
-            f"trial {trial.name or trial.motion.name!r}: its log could take {size / 1e9:.3g} GB "
-            f"({seconds:g} s, a row every {every * step:g} s); raise output.log_every or shorten "
-            "outcome.tail"
-        )
+    return seconds + (2 * trial.settling.timeout if trial.output.log_settling else 0.0)
+
+
+def _state_bytes(trial: Trial) -> float:
+    """Size that a trial's state log cannot exceed [byte]."""
+    if trial.output.log_every == 0:
+        return 0.0
+    rows = _longest(trial) / (trial.scene.engine.time_step * trial.output.log_every)
+    return rows * _state_columns(trial) * 8
+
+
+def _log_bytes(trial: Trial) -> float:
+    """About the size of the longest log that a trial can give [byte]."""
+    if trial.output.contacts_every == 0:
+        return _state_bytes(trial)
+    seconds = trial.motion.duration + trial.outcome.tail
+    rows = seconds / (trial.scene.engine.time_step * trial.output.contacts_every)
+    return _state_bytes(trial) + rows * _CONTACTS_A_ROW * len(CONTACT_COLUMNS) * 8
+
+
+def _least_bytes(trial: Trial) -> float:
+    """What a trial takes on disk at least [byte]."""
+    size, output = 2.0 * _ROW_BYTES, trial.output
+    if output.log_every and not trial.outcome.stop_early:
+        size += trial.motion.displacement.size // output.log_every * _state_columns(trial) * 8
+    return size
 
 
 def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
@@ -412,7 +485,8 @@ def run_batch(
     Raises:
         ConfigError, GeometryError, MotionError, SimulationError: before any trial starts, where
             the input cannot be used (an empty batch, for example).
-        ResultError: the checkpoint cannot be used, or belongs to other trials.
+        ResultError: the checkpoint cannot be used, belongs to other trials, is in use by another
+            process, or there is no room for the result.
     """
     started = time.time()
     study: Study | None = None
@@ -425,8 +499,7 @@ def run_batch(
         raise SimulationError("motions can be given only together with a study")
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
-    for trial in trials:
-        _check_log_size(trial)
+    check_trials(trials)
     if threads is None:
         threads = len(os.sched_getaffinity(0))
     elif client is not None:
@@ -506,6 +579,8 @@ class _Collection:
                 logged = "state" in self._out and self._trials[i].output.log_every > 0
                 _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
         self.pending = [i for i in self.pending if i not in journal.finished]
+        remove_temporaries(folder)
+        require_space(folder, sum(_least_bytes(self._trials[i]) for i in self.pending))
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""

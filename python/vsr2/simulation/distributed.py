@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vsr2 import _native
 from vsr2.errors import SimulationError
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
-from vsr2.simulation.batch import POLL, Trial, failed_row, native_specifications
+from vsr2.simulation.batch import POLL, Trial, failed_row
 from vsr2.simulation.orders import Cargo, Finished, hold, run_chunk, stop
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def run_on_cluster(
     Where no worker is connected, it waits for one.
 
     Args:
-        trials: what to run.
+        trials: what to run; they passed :func:`vsr2.simulation.batch.check_trials`.
         client: of the cluster.
         take: called with index, row and log of each trial as it comes back.
         stopped: asked every `POLL`; once true, workers stop, and what they have finished is still
@@ -107,8 +107,8 @@ def run_on_cluster(
         `processors`.
 
     Raises:
-        SimulationError: before any trial starts, where one cannot be run as asked or the client
-            cannot be used; later, where the workers run another VSR2 or the cluster is lost.
+        SimulationError: before any trial starts, where the client cannot be used; later, where the
+            workers run another VSR2 or the cluster is lost.
     """
     module = _distributed()
     if not isinstance(client, module.Client):
@@ -117,7 +117,6 @@ def run_on_cluster(
         raise SimulationError("client is asynchronous; make it by Client(..., asynchronous=False)")
     if client.status != "running":
         raise SimulationError(f"client is {client.status}; connect a new one")
-    native_specifications(trials)  # refuses here what a worker would refuse
     return _ClusterRun(trials, client, take, stopped).run()
 
 

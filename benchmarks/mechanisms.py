@@ -1,0 +1,102 @@
+"""What each mechanism, and a pedestal that moves in space, costs a step: ratio of on to off.
+
+    python benchmarks/mechanisms.py [--mesh MESH --mass KG] [--rounds N] [--steps N]
+
+One rock through one record (embedded: configs/motions/synthetic_07.csv, too weak to overturn), each
+engine in turn. In every round a batch with the mechanism follows one without, so that a change of
+the machine's speed meets both; the table gives the median of the rounds' ratios and its quartiles.
+CPU time of the whole trial, settling and building of the world included. What changes the response
+changes the cost too: a rock that comes to rest sooner is cheaper.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.config.study import Contact, Engine, MeshRock, Outcome, Output, PrismPedestal, Settling
+from vsr2.motion import Motion, SideMotion, build_recorded_motion, read_record
+from vsr2.scene import Mechanisms, build_pedestal, build_rock
+from vsr2.simulation import Trial, make_scene, run_batch
+
+ROOT = Path(__file__).resolve().parent.parent
+MECHANISMS = {
+    "impact_energy_ratio 0.8": Mechanisms(impact_energy_ratio=0.8),
+    "rocking_damping 0.02": Mechanisms(rocking_damping=0.02),
+    "rolling_resistance 5 mm": Mechanisms(rolling_resistance=0.005),
+    "friction_ratio 1.3": Mechanisms(friction_ratio=1.3),
+    "adhesion 20 kPa": Mechanisms(adhesion=2e4),
+    "catch_slack 0.2 rad": Mechanisms(catch_slack=0.2),
+}
+
+
+def record(steps: int) -> Motion:
+    """The embedded record, repeated or cut to `steps` time steps."""
+    motion = build_recorded_motion(read_record(ROOT / "configs/motions/synthetic_07.csv"), 1e-3)
+    repeats = -(-steps // (motion.displacement.size - 1))
+    parts = [0.6 * getattr(motion, name) for name in ("displacement", "velocity", "acceleration")]
+    tiled = [np.concatenate([p[:1], *[p[1:]] * repeats])[: steps + 1] for p in parts]
+    return Motion("bench", 1e-3, *tiled, "recording")
+
+
+def in_space(motion: Motion) -> Motion:
+    """The motion with channels beside x that are nearly at rest."""
+    side = SideMotion(1e-9 * motion.displacement, 1e-9 * motion.velocity)
+    return replace(motion, transverse=side, vertical=side, pitch=side)
+
+
+def cpu_time(trial: Trial) -> float:
+    """CPU seconds a step of a trial."""
+    start = time.process_time()
+    result = run_batch([trial], threads=1)
+    seconds = time.process_time() - start
+    if result["status"][0] not in ("ok", "tail_timeout"):
+        raise SystemExit(result["message"][0])
+    return float(seconds / result["steps"][0])
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--mesh", type=Path, default=ROOT / "models/pbr_scan.obj")
+    parser.add_argument("--mass", type=float, default=455.0)
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--steps", type=int, default=10_000)
+    arguments = parser.parse_args()
+    pedestal = build_pedestal(PrismPedestal())
+    rock = build_rock(
+        MeshRock(shape="mesh", file=arguments.mesh, mass=arguments.mass), pedestal, clearance=0.002
+    )
+    motion = record(arguments.steps)
+    print(f"{'engine':8} {'with':26} {'ratio':>6}  quartiles")
+    for mode in ("parity", "exact", "fast"):
+
+        def trial_with(mechanisms: Mechanisms | None, shaken: Motion, mode: str = mode) -> Trial:
+            scene = make_scene(rock, pedestal, Engine(mode=mode), Contact(), mechanisms)
+            return Trial(
+                scene=scene,
+                motion=shaken,
+                settling=Settling(timeout=10.0),
+                outcome=Outcome(tail=1e-3),
+                output=Output(log_every=0),
+            )
+
+        plain = trial_with(None, motion)
+        cases = {"channels beside x": trial_with(None, in_space(motion))}
+        for name, mechanisms in MECHANISMS.items():
+            cases[name] = trial_with(mechanisms, motion)
+        for name, trial in cases.items():
+            ratios = []
+            for _ in range(arguments.rounds):
+                off = cpu_time(plain)
+                ratios.append(cpu_time(trial) / off)
+            low, middle, high = np.percentile(ratios, [25, 50, 75])
+            print(f"{mode:8} {name:26} {middle:6.2f}  {low:.2f} to {high:.2f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Calibration: values that agree best with a campaign, judged on motions they were not fit to."""
+
+from vsr2.calibration.calibrate import (
+    CalibrationResult,
+    Fold,
+    Screen,
+    calibrate,
+    cross_validate,
+    evaluations_at_most,
+)
+from vsr2.calibration.evaluation import CalibrationInterrupted, Evaluator, usable_trials
+from vsr2.calibration.files import prepare_calibration_folder, save_calibration
+from vsr2.calibration.profile import Profile, profiles
+from vsr2.calibration.search import Step, joint_search, sequential_search
+from vsr2.calibration.settings import (
+    CalibrationSettings,
+    CalibrationStudy,
+    Parameter,
+    load_calibration,
+)
+from vsr2.calibration.store import Evaluation, EvaluationStore
+
+__all__ = [
+    "CalibrationInterrupted",
+    "CalibrationResult",
+    "CalibrationSettings",
+    "CalibrationStudy",
+    "Evaluation",
+    "EvaluationStore",
+    "Evaluator",
+    "Fold",
+    "Parameter",
+    "Profile",
+    "Screen",
+    "Step",
+    "calibrate",
+    "cross_validate",
+    "evaluations_at_most",
+    "joint_search",
+    "load_calibration",
+    "prepare_calibration_folder",
+    "profiles",
+    "save_calibration",
+    "sequential_search",
+    "usable_trials",
+]

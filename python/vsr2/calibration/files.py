@@ -1,0 +1,255 @@
+"""A calibration's result as plain files.
+
+    table.csv          sequential: one row a step, in the columns of the supplement's Table S2
+    evaluations.csv    every evaluated set with its scores on all trials
+    predictions.csv    one row a trial: observed, predicted in sample and out of fold
+    folds.csv          one row a fold: trials, objectives, values chosen without it
+    scores.csv         simulator and baselines with 95 % intervals
+    profiles.csv       one row a cell of a parameter's range
+    best.yaml          the study with the calibrated values
+    provenance.json    versions, hashes, seeds, settings
+
+`evaluations.jsonl`, which a search resumes from, stays beside them.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsr2.analysis import Classification
+from vsr2.analysis.bootstrap import SCORES
+from vsr2.calibration.calibrate import CalibrationResult
+from vsr2.calibration.evaluation import RUNNING
+from vsr2.calibration.scores import metrics_of, objective_of
+from vsr2.calibration.search import Step
+from vsr2.calibration.settings import CalibrationStudy, study_values
+from vsr2.calibration.store import EVALUATIONS_FILE, Evaluation
+from vsr2.config import dump_study
+from vsr2.errors import ResultError
+from vsr2.results import JOURNAL_FILE
+from vsr2.results.atomic import write_atomic
+
+TABLE = "table.csv"
+OWN_FILES = (
+    "provenance.json", TABLE, "evaluations.csv", "predictions.csv", "folds.csv", "scores.csv",
+    "profiles.csv", "best.yaml", "report.md",
+)  # fmt: skip
+S2_SCORES = ("accuracy", "precision", "recall", "f1", "objective")
+
+
+def prepare_calibration_folder(
+    folder: str | Path, *, overwrite: bool = False, resume: bool = False
+) -> Path:
+    """Make a folder ready, before any work is spent.
+
+    Args:
+        folder: created with its parents where it does not exist.
+        overwrite: remove a calibration that is there (only files that VSR2 wrote).
+        resume: go on with one that is there.
+
+    Raises:
+        ResultError: it cannot be used, or holds a calibration and neither is asked for.
+    """
+    path = Path(folder)
+    present = []
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        present = [path / name for name in (*OWN_FILES, EVALUATIONS_FILE) if (path / name).exists()]
+        if present and not (overwrite or resume):
+            raise ResultError(
+                f"{path}: already holds a calibration; go on with `--resume`, replace it with "
+                "`--overwrite`, or choose another folder"
+            )
+        if overwrite and not resume:
+            for file in (*present, *(path / RUNNING).glob(f"*/{JOURNAL_FILE}")):
+                file.unlink()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ResultError(f"{path}: cannot be used ({reason}); choose another folder") from error
+    return path
+
+
+def save_calibration(
+    result: CalibrationResult, study: CalibrationStudy, folder: str | Path
+) -> list[Path]:
+    """Write the tables, the calibrated study and the provenance.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ResultError: one cannot be written.
+    """
+    path = Path(folder)
+    texts: dict[str, str] = {}
+    if result.settings.method.kind == "sequential":
+        texts[TABLE] = csv_text(sequential_rows(result))
+    texts["evaluations.csv"] = csv_text(evaluation_rows(result))
+    texts["predictions.csv"] = csv_text(prediction_rows(result))
+    if result.folds:
+        texts["folds.csv"] = csv_text(fold_rows(result))
+    texts["scores.csv"] = csv_text(score_rows(result))
+    texts["profiles.csv"] = csv_text(profile_rows(result))
+    best = study.with_values(study_values(study, dict(result.best.evaluation.values)))
+    texts["best.yaml"] = dump_study(best)
+    texts["provenance.json"] = json.dumps(result.provenance, indent=2) + "\n"
+    for name, text in texts.items():
+        _write(path / name, text)
+    return [path / name for name in texts]
+
+
+def sequential_rows(result: CalibrationResult) -> list[dict[str, Any]]:
+    """The procedure's table in the columns of the supplement's Table S2."""
+    return [
+        {
+            "iteration": step.iteration,
+            "group": step.group,
+            **step.evaluation.values,
+            **{
+                name: _three(value)
+                for name, value in _scores(metrics_of(result.observed, step.evaluation.predicted))
+            },
+        }
+        for step in result.steps
+        if step.iteration > 0
+    ]
+
+
+def _scores(metrics: Classification) -> list[tuple[str, float]]:
+    return [(name, float(getattr(metrics, name))) for name in S2_SCORES]
+
+
+def _three(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.3f}"
+
+
+def evaluation_rows(result: CalibrationResult) -> list[dict[str, Any]]:
+    """Every set once: those of the search in order, then those of folds and profiles."""
+    seen: set[int] = set()
+    rows: list[dict[str, Any]] = []
+    steps: Iterable[tuple[str, Evaluation]] = [
+        *((step.group, step.evaluation) for step in result.steps),
+        *(("fold or profile", one) for one in result.extra),
+    ]
+    for stage, one in steps:
+        if id(one) in seen:
+            continue
+        seen.add(id(one))
+        metrics = metrics_of(result.observed, one.predicted)
+        rows.append(
+            {
+                "evaluation": len(rows),
+                "stage": stage,
+                **one.values,
+                **{name: value for name, value in _scores(metrics) if name != "objective"},
+                # As the search saw it: undefined parts count as 0.
+                "objective": objective_of(result.observed, one.predicted),
+                "failed": one.failed,
+                "seconds": one.seconds,
+                "plan_sha256": one.plan,
+            }
+        )
+    return rows
+
+
+def prediction_rows(result: CalibrationResult) -> list[dict[str, Any]]:
+    """One row a trial; blank: it failed, or there are no folds."""
+    return [
+        {
+            "trial": trial.trial,
+            "motion": trial.motion,
+            "fold": int(result.fold[i]) if result.folds else "",
+            "observed": int(result.observed[i]),
+            "in_sample": _outcome(result.in_sample[i]),
+            "out_of_fold": _outcome(result.out_of_fold[i]),
+        }
+        for i, trial in enumerate(result.campaign.trials)
+    ]
+
+
+def _outcome(value: float) -> str:
+    return "" if np.isnan(value) else f"{int(value)}"
+
+
+def fold_rows(result: CalibrationResult) -> list[dict[str, Any]]:
+    """One row a fold: its trials, objectives, and the values chosen without it."""
+    return [
+        {
+            "fold": k,
+            "trials": int(one.held_out.sum()),
+            "training": one.training,
+            "held_out": one.judged,
+            **one.values,
+        }
+        for k, one in enumerate(result.folds)
+    ]
+
+
+def score_rows(result: CalibrationResult) -> list[dict[str, Any]]:
+    """Simulator and baselines, each score with its 95 % interval."""
+    rows = []
+    for one in result.scores:
+        row: dict[str, Any] = {
+            "prediction": one.name,
+            "fitted": one.fitted,
+            "trials": one.metrics.trials,
+        }
+        for name in SCORES:
+            found = one.intervals[name]
+            row |= {name: found.value, f"{name}_low": found.low, f"{name}_high": found.high}
+        rows.append(row)
+    return rows
+
+
+def profile_rows(result: CalibrationResult) -> list[dict[str, Any]]:
+    """One row a cell of each parameter's range."""
+    return [
+        {
+            "parameter": profile.name,
+            "verdict": profile.verdict,
+            "low": cell.low,
+            "high": cell.high,
+            "sets": cell.sets,
+            "objective": cell.objective,
+            "deficit": cell.deficit,
+            "deficit_low": cell.deficit_low,
+            "deficit_high": cell.deficit_high,
+            "compatible": int(cell.compatible),
+        }
+        for profile in result.profiles
+        for cell in profile.cells
+    ]
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomic(path, lambda file: file.write(text.encode()))
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows of one form as CSV; NaN is blank."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow(
+            {k: "" if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()}
+        )
+    return text.getvalue()
+
+
+def best_of_sweeps(result: CalibrationResult) -> list[Step]:
+    """Of each sweep of the sequential procedure the step with the highest score, in order."""
+    sweeps: dict[tuple[int, str], Step] = {}
+    for step in result.steps:
+        key = (step.iteration, step.group)
+        if key not in sweeps or step.score > sweeps[key].score:
+            sweeps[key] = step
+    return list(sweeps.values())

@@ -1,0 +1,175 @@
+"""Which parameters the data tell, and which they do not.
+
+A parameter's range is cut into cells. The profile of a cell is the best objective of all evaluated
+sets that lie in it, whatever the other parameters: where these can make up for a wrong value, the
+profile stays high, as a profile likelihood does. A cell is compatible with the data where its best
+set is not worse than the best of all beyond the noise of the motions: where the 95 % interval of
+the difference, from a bootstrap over motions of both together, includes 0. The best of a
+cell that was searched more is higher by chance, and so is the best of all: a few sets in each cell
+say little.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.calibration.scores import objective_of, objective_replicates
+from vsr2.calibration.settings import Parameter, at_share, share_of
+from vsr2.calibration.store import Evaluation
+from vsr2.config.extended import Plain
+
+Array = NDArray[np.float64]
+Verdict = Literal["identified", "bounded above", "bounded below", "not identified"]
+DEFAULT_CELLS = 7
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A part of a parameter's range, or one of its values.
+
+    Attributes:
+        low, high: ends of the cell; of a listed value both are it.
+        objective: best of the sets in it; NaN: none was evaluated.
+        deficit: by how much it falls short of the best of all.
+        deficit_low, deficit_high: 95 % interval of that.
+        sets: evaluated in it.
+        compatible: whether it may be the best but for noise; False without any set.
+    """
+
+    low: Plain
+    high: Plain
+    objective: float
+    deficit: float
+    deficit_low: float
+    deficit_high: float
+    sets: int
+    compatible: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """How the best objective depends on one parameter.
+
+    Attributes:
+        name: of the parameter.
+        best: its calibrated value.
+        cells: along its range or list.
+        verdict: "identified": cells on both sides of the compatible ones are worse (of listed
+            words: some word is); "bounded above" or "below": on that side only; "not identified":
+            no cell is worse beyond noise.
+        sampled: (value, objective) of every evaluated set.
+    """
+
+    name: str
+    best: Plain
+    cells: tuple[Cell, ...]
+    verdict: Verdict
+    sampled: tuple[tuple[Plain, float], ...]
+
+    @property
+    def compatible(self) -> str:
+        """The compatible values in words."""
+        kept = [cell for cell in self.cells if cell.compatible]
+        if kept and kept[0].low == kept[0].high:
+            return ", ".join(f"{cell.low}" for cell in kept)
+        return f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
+
+
+def profiles(
+    parameters: Mapping[str, Parameter],
+    evaluations: Sequence[Evaluation],
+    observed: NDArray[np.bool_],
+    resamples: NDArray[np.int32],
+    calibrated: Mapping[str, Plain],
+    *,
+    cells: int = DEFAULT_CELLS,
+) -> list[Profile]:
+    """The profile of each parameter over all evaluated sets.
+
+    Args:
+        parameters: what was varied.
+        evaluations: at least one.
+        observed: outcomes, shape (trials,).
+        resamples: of the bootstrap over motions, shape (replicates, trials).
+        calibrated: values by parameter, for :attr:`Profile.best`.
+        cells: into which a range is cut.
+    """
+    scores = np.array([objective_of(observed, one.predicted) for one in evaluations])
+    best = int(np.argmax(scores))
+    reference = objective_replicates(observed, evaluations[best].predicted, resamples)
+    found = []
+    for name, parameter in parameters.items():
+        values = [one.values[name] for one in evaluations]
+        edges = _edges(parameter, cells)
+        place = [_cell_of(parameter, value, len(edges)) for value in values]
+        made = []
+        for i, (low, high) in enumerate(edges):
+            inside = [k for k, where in enumerate(place) if where == i]
+            if not inside:
+                made.append(Cell(low, high, np.nan, np.nan, np.nan, np.nan, 0, False))
+                continue
+            top = inside[int(np.argmax(scores[inside]))]
+            drawn = reference - objective_replicates(
+                observed, evaluations[top].predicted, resamples
+            )
+            under, over = (float(q) for q in np.quantile(drawn, [0.025, 0.975]))
+            made.append(
+                Cell(
+                    low=low,
+                    high=high,
+                    objective=float(scores[top]),
+                    deficit=float(scores[best] - scores[top]),
+                    deficit_low=under,
+                    deficit_high=over,
+                    sets=len(inside),
+                    compatible=under <= 0,
+                )
+            )
+        ordered = parameter.values is None or not any(isinstance(v, str) for v in parameter.values)
+        found.append(
+            Profile(
+                name=name,
+                best=calibrated[name],
+                cells=tuple(made),
+                verdict=_verdict(made, ordered),
+                sampled=tuple(zip(values, scores.tolist(), strict=True)),
+            )
+        )
+    return found
+
+
+def _edges(parameter: Parameter, cells: int) -> list[tuple[Plain, Plain]]:
+    if parameter.values is not None:
+        return [(value, value) for value in parameter.values]
+    return [
+        (at_share(parameter, i / cells), at_share(parameter, (i + 1) / cells)) for i in range(cells)
+    ]
+
+
+def _cell_of(parameter: Parameter, value: Plain, cells: int) -> int | None:
+    if parameter.values is not None:
+        return parameter.values.index(value) if value in parameter.values else None
+    share = share_of(parameter, value)
+    return min(cells - 1, max(0, int(share * cells))) if 0 <= share <= 1 else None
+
+
+def _verdict(cells: Sequence[Cell], ordered: bool) -> Verdict:
+    """Cells without a set say nothing."""
+    known = [cell for cell in cells if cell.sets]
+    kept = [i for i, cell in enumerate(known) if cell.compatible]
+    if not kept or len(kept) == len(known):
+        return "not identified"
+    if not ordered:
+        return "identified"
+    below, above = kept[0] > 0, kept[-1] < len(known) - 1
+    if below and above:
+        return "identified"
+    if below:
+        return "bounded below"
+    # Compatible at both ends with a worse stretch between them bounds neither side.
+    return "bounded above" if above else "not identified"

@@ -1,0 +1,73 @@
+"""How well predictions agree with a campaign, as a search needs it: always a number.
+
+The objective is the supplement's (S3): the unweighted mean of accuracy, precision and recall. Where
+precision or recall is undefined (nothing predicted, or nothing observed, to overturn) it counts as
+0 here. A trial without an outcome (`failed`) counts as wrongly predicted, so that settings which
+make trials fail gain nothing by it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.analysis import Classification, classification_metrics
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+def as_predictions(observed: Mask, predicted: Array) -> Mask:
+    """Predictions with every failed trial counted as wrong.
+
+    Args:
+        observed: whether each trial overturned, shape (n,).
+        predicted: 1, 0, or NaN for a failed trial, shape (n,).
+    """
+    return np.where(np.isnan(predicted), ~observed, predicted == 1)
+
+
+def metrics_of(observed: Mask, predicted: Array, among: Mask | None = None) -> Classification:
+    """Counts and scores, of all trials or of those in `among`."""
+    guess = as_predictions(observed, predicted)
+    if among is None:
+        return classification_metrics(observed, guess)
+    return classification_metrics(observed[among], guess[among])
+
+
+def objective_of(observed: Mask, predicted: Array, among: Mask | None = None) -> float:
+    """The objective with undefined parts as 0."""
+    found = metrics_of(observed, predicted, among)
+    return float(np.nan_to_num([found.accuracy, found.precision, found.recall]).sum() / 3.0)
+
+
+def objective_replicates(
+    observed: Mask, predicted: Array, counts: NDArray[np.int32] | NDArray[np.int64]
+) -> Array:
+    """The objective in each bootstrap replicate.
+
+    Args:
+        observed: shape (n,).
+        predicted: 1, 0 or NaN, shape (n,).
+        counts: how often each trial is drawn, shape (replicates, n)
+            (:func:`vsr2.campaign.motion_resamples`).
+
+    Returns:
+        Shape (replicates,).
+    """
+    guess = as_predictions(observed, predicted)
+    drawn = counts.astype(np.float64)
+    hits = drawn @ (observed & guess)
+    false = drawn @ (~observed & guess)
+    missed = drawn @ (observed & ~guess)
+    right = drawn @ (observed == guess)
+    parts = [
+        np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
+        for part, whole in (
+            (right, drawn.sum(axis=1)),
+            (hits, hits + false),
+            (hits, hits + missed),
+        )
+    ]
+    mean: Array = sum(parts[1:], parts[0]) / 3.0
+    return mean

@@ -1,0 +1,262 @@
+"""The calibration study: a study's scene, a campaign, parameters with ranges, and a method."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, Strict, model_validator
+
+from vsr2.config.extended import ExtendedStudy, Plain, load_extended
+from vsr2.config.problems import shown
+from vsr2.config.study import FilePath, NonNegative, Real, Section
+from vsr2.errors import ConfigError
+
+Value = (
+    Annotated[bool, Strict()]
+    | Annotated[int, Strict()]
+    | Annotated[float, Strict()]
+    | Annotated[str, Strict(), Field(max_length=200)]
+)
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+Key = Annotated[str, Field(pattern=r"^[a-z_0-9]+(\.[a-z_0-9]+)*$", max_length=200)]
+
+MOTION_KEYS = ("drive", "channel", "filter", "scale")
+"""Keys of `motion` in a calibration study; the motions themselves are the campaign's."""
+RESERVED = (
+    "iteration", "group", "accuracy", "precision", "recall", "f1", "objective", "failed",
+    "fold", "trials", "training", "held_out", "evaluation", "stage",
+)  # fmt: skip
+"""Columns of the tables, which no parameter may be named after."""
+
+
+class Parameter(Section):
+    """What is varied: one value for one key of the study, or for several that are tied."""
+
+    keys: Annotated[tuple[Key, ...], Field(min_length=1, max_length=20)]
+    """Dotted keys of the study; all get the same value."""
+    range: tuple[Real, Real] | None = None
+    """Lowest and highest value; give this or `values`."""
+    scale: Literal["linear", "log"] = "linear"
+    """How a range is divided."""
+    values: Annotated[tuple[Value, ...], Field(min_length=2, max_length=200)] | None = None
+    """A list of numbers or words to choose from; give this or `range`."""
+    unit: Annotated[str, Field(max_length=20)] = ""
+    """For tables and figures."""
+
+    @model_validator(mode="after")
+    def _one_of_range_and_values(self) -> Self:
+        if (self.range is None) == (self.values is None):
+            raise ValueError("give exactly one of `range` and `values`")
+        if self.range is not None:
+            low, high = self.range
+            if not low < high:
+                raise ValueError(f"range: {low} must be below {high}")
+            if self.scale == "log" and low <= 0:
+                raise ValueError(f"range: starts at {low}; a log scale needs it above 0")
+        elif self.scale == "log":
+            raise ValueError("scale: divides a range; remove it beside `values`")
+        if self.values is not None and len(set(map(repr, self.values))) != len(self.values):
+            raise ValueError("values: one is there twice; remove it")
+        return self
+
+
+class Sequential(Section):
+    """The supplement's procedure (S3): one parameter at a time, best value carried forward."""
+
+    kind: Literal["sequential"]
+    max_iterations: Annotated[int, Strict(), Field(ge=1, le=100)] = 10
+    """Iterations at most, each over all parameters."""
+    min_gain: NonNegative = 0.0005
+    """An iteration that raises the objective by no more than this is the last."""
+
+
+class Joint(Section):
+    """All parameters together: a Latin hypercube, then sets that a search proposes."""
+
+    kind: Literal["joint"]
+    design: Annotated[int, Strict(), Field(ge=2, le=100_000)] = 64
+    """Parameter sets of the Latin hypercube, which knows no outcomes and serves all folds."""
+    refine: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 24
+    """Parameter sets that the search adds, for all trials and again for each fold."""
+    proposals: Literal["tpe", "cma"] = "tpe"
+    """`tpe`: tree-structured Parzen estimator (optuna); also for lists of words. `cma`: evolution
+    strategy with adapted covariance (cma); for ranges alone, and hundreds of sets."""
+    profile_points: Annotated[int, Strict(), Field(ge=0, le=200)] = 7
+    """Values of each parameter that are tried with all others at their best; 0: none."""
+    screen: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 0
+    """Sets of the design that are run on all trials; trials which end alike in all of these are
+    taken to do so in the other sets, too. The chosen sets are run on all trials in the end. 0: all
+    sets are run on all trials."""
+
+    @model_validator(mode="after")
+    def _screen_fits(self) -> Self:
+        if self.screen == 1:
+            raise ValueError("screen: one set ends like itself; give 2 or more, or 0")
+        if self.screen > self.design:
+            raise ValueError(f"screen ({self.screen}) is more than design ({self.design})")
+        return self
+
+
+class CalibrationSettings(Section):
+    """The keys of a calibration study beside a study's own."""
+
+    campaign: FilePath
+    """Folder of the campaign to match."""
+    parameters: Annotated[dict[Name, Parameter], Field(min_length=1, max_length=50)]
+    """What is varied, in the order in which the sequential procedure takes it."""
+    method: Annotated[Sequential | Joint, Field(discriminator="kind")]
+    """How the best values are sought."""
+    folds: Annotated[int, Strict(), Field(ge=0, le=1000)] = 10
+    """Folds by motion, each judged with values chosen without it; 0: in sample alone."""
+    replicates: Annotated[int, Strict(), Field(ge=100, le=100_000)] = 2000
+    """Bootstrap replicates over motions."""
+    judged_with: Annotated[dict[Key, Value], Field(max_length=20)] = Field(default_factory=dict)
+    """Values of dotted keys of the study with which the chosen sets are judged, after a search
+    without them; `{engine.mode: exact}` after a search with the fast engine, for example."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        evolution = isinstance(self.method, Joint) and self.method.proposals == "cma"
+        if evolution and len(self.parameters) < 2:
+            raise ValueError("method.proposals: `cma` needs two parameters; set it to `tpe`")
+        if self.folds == 1:
+            raise ValueError("folds: 1 leaves nothing to choose with; give 2 or more, or 0")
+        for name, parameter in self.parameters.items():
+            if name in RESERVED:
+                raise ValueError(f"parameters.{name}: is a column of the tables; rename it")
+            if evolution and parameter.values is not None:
+                raise ValueError(
+                    f"parameters.{name}: method.proposals `cma` goes over ranges; give `range`, or "
+                    "set it to `tpe`"
+                )
+            if self.method.kind == "sequential" and parameter.values is None:
+                raise ValueError(
+                    f"parameters.{name}: the sequential procedure goes over a list; give `values`"
+                )
+        keys = [key for parameter in self.parameters.values() for key in parameter.keys]
+        both = [key for key in self.judged_with if key in keys]
+        if both:
+            raise ValueError(f"judged_with: {both[0]} is a parameter, which the search chooses")
+        double = {key for key in keys if keys.count(key) > 1}
+        if double:
+            raise ValueError(f"parameters: {min(double)} is varied twice; leave it to one")
+        return self
+
+
+CalibrationStudy = ExtendedStudy[CalibrationSettings]
+
+
+def load_calibration(
+    path: str | os.PathLike[str], *, overrides: Sequence[str] = ()
+) -> CalibrationStudy:
+    """Read a calibration study.
+
+    Its `motion` holds `drive`, `channel`, `filter` and `scale` of a study alone: the motions are
+    those measured in the campaign.
+
+    Args:
+        path: YAML file; paths in it are relative to its folder.
+        overrides: as in :func:`vsr2.config.load_study`.
+
+    Raises:
+        ConfigError: what is wrong, by file, line and key; also a parameter whose key the study has
+            not, or one of whose values it refuses.
+    """
+    study = load_extended(path, CalibrationSettings, overrides=overrides, complete=_with_motions)
+    for name, parameter in study.own.parameters.items():
+        _check(study, name, parameter)
+    for key in study.own.judged_with:
+        study.value(key)
+    study.with_values(study.own.judged_with, label=f"{study.label}: judged_with")
+    return study
+
+
+def campaign_folder(study: CalibrationStudy) -> Path:
+    """The campaign's folder, absolute."""
+    return study.base / study.own.campaign
+
+
+def _with_motions(mapping: dict[str, Any], own: CalibrationSettings, base: Path) -> None:
+    given = mapping.get("motion", {})
+    if not isinstance(given, dict):
+        raise ConfigError(
+            f"motion: must hold the keys {', '.join(MOTION_KEYS)} (is {shown(given)})"
+        )
+    odd = [key for key in given if key not in MOTION_KEYS]
+    if odd:
+        raise ConfigError(
+            f"motion.{odd[0]}: has no place in a calibration, whose motions are those of the "
+            f"campaign; it takes {', '.join(MOTION_KEYS)}"
+        )
+    folder = base / own.campaign
+    if not folder.is_dir():
+        raise ConfigError(
+            f"campaign: no such folder ({folder}); correct the path, or make one with "
+            "`vsr2 campaign`"
+        )
+    mapping["motion"] = {"mode": "all_recordings", "folder": str(folder), **given}
+
+
+def _check(study: CalibrationStudy, name: str, parameter: Parameter) -> None:
+    at = [study.value(key) for key in parameter.keys]
+    if len(set(map(repr, at))) > 1:
+        raise ConfigError(
+            f"{study.label}: parameters.{name}: the tied keys have the values "
+            f"{', '.join(map(shown, at))} in the study; make them equal"
+        )
+    tried: Sequence[Plain] = parameter.range or parameter.values or ()
+    for value in tried:
+        study.with_values(
+            dict.fromkeys(parameter.keys, value),
+            label=f"{study.label}: parameters.{name} at {shown(value)}",
+        )
+
+
+def start_values(study: CalibrationStudy) -> dict[str, Plain]:
+    """The study's own value of each parameter."""
+    return {name: study.value(one.keys[0]) for name, one in study.own.parameters.items()}
+
+
+def study_values(study: CalibrationStudy, values: dict[str, Plain]) -> dict[str, Plain]:
+    """Values by parameter as values by dotted key."""
+    return {key: value for name, value in values.items() for key in study.own.parameters[name].keys}
+
+
+def within(parameter: Parameter, value: Plain) -> bool:
+    """Whether a value lies in the parameter's range, or is one of its values."""
+    if parameter.values is not None:
+        return value in parameter.values
+    assert parameter.range is not None
+    low, high = parameter.range
+    return isinstance(value, (int, float)) and low <= value <= high
+
+
+def at_share(parameter: Parameter, share: float) -> Plain:
+    """The value at a share from 0 to 1 of the parameter's range, or of its list of values.
+
+    Values of a range are rounded to six digits, so that tables give them in full.
+    """
+    if parameter.values is not None:
+        count = len(parameter.values)
+        return parameter.values[min(count - 1, int(share * count))]
+    assert parameter.range is not None
+    low, high = parameter.range
+    if parameter.scale == "log":
+        value = math.exp(math.log(low) + share * (math.log(high) - math.log(low)))
+    else:
+        value = low + share * (high - low)
+    return min(max(float(f"{value:.6g}"), low), high)
+
+
+def share_of(parameter: Parameter, value: Plain) -> float:
+    """The inverse of :func:`at_share` for a value of a range."""
+    assert parameter.range is not None
+    assert not isinstance(value, str)
+    low, high = parameter.range
+    if parameter.scale == "log":
+        return math.log(value / low) / math.log(high / low)
+    return (value - low) / (high - low)

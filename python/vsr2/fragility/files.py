@@ -1,0 +1,155 @@
+"""A fragility study's result as tables, for people and for hazard codes.
+
+    trials.csv           one row a trial (vsr2.results)
+    plan.csv             one row a trial: motion, azimuth, replicate, seed, perturbation, outcome,
+                         every intensity measure of the motion as driven
+    curve_<measure>.csv  levels of the measure with probability, lower, upper
+    surface.csv          levels of both measures with the same
+    lognormal.csv        median and beta, of all azimuths together and of each
+    provenance.json      versions, hashes, seeds, settings
+
+In curves and surfaces `inside` is 1 where a level lies amid the simulated ones, and 0 where the fit
+extrapolates.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsr2.errors import ResultError
+from vsr2.fragility.fit import FragilityFit
+from vsr2.fragility.run import FragilityResult
+from vsr2.results import remove_journal, save_result
+from vsr2.results.atomic import write_atomic
+
+OWN_FILES = ("plan.csv", "surface.csv", "lognormal.csv", "report.md")
+
+
+def remove_old_tables(folder: str | Path) -> None:
+    """Remove tables and page of an earlier result, so that none outlives it.
+
+    Raises:
+        ResultError: one cannot be removed.
+    """
+    path = Path(folder)
+    try:
+        for file in [*(path / name for name in OWN_FILES), *path.glob("curve_*.csv")]:
+            file.unlink(missing_ok=True)
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be used ({error.strerror})") from error
+
+
+def save_fragility(result: FragilityResult, folder: str | Path) -> list[Path]:
+    """Write trials, tables and provenance.
+
+    Args:
+        result: what to write.
+        folder: that its batch kept its journal in, or a new one.
+
+    Returns:
+        The files written.
+
+    Raises:
+        ResultError: one cannot be written.
+    """
+    path = Path(folder)
+    points = result.settings.points
+    tables = {
+        "plan.csv": plan_rows(result),
+        "lognormal.csv": lognormal_rows(result),
+        **{f"curve_{name}.csv": curve_rows(fit, points) for name, fit in result.curves.items()},
+    }
+    if result.surface is not None:
+        tables["surface.csv"] = curve_rows(result.surface, points)
+    batch = replace(result.batch, provenance=result.provenance)
+    save_result(batch, path, streamed_logs=True)
+    for name, rows in tables.items():
+        _write(path / name, _csv(rows))
+    remove_journal(path)
+    return [path / "trials.csv", path / "provenance.json", *(path / name for name in tables)]
+
+
+def plan_rows(result: FragilityResult) -> list[dict[str, Any]]:
+    """One row a trial."""
+    return [
+        {
+            **asdict(one),
+            "outcome": str(result.batch["outcome"][i]),
+            "overturned": int(result.overturned[i]) if result.used[i] else "",
+            **{name: float(values[i]) for name, values in result.measures.items()},
+        }
+        for i, one in enumerate(result.planned)
+    ]
+
+
+def curve_rows(fit: FragilityFit, points: int) -> list[dict[str, Any]]:
+    """Levels with probability, lower and upper end of the band, and whether they lie inside."""
+    levels = fit.grid(points)
+    columns = (*fit.probability(levels), fit.inside(levels))
+    return [
+        {
+            **{name: float(x) for name, x in zip(fit.names, level, strict=True)},
+            "probability": float(p),
+            "lower": float(low),
+            "upper": float(high),
+            "inside": int(inside),
+        }
+        for level, p, low, high, inside in zip(levels, *columns, strict=True)
+    ]
+
+
+def lognormal_rows(result: FragilityResult) -> list[dict[str, Any]]:
+    """Median and beta of each curve; blank where there is none."""
+    curves: list[tuple[str, str, FragilityFit]] = []
+    for name, fit in result.curves.items():
+        curves.append((name, "all", fit))
+        curves += [
+            (name, f"{turn:g}", one)
+            for (other, turn), one in result.azimuth_curves.items()
+            if other == name
+        ]
+    rows = []
+    for name, azimuth, fit in curves:
+        found = fit.lognormal
+        row: dict[str, Any] = {"measure": name, "azimuth_deg": azimuth}
+        for key in (
+            "median", "median_lower", "median_upper", "beta", "beta_lower", "beta_upper",
+        ):  # fmt: skip
+            row[key] = math.nan if found is None else getattr(found, key)
+        row |= {
+            "fits": "" if found is None else int(found.fits),
+            "trials": fit.trials,
+            "overturned": fit.overturned,
+            "motions": fit.groups,
+            "separated": int(fit.separated),
+            "note": fit.note,
+        }
+        rows.append(row)
+    return rows
+
+
+def _write(path: Path, text: str) -> None:
+    write_atomic(path, lambda file: file.write(text.encode()))
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({key: _cell(value) for key, value in row.items()})
+    return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    if not isinstance(value, float):
+        return value
+    return f"{value:.9g}" if np.isfinite(value) else ""

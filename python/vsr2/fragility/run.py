@@ -1,0 +1,165 @@
+"""From a fragility study to its result: trials, intensities, fits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import ResultError
+from vsr2.fragility.fit import FragilityFit, fit_fragility
+from vsr2.fragility.settings import FragilitySettings, FragilityStudy
+from vsr2.fragility.trials import PlannedTrial, fragility_trials
+from vsr2.motion import Motion, intensity_measures
+from vsr2.results import BatchResult
+from vsr2.simulation import run_batch
+
+Array = NDArray[np.float64]
+
+JUDGED = ("ok", "tail_timeout")
+"""Statuses with which a trial's outcome is known."""
+
+
+@dataclass(frozen=True, eq=False)
+class FragilityResult:
+    """What a fragility study found.
+
+    Attributes:
+        settings: measures, azimuths, replicates, perturbations.
+        batch: one row a trial.
+        planned: what sets each trial apart.
+        measures: every intensity measure of each trial's motion as driven, by name, (trials,).
+        used: trials with an outcome and positive measures, shape (trials,).
+        curves: for every measure over all azimuths, by name.
+        azimuth_curves: the same of each azimuth alone, by (name, azimuth); empty for one azimuth.
+        surface: in both measures; None where there is one.
+        provenance: of the batch, with the settings.
+    """
+
+    settings: FragilitySettings
+    batch: BatchResult
+    planned: tuple[PlannedTrial, ...]
+    measures: Mapping[str, Array]
+    used: NDArray[np.bool_]
+    curves: Mapping[str, FragilityFit]
+    azimuth_curves: Mapping[tuple[str, float], FragilityFit]
+    surface: FragilityFit | None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def overturned(self) -> NDArray[np.bool_]:
+        """Of each trial, shape (trials,)."""
+        found: NDArray[np.bool_] = self.batch["outcome"] == "overturned"
+        return found
+
+    @property
+    def azimuth(self) -> Array:
+        """Of each trial [degree], shape (trials,)."""
+        return np.array([one.azimuth for one in self.planned])
+
+    @property
+    def motion(self) -> NDArray[np.str_]:
+        """Ground motion of each trial, shape (trials,)."""
+        return np.array([one.motion for one in self.planned], dtype=np.str_)
+
+
+def run_fragility(
+    study: FragilityStudy,
+    folder: str | Path | None = None,
+    *,
+    threads: int | None = None,
+    progress: bool = False,
+) -> FragilityResult | BatchResult:
+    """Run a fragility study's trials and fit its curves.
+
+    Args:
+        study: what is run.
+        folder: for the journal of finished trials, made ready by
+            :func:`vsr2.results.prepare_folder`; the same call there runs the others only. None: no
+            journal.
+        threads: as in :func:`vsr2.simulation.run_batch`; no result depends on it.
+        progress: show a progress bar on standard error.
+
+    Returns:
+        The result; where Ctrl-C interrupted, the batch as far as it came.
+
+    Raises:
+        GeometryError, MotionError, SimulationError: the study cannot be run.
+        ResultError: the folder cannot be used, or no trial can be judged.
+    """
+    trials, planned = fragility_trials(study)
+    batch = run_batch(
+        trials, threads=threads, progress=progress, keep_logs=False, checkpoint=folder
+    )
+    if batch.provenance["interrupted"]:
+        return batch
+    return fragility_result(study, batch, planned, [trial.motion for trial in trials])
+
+
+def fragility_result(
+    study: FragilityStudy,
+    batch: BatchResult,
+    planned: list[PlannedTrial],
+    motions: list[Motion],
+) -> FragilityResult:
+    """Fit the curves of a finished batch.
+
+    Raises:
+        ResultError: no trial can be judged.
+    """
+    settings = study.own.fragility
+    measures = _measures(motions)
+    used = np.isin(batch["status"], JUDGED) & (batch["outcome"] != "failed")
+    for name in settings.measures:
+        used &= measures[name] > 0
+    if not used.any():
+        raise ResultError("no trial has an outcome and positive intensities: nothing to fit")
+    overturned = (batch["outcome"] == "overturned").astype(np.bool_)
+    groups = np.array([one.motion for one in planned], dtype=np.str_)
+    azimuth = np.array([one.azimuth for one in planned])
+
+    def fit(names: tuple[str, ...], chosen: NDArray[np.bool_]) -> FragilityFit:
+        return fit_fragility(
+            np.stack([measures[name][chosen] for name in names], axis=1),
+            overturned[chosen],
+            groups[chosen],
+            names=names,
+            level=settings.level,
+            surface=settings.surface,
+        )
+
+    azimuths = list(dict.fromkeys(azimuth.tolist()))
+    single = [(name, turn) for name in settings.measures for turn in azimuths]
+    return FragilityResult(
+        settings=settings,
+        batch=batch,
+        planned=tuple(planned),
+        measures=measures,
+        used=used,
+        curves={name: fit((name,), used) for name in settings.measures},
+        azimuth_curves={
+            (name, turn): fit((name,), used & (azimuth == turn))
+            for name, turn in single
+            if len(azimuths) > 1 and (used & (azimuth == turn)).any()
+        },
+        surface=fit(settings.measures, used) if len(settings.measures) == 2 else None,
+        provenance=dict(batch.provenance)
+        | {
+            "study": study.study.model_dump(mode="json"),
+            "fragility": settings.model_dump(mode="json"),
+        },
+    )
+
+
+def _measures(motions: list[Motion]) -> dict[str, Array]:
+    """Each measure of each trial's motion; equal motions are measured once."""
+    known: dict[int, dict[str, float]] = {}
+    for motion in motions:
+        if id(motion) not in known:
+            known[id(motion)] = intensity_measures(motion).as_dict()
+    names = next(iter(known.values()))
+    return {name: np.array([known[id(motion)][name] for motion in motions]) for name in names}

@@ -1,0 +1,122 @@
+"""The fragility study: a study, and how its trials are varied and summed up."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, Strict, model_validator
+
+from vsr2.config.extended import ExtendedStudy, load_extended
+from vsr2.config.study import AllRecordings, Real, Section, SingleRecording
+from vsr2.errors import ConfigError
+
+Measure = Literal[
+    "pga_g", "pgv_m_s", "pgd_m", "pgv_pga_s", "arias_m_s", "cav_m_s", "duration_5_95_s"
+]
+
+MEASURE_LABELS: dict[str, str] = {
+    "pga_g": "PGA [g]",
+    "pgv_m_s": "PGV [m/s]",
+    "pgd_m": "PGD [m]",
+    "pgv_pga_s": "PGV/PGA [s]",
+    "arias_m_s": "Arias intensity [m/s]",
+    "cav_m_s": "CAV [m/s]",
+    "duration_5_95_s": "significant duration 5-95 % [s]",
+}
+"""Intensity measures as they stand on an axis."""
+
+
+class Jitter(Section):
+    """Standard deviations of the normal perturbations of each trial's start; 0: none."""
+
+    yaw: Annotated[float, Strict(), Field(ge=0, le=180)] = 0.0
+    """Of the turn about the vertical [degree]."""
+    offset: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0
+    """Of the place on the pedestal, along x and along y [m]."""
+    tilt: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0
+    """Of the tilt about x and about y before the rock settles [degree]."""
+
+    @property
+    def any(self) -> bool:
+        """Whether anything is perturbed."""
+        return self.yaw > 0 or self.offset > 0 or self.tilt > 0
+
+
+class FragilitySettings(Section):
+    """The section `fragility`."""
+
+    measures: Annotated[tuple[Measure, ...], Field(min_length=1, max_length=2)] = ("pga_g",)
+    """Intensity measures, of the motions as driven; two of them: a surface, too."""
+    target_pga: Annotated[tuple[Real, ...], Field(min_length=1, max_length=1000)] | None = None
+    """Scale every recording to each of these PGAs [g]; none given: as they are."""
+    azimuths: Annotated[tuple[Real, ...], Field(min_length=1, max_length=360)] | None = None
+    """Turns of the rock about the vertical at the start, instead of `rock.start.yaw` [degree]."""
+    replicates: Annotated[int, Strict(), Field(ge=1, le=10_000)] = 1
+    """Trials of each motion at each azimuth, perturbed independently of each other."""
+    jitter: Jitter = Jitter()
+    """How the start is perturbed."""
+    surface: Literal["quadratic", "linear"] = "quadratic"
+    """Terms of the surface in the logarithms of two measures."""
+    level: Annotated[float, Strict(), Field(gt=0, lt=1)] = 0.95
+    """Of the confidence bands."""
+    points: Annotated[int, Strict(), Field(ge=2, le=500)] = 41
+    """Intensity levels of a curve; a surface has as many along each axis."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.replicates > 1 and not self.jitter.any:
+            raise ValueError(
+                "replicates: without `jitter` all replicates are one and the same trial; give it, "
+                "or leave `replicates` at 1"
+            )
+        if self.surface == "linear" and len(self.measures) == 1:
+            raise ValueError("surface: has no effect with one measure; name two, or remove it")
+        if len(set(self.measures)) != len(self.measures):
+            raise ValueError("measures: one is there twice")
+        if self.target_pga is not None and not all(0 < a <= 100 for a in self.target_pga):
+            raise ValueError("target_pga: must lie above 0 and at most at 100 g; check the unit")
+        for key in ("target_pga", "azimuths"):
+            values = getattr(self, key)
+            if values is not None and len(set(values)) != len(values):
+                raise ValueError(f"{key}: one is there twice")
+        return self
+
+
+class FragilityKeys(Section):
+    """The keys of a fragility study beside a study's own."""
+
+    fragility: FragilitySettings = FragilitySettings()
+    """How trials are varied and summed up."""
+
+
+FragilityStudy = ExtendedStudy[FragilityKeys]
+
+
+def load_fragility(
+    path: str | os.PathLike[str], *, overrides: Sequence[str] = ()
+) -> FragilityStudy:
+    """Read a fragility study.
+
+    Args:
+        path: YAML file; paths in it are relative to its folder.
+        overrides: as in :func:`vsr2.config.load_study`.
+
+    Raises:
+        ConfigError: what is wrong, by file, line and key.
+    """
+    study = load_extended(path, FragilityKeys, overrides=overrides)
+    own = study.own.fragility
+    if own.target_pga is not None and not isinstance(
+        study.study.motion, (SingleRecording, AllRecordings)
+    ):
+        raise ConfigError(
+            f"{study.label}: fragility.target_pga: scales recordings; set motion.pga for cosines"
+        )
+    if (own.azimuths is not None or own.jitter.any) and study.study.rock.start.mode != "yaw":
+        raise ConfigError(
+            f"{study.label}: rock.start: azimuths and jitter turn and lower the rock anew; use "
+            "`mode: yaw` with `base_orientation`, `yaw` and `position_xy`"
+        )
+    return study

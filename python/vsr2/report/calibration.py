@@ -1,0 +1,396 @@
+"""A calibration for people: figures and a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vsr2.analysis.bootstrap import SCORES
+from vsr2.calibration.calibrate import CalibrationResult, Screen
+from vsr2.calibration.files import best_of_sweeps
+from vsr2.calibration.profile import Profile
+from vsr2.calibration.settings import Parameter
+from vsr2.campaign import intensity_measures
+from vsr2.config.extended import Plain
+from vsr2.errors import MotionError, ResultError
+from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
+from vsr2.report.panels import save_figure, scale_axis, sheet
+from vsr2.report.text import printable
+from vsr2.results.atomic import write_atomic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+REPORT = "report.md"
+COLUMNS = 3
+
+
+def write_calibration_report(result: CalibrationResult, folder: str | Path) -> list[Path]:
+    """Draw the figures and write `report.md`.
+
+    Returns:
+        The files written, the page last.
+
+    Raises:
+        ResultError: one cannot be written.
+    """
+    path = Path(folder)
+    figures = path / "figures"
+    try:
+        figures.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"{figures}: cannot be created ({error.strerror})") from error
+    drawn = {
+        "profiles": (profile_figure(result), "Profiles of the parameters."),
+        "search": (search_figure(result), "The search and the comparison."),
+    }
+    diagram = prediction_figure(result)
+    if diagram is not None:
+        drawn["predictions"] = (diagram, "Predicted and observed outcomes.")
+    written = [
+        file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)
+    ]
+    text = calibration_page(result, {f"figures/{n}.png": t for n, (_, t) in drawn.items()})
+    content = text.encode("utf-8", "replace")
+    write_atomic(path / REPORT, lambda file: file.write(content))
+    return [*written, path / REPORT]
+
+
+def profile_figure(result: CalibrationResult) -> Figure:
+    """Best objective along each parameter: every evaluated set, and the cells.
+
+    A cell's bar is its best objective; blue: compatible with the data; whiskers: the 95 % interval
+    of what it falls short of the best. Sets far below all cells are left out.
+    """
+    count = len(result.profiles)
+    columns = min(COLUMNS, count)
+    rows = math.ceil(count / columns)
+    figure, axes = sheet(rows, columns, (3.1 * columns, 2.5 * rows + 0.5))
+    top = max(cell.objective + cell.deficit for cell in result.profiles[0].cells if cell.sets)
+    for panel, profile in zip(axes.flat, result.profiles, strict=False):
+        _profile_panel(panel, profile, result.settings.parameters[profile.name], top)
+    for row in axes:
+        row[0].set_ylabel("objective")
+    for panel in axes.flat[count:]:
+        panel.set_visible(False)
+    first = axes.flat[0]
+    handles, labels = first.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=4, fontsize="small", frameon=False
+    )
+    return figure
+
+
+def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: float) -> None:
+    known = [cell for cell in profile.cells if cell.sets]
+    listed = parameter.values is not None
+    place: dict[Plain, float] = {}
+    if listed:
+        assert parameter.values is not None
+        place = {value: float(i) for i, value in enumerate(parameter.values)}
+    sampled = [
+        (place[value] if listed else float(value), score)
+        for value, score in profile.sampled
+        if not listed or value in place
+    ]
+    panel.plot(
+        *np.array(sampled).T.reshape(2, -1), ".", color=GREY, markersize=3, label="evaluated set"
+    )
+    for kept in (True, False):
+        cells = [cell for cell in known if cell.compatible == kept]
+        # Drawn even where there are none, for the legend.
+        ends = [
+            (place[cell.low] - 0.4, place[cell.low] + 0.4)
+            if listed
+            else (float(cell.low), float(cell.high))
+            for cell in cells
+        ]
+        panel.hlines(
+            [cell.objective for cell in cells],
+            [end[0] for end in ends],
+            [end[1] for end in ends],
+            color=BLUE if kept else VERMILION,
+            linewidth=2.5,
+            label="cell, compatible" if kept else "cell, worse beyond noise",
+        )
+        for cell, end in zip(cells, ends, strict=True):
+            middle = math.sqrt(end[0] * end[1]) if parameter.scale == "log" else sum(end) / 2
+            panel.vlines(
+                middle,
+                top - cell.deficit_high,
+                min(top - cell.deficit_low, 1.0),
+                color=BLUE if kept else VERMILION,
+                linewidth=0.9,
+            )
+    if not listed or profile.best in place:
+        panel.axvline(
+            place[profile.best] if listed else float(profile.best),
+            color=BLACK,
+            linewidth=0.9,
+            linestyle="--",
+            label="calibrated",
+        )
+    if listed:
+        panel.set_xticks(list(place.values()), [_short(value) for value in place], fontsize="small")
+    elif parameter.scale == "log":
+        scale_axis(panel, "x")
+    # Sets far worse than every cell's best would press the cells together; they stay outside.
+    lowest = min(cell.objective for cell in known)
+    reach = max(top - lowest, 0.05)
+    panel.set_ylim(max(lowest - 0.5 * reach, -0.02), min(top + 0.15 * reach, 1.02))
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    panel.set_xlabel(printable(profile.name.replace("_", " ") + unit), parse_math=False)
+    panel.set_title(profile.verdict, fontsize="small")
+
+
+def _short(value: Plain) -> str:
+    return f"{value:g}" if isinstance(value, (int, float)) else printable(value)
+
+
+def search_figure(result: CalibrationResult) -> Figure:
+    """The best objective as sets were evaluated; training and held-out objective of each fold."""
+    from matplotlib.ticker import MaxNLocator
+
+    columns = 2 if result.folds else 1
+    figure, axes = sheet(1, columns, (4.2 * columns, 3.2))
+    panel = axes[0, 0]
+    scores = np.array([step.score for step in result.steps])
+    panel.plot(scores, ".", color=GREY, markersize=3, label="evaluated set")
+    panel.step(
+        np.arange(scores.size),
+        np.maximum.accumulate(scores),
+        where="post",
+        color=BLUE,
+        label="best so far",
+    )
+    panel.set_ylim(None, 1.02)
+    panel.set_xlabel("step of the search on all trials")
+    panel.set_ylabel("objective in sample")
+    panel.legend(fontsize="small", loc="lower right")
+    if result.folds:
+        panel = axes[0, 1]
+        index = np.arange(len(result.folds))
+        training = [one.training for one in result.folds]
+        judged = [one.judged for one in result.folds]
+        panel.plot(index, training, "o", color=BLUE, markersize=4, label="training trials")
+        panel.plot(index, judged, "s", color=VERMILION, markersize=4, label="held-out trials")
+        outside = result.searched_in_sample - result.optimism
+        panel.axhline(result.searched_in_sample, color=BLUE, linewidth=0.9, label="all, in sample")
+        panel.axhline(
+            outside, color=VERMILION, linewidth=0.9, linestyle="--", label="all, out of fold"
+        )
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
+        panel.set_ylim(max(0.0, min(training + judged) - 0.1), 1.02)
+        panel.set_xlabel("fold")
+        panel.set_ylabel("objective")
+        panel.legend(fontsize="small", loc="best")
+    return figure
+
+
+def prediction_figure(result: CalibrationResult) -> Figure | None:
+    """Observed outcomes over PGA [g] and PGV/PGA [s], with the trials predicted wrongly.
+
+    Predictions are out of fold where there are folds. None: no trial's intensity is known.
+    """
+    try:
+        measures = intensity_measures(result.campaign)
+    except MotionError:
+        return None
+    known = (measures.pga > 0) & (measures.pgv_pga > 0)
+    if not known.any():
+        return None
+    predicted = result.out_of_fold if result.folds else result.in_sample
+    observed = result.observed
+    figure, axes = sheet(1, 1, (5.2, 4.2))
+    panel = axes[0, 0]
+    x, y = measures.pgv_pga, measures.pga / STANDARD_GRAVITY
+    for outcome, marker, face, name in (
+        (False, "o", SKY, "stood"),
+        (True, "^", ORANGE, "overturned"),
+    ):
+        chosen = known & (observed == outcome)
+        panel.scatter(
+            x[chosen], y[chosen], s=16, marker=marker, facecolor=face, edgecolor="white",
+            linewidth=0.4, label=f"{name} ({chosen.sum()})",
+        )  # fmt: skip
+    for guess, color, name in (
+        (1.0, VERMILION, "predicted to overturn, stood"),
+        (0.0, BLACK, "predicted to stand, overturned"),
+    ):
+        wrong = known & (predicted == guess) & (observed != (guess == 1.0))
+        panel.scatter(
+            x[wrong], y[wrong], s=48, facecolor="none", edgecolor=color, linewidth=0.9,
+            label=f"{name} ({wrong.sum()})",
+        )  # fmt: skip
+    failed = known & np.isnan(predicted)
+    if failed.any():
+        panel.scatter(x[failed], y[failed], s=30, marker="x", color=GREY, label="failed")
+    for axis, values in (("x", x[known]), ("y", y[known])):
+        if values.max() > 5 * values.min():
+            scale_axis(panel, axis)
+    panel.set_xlabel("PGV/PGA [s]")
+    panel.set_ylabel("PGA [g]")
+    panel.set_title("out of fold" if result.folds else "in sample", fontsize="small")
+    figure.legend(loc="outside lower center", ncols=2, fontsize="small", frameon=False)
+    return figure
+
+
+def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
+    """The report as Markdown."""
+    settings, seen = result.settings, result.provenance
+    method = settings.method
+    lines = [
+        f"# Calibration against {printable(result.campaign.name)}",
+        "",
+        f"{len(result.campaign)} trials of {len(set(result.campaign.motion_ids))} ground motions, "
+        f"{int(result.observed.sum())} overturned. Method: {method.kind}, "
+        f"{seen.get('evaluations', 0)} parameter sets evaluated "
+        f"({seen.get('seconds_of_simulation', 0.0):.3g} s of simulation), seed "
+        f"{seen.get('seed', 0)}.",
+        "",
+        "## How well it predicts",
+        "",
+        _score_table(result),
+        "",
+    ]
+    if result.folds:
+        lines.append(
+            f"Optimism (objective in sample minus out of fold): {result.optimism:+.3f}. Out of "
+            "fold, every trial is predicted with values chosen without any trial of its ground "
+            "motion; judge by that line. The lines in sample are too good, the more so the more "
+            "sets were tried. Intervals are 95 %, from a bootstrap over motions, for "
+            "the predictions as they are."
+        )
+    else:
+        lines.append(
+            "The simulator's scores are in sample: the values were chosen on the trials that they "
+            "are judged on, so the scores are too good. Set `folds` to see by how much."
+        )
+    failed = int(np.isnan(result.in_sample).sum())
+    if failed:
+        lines.append(f"{failed} trials have no outcome with the best set; they count as wrong.")
+    lines += [f"Note: {printable(note)}" for note in result.notes]
+    if settings.judged_with:
+        told = ", ".join(f"`{key}: {value}`" for key, value in settings.judged_with.items())
+        lines += ["", f"The chosen sets are judged with {told}; the search ran without."]
+    if result.screen is not None:
+        lines += ["", _screen_text(result, result.screen)]
+    lines += ["", "## Values", "", _value_table(result), ""]
+    lines += _identifiability(result)
+    if result.settings.method.kind == "sequential":
+        lines += ["", "## Best of each sweep", "", _sweep_table(result), ""]
+        lines.append("`table.csv` holds every step in the columns of the supplement's Table S2.")
+    if result.folds:
+        lines += ["", "## Folds", "", _fold_table(result)]
+    lines += ["", "## Figures", ""]
+    for name, text in figures.items():
+        lines += [f"![{text}]({name})", ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _screen_text(result: CalibrationResult, screen: Screen) -> str:
+    method = result.settings.method
+    count = int(screen.certain.sum())
+    return (
+        f"Screened: {count} of {len(result.campaign)} trials ended alike in the first "
+        f"{getattr(method, 'screen', 0)} sets, and were taken to do so in the others. The chosen "
+        f"sets were run on all trials: {screen.wrong} of {screen.checked} assumptions that this "
+        "checked were wrong. Scores above assume nothing; profiles and the search do."
+    )
+
+
+def _score_table(result: CalibrationResult) -> str:
+    header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
+    rows = [
+        [
+            printable(one.name),
+            one.fitted,
+            str(one.metrics.trials),
+            *(str(one.intervals[name]) for name in SCORES),
+        ]
+        for one in result.scores
+    ]
+    return markdown_table(header, rows)
+
+
+def _value_table(result: CalibrationResult) -> str:
+    header = ["parameter", "keys", "best", "compatible", "verdict"]
+    if result.folds:
+        header.insert(3, "in the folds")
+    rows = []
+    for profile in result.profiles:
+        parameter = result.settings.parameters[profile.name]
+        row = [
+            profile.name + (f" [{parameter.unit}]" if parameter.unit else ""),
+            ", ".join(f"`{key}`" for key in parameter.keys),
+            _short(profile.best),
+            profile.compatible,
+            profile.verdict,
+        ]
+        if result.folds:
+            row.insert(3, _spread([one.values[profile.name] for one in result.folds]))
+        rows.append(row)
+    return markdown_table(header, rows)
+
+
+def _spread(values: Sequence[Plain]) -> str:
+    if all(isinstance(v, (int, float)) for v in values):
+        numbers = sorted(float(v) for v in values)
+        return f"{numbers[0]:g} to {numbers[-1]:g}"
+    counts = {value: list(values).count(value) for value in values}
+    return ", ".join(f"{value} ({n})" for value, n in counts.items())
+
+
+def _identifiability(result: CalibrationResult) -> list[str]:
+    untold = [p.name for p in result.profiles if p.verdict == "not identified"]
+    lines = [
+        "A value is compatible where the best set of its part of the range is not worse than the "
+        "best of all beyond the noise of the motions. Values of parameters that are not identified "
+        "are arbitrary within their range: other values predict as well."
+    ]
+    if untold:
+        lines.append(f"Not identified by this campaign: {', '.join(untold)}.")
+    return lines
+
+
+def _sweep_table(result: CalibrationResult) -> str:
+    names = list(result.settings.parameters)
+    header = ["iteration", "group", *names, "objective"]
+    rows = [
+        [
+            str(step.iteration),
+            step.group,
+            *(_short(step.evaluation.values[name]) for name in names),
+            f"{step.score:.3f}",
+        ]
+        for step in best_of_sweeps(result)
+    ]
+    return markdown_table(header, rows)
+
+
+def _fold_table(result: CalibrationResult) -> str:
+    names = list(result.settings.parameters)
+    header = ["fold", "trials", "training", "held out", *names]
+    rows = [
+        [
+            str(k),
+            str(int(one.held_out.sum())),
+            f"{one.training:.3f}",
+            f"{one.judged:.3f}",
+            *(_short(one.values[name]) for name in names),
+        ]
+        for k, one in enumerate(result.folds)
+    ]
+    return markdown_table(header, rows)
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -1,0 +1,395 @@
+"""A fragility study for people: overturning diagrams, curves, surfaces, azimuths, and a page."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import ResultError
+from vsr2.fragility.fit import FragilityFit
+from vsr2.fragility.run import FragilityResult
+from vsr2.fragility.settings import MEASURE_LABELS
+from vsr2.report.calibration import markdown_table
+from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
+from vsr2.report.panels import save_figure, scale_axis, sheet
+from vsr2.results.atomic import write_atomic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+REPORT = "report.md"
+MAX_PANELS = 12
+BINS = 10
+"""Of the observed shares beside a curve."""
+SHADES = "Blues"
+"""Of probabilities: light to dark, in print without colours, too."""
+
+Array = NDArray[np.float64]
+
+
+def write_fragility_report(result: FragilityResult, folder: str | Path) -> list[Path]:
+    """Draw the figures and write `report.md`.
+
+    Returns:
+        The files written, the page last.
+
+    Raises:
+        ResultError: one cannot be written.
+    """
+    path = Path(folder)
+    figures = path / "figures"
+    try:
+        figures.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"{figures}: cannot be created ({error.strerror})") from error
+    drawn = {"overturning": (overturning_figure(result), "Overturning diagram")}
+    for name in result.curves:
+        text = f"Fragility in {MEASURE_LABELS[name]}"
+        drawn[f"curve_{name}"] = (curve_figure(result, name), text)
+    if result.surface is not None:
+        drawn["surface"] = (surface_figure(result), "Fragility surface")
+    if result.azimuth_curves:
+        drawn["azimuth"] = (azimuth_figure(result), "Fragility against azimuth")
+    written = [
+        file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)
+    ]
+    text = fragility_page(result, {f"figures/{n}.png": t for n, (_, t) in drawn.items()})
+    content = text.encode("utf-8", "replace")
+    write_atomic(path / REPORT, lambda file: file.write(content))
+    return [*written, path / REPORT]
+
+
+def overturning_figure(result: FragilityResult) -> Figure:
+    """Share of overturned trials at each (PGV/PGA, PGA), a panel an azimuth.
+
+    One marker a motion; its colour is the share of its replicates that overturned.
+    """
+    azimuths = list(dict.fromkeys(result.azimuth.tolist()))[:MAX_PANELS]
+    columns = 2 if len(azimuths) == 4 else min(3, len(azimuths))
+    rows = math.ceil(len(azimuths) / columns)
+    width = 5.6 if len(azimuths) == 1 else 3.0 * columns + 1.0
+    figure, axes = sheet(rows, columns, (width, 4.2 if rows == 1 == columns else 2.8 * rows + 0.5))
+    used = result.used & (result.measures["pga_g"] > 0) & (result.measures["pgv_pga_s"] > 0)
+    marks = None
+    for panel, azimuth in zip(axes.flat, azimuths, strict=False):
+        chosen = used & (result.azimuth == azimuth)
+        x, y, share = _shares(result, chosen)
+        size = float(np.clip(2500.0 / max(1, x.size), 12.0, 45.0))
+        marks = panel.scatter(
+            x, y, c=share, s=size, cmap=SHADES, vmin=0, vmax=1,
+            edgecolor=BLACK, linewidth=0.3, zorder=3,
+        )  # fmt: skip
+        _log_where_wide(panel, "x", x)
+        _log_where_wide(panel, "y", y)
+        if len(azimuths) > 1:
+            panel.set_title(f"azimuth {azimuth:g} deg", fontsize="small")
+    for panel in axes.flat[len(azimuths) :]:
+        panel.set_visible(False)
+    for panel in axes[:, 0]:
+        panel.set_ylabel("PGA [g]")
+    for column in range(columns):
+        axes[(len(azimuths) - 1 - column) // columns, column].set_xlabel("PGV/PGA [s]")
+    if marks is not None:
+        figure.colorbar(marks, ax=axes.ravel().tolist(), label="share overturned", shrink=0.8)
+    return figure
+
+
+def _shares(result: FragilityResult, chosen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """PGV/PGA, PGA and share of overturned trials of each motion as driven."""
+    x, y = result.measures["pgv_pga_s"][chosen], result.measures["pga_g"][chosen]
+    places, member = np.unique(np.stack([x, y], axis=1), axis=0, return_inverse=True)
+    member = member.ravel()
+    count = np.bincount(member, minlength=len(places))
+    hits = np.bincount(member, weights=result.overturned[chosen], minlength=len(places))
+    return places[:, 0], places[:, 1], hits / count
+
+
+def _log_where_wide(panel: Axes, which: str, values: Array) -> None:
+    if values.size and values.max() > 8 * values.min():
+        scale_axis(panel, which)
+
+
+def curve_figure(result: FragilityResult, name: str) -> Figure:
+    """The curve in one measure with its band, and the shares observed along it.
+
+    Shares are of up to ten groups of trials, with their 95 % Wilson interval; each
+    trial is a tick at the top (overturned) or bottom (stood).
+    """
+    fit = result.curves[name]
+    figure, axes = sheet(1, 1, (4.6, 3.4))
+    panel = axes[0, 0]
+    levels = fit.grid(201)
+    probability, lower, upper = fit.probability(levels)
+    x = levels[:, 0]
+    # First, so that ticks and groups are not hidden.
+    panel.fill_between(x, lower, upper, color=SKY, alpha=0.45, linewidth=0, zorder=2,
+                       label=f"{100 * result.settings.level:g} % band")  # fmt: skip
+    panel.plot(x, probability, color=BLUE, zorder=3, label="fit")
+    values = result.measures[name][result.used]
+    overturned = result.overturned[result.used]
+    middle, share, ends = observed_shares(values, overturned)
+    panel.errorbar(
+        middle, share, yerr=np.abs(ends - share), fmt="o", color=BLACK, markersize=3.5,
+        elinewidth=0.8, capsize=1.5, zorder=4, label="simulated",
+    )  # fmt: skip
+    for hit, y in ((True, 1.03), (False, -0.03)):
+        panel.plot(
+            values[overturned == hit], np.full(int((overturned == hit).sum()), y), "|",
+            color=VERMILION if hit else GREY, markersize=4, markeredgewidth=0.5,
+        )  # fmt: skip
+    _log_where_wide(panel, "x", x)
+    panel.set_ylim(-0.06, 1.06)
+    panel.set_xlabel(MEASURE_LABELS[name])
+    panel.set_ylabel("probability of overturning")
+    panel.set_title(_curve_title(fit), fontsize="small")
+    panel.legend(fontsize="small", loc="best")
+    return figure
+
+
+def _curve_title(fit: FragilityFit) -> str:
+    if fit.lognormal is None:
+        return fit.note
+    found = fit.lognormal
+    text = f"median {found.median:.3g} ({found.median_lower:.3g} to {found.median_upper:.3g}), "
+    text += f"$\\beta$ {found.beta:.2g}"
+    if fit.separated:
+        text += "; outcomes separated"
+    return text if found.fits else text + "; not lognormal"
+
+
+def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Shares of overturned trials in groups along a measure.
+
+    Each level is a group where there are up to ten; else groups have equally many trials.
+
+    Returns:
+        Geometric mean of the measure (g,), share (g,), and the ends of Wilson's 95 % interval
+        (2, g).
+    """
+    # Levels that differ by rounding alone are one.
+    levels, member = np.unique(np.round(np.log(values), 6), return_inverse=True)
+    if levels.size <= BINS:
+        groups = [np.flatnonzero(member == i) for i in range(levels.size)]
+    else:
+        order = np.argsort(values, kind="stable")
+        groups = np.array_split(order, min(BINS, max(1, values.size // 5)))
+    middle = np.array([math.exp(float(np.log(values[group]).mean())) for group in groups])
+    count = np.array([group.size for group in groups], dtype=np.float64)
+    share = np.array([overturned[group].mean() for group in groups])
+    z2 = 1.96**2
+    center = (share + z2 / (2 * count)) / (1 + z2 / count)
+    reach = (
+        np.sqrt(z2) / (1 + z2 / count) * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
+    )
+    ends = np.stack([np.minimum(center - reach, share), np.maximum(center + reach, share)])
+    return middle, share, ends
+
+
+def surface_figure(result: FragilityResult) -> Figure:
+    """Probability over both measures, and the width of its band; dots are the motions.
+
+    The lines of the left panel are P = 0.16, 0.5 and 0.84; dashed: where the band's ends are 0.5.
+    Both panels are blank outside the simulated intensities.
+    """
+    fit = result.surface
+    assert fit is not None
+    count = 81
+    levels = fit.grid(count)
+    outside = ~fit.inside(levels).reshape(count, count)
+    # PGA goes up, as in the overturning diagram, where it is one of the two.
+    up = 0 if fit.names[0] == "pga_g" else 1
+    across = 1 - up
+    x, y = (levels[:, k].reshape(count, count) for k in (across, up))
+    probability, lower, upper = (
+        np.ma.masked_array(values.reshape(count, count), outside)
+        for values in fit.probability(levels)
+    )
+    figure, axes = sheet(1, 2, (8.6, 3.6))
+    width = upper - lower
+    for panel, values, label, most in (
+        (axes[0, 0], probability, "probability of overturning", 1.0),
+        (
+            axes[0, 1],
+            width,
+            f"width of the {100 * result.settings.level:g} % band",
+            max(0.1, math.ceil(10 * float(width.max())) / 10),
+        ),
+    ):
+        panel.grid(False)
+        steps = round(10 * most)
+        filled = panel.contourf(
+            x,
+            y,
+            values,
+            levels=np.linspace(0, most, 1 + (steps if steps > 4 else 2 * steps)),
+            cmap=SHADES,
+            extend="neither",
+        )
+        figure.colorbar(filled, ax=panel, label=label)
+        points = np.unique(
+            np.stack([result.measures[fit.names[k]][result.used] for k in (across, up)], axis=1),
+            axis=0,
+        )
+        panel.plot(*points.T, ".", color=BLACK, markersize=2, clip_on=False)
+        for which, k in (("x", across), ("y", up)):
+            if fit.high[k] > 8 * fit.low[k]:
+                scale_axis(panel, which)
+        panel.set_xlabel(MEASURE_LABELS[fit.names[across]])
+        panel.set_ylabel(MEASURE_LABELS[fit.names[up]])
+    panel = axes[0, 0]
+    for level, color in ((0.16, BLACK), (0.5, VERMILION), (0.84, "white")):
+        if probability.min() < level < probability.max():
+            drawn = panel.contour(x, y, probability, levels=[level], colors=color, linewidths=1.2)
+            panel.clabel(drawn, fmt=lambda value: f"{value:g}", fontsize="x-small")
+    for end in (lower, upper):
+        if end.min() < 0.5 < end.max():
+            panel.contour(
+                x, y, end, levels=[0.5], colors=VERMILION, linewidths=0.8, linestyles="--"
+            )
+    return figure
+
+
+def azimuth_figure(result: FragilityResult) -> Figure:
+    """Median and beta of the curve in each measure against azimuth, with their intervals."""
+    names = list(result.curves)
+    figure, axes = sheet(2, len(names), (4.4 * len(names), 4.6))
+    for column, name in enumerate(names):
+        found = [
+            (turn, fit.lognormal)
+            for (other, turn), fit in result.azimuth_curves.items()
+            if other == name and fit.lognormal is not None
+        ]
+        panels = axes[:, column]
+        pooled = result.curves[name].lognormal
+        for panel, key in zip(panels, ("median", "beta"), strict=True):
+            if found:
+                turns = np.array([turn for turn, _ in found])
+                middle, low, high = (
+                    np.array([getattr(one, key + end) for _, one in found])
+                    for end in ("", "_lower", "_upper")
+                )
+                panel.errorbar(
+                    turns, middle, yerr=[middle - low, high - middle], fmt="o-", color=BLUE,
+                    markersize=4, elinewidth=0.9, capsize=2, label="each azimuth",
+                )  # fmt: skip
+                panel.set_ylim(0, _upper_limit(middle, high))
+            if pooled is not None:
+                panel.axhline(
+                    getattr(pooled, key), color=VERMILION, linestyle="--", linewidth=1.0,
+                    label="all azimuths",
+                )  # fmt: skip
+        panels[0].set_ylabel(f"median {MEASURE_LABELS[name]}")
+        panels[1].set_ylabel("$\\beta$ [1]")
+        panels[1].set_xlabel("azimuth [deg]")
+        if found or pooled is not None:
+            panels[0].legend(fontsize="small", loc="best")
+    return figure
+
+
+def _upper_limit(middle: Array, high: Array) -> float:
+    """An interval without end must not press all others together."""
+    return float(1.1 * min(high.max(), 3.0 * middle.max()))
+
+
+def lognormal_text(result: FragilityResult) -> str:
+    """One line a curve: median, beta and what to know of them."""
+    lines = []
+    for name, fit in result.curves.items():
+        head = f"{name}: {fit.trials} trials of {fit.groups} motions, {fit.overturned} overturned"
+        if fit.lognormal is None:
+            lines.append(f"{head}; {fit.note}")
+            continue
+        found = fit.lognormal
+        lines.append(
+            f"{head}; median {found.median:.4g} [{found.median_lower:.4g}, "
+            f"{found.median_upper:.4g}], beta {found.beta:.3g} [{found.beta_lower:.3g}, "
+            f"{found.beta_upper:.3g}]" + _caveats(fit)
+        )
+    return "\n".join(lines)
+
+
+def _caveats(fit: FragilityFit) -> str:
+    words = []
+    if fit.separated:
+        words.append("outcomes separated without error: the steepness is the prior's")
+    if fit.lognormal is not None and not fit.lognormal.fits:
+        words.append("curved: a lognormal does not fit")
+    if fit.note:
+        words.append(fit.note)
+    return "; " + "; ".join(words) if words else ""
+
+
+def fragility_page(result: FragilityResult, figures: dict[str, str]) -> str:
+    """The report as Markdown."""
+    settings = result.settings
+    jitter = settings.jitter
+    left_out = int((~result.used).sum())
+    azimuths = list(dict.fromkeys(result.azimuth.tolist()))
+    lines = [
+        "# Fragility",
+        "",
+        f"{len(result.planned)} trials: {len(set(result.motion.tolist()))} ground motions, "
+        f"{len(azimuths)} azimuth{'s' * (len(azimuths) > 1)}, {settings.replicates} "
+        f"replicate{'s' * (settings.replicates > 1)}; "
+        f"{int(result.overturned[result.used].sum())} overturned."
+        + (f" {left_out} have no outcome and are left out." if left_out else ""),
+        "",
+        f"Start perturbed (standard deviations): yaw {jitter.yaw:g} deg, offset {jitter.offset:g} "
+        f"m, tilt {jitter.tilt:g} deg; seed {_seed(result)}.",
+        "",
+        "## Lognormal curves",
+        "",
+        _curve_table(result),
+        "",
+        f"Bands and intervals are {100 * settings.level:g} %, from the wider of the model's "
+        "standard error and the one clustered by ground motion; a weak prior keeps separated "
+        "outcomes finite (`docs/fragility.md`). They hold for ground motions like these, and for "
+        "the simulator as it is: its own error is not in them.",
+        "",
+    ]
+    if result.surface is not None and result.surface.note:
+        lines += [f"Surface: {result.surface.note}.", ""]
+    lines += ["## Figures", ""]
+    for name, text in figures.items():
+        lines += [f"![{text}]({name})", ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _seed(result: FragilityResult) -> Any:
+    study = result.provenance.get("study") or {}
+    return study.get("seed", "unknown")
+
+
+def _curve_table(result: FragilityResult) -> str:
+    header = ["measure", "azimuth [deg]", "trials", "overturned", "median", "beta", "note"]
+    rows = []
+    for name, fit in result.curves.items():
+        curves = [("all", fit)]
+        curves += [
+            (f"{turn:g}", one)
+            for (other, turn), one in result.azimuth_curves.items()
+            if other == name
+        ]
+        for azimuth, one in curves:
+            found = one.lognormal
+            median = beta = "-"
+            if found is not None:
+                median = f"{found.median:.3g} [{found.median_lower:.3g}, {found.median_upper:.3g}]"
+                beta = f"{found.beta:.2g} [{found.beta_lower:.2g}, {found.beta_upper:.2g}]"
+            rows.append(
+                [
+                    MEASURE_LABELS[name],
+                    azimuth,
+                    str(one.trials),
+                    str(one.overturned),
+                    median,
+                    beta,
+                    _caveats(one).removeprefix("; "),
+                ]
+            )
+    return markdown_table(header, rows)

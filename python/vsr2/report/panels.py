@@ -1,0 +1,70 @@
+"""Sheets of panels in one style, and their files."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from vsr2.results.atomic import write_atomic
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DOTS_PER_INCH = 200
+
+
+def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+    """A figure with `rows` x `columns` panels, `size` in inches, made without global state."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False)
+    for panel in axes.flat:
+        panel.grid(True, linewidth=0.4, alpha=0.5)
+        panel.set_axisbelow(True)
+        panel.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def scale_axis(panel: Axes, which: Literal["x", "y"] | str) -> None:
+    """Make an axis logarithmic, its ticks within a decade written as 0.02, 0.05, 0.1."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis = panel.xaxis if which == "x" else panel.yaxis
+    (panel.set_xscale if which == "x" else panel.set_yscale)("log")
+    low, high = sorted(panel.get_xlim() if which == "x" else panel.get_ylim())
+    if high < 500 * low:
+        subs = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0) if high < 8 * low else (1.0, 2.0, 5.0)
+        axis.set_major_locator(LogLocator(subs=subs))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def save_figure(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and PDF.
+
+    Args:
+        figure: what to write.
+        stem: the files' path without suffix.
+
+    Returns:
+        The files.
+
+    Raises:
+        ResultError: one cannot be written.
+    """
+    files = []
+    with warnings.catch_warnings():
+        # A name in a script the font lacks shows boxes; that is no reason to alarm.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        for kind in ("png", "pdf"):
+            path = stem.with_name(f"{stem.name}.{kind}")
+            _save(figure, path, kind)
+            files.append(path)
+    return files
+
+
+def _save(figure: Figure, path: Path, kind: str) -> None:
+    write_atomic(path, lambda file: figure.savefig(file, format=kind, dpi=DOTS_PER_INCH))
