@@ -1,21 +1,25 @@
 """Microseconds a step of every engine, of PyBullet and of MuJoCo, interleaved in one run.
 
     pip install '.[benchmark]'
-    python benchmarks/engine_speed.py [--mesh MESH --mass KG] [--rounds N] [--steps N]
+    python benchmarks/engine_speed.py [--mesh MESH --mass KG] [--rounds N] [--steps N] [--out CSV]
 
 All drive the same rock through the same record (embedded: configs/motions/synthetic_07.csv) on the
 same prism. CPU time of the stepping loop alone, one round of each engine after the other, so that
 a change of the machine's speed meets all of them; the table gives medians, the spread, and ratios
 to PyBullet's and MuJoCo's medians. PyBullet and MuJoCo are stepped from Python without reading the
-state, our engines inside the core as a batch of one trial does.
+state, our engines inside the core as a batch of one trial does. Where one of the two is not
+installed the table goes without it.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import importlib.util
 import statistics
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +27,7 @@ import numpy as np
 from vsr2.config.study import Contact as ContactConfig
 from vsr2.config.study import Engine, MeshRock, Outcome, Output, PrismPedestal, Settling
 from vsr2.motion import Motion, build_recorded_motion, read_record
+from vsr2.results import base_provenance
 from vsr2.scene import build_pedestal, build_rock
 from vsr2.simulation import Scene, Trial, make_scene, run_batch
 
@@ -54,8 +59,6 @@ def native(mesh: Path, mass: float, mode: str, motion: Motion) -> Callable[[], f
         outcome=Outcome(tail=1e-3),
         output=Output(log_every=0),
     )
-    from dataclasses import replace
-
     short = replace(
         motion,
         displacement=motion.displacement[:2],
@@ -196,16 +199,16 @@ def main() -> None:
     parser.add_argument("--mass", type=float, default=446.6, help="[kg]")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--steps", type=int, default=15000)
+    parser.add_argument("--out", type=Path, help="also write the table as CSV")
     options = parser.parse_args()
     motion = record(options.steps)
-    loops = {
-        "PyBullet": pybullet_loop(options.mesh, options.mass, motion),
-        "MuJoCo default": mujoco_loop(options.mesh, options.mass, motion),
-        **{
-            mode: native(options.mesh, options.mass, mode, motion)
-            for mode in ("parity", "exact", "fast")
-        },
-    }
+    loops: dict[str, Callable[[], float]] = {}
+    if importlib.util.find_spec("pybullet"):
+        loops["PyBullet"] = pybullet_loop(options.mesh, options.mass, motion)
+    if importlib.util.find_spec("mujoco"):
+        loops["MuJoCo default"] = mujoco_loop(options.mesh, options.mass, motion)
+    for mode in ("parity", "exact", "fast"):
+        loops[mode] = native(options.mesh, options.mass, mode, motion)
     times: dict[str, list[float]] = {name: [] for name in loops}
     for _ in range(options.rounds):
         for name, measure in loops.items():
@@ -213,19 +216,32 @@ def main() -> None:
     hull = len(scene_of(options.mesh, options.mass, "parity").rock_hull_vertices)
     print(
         f"{options.mesh.name}: {hull} hull vertices, {options.steps} steps, "
-        f"{options.rounds} rounds; CPU microseconds a step"
+        f"{options.rounds} rounds; CPU microseconds a step; {processor()}"
     )
-    print("| engine | median | min | max | times PyBullet | times MuJoCo |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: |")
+    header = ["engine", "median", "min", "max", "times PyBullet", "times MuJoCo"]
+    rows = []
     for name, values in times.items():
-        ratios = [
-            statistics.median(a / b for a, b in zip(times[other], values, strict=True))
-            for other in ("PyBullet", "MuJoCo default")
-        ]
-        print(
-            f"| {name} | {statistics.median(values):.2f} | {min(values):.2f} | "
-            f"{max(values):.2f} | {ratios[0]:.1f} | {ratios[1]:.1f} |"
-        )
+        row = [name, *(f"{f(values):.2f}" for f in (statistics.median, min, max))]
+        for other in ("PyBullet", "MuJoCo default"):
+            ratios = [a / b for a, b in zip(times.get(other, []), values, strict=False)]
+            row.append(f"{statistics.median(ratios):.1f}" if ratios else "-")
+        rows.append(row)
+    print("| " + " | ".join(header) + " |\n| --- |" + " ---: |" * (len(header) - 1))
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+    if options.out is not None:
+        with options.out.open("w", newline="") as file:
+            csv.writer(file).writerows(
+                [
+                    ["mesh", "hull_vertices", *header],
+                    *([options.mesh.stem, hull, *row] for row in rows),
+                ]
+            )
+
+
+def processor() -> str:
+    """Model of the processor."""
+    return str(base_provenance()["processor"])
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration_samples import RANGES, World
@@ -23,8 +23,8 @@ from vsr2.calibration.scores import metrics_of, objective_of, objective_replicat
 from vsr2.calibration.search import (
     best_step,
     design_values,
-    latin_hypercube,
     profile_values,
+    spread_points,
 )
 from vsr2.calibration.settings import Joint, Sequential, at_share, share_of, within
 from vsr2.campaign import motion_resamples
@@ -73,11 +73,16 @@ def test_replicates_of_the_objective_equal_the_objective_of_the_drawn_trials(see
             assert value == pytest.approx(objective_of(observed[drawn], predicted[drawn]))
 
 
-@given(st.integers(1, 40), st.integers(1, 5), st.integers(0, 1000))
-def test_the_hypercube_has_one_point_in_each_slice(count, dimensions, seed):
-    cube = latin_hypercube(count, dimensions, seed)
-    for axis in cube.T:
+@settings(deadline=None)  # the first call loads scipy
+@given(st.integers(0, 5), st.integers(1, 7), st.integers(0, 1000))
+def test_the_points_fill_every_axis_evenly_and_more_begin_with_the_fewer(power, dimensions, seed):
+    count = 2**power
+    points = spread_points(count, dimensions, seed)
+    for axis in points.T:
+        # A Sobol sequence has one point in each slice of every axis.
         assert sorted((axis * count).astype(int)) == list(range(count))
+    more = spread_points(count + 3, dimensions, seed)
+    np.testing.assert_array_equal(more[:count], points)
 
 
 @given(st.floats(0, 1))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from vsr2.calibration import Evaluation, EvaluationStore, prepare_calibration_folder
-from vsr2.errors import ResultError
+from vsr2.calibration.evaluation import _noises
+from vsr2.errors import MotionError, ResultError
+from vsr2.motion import Record, build_recorded_motion, channel_noise
 
 
 def evaluation(p: float = 0.1, plan: str = "plan") -> Evaluation:
@@ -64,3 +68,53 @@ def test_a_folder_with_a_calibration_is_not_overwritten_unasked(tmp_path):
     (folder / "mine.txt").write_text("kept")
     prepare_calibration_folder(folder, overwrite=True)
     assert [file.name for file in folder.iterdir()] == ["mine.txt"]
+
+
+def noisy_record(name: str, *, rest: bool) -> Record:
+    """Both channels of a pulse with white noise; without rest the channels never rest together."""
+    rng = np.random.default_rng(len(name))
+    time = np.arange(4000) * 0.002
+    quiet = np.exp(-((time - 4.0) ** 2))
+    loud = 0.05 * np.sin(2 * np.pi * 2.0 * time)
+    displacement = 0.05 * quiet + 1e-4 * rng.standard_normal(time.size)
+    acceleration = quiet + 0.05 * rng.standard_normal(time.size)
+    if not rest:
+        # One channel shakes while the other rests, and the other way round.
+        displacement += loud * (time < 4.0)
+        acceleration += 20.0 * loud * (time >= 4.0)
+    return Record(name, 0.002, displacement=displacement, acceleration=acceleration)
+
+
+def test_a_record_without_rest_has_the_others_noise():
+    records = {name: noisy_record(name, rest=True) for name in ("a", "bb", "ccc")}
+    shaken = noisy_record("dddd", rest=False)
+    with pytest.raises(MotionError, match="both channels rest"):
+        channel_noise(shaken)
+    found = _noises(SimpleNamespace(motions={**records, "dddd": shaken}))
+    deviations = sorted(found[name].displacement.deviation for name in records)
+    assert found["dddd"].displacement.deviation == deviations[1]
+    motion = build_recorded_motion(shaken, 0.001, channel="fused", noise=found["dddd"])
+    assert "fused" in motion.source
+    with pytest.raises(MotionError, match="noise has no effect on the displacement channel"):
+        build_recorded_motion(shaken, 0.001, channel="displacement", noise=found["dddd"])
+    with pytest.raises(MotionError, match="both channels rest"):
+        _noises(SimpleNamespace(motions={"dddd": shaken}))
+
+
+def test_trials_simulated_later_are_added_to_their_set(tmp_path):
+    known = np.array([True, False, True])
+    first = Evaluation({"p": 1.0}, np.array([1.0, np.nan, np.nan]), "plan", 2.0, known)
+    with EvaluationStore(tmp_path, "c", 3) as store:
+        store.add("key", first)
+        found = store.by_key("key")
+        assert found is not None
+        assert found.lacking(np.ones(3, dtype=bool)).tolist() == [False, True, False]
+        store.add("other key", Evaluation({"p": 1.0}, np.array([np.nan, 0.0, np.nan]), "plan", 1.0,
+                                          ~known))  # fmt: skip
+    with EvaluationStore(tmp_path, "c", 3) as store:
+        for key in ("key", "other key"):
+            found = store.by_key(key)
+            np.testing.assert_array_equal(found.predicted, [1.0, 0.0, np.nan])
+            assert not found.lacking(np.ones(3, dtype=bool)).any()
+            assert found.seconds == 3.0
+            assert found.failed == 1

@@ -87,15 +87,19 @@ class Cluster:
 
     def _launch(self, *arguments: str) -> None:
         command = [sys.executable, "-m", "dask", *arguments]
-        # A worker that fetches from a dead one tries as long as this, 30 s by default.
-        quick = {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s"}
+        settings = {
+            # A worker that fetches from a dead one tries as long as this, 30 s by default.
+            "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "2s",
+            # It drops copies that no task waits for at the moment, every 2 s; tests count fetches.
+            "DASK_DISTRIBUTED__SCHEDULER__ACTIVE_MEMORY_MANAGER__START": "False",
+        }
         self._processes.append(
             subprocess.Popen(
                 command,
                 stdout=self._log,
                 stderr=self._log,
                 start_new_session=True,
-                env=os.environ | quick,
+                env=os.environ | settings,
             )
         )
 

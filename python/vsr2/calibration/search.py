@@ -76,24 +76,27 @@ def sequential_search(
     return steps
 
 
-def latin_hypercube(count: int, dimensions: int, seed: int) -> np.ndarray[Any, Any]:
-    """Points in the unit cube with one in each of `count` slices along every axis, (count, d).
+def spread_points(count: int, dimensions: int, seed: int) -> np.ndarray[Any, Any]:
+    """Points that fill the unit cube evenly, (count, d): a scrambled Sobol sequence (Owen 1998).
 
-    McKay, Beckman and Conover (1979).
+    More points begin with the fewer.
     """
-    rng = np.random.default_rng(seed)
-    rows = np.stack([rng.permutation(count) for _ in range(dimensions)], axis=1)
-    return (rows + rng.random((count, dimensions))) / count
+    from scipy.stats import qmc
+
+    # Of a power of two, as the sequence is balanced then.
+    sequence = qmc.Sobol(dimensions, scramble=True, rng=np.random.default_rng(seed))
+    points = sequence.random_base2(max(count - 1, 0).bit_length())[:count]
+    return np.asarray(points, dtype=np.float64)
 
 
 def design_values(
     parameters: Parameters, start: Mapping[str, Plain], count: int, seed: int
 ) -> list[dict[str, Plain]]:
-    """The joint search's first sets: the study's own where it lies within, then a hypercube."""
+    """The joint search's first sets: the study's own where it lies within, then spread points."""
     sets: list[dict[str, Plain]] = []
     if all(within(parameters[name], value) for name, value in start.items()):
         sets.append(dict(start))
-    cube = latin_hypercube(count - len(sets), len(parameters), seed)
+    cube = spread_points(count - len(sets), len(parameters), seed)
     for point in cube:
         sets.append(
             {

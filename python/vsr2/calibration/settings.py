@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -75,11 +76,11 @@ class Sequential(Section):
 
 
 class Joint(Section):
-    """All parameters together: a Latin hypercube, then sets that a search proposes."""
+    """All parameters together: a design that fills the ranges, then proposals of a search."""
 
     kind: Literal["joint"]
     design: Annotated[int, Strict(), Field(ge=2, le=100_000)] = 64
-    """Parameter sets of the Latin hypercube, which knows no outcomes and serves all folds."""
+    """Parameter sets that fill the ranges evenly, which know no outcomes and serve all folds."""
     refine: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 24
     """Parameter sets that the search adds, for all trials and again for each fold."""
     proposals: Literal["tpe", "cma"] = "tpe"
@@ -166,7 +167,8 @@ def load_calibration(
         ConfigError: what is wrong, by file, line and key; also a parameter whose key the study has
             not, or one of whose values it refuses.
     """
-    study = load_extended(path, CalibrationSettings, overrides=overrides, complete=_with_motions)
+    complete = partial(_with_motions, label=os.fspath(path))
+    study = load_extended(path, CalibrationSettings, overrides=overrides, complete=complete)
     for name, parameter in study.own.parameters.items():
         _check(study, name, parameter)
     for key in study.own.judged_with:
@@ -180,22 +182,24 @@ def campaign_folder(study: CalibrationStudy) -> Path:
     return study.base / study.own.campaign
 
 
-def _with_motions(mapping: dict[str, Any], own: CalibrationSettings, base: Path) -> None:
+def _with_motions(
+    mapping: dict[str, Any], own: CalibrationSettings, base: Path, *, label: str
+) -> None:
     given = mapping.get("motion", {})
     if not isinstance(given, dict):
         raise ConfigError(
-            f"motion: must hold the keys {', '.join(MOTION_KEYS)} (is {shown(given)})"
+            f"{label}: motion: must hold the keys {', '.join(MOTION_KEYS)} (is {shown(given)})"
         )
     odd = [key for key in given if key not in MOTION_KEYS]
     if odd:
         raise ConfigError(
-            f"motion.{odd[0]}: has no place in a calibration, whose motions are those of the "
-            f"campaign; it takes {', '.join(MOTION_KEYS)}"
+            f"{label}: motion.{odd[0]}: has no place in a calibration, whose motions are those of "
+            f"the campaign; it takes {', '.join(MOTION_KEYS)}"
         )
     folder = base / own.campaign
     if not folder.is_dir():
         raise ConfigError(
-            f"campaign: no such folder ({folder}); correct the path, or make one with "
+            f"{label}: campaign: no such folder ({folder}); correct the path, or make one with "
             "`vsr2 campaign`"
         )
     mapping["motion"] = {"mode": "all_recordings", "folder": str(folder), **given}

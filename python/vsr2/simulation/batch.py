@@ -330,7 +330,18 @@ def _state_bytes(trial: Trial) -> float:
     if trial.output.log_every == 0:
         return 0.0
     rows = _longest(trial) / (trial.scene.engine.time_step * trial.output.log_every)
-    return rows * _state_columns(trial) * 8
+    return float(rows * _state_columns(trial) * 8)
+
+
+def _state_columns(trial: Trial) -> int:
+    """Columns of a trial's state log."""
+    return len(STATE_COLUMNS) + (3 if trial.motion.is_spatial else 0)
+
+
+def _sample_bytes(motion: Motion) -> int:
+    """Size of a motion's set-points in the core [byte]."""
+    sides = sum(side is not None for side in motion.sides.values())
+    return (2 + sides) * motion.displacement.nbytes
 
 
 def _log_bytes(trial: Trial) -> float:

@@ -1,0 +1,227 @@
+"""How cost and memory grow: with trials, time steps, hull vertices, worlds and streamed batches.
+
+    python benchmarks/scaling.py [--trials N] [--logged N] [--engine MODE] [--out CSV]
+
+Cost is CPU time of one thread, the median of interleaved rounds. Memory is resident memory of a
+process of its own for each figure. The committed table is docs/results/scaling.csv.
+
+- `trials`: batches of equal short trials; `steps`: one trial with longer and longer records;
+- `hull_vertices`: a time step of standing cylinders with more and more vertices, for each engine;
+- `world_memory`: growth per world while many are alive that share one scene;
+- `streamed`: peak of a process that runs N very short trials into a folder, with and without logs.
+
+The exponent is the slope of log(cost) against log(size) over the larger half of the sizes: 1 where
+cost grows in proportion.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import gc
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.config.study import Contact, Engine, MeshRock, Outcome, PrismPedestal, Study
+from vsr2.motion import Motion
+from vsr2.results import prepare_folder, save_result
+from vsr2.scene import Pose, build_pedestal, build_rock
+from vsr2.simulation import Scene, Simulation, Trial, make_scene, run_batch, study_trials
+
+ROOT = Path(__file__).resolve().parent.parent
+ENGINES = ("parity", "exact", "fast")
+ROUNDS = 3
+
+
+def short_trial(engine: str, log_every: int = 0) -> Trial:
+    """A block under a pulse of 64 ms, with as little settling and tail as can be."""
+    study = Study.model_validate(
+        {
+            "engine": {"mode": engine},
+            "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
+            "settling": {"window": 0.01},
+            "outcome": {"rest_window": 0.01, "tail": 1.0},
+            "motion": {"mode": "single_cosine", "pga": 0.2, "pgv_pga": 0.01},
+            "output": {"log_every": log_every},
+        }
+    )
+    return study_trials(study)[0]
+
+
+def many(trial: Trial, count: int) -> list[Trial]:
+    """So many trials with eight motions among them."""
+    motions = [trial.motion.scaled(1 + 0.1 * k, name=f"pulse {k}") for k in range(8)]
+    return [replace(trial, motion=motions[i % 8], seed=i, name=f"trial {i}") for i in range(count)]
+
+
+def cpu(trials: list[Trial]) -> float:
+    """CPU time of a batch on one thread [s]."""
+    gc.collect()
+    start = time.process_time()
+    result = run_batch(trials, threads=1, keep_logs=False)
+    used = time.process_time() - start
+    assert set(result["status"]) <= {"ok", "tail_timeout"}, result["message"]
+    return used
+
+
+def shaken(trial: Trial, steps: int) -> Trial:
+    """The trial under a weak hum of so many steps, without a tail."""
+    t = np.arange(steps + 1) * 1e-3
+    w = 2 * np.pi * 3.0
+    x, v, a = 2e-3 * (1 - np.cos(w * t)), 2e-3 * w * np.sin(w * t), 2e-3 * w**2 * np.cos(w * t)
+    motion = Motion("hum", 1e-3, x, v, a, "recording")
+    return replace(trial, motion=motion, outcome=Outcome(tail=1e-3))
+
+
+def cylinder(vertices: int, engine: str) -> Scene:
+    """A standing cylinder of so many hull vertices, as a mesh file gives it."""
+    import trimesh
+
+    around = np.arange(vertices // 2) * (4 * np.pi / vertices)
+    ring = np.stack([0.4 * np.cos(around), 0.4 * np.sin(around)], axis=1)
+    points = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (0.0, 0.9)])
+    hull = trimesh.convex.convex_hull(points)
+    pedestal = build_pedestal(PrismPedestal())
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "cylinder.obj"
+        hull.export(file)
+        rock = build_rock(MeshRock(shape="mesh", file=file, mass=600.0), pedestal, clearance=0.002)
+    return make_scene(rock, pedestal, Engine(mode=engine), Contact())
+
+
+def medians(work: dict[int, Callable[[], float]]) -> dict[int, float]:
+    """Median cost by size, the sizes interleaved."""
+    found: dict[int, list[float]] = {size: [] for size in work}
+    for _ in range(ROUNDS):
+        for size, measure in work.items():
+            found[size].append(measure())
+    return {size: statistics.median(values) for size, values in found.items()}
+
+
+def exponent(costs: dict[int, float]) -> float:
+    """Slope of log cost against log size over the larger half of the sizes."""
+    sizes = sorted(costs)[len(costs) // 2 - 1 :]
+    return float(np.polyfit(np.log(sizes), np.log([costs[size] for size in sizes]), 1)[0])
+
+
+def resident(field: str) -> float:
+    """`VmRSS` or `VmHWM` (its peak) of this process [MB]."""
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(field):
+            return int(line.split()[1]) * 1024 / 1e6
+    raise RuntimeError(f"no {field} in /proc/self/status")
+
+
+def world_memory(engine: str, count: int) -> float:
+    """Resident memory of one of many live worlds with a scanned rock in contact [MB]."""
+    pedestal = build_pedestal(PrismPedestal())
+    file = ROOT / "models" / "pbr_scan.obj"
+    rock = build_rock(MeshRock(shape="mesh", file=file, mass=446.6), pedestal, clearance=0.002)
+    scene = make_scene(rock, pedestal, Engine(mode=engine), Contact())
+    worlds = [Simulation(scene) for _ in range(20)]
+    worlds[0].step(0.0, steps=300)
+    before = resident("VmRSS")
+    worlds = worlds + [Simulation(scene) for _ in range(count)]
+    for world in worlds[-count:]:
+        world.step(0.0, steps=300)
+        assert len(world.contacts()) > 0
+    return (resident("VmRSS") - before) / count
+
+
+def streamed(engine: str, count: int, log_every: int) -> tuple[float, float, float]:
+    """Peak memory [MB], wall time [s] and size on disk [MB] of a batch into a folder."""
+    trial = short_trial(engine, log_every)
+    trials = many(trial, count)
+    with tempfile.TemporaryDirectory() as name:
+        folder = prepare_folder(name)
+        start = time.perf_counter()
+        result = run_batch(trials, checkpoint=folder, keep_logs=False)
+        save_result(result, folder, streamed_logs=True)
+        wall = time.perf_counter() - start
+        assert set(result["status"]) == {"ok"}
+        size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    return resident("VmHWM"), wall, size / 1e6
+
+
+def in_a_process(*arguments: object) -> list[float]:
+    """The figures that a child of this script prints."""
+    command = [sys.executable, __file__, "--child", *map(str, arguments)]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    return [float(value) for value in done.stdout.split()]
+
+
+def child(name: str, engine: str, *numbers: str) -> None:
+    """Measure one memory figure in this process and print it."""
+    if name == "world_memory":
+        print(world_memory(engine, *map(int, numbers)))
+    else:
+        print(*streamed(engine, *map(int, numbers)))
+
+
+def main() -> None:
+    """Measure all and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=100_000, help="of the streamed batch")
+    parser.add_argument("--logged", type=int, default=100_000, help="of the one with logs")
+    parser.add_argument("--worlds", type=int, default=200)
+    parser.add_argument("--engine", default="fast", help="of trials, steps and streamed")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "scaling.csv")
+    parser.add_argument("--child", nargs="+", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        child(*options.child)
+        return
+    rows: list[list[object]] = []
+
+    def add(what: str, engine: str, size: int, value: float, unit: str) -> None:
+        rows.append([what, engine, size, f"{value:.4g}", unit])
+        print(f"{what:14} {engine:7} {size:7} {value:10.4g} {unit}", flush=True)
+
+    mode = options.engine
+    short = short_trial(mode)
+    costs = medians({n: lambda n=n: cpu(many(short, n)) for n in (250, 500, 1000, 2000, 4000)})
+    for size, value in costs.items():
+        add("trials", mode, size, value, "CPU s")
+    add("trials", mode, 0, exponent(costs), "exponent")
+    pose = Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    rock = replace(short, start=pose)
+    sizes = (10_000, 20_000, 40_000, 80_000)
+    costs = medians({n: lambda n=n: cpu([shaken(rock, n)]) for n in sizes})
+    for size, value in costs.items():
+        add("steps", mode, size, value, "CPU s")
+    add("steps", mode, 0, exponent(costs), "exponent")
+    for engine in ENGINES:
+        still = {}
+        for vertices in (32, 128, 512, 2048):
+            scene = cylinder(vertices, engine)
+            trial = replace(short, scene=scene)
+            still[len(scene.rock_hull_vertices)] = lambda trial=trial: (
+                cpu([shaken(trial, 6000)]) - cpu([shaken(trial, 1000)])
+            )
+        for size, value in medians(still).items():
+            add("hull_vertices", engine, size, value / 5000 * 1e6, "CPU us a step")
+    for engine in ENGINES:
+        [size] = in_a_process("world_memory", engine, options.worlds)
+        add("world_memory", engine, options.worlds, size, "MB a world")
+    for log_every, count in ((0, options.trials), (20, options.logged)):
+        what = "streamed+logs" if log_every else "streamed"
+        peak, wall, disk = in_a_process("streamed", mode, count, log_every)
+        add(what, mode, count, peak, "MB peak resident")
+        add(what, mode, count, wall, "wall s")
+        add(what, mode, count, disk, "MB on disk")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    with options.out.open("w", newline="") as file:
+        csv.writer(file).writerows([["what", "engine", "size", "value", "unit"], *rows])
+    print(f"wrote {options.out}")
+
+
+if __name__ == "__main__":
+    main()
