@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from vsr2.effects import Circumstances, Effect, in_order, library
+from vsr2.effects.page import page_markdown
 from vsr2.simulation.effect_checks import EffectChecker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -93,3 +94,10 @@ def test_the_page_names_every_effect() -> None:
     assert set(re.findall(r"^### `(\w+)`", page, re.MULTILINE)) == NAMES
     for name in NAMES:
         assert (ROOT / "docs" / "results" / "effects" / f"{name}.png").is_file(), name
+
+
+def test_the_page_is_up_to_date() -> None:
+    example = (ROOT / "docs" / "examples" / "soft_pad.py").read_text()
+    assert (ROOT / "docs" / "effects.md").read_text() == page_markdown(example), (
+        "write docs/effects.md anew: vsr2.effects.page.page_markdown"
+    )

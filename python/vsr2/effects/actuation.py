@@ -72,7 +72,11 @@ def _held(signal: Array, size: int, value: float | None = None) -> Array:
 
 
 class TimeScale(Effect):
-    """Time runs slower or faster."""
+    """Time runs slower or faster.
+
+    The displacement is resampled through its quintic spline; speeds change by 1 / (1 + change),
+    accelerations by its square.
+    """
 
     name = "time_scale"
     meaning = "The motion is played slower (change > 0) or faster than recorded"
@@ -119,7 +123,12 @@ class TimeScale(Effect):
 
 
 class InputFilter(Effect):
-    """How the recorded motion is turned into the driven one."""
+    """How the recorded motion is turned into the driven one.
+
+    `corner` is a Butterworth filter of order 3, run forward and backward: gain 1 / (1 + (f /
+    fc)^6), no delay. `input` builds the motion again from another channel of the record, with the
+    study's own filter and scale; it needs a recorded motion that has the channel.
+    """
 
     name = "input_filter"
     meaning = (
@@ -219,7 +228,10 @@ class InputFilter(Effect):
 
 
 class TableGain(Effect):
-    """A table that does more or less than it is told."""
+    """A table that does more or less than it is told.
+
+    Every sample of every direction is multiplied.
+    """
 
     name = "table_gain"
     meaning = "The table moves by 1 + change times what was recorded"
@@ -256,7 +268,11 @@ class TableGain(Effect):
 
 
 class TableBandwidth(Effect):
-    """An actuator too slow for the motion."""
+    """An actuator too slow for the motion.
+
+    y'' + 2 zeta w y' + w^2 y = w^2 x with zeta = 0.707, solved exactly; causal, so it delays too.
+    The delay is rounded to time steps; alone it changes when, not what.
+    """
 
     name = "table_bandwidth"
     meaning = "The table follows through a low-pass of second order, and late"
@@ -344,7 +360,11 @@ def _sine_check(
 
 
 class TableSaturation(Effect):
-    """A table at its limits."""
+    """A table at its limits.
+
+    Where the command exceeds a cap the acceleration is clipped and integrated again; a critically
+    damped loop of 3 Hz, itself within the caps, brings the table back to its command.
+    """
 
     name = "table_saturation"
     meaning = "Speed and acceleration of the table are capped; it comes back to its command later"
@@ -397,7 +417,11 @@ class TableSaturation(Effect):
 
 
 class TableResonance(Effect):
-    """A soft table."""
+    """A soft table.
+
+    y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0, solved exactly. Its gain at the frequency is sqrt(1
+    + 1 / (4 zeta^2)), which sets zeta; amplification 1 is a rigid table.
+    """
 
     name = "table_resonance"
     meaning = "Between actuator and rock the table is a mass on a spring and a dashpot"
@@ -440,7 +464,10 @@ class TableResonance(Effect):
 
 
 class OffAxisMotion(Effect):
-    """The table moves across its axis, too."""
+    """The table moves across its axis, too.
+
+    The same displacement along y, times the share.
+    """
 
     name = "off_axis_motion"
     meaning = "The table moves across the shaking in proportion to it"
@@ -474,7 +501,11 @@ class OffAxisMotion(Effect):
 
 
 class VerticalMotion(Effect):
-    """The table moves up and down, too."""
+    """The table moves up and down, too.
+
+    The same displacement along z, times the share. Uplift begins at a = g (b / h) / (1 - share b /
+    h).
+    """
 
     name = "vertical_motion"
     meaning = "The table moves vertically in proportion to the motion along x"
@@ -524,7 +555,12 @@ def _beside(setup: Setup, name: str, share: float) -> Setup:
 
 
 class TablePitch(Effect):
-    """A table that pitches."""
+    """A table that pitches.
+
+    The oscillator is driven by the table's acceleration, not by the rock; its turn about y on an
+    axis `depth` below the pedestal's top drives the pedestal. Under a sine it acts like a gain of 1
+    + compliance (1 + w^2 / p^2 + w^2 depth / g), p being the rock's frequency parameter.
+    """
 
     name = "table_pitch"
     meaning = (

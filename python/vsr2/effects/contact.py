@@ -26,7 +26,11 @@ def _both(setup: Setup, change: Any) -> Setup:
 
 
 class ContactStiffness(Effect):
-    """Softer or harder contact."""
+    """Softer or harder contact.
+
+    Sinking at rest is m g / (n k) on n points; at three decades below the supplement's values some
+    0.1 to 0.7 mm.
+    """
 
     name = "contact_stiffness"
     meaning = (
@@ -71,7 +75,10 @@ class ContactStiffness(Effect):
 
 
 class Friction(Effect):
-    """Another coefficient of friction."""
+    """Another coefficient of friction.
+
+    Both materials change by the root of the factor; the pair's torsional friction stays.
+    """
 
     name = "friction"
     meaning = (
@@ -124,7 +131,11 @@ class Friction(Effect):
 
 
 class SpinFriction(Effect):
-    """Another torsional friction."""
+    """Another torsional friction.
+
+    A moment of at most coefficient times normal force, in metres, at each contact point against
+    turning about its normal.
+    """
 
     name = "spin_friction"
     meaning = "Torsional resistance of the contacts against turning about the vertical"

@@ -94,7 +94,12 @@ def _triple(vector: Array) -> tuple[float, float, float]:
 
 
 class Slenderness(Effect):
-    """The mass centre raised or lowered."""
+    """The mass centre raised or lowered.
+
+    The mass centre moves along the vertical of the start pose; shape and inertia about it stay. The
+    frequency parameter p changes with it, by about a quarter of the change for a slender block.
+    Uplift begins at a = g (1 + change) b / h.
+    """
 
     name = "slenderness"
     meaning = (
@@ -133,7 +138,11 @@ class Slenderness(Effect):
 
 
 class ComOffset(Effect):
-    """The mass centre beside the middle."""
+    """The mass centre beside the middle.
+
+    The mass centre moves in plan; shape and inertia about it stay. Uplift towards the shift begins
+    at a = g (b - distance) / h.
+    """
 
     name = "com_offset"
     meaning = "The mass centre lies beside that of the model (density not uniform, hollows)"
@@ -168,7 +177,13 @@ class ComOffset(Effect):
 
 
 class EdgeRounding(Effect):
-    """Round contact edges."""
+    """Round contact edges.
+
+    The underside of every collision part is opened by a ball (erosion, then dilation): plane faces
+    stay, every edge and corner becomes round with the radius. A box becomes a hull for it. The mass
+    that a rounding takes off is left out. Uplift begins at a = g (b - r) / h, and the rock then
+    rolls over the arc, here a polygon of facets 4 degrees apart.
+    """
 
     name = "edge_rounding"
     meaning = "The contact edges are round: the base is narrower and the rock rolls over its edge"
@@ -244,7 +259,14 @@ class EdgeRounding(Effect):
 
 
 class BaseAsperity(Effect):
-    """Bumps under the base."""
+    """Bumps under the base.
+
+    The tips lie below the base by `height`, at `reach` of the way from the mass centre's projection
+    to the edge of the support along its diagonals. On an even top a body touches with its convex
+    hull only, so a rock of one part gets the tips as corners; one of several parts gets four small
+    cones. It first rocks about the tips, from a = g x / (h + height), and about its edges once they
+    meet the pedestal.
+    """
 
     name = "base_asperity"
     meaning = (
@@ -347,7 +369,11 @@ _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
 
 
 class BaseSlope(Effect):
-    """A pedestal that is not level."""
+    """A pedestal that is not level.
+
+    The pedestal is turned about the point under the mass centre, and the rock with it; the motion
+    stays horizontal. Uplift downhill begins at a = g tan(alpha - angle).
+    """
 
     name = "base_slope"
     meaning = "The pedestal's top is not level; it falls towards the azimuth"

@@ -17,7 +17,11 @@ from vsr2.scene.shapes import rock_points
 
 
 class Inertia(Effect):
-    """Another inertia tensor."""
+    """Another inertia tensor.
+
+    The moments change in proportion, or are those of the homogeneous box around the rock in its
+    body frame: for the laboratory's specimen SP1 about twice too large.
+    """
 
     name = "inertia"
     meaning = "The moments of inertia about the mass centre differ from those of the model"

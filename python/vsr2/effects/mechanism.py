@@ -36,7 +36,11 @@ def _rate(response: Response) -> float:
 
 
 class Restitution(Effect):
-    """The energy an impact leaves."""
+    """The energy an impact leaves.
+
+    Takes the place of the contact's restitution. Housner's ratio, computed for the edges in
+    question, is (1 - 3/2 sin^2 alpha)^2 for a block.
+    """
 
     name = "restitution"
     meaning = (
@@ -83,7 +87,10 @@ class Restitution(Effect):
 
 
 class RockingDamping(Effect):
-    """Dissipation while rocking."""
+    """Dissipation while rocking.
+
+    I_O is the moment of inertia about the edge and p the frequency parameter.
+    """
 
     name = "rocking_damping"
     meaning = "A moment -2 zeta p I_O w against the rate w of rocking about an edge"
@@ -119,7 +126,10 @@ class RockingDamping(Effect):
 
 
 class RollingResistance(Effect):
-    """A moment against rolling over an edge."""
+    """A moment against rolling over an edge.
+
+    It takes the energy N a for each radian, and vanishes smoothly at rest.
+    """
 
     name = "rolling_resistance"
     meaning = "A moment N a against rocking, N being the normal force and a a lever arm"
@@ -155,7 +165,10 @@ class RollingResistance(Effect):
 
 
 class FrictionRate(Effect):
-    """Static friction above kinetic friction."""
+    """Static friction above kinetic friction.
+
+    mu = mu_k (1 + (ratio - 1) exp(-v / speed)), v being the speed of slip of each contact.
+    """
 
     name = "friction_rate"
     meaning = "Friction at rest is higher than in sliding, where it is the study's"
@@ -201,7 +214,11 @@ class FrictionRate(Effect):
 
 
 class Adhesion(Effect):
-    """A bond under the base that breaks at the first uplift."""
+    """A bond under the base that breaks at the first uplift.
+
+    Uplift begins at a = g b / h (1 + strength A / (m g)), A being the area of the footprint; after
+    that there is no bond.
+    """
 
     name = "adhesion"
     meaning = "Base and pedestal stick together until the first uplift breaks the bond for good"
@@ -241,7 +258,12 @@ class Adhesion(Effect):
 
 
 class Catch(Effect):
-    """A one-sided tether."""
+    """A one-sided tether.
+
+    Beyond the slack a stiff damped couple turns the rock back; it stretches by less than 0.05 rad.
+    The tilt from which a rock counts as toppled in the end is lowered to 0.9 of the slack where it
+    is higher. A rock caught before its slenderness angle cannot overturn.
+    """
 
     name = "catch"
     meaning = (

@@ -15,7 +15,10 @@ WEAR_STEPS = 32
 
 
 class Wear(Effect):
-    """Slenderness lost with every trial."""
+    """Slenderness lost with every trial.
+
+    The loss is that of `slenderness`. Order is 0 at the first trial and 1 at the last.
+    """
 
     name = "wear"
     meaning = (
@@ -87,7 +90,12 @@ def _renamed() -> tuple[Parameter, ...]:
 
 
 class ChangePoint(Effect):
-    """A step of the geometry between two sessions."""
+    """A step of the geometry between two sessions.
+
+    Takes the parameters of all geometric effects, under the names of both; only the change of
+    slenderness is drawn from a prior. A session that begins nearest to `at` is the first after the
+    change; with one session only, the trial.
+    """
 
     name = "change_point"
     meaning = "From one session on the geometry is another: an edge broke, a base was repaired"

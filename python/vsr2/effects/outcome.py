@@ -14,7 +14,11 @@ from vsr2.effects.setup import Circumstances, Observation
 
 
 class OutcomeRule(Effect):
-    """Another rule of what has overturned, and slips of the pen."""
+    """Another rule of what has overturned, and slips of the pen.
+
+    Largest tilts and series stay as they are; only what is written down as the outcome changes. A
+    trial that is noted as not overturned is noted as rocked.
+    """
 
     name = "outcome_rule"
     meaning = (

@@ -16,7 +16,10 @@ from vsr2.scene.rotation import matrix_from_quaternion, multiply, yaw_quaternion
 
 
 class Placement(Effect):
-    """The rock set down anew before each trial."""
+    """The rock set down anew before each trial.
+
+    A shift alone does not change the response on an even top.
+    """
 
     name = "placement"
     meaning = "Before each trial the rock is put back only about where it was"
