@@ -516,7 +516,7 @@ class VerticalMotion(Effect):
     )
     channels = ("motion", "tilt")
     confounded_with = ()
-    source = "rocking under both components; Makris & Kampas (2016), Bull. Seismol. Soc. Am. 106(4)"
+    source = "statics under g plus the vertical acceleration"
     stage = "actuation"
     rank = 7
 

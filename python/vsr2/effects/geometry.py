@@ -192,10 +192,7 @@ class EdgeRounding(Effect):
     )
     channels = ("tilt",)
     confounded_with = ("table_gain", "slenderness")
-    source = (
-        "opening of the hull by a ball; rocking on round edges: Wittich & Hutchinson (2015), EESD "
-        "44(15)"
-    )
+    source = "opening of a convex body by a ball (Serra 1982, Image Analysis and Math. Morphology)"
     stage = "geometry"
     rank = 1
 
@@ -285,7 +282,7 @@ class BaseAsperity(Effect):
     )  # fmt: skip
     channels = ("tilt", "yaw", "rest pose")
     confounded_with = ("restitution", "edge_rounding")
-    source = "statics; ElGawady et al. (2011), EESD 40(12), on the role of the interface"
+    source = "statics; ElGawady et al. (2011), EESD 40, on the role of the interface"
     stage = "geometry"
     rank = 2
 

@@ -99,7 +99,7 @@ class RockingDamping(Effect):
     )
     channels = ("tilt",)
     confounded_with = ("restitution", "rolling_resistance")
-    source = "Vassiliou et al. (2017), EESD 46(5), on viscous damping of rocking models"
+    source = "docs/mechanisms.md"
     stage = "mechanism"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
@@ -185,7 +185,7 @@ class FrictionRate(Effect):
     )  # fmt: skip
     channels = ("slip", "tilt")
     confounded_with = ("friction",)
-    source = "Stribeck-type law mu_k + (mu_s - mu_k) exp(-v / v_s); Rice & Ruina (1983)"
+    source = "Stribeck-type law; docs/mechanisms.md"
     stage = "mechanism"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:

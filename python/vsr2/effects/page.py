@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import textwrap
 from collections.abc import Iterator
 
 from vsr2.effects.effect import STAGES, Effect
@@ -119,7 +120,7 @@ def page_markdown(example: str) -> str:
 def _section(effect: Effect) -> Iterator[str]:
     yield f"### `{effect.name}`\n"
     details = (inspect.getdoc(type(effect)) or "").partition("\n\n")[2]
-    yield f"{effect.meaning}. {' '.join(details.split())}".rstrip() + "\n"
+    yield _wrapped(f"{effect.meaning}. {details}") + "\n"
     yield "| parameter | unit | prior | none given | meaning |"
     yield "| --- | --- | --- | --- | --- |"
     for parameter in effect.parameters:
@@ -127,9 +128,13 @@ def _section(effect: Effect) -> Iterator[str]:
             yield _row(parameter)
     confounded = ", ".join(f"`{name}`" for name in effect.confounded_with) or "nothing listed"
     touched = ", ".join(effect.channels)
-    yield f"\nStage {effect.stage}. Touches {touched}. Confounded with {confounded}."
-    yield f"Source: {effect.source}.\n"
+    facts = f"Stage {effect.stage}. Touches {touched}. Confounded with {confounded}."
+    yield "\n" + _wrapped(f"{facts} Source: {effect.source}.") + "\n"
     yield f"![{effect.name}](results/effects/{effect.name}.png)\n"
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(" ".join(text.split()), 99, break_long_words=False)
 
 
 # Of `change_point`, which repeats the parameters of all geometric effects.
