@@ -6,7 +6,7 @@
 from vsr2.config import Study, load_study
 from vsr2.motion import Motion
 from vsr2.results import BatchResult, TrialLog, load_result, save_result
-from vsr2.simulation import Scene, Simulation, Trial, build_scene, run_batch
+from vsr2.simulation import Scene, Simulation, Trial, apply_effects, build_scene, run_batch
 
 __all__ = [
     "BatchResult",
@@ -16,6 +16,7 @@ __all__ = [
     "Study",
     "Trial",
     "TrialLog",
+    "apply_effects",
     "build_scene",
     "load_result",
     "load_study",

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +22,7 @@ from vsr2.campaign.campaign import (
     Specimen,
 )
 from vsr2.config.study import MeshRock, Study
+from vsr2.effects import chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
 from vsr2.results import BatchResult, TrialLog, load_trial_log, quaternion_product
@@ -43,6 +44,7 @@ def simulate_campaign(
     study: Study | Sequence[Trial],
     *,
     motions: Sequence[Motion] | None = None,
+    effects: Mapping[str, Mapping[str, float | str]] | None = None,
     name: str | None = None,
     description: str = "",
     specimen: str = "rock",
@@ -66,20 +68,25 @@ def simulate_campaign(
     largest tilt is cut at 0 and pi; noise of the orientation is a small rotation about a random
     axis. Trials are run in the order given, which is their `order`.
 
+    Effects act on the trials, not on what is written of their motions: the motions are those that
+    the study asks for, as an experimenter who does not know of the effect would have them.
+
     Args:
         study: a study, or trials made before, whose scenes and settings may differ.
         motions: with a study: drive these instead of its own.
+        effects: to add, by name, each with its parameters; an effect of the study's own that is
+            named here is replaced. Order and sessions are the campaign's.
         name: of the campaign; by default the study's, else "simulated".
         description: of the campaign.
         specimen: id of the rock.
         motion_ids: ground motion of each trial; by default the name of its motion. Give it where
             several trials are scalings of one motion.
         records: what the table's instruments recorded in each trial, before noise; by default
-            displacement and acceleration as driven.
+            displacement and acceleration as driven without effects.
         sessions: of each trial, or how many trials make a session; by default all are of session
             "1".
         noise: standard errors; None, and channels not stated: none.
-        seed: of the noise.
+        seed: of the noise and of what effects draw.
         series_every: keep a row of the series every so many time steps; 0: no series.
         threads: as in :func:`vsr2.simulation.run_batch`.
         progress: show a progress bar on standard error.
@@ -100,10 +107,13 @@ def simulate_campaign(
             runs.
         ResultError: the checkpoint cannot be used, or belongs to other trials.
     """
-    from vsr2.simulation import run_batch, study_trials
+    from vsr2.simulation import apply_effects, run_batch, study_trials
 
+    wanted = dict(effects or {})
     if isinstance(study, Study):
-        trials = study_trials(study, motions=motions)
+        wanted = {**study.effects, **wanted}
+        chosen(wanted)
+        trials = study_trials(study.model_copy(update={"effects": {}}), motions=motions)
     elif motions is None:
         trials = list(study)
     else:
@@ -131,6 +141,8 @@ def simulate_campaign(
         "npy": False,
     }
     trials = [replace(trial, output=trial.output.model_copy(update=output)) for trial in trials]
+    asked = trials
+    trials = apply_effects(trials, wanted, sessions=sessions, seed=seed)
     digest = _digest(trials, noise, seed)
     ids = [f"T{i + 1:0{max(3, len(str(len(trials))))}d}" for i in range(len(trials))]
     kept = _finished(resume, digest)
@@ -160,9 +172,9 @@ def simulate_campaign(
             for i in range(len(trials)):
                 if i not in series and result["status"][i] in JUDGED:
                     keep(i, load_trial_log(checkpoint, i))
-    files, written = _records(trials, ids, records, noise, seed)
+    files, written = _records(asked, ids, records, noise, seed)
     rows: list[CampaignTrial] = []
-    for i, trial in enumerate(trials):
+    for i, trial in enumerate(asked):
         row = CampaignTrial(
             trial=ids[i],
             motion=trial.motion.name if motion_ids is None else motion_ids[i],
@@ -186,16 +198,18 @@ def simulate_campaign(
             at = pending.index(i) if len(pending) < len(trials) else i
             row = _judged(row, result, at, noise, _generator(seed, i, 1), series.get(i))
         rows.append(row)
-    rock = trials[0].scene.rock
+    rock = asked[0].scene.rock
     provenance: dict[str, Any] = {
         "digest": digest,
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
         "seed": seed,
         "noise": asdict(noise),
         "series_every": series_every,
+        "effects": wanted,
     }
     if result is not None:
-        provenance |= {key: value for key, value in result.provenance.items() if key != "study"}
+        facts = result.provenance.items()
+        provenance |= {key: value for key, value in facts if key not in ("study", "effects")}
     elif resume is not None:
         provenance = dict(resume.provenance)
     return Campaign(

@@ -40,8 +40,11 @@ def add_verbs(verbs: Any) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from vsr2.config import dump_study, load_study
+    from vsr2.effects import chosen
 
-    print(dump_study(load_study(options.study)), end="")
+    study = load_study(options.study)
+    chosen(study.effects)
+    print(dump_study(study), end="")
     return 0
 
 

@@ -11,6 +11,7 @@ from vsr2.cli import (
     calibration,
     campaign,
     configuration,
+    effects,
     fragility,
     motion,
     replay,
@@ -45,6 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
         campaign,
         calibration,
         fragility,
+        effects,
         configuration,
     ):
         room.add_verbs(verbs)

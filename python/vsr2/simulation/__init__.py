@@ -10,6 +10,7 @@ from vsr2.simulation.contact_model import (
     restitution_target,
 )
 from vsr2.simulation.distributed import connect
+from vsr2.simulation.effects import apply_effects
 from vsr2.simulation.scene import Scene, build_scene, make_scene
 from vsr2.simulation.shards import Shard, merge_shards, run_shard
 from vsr2.simulation.simulation import Simulation, State
@@ -21,6 +22,7 @@ __all__ = [
     "Simulation",
     "State",
     "Trial",
+    "apply_effects",
     "build_scene",
     "connect",
     "contact_softness",

@@ -1,0 +1,153 @@
+"""The page of the library, `docs/effects.md`, written from the effects themselves."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import textwrap
+from collections.abc import Iterator
+
+from vsr2.effects.effect import STAGES, Effect
+from vsr2.effects.parameter import Parameter
+from vsr2.effects.registry import BUILT_IN, in_order
+
+HEAD = """\
+# Effects that a simulation may lack
+
+Written by `vsr2.effects.page.page_markdown()` from the library; a test keeps both equal.
+
+A rigid block under the recorded motion is not the experiment: edges are round, tables pitch, rocks
+wear. The library holds such effects, each as mechanics, with parameters, a prior, and checks.
+
+```yaml
+rock: {shape: box, size: [0.4, 0.6, 1.2], density: 2700}
+motion: {mode: single_cosine, pga: 0.5, pgv_pga: 0.1}
+effects:
+  edge_rounding: {radius: 0.006}
+  inertia: {rule: aabb}
+```
+
+`vsr2 effects list` prints all, `vsr2 effects show NAME` one. A parameter that is not given has its
+null value, without effect. A value outside the prior is warned of, one outside what can be
+simulated refused. In Python:
+
+```python
+from vsr2 import apply_effects, load_study, run_batch
+from vsr2.simulation import study_trials
+
+trials = study_trials(load_study("configs/grid.yaml"))
+changed = apply_effects(trials, {"wear": {"loss": 0.1}}, sessions=["1"] * len(trials))
+result = run_batch(changed)
+```
+
+`simulate_campaign(study, effects=...)` simulates campaigns with effects; the motions it writes are
+those that were asked for, so that the effect does not show in them. Hashes, journals and provenance
+cover effects.
+
+## Rules
+
+- Neutral: a trial in which an effect is null is the same object as without it.
+- Order: {stages}; within a stage as `vsr2 effects list` prints them. So a table's pitch follows the
+  motion after gain and filters, and a rock worn and rounded is rounded first.
+- Chance: what a trial draws (`placement`, `outcome_rule`) depends on the seed, the effect's name
+  and the trial's place alone. With the same seed other values use the same draws.
+- Scenes: trials that end up with equal bodies share one native scene. `wear` has {wear} steps.
+- Motions beside x (`transverse`, `vertical`, `pitch`) need `motion.drive: prescribed`.
+
+## Three checks
+
+`vsr2 effects check` runs them on the library, `vsr2 effects check FILE.py` on one's own effects:
+
+- Neutral: the trajectory at the null value is that without the effect, to the last bit.
+- Alive: at the far end of the prior some feature of the response (log of the largest tilt, yaw,
+  slip, outcome) changes by more than three times its noise floor, on a block and on a rock with
+  the irregular hull of a scan, both under four pulses. The floor is what moving the start by 10
+  micrometres and 10 microradians does, and at least 1 % of the largest tilt, 0.5 mrad of yaw, 0.1
+  mm of slip.
+- Right: the closed forms, conservation laws or independent computations of the effect's own
+  `verify` are met. They are named below.
+
+## What is one effect
+
+With phi = tilt / alpha the planar equation of rocking holds the motion only as a / (g tan alpha).
+So `table_gain` and `slenderness` are one effect but for the frequency parameter; measured, largest
+tilts relative to alpha agree within 2 % where the effect itself is 6 %. A stiff `table_pitch` acts
+like a gain of 1 + c (1 + w^2 / p^2) under a sine; measured within 4 %
+(`tests/python/test_effects_apply.py`).
+
+## One's own effect
+
+One class with a hook, `change`, which gets a `Setup` (bodies, contact, mechanisms, motion, start)
+and gives a changed one; `at` where order, session or chance come in; `observe` for rules of what is
+written down; `verify` for its closed forms. This is `docs/examples/soft_pad.py`:
+
+```python
+{example}```
+
+Other packages announce theirs by the entry-point group `vsr2.effects`:
+
+```toml
+[project.entry-points."vsr2.effects"]
+soft_pad = "my_package.pads:SoftPad"
+```
+
+In a program, `vsr2.effects.register(SoftPad)` adds it.
+
+## The library
+
+Figures show a block of 0.4 m x 0.6 m x 1.2 m at the far end of the prior: its tilt under one cosine
+pulse, and the least PGA of a pulse that overturns it, by bisection (where overturning is no step in
+PGA it finds one of several). `studies/figure_effects.py` writes them and
+`docs/results/effects/thresholds.csv`.
+"""
+
+
+def page_markdown(example: str) -> str:
+    """The text of `docs/effects.md`.
+
+    Args:
+        example: source of the documented example.
+    """
+    from vsr2.effects.order import WEAR_STEPS
+
+    head = HEAD.replace("{stages}", ", ".join(STAGES)).replace("{wear}", str(WEAR_STEPS))
+    parts = [head.replace("{example}", example)]
+    for effect in in_order({effect.name: effect for effect in BUILT_IN}):
+        parts += _section(effect)
+    return "\n".join(parts)
+
+
+def _section(effect: Effect) -> Iterator[str]:
+    yield f"### `{effect.name}`\n"
+    details = (inspect.getdoc(type(effect)) or "").partition("\n\n")[2]
+    yield _wrapped(f"{effect.meaning}. {details}") + "\n"
+    yield "| parameter | unit | prior | none given | meaning |"
+    yield "| --- | --- | --- | --- | --- |"
+    for parameter in effect.parameters:
+        if not parameter.name.startswith(_OTHERS):
+            yield _row(parameter)
+    confounded = ", ".join(f"`{name}`" for name in effect.confounded_with) or "nothing listed"
+    touched = ", ".join(effect.channels)
+    facts = f"Stage {effect.stage}. Touches {touched}. Confounded with {confounded}."
+    yield "\n" + _wrapped(f"{facts} Source: {effect.source}.") + "\n"
+    yield f"![{effect.name}](results/effects/{effect.name}.png)\n"
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(" ".join(text.split()), 99, break_long_words=False)
+
+
+# Of `change_point`, which repeats the parameters of all geometric effects.
+_OTHERS = ("com_offset_", "edge_rounding_", "base_asperity_", "base_slope_")
+
+
+def _row(parameter: Parameter) -> str:
+    null = "as in the study" if math.isnan(parameter.null) else f"{parameter.null:g}"
+    if parameter.choices:
+        null = parameter.choices[int(parameter.null)]
+    unit = "" if parameter.unit == "1" else parameter.unit
+    prior = parameter.range_text
+    if parameter.prior == "fixed" and not parameter.choices:
+        prior = "fixed"
+    cells = (f"`{parameter.name}`", unit, prior, null, parameter.meaning)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

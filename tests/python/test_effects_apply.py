@@ -1,0 +1,326 @@
+"""Effects in trials, studies, batches and campaigns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsr2 import Study, apply_effects, run_batch
+from vsr2.campaign import simulate_campaign
+from vsr2.cli.main import main
+from vsr2.config import dump_study, study_from_mapping
+from vsr2.config.study import Output
+from vsr2.effects import EffectRangeWarning, Parameter, chosen, effect
+from vsr2.errors import ConfigError, MotionError, SimulationError
+from vsr2.motion import Motion, Record, build_recorded_motion
+from vsr2.results import prepare_folder
+from vsr2.simulation import Trial, study_trials
+from vsr2.simulation.batch import plan_sha256
+from vsr2.simulation.bench import EffectBench, trial_of
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def study(**changes: object) -> Study:
+    return study_from_mapping(
+        {
+            "rock": {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0},
+            "motion": {
+                "mode": "grid_cosine",
+                "pga": {"min": 0.3, "max": 0.6, "step": 0.1},
+                "pgv_pga": {"min": 0.1, "max": 0.1, "step": 0.1},
+            },
+            "outcome": {"tail": 1.0},
+            "output": {"log_every": 10},
+            **changes,
+        },
+        ROOT,
+    )
+
+
+@pytest.fixture(scope="module")
+def trials() -> list[Trial]:
+    return study_trials(study())
+
+
+def test_without_effects_trials_come_back_as_they_are(trials: list[Trial]) -> None:
+    for effects in ({}, {"edge_rounding": {"radius": 0.0}}, {"catch": {"slack": 180}}):
+        for before, after in zip(trials, apply_effects(trials, effects), strict=True):
+            assert after is before
+
+
+def test_equal_setups_share_a_scene(trials: list[Trial]) -> None:
+    rounded = apply_effects(trials, {"edge_rounding": {"radius": 0.006}})
+    assert len({id(trial.scene) for trial in rounded}) == 1
+    assert rounded[0].scene is not trials[0].scene
+    many = [replace(trials[i % 4], name=str(i)) for i in range(200)]
+    worn = apply_effects(many, {"wear": {"loss": 0.1}})
+    scenes = {id(trial.scene) for trial in worn}
+    assert len(scenes) == 33
+    assert worn[0] is many[0]
+    gained = apply_effects(trials, {"table_gain": {"change": 0.1}})
+    assert {id(trial.scene) for trial in gained} == {id(trials[0].scene)}
+
+
+def test_order_of_application_is_that_of_the_list() -> None:
+    names = [
+        "table_pitch",
+        "outcome_rule",
+        "table_gain",
+        "friction",
+        "edge_rounding",
+        "slenderness",
+    ]
+    some = {name: {effect(name).parameters[0].name: 0.01} for name in names}
+    some["outcome_rule"], some["friction"] = {"tilt": 0.2}, {"factor": 0.9}
+    order = [one.name for one, _ in chosen(some)]
+    assert order == [
+        "slenderness", "edge_rounding", "friction", "table_gain", "table_pitch", "outcome_rule"
+    ]  # fmt: skip
+    assert [one.name for one, _ in chosen(dict(reversed(some.items())))] == order
+
+
+def test_pitch_follows_the_gained_motion(trials: list[Trial]) -> None:
+    both = apply_effects(
+        trials[:1], {"table_pitch": {"compliance": 0.01}, "table_gain": {"change": 0.1}}
+    )[0]
+    alone = apply_effects(trials[:1], {"table_pitch": {"compliance": 0.01}})[0]
+    assert both.motion.pitch is not None
+    assert alone.motion.pitch is not None
+    np.testing.assert_allclose(
+        both.motion.pitch.displacement, 1.1 * alone.motion.pitch.displacement, atol=1e-12
+    )
+
+
+def test_draws_depend_on_seed_name_and_place_alone(trials: list[Trial]) -> None:
+    def starts(count: int, seed: int, **effects: object) -> list[object]:
+        changed = apply_effects(
+            trials[:count], {"placement": {"yaw": 5.0, "offset": 0.01}, **effects}, seed=seed
+        )
+        return [trial.start for trial in changed]
+
+    four = starts(4, 1)
+    assert starts(2, 1) == four[:2]
+    assert starts(4, 1, table_gain={"change": 0.1}) == four
+    assert starts(4, 2) != four
+    assert len(set(four)) == 4
+    half = apply_effects(trials, {"placement": {"yaw": 2.5}}, seed=1)
+    for one, other in zip(four, half, strict=True):
+        assert other.start is not None
+        yaws = [2 * math.atan2(p.orientation[2], p.orientation[3]) for p in (one, other.start)]
+        assert yaws[0] == pytest.approx(2 * yaws[1])
+
+
+def test_a_change_point_comes_with_its_session(trials: list[Trial]) -> None:
+    values = {"change_point": {"at": 0.5, "slenderness_change": -0.1}}
+    order = apply_effects(trials, values, sessions=["a", "a", "b", "b"])
+    assert [trial.scene is trials[0].scene for trial in order] == [True, True, False, False]
+    mixed = apply_effects(trials, values, sessions=["b", "a", "b", "a"], orders=[1, 0.2, 0.9, 0])
+    assert [trial.scene is trials[0].scene for trial in mixed] == [False, True, False, True]
+
+
+def test_refusals_name_what_is_near(trials: list[Trial]) -> None:
+    with pytest.raises(ConfigError, match="did you mean `edge_rounding`"):
+        apply_effects(trials, {"edge_roundin": {"radius": 0.01}})
+    with pytest.raises(ConfigError, match="no parameter 'radios'; did you mean `radius`"):
+        apply_effects(trials, {"edge_rounding": {"radios": 0.01}})
+    with pytest.raises(ConfigError, match=r"effects\.edge_rounding\.radius: 6 m is outside 0"):
+        apply_effects(trials, {"edge_rounding": {"radius": 6}})
+    with pytest.raises(ConfigError, match="one of model, aabb"):
+        apply_effects(trials, {"inertia": {"rule": "mesh"}})
+    with pytest.raises(ConfigError, match="must be a number"):
+        apply_effects(trials, {"inertia": {"change": "aabb"}})
+    with pytest.raises(ConfigError, match="3 entries for 4 trials"):
+        apply_effects(trials, {"wear": {"loss": 0.1}}, orders=[0, 0.5, 1])
+    with pytest.raises(ConfigError, match="not between 0"):
+        apply_effects(trials, {"wear": {"loss": 0.1}}, orders=[0, 1, 2, 3])
+    with pytest.raises(MotionError, match="needs a recorded motion"):
+        apply_effects(trials, {"input_filter": {"input": "acceleration"}})
+    with pytest.warns(EffectRangeWarning, match=r"0\.3 is outside the prior, -0\.15 to 0\.15"):
+        apply_effects(trials, {"table_gain": {"change": 0.3}})
+    with pytest.raises(ConfigError, match="positive lower end"):
+        Parameter("a", "1", 0.0, 0.0, 1.0, "loguniform", "")
+    motor = [replace(trial, drive="motor") for trial in trials]
+    with pytest.raises(SimulationError, match="prescribed"):
+        run_batch(apply_effects(motor, {"vertical_motion": {"share": 0.1}}))
+
+
+def test_a_study_names_its_effects(tmp_path: Path) -> None:
+    own = study(effects={"table_gain": {"change": -0.1}, "inertia": {"rule": "aabb"}})
+    assert study_from_mapping(__import__("yaml").safe_load(dump_study(own)), ROOT) == own
+    with_effects, without = study_trials(own), study_trials(study())
+    assert plan_sha256(with_effects) != plan_sha256(without)
+    result = run_batch(own, threads=1)
+    plain = run_batch(study(), threads=1)
+    assert result.provenance["study"]["effects"]["table_gain"] == {"change": -0.1}
+    assert result.provenance["effects"]["table_gain"] == [{"change": -0.1}]
+    assert plain.provenance["effects"] == {}
+    assert (result["pga"] < plain["pga"]).all()
+    with pytest.raises(ConfigError, match="did you mean `wear`"):
+        study_trials(study(effects={"waer": {"loss": 0.1}}))
+    path = tmp_path / "study.yaml"
+    path.write_text(dump_study(study(effects={"table_gain": {"chang": 0.1}})))
+    assert main(["config", "check", str(path)]) == 2
+
+
+def test_labels_are_changed_before_they_are_kept(trials: list[Trial], tmp_path: Path) -> None:
+    ruled = apply_effects(trials, {"outcome_rule": {"tilt": 0.1}})
+    plain, result = run_batch(trials, threads=1), run_batch(ruled, threads=1)
+    np.testing.assert_array_equal(result["peak_tilt"], plain["peak_tilt"])
+    expected = plain["peak_tilt"].astype(float) >= 0.1
+    assert 0 < expected.sum() < 4
+    np.testing.assert_array_equal(result["outcome"] == "overturned", expected)
+    assert plan_sha256(ruled) != plan_sha256(trials)
+    prepare_folder(tmp_path / "r")
+    first = run_batch(ruled, threads=1, checkpoint=tmp_path / "r")
+    again = run_batch(ruled, threads=1, checkpoint=tmp_path / "r")
+    assert list(first["outcome"]) == list(again["outcome"]) == list(result["outcome"])
+
+
+def test_a_campaign_does_not_show_what_it_was_made_with() -> None:
+    plain = simulate_campaign(study(), threads=1, sessions=2)
+    changed = simulate_campaign(
+        study(), threads=1, sessions=2,
+        effects={"table_gain": {"change": 0.15}, "change_point": {"slenderness_change": -0.1}},
+    )  # fmt: skip
+    for one, other in zip(plain.trials, changed.trials, strict=True):
+        assert one.pga == other.pga
+        assert one.motion_file == other.motion_file
+        assert one.peak_tilt != other.peak_tilt
+    for name, record in plain.motions.items():
+        np.testing.assert_array_equal(record.displacement, changed.motions[name].displacement)
+    assert changed.provenance["effects"]["table_gain"] == {"change": 0.15}
+    assert plain.provenance["digest"] != changed.provenance["digest"]
+
+
+def test_input_comes_from_the_channel_that_is_asked_for() -> None:
+    time = np.arange(800) * 0.005
+    omega = 2 * np.pi * 2.0
+    blend = np.sin(np.pi * time / time[-1]) ** 4
+    x = 0.03 * blend * np.sin(omega * time)
+    a = np.gradient(np.gradient(x, 0.005), 0.005)
+    record = Record("r", 0.005, displacement=x, acceleration=1.2 * a)
+    motion = build_recorded_motion(record, 0.001, scale=0.5)
+    bench = EffectBench()
+    trial = trial_of(replace(bench.block(), motion=motion))
+    other = apply_effects([trial], {"input_filter": {"input": "acceleration"}})[0]
+    same = apply_effects([trial], {"input_filter": {"input": "displacement"}})[0]
+    assert other.motion.pga == pytest.approx(1.2 * motion.pga, rel=0.02)
+    np.testing.assert_array_equal(same.motion.displacement, motion.displacement)
+
+
+def test_motions_end_at_rest(trials: list[Trial]) -> None:
+    effects = {
+        "time_scale": {"change": 0.02}, "input_filter": {"corner": 8.0},
+        "table_bandwidth": {"corner": 6.0, "delay": 0.01}, "table_saturation": {"velocity": 0.25},
+        "table_resonance": {"amplification": 1.5}, "table_pitch": {"compliance": 0.01},
+        "off_axis_motion": {"share": 0.1}, "vertical_motion": {"share": 0.2},
+    }  # fmt: skip
+    for names in ([name] for name in effects), [list(effects)]:
+        for some in names:
+            for trial in apply_effects(trials, {name: effects[name] for name in some}):
+                motion = trial.motion
+                assert motion.velocity[-1] == 0
+                assert abs(motion.displacement[-1]) < 2e-4
+                for side in motion.sides.values():
+                    if side is not None:
+                        assert side.velocity[-1] == 0
+                        assert abs(side.displacement[-1]) < 1e-4
+
+
+def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int = 4) -> Motion:
+    """A sine that swells and fades: no jumps, so an oscillator above it follows statically."""
+    step = bench.block().engine.time_step
+    time = np.arange(round(periods / frequency / step) + 1) * step
+    envelope = np.sin(np.pi * time / time[-1]) ** 2
+    a = amplitude * np.sin(2 * np.pi * frequency * time) * envelope
+    v = np.concatenate([[0.0], np.cumsum(0.5 * (a[1:] + a[:-1]) * step)])
+    v -= v[-1] * time / time[-1]
+    x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)])
+    return Motion("burst", step, x, np.append(v[:-1], 0.0), a, "recording")
+
+
+@pytest.mark.parametrize(("amplitude", "frequency"), [(4.5, 1.5), (4.5, 2.0), (6.0, 2.0)])
+def test_table_gain_and_slenderness_are_one_effect(amplitude: float, frequency: float) -> None:
+    # With phi = tilt / alpha the motion enters as a / (g tan alpha) only (Housner 1963). What is
+    # left is the frequency parameter p, which the height of the mass centre changes by 1.5 % here.
+    bench = EffectBench()
+    setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
+
+    def peak(name: str, change: float) -> float:
+        return bench.run(setup, effect(name), {"change": change}).observation.peak_tilt
+
+    plain = bench.run(setup).observation.peak_tilt
+    slender = peak("slenderness", 0.06) / 1.06
+    gained = peak("table_gain", 1 / 1.06 - 1)
+    assert abs(math.log(slender / gained)) < 0.025
+    assert abs(math.log(gained / plain)) > 2 * abs(math.log(slender / gained))
+
+
+@pytest.mark.parametrize(("amplitude", "frequency"), [(4.5, 1.5), (4.5, 2.0), (6.0, 2.0)])
+def test_stiff_pitch_is_a_gain(amplitude: float, frequency: float) -> None:
+    # Pitch -c a / g adds c to a / g by tilting gravity, and c w^2 / p^2 by turning the base:
+    # theta'' = -p^2 (alpha - theta) - p^2 a / g + p^2 pitch - pitch'', linearised.
+    bench = EffectBench()
+    setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
+    compliance = 0.01
+    half = np.array([0.2, 0.6])
+    p_squared = 0.75 * setup.engine.gravity / float(np.hypot(*half))
+    gain = compliance * (1 + (2 * math.pi * frequency) ** 2 / p_squared)
+    values = {"compliance": compliance, "frequency": 20.0, "damping": 0.7, "depth": 0.0}
+    plain = bench.run(setup).observation.peak_tilt
+    pitched = bench.run(setup, effect("table_pitch"), values).observation.peak_tilt
+    gained = bench.run(setup, effect("table_gain"), {"change": gain}).observation.peak_tilt
+    assert abs(math.log(pitched / gained)) < 0.04
+    assert abs(math.log(gained / plain)) > 2 * abs(math.log(pitched / gained))
+
+
+def test_effects_act_alike_in_any_thread_and_order(trials: list[Trial]) -> None:
+    effects = {
+        "edge_rounding": {"radius": 0.006}, "restitution": {"energy_ratio": 0.9},
+        "placement": {"yaw": 5.0}, "table_pitch": {"compliance": 0.005},
+    }  # fmt: skip
+    changed = apply_effects(trials, effects)
+    changed = [replace(trial, output=Output(log_every=1)) for trial in changed]
+    one = run_batch(changed, threads=1)
+    two = run_batch(list(reversed(changed)), threads=2)
+    for a, b in zip(one.logs, reversed(two.logs), strict=True):
+        assert a is not None
+        assert b is not None
+        assert a.state.tobytes() == b.state.tobytes()
+
+
+def test_one_s_own_effect_is_checked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(["effects", "check", str(ROOT / "docs" / "examples" / "soft_pad.py")]) == 0
+    out = capsys.readouterr().out
+    assert "soft_pad: passes" in out
+    assert "neutral: yes" in out
+    dead = tmp_path / "dead.py"
+    dead.write_text(
+        "from vsr2.effects import Effect, Parameter\n"
+        "class Dead(Effect):\n"
+        "    name = 'dead'\n    meaning = 'does nothing'\n    stage = 'contact'\n"
+        "    parameters = (Parameter('size', '1', 0.0, 0.0, 1.0, 'uniform', 'of nothing'),)\n"
+    )
+    assert main(["effects", "check", str(dead)]) == 1
+    out = capsys.readouterr().out
+    assert "alive: NO, 0 times the floor" in out
+    assert "right: NO" in out
+    empty = tmp_path / "empty.py"
+    empty.write_text("x = 1\n")
+    assert main(["effects", "check", str(empty)]) == 2
+    assert "defines no class" in capsys.readouterr().err
+
+
+def test_the_list_prints_all(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) >= 29
+    assert main(["effects", "show", "base_slope"]) == 0
+    assert "confounded with: com_offset" in capsys.readouterr().out
+    assert main(["effects", "show", "slope"]) == 2
+    assert "base_slope" in capsys.readouterr().err

@@ -1,0 +1,103 @@
+"""Every effect of the library: neutral, alive, right; and the library's table."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vsr2.effects import Circumstances, Effect, in_order, library
+from vsr2.effects.page import page_markdown
+from vsr2.simulation.effect_checks import EffectChecker
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMES = {
+    "table_gain", "edge_rounding", "table_pitch", "table_bandwidth", "table_resonance",
+    "table_saturation", "base_slope", "com_offset", "slenderness", "inertia", "restitution",
+    "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance", "friction",
+    "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "input_filter",
+    "time_scale", "placement", "wear", "change_point", "catch", "outcome_rule", "adhesion",
+}  # fmt: skip
+EFFECTS = in_order(library())
+
+
+@pytest.fixture(scope="module")
+def checker() -> EffectChecker:
+    return EffectChecker()
+
+
+def by_name(effect: Effect) -> str:
+    return effect.name
+
+
+def test_the_library_is_complete() -> None:
+    assert set(library()) == NAMES
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_neutral(effect: Effect, checker: EffectChecker) -> None:
+    assert checker.neutral(effect)
+
+
+@pytest.mark.parametrize("rock", ["block", "scan"])
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_alive(effect: Effect, rock: str, checker: EffectChecker) -> None:
+    assert checker.alive(effect, rock) > 3.0
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_right(effect: Effect, checker: EffectChecker) -> None:
+    checks = effect.verify(checker.bench)
+    assert checks
+    for check in checks:
+        assert check.good, check
+        assert check.tolerance == 0 or math.isfinite(check.tolerance)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_null_values_give_the_setup_back(effect: Effect, checker: EffectChecker) -> None:
+    setup = checker.bench.block()
+    there = Circumstances(1.0, "b", ("a", "b"), np.random.default_rng(0))
+    assert effect.apply(setup, effect.null(), there) is setup
+    if effect.stage != "outcome":
+        assert effect.apply(setup, effect.extreme(), there) is not setup
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_descriptions_are_whole(effect: Effect) -> None:
+    assert set(effect.confounded_with) <= NAMES
+    assert effect.meaning
+    assert effect.source
+    assert effect.channels
+    for parameter in effect.parameters:
+        assert parameter.meaning
+        low, high = parameter.limits or (parameter.lower, parameter.upper)
+        assert low <= parameter.lower <= parameter.upper <= high
+        ends = [parameter.ppf(0.0), parameter.ppf(1.0)]
+        if parameter.prior == "fixed":
+            assert ends == [parameter.null] * 2
+        else:
+            assert ends == pytest.approx([parameter.lower, parameter.upper])
+            assert parameter.lower < parameter.ppf(0.5) < parameter.upper
+
+
+def test_only_these_leave_the_domain_of_fast(checker: EffectChecker) -> None:
+    slow = {effect.name for effect in EFFECTS if checker.fast(effect)}
+    assert slow <= {"base_slope", "friction_rate"}
+
+
+def test_the_page_names_every_effect() -> None:
+    page = (ROOT / "docs" / "effects.md").read_text()
+    assert set(re.findall(r"^### `(\w+)`", page, re.MULTILINE)) == NAMES
+    for name in NAMES:
+        assert (ROOT / "docs" / "results" / "effects" / f"{name}.png").is_file(), name
+
+
+def test_the_page_is_up_to_date() -> None:
+    example = (ROOT / "docs" / "examples" / "soft_pad.py").read_text()
+    assert (ROOT / "docs" / "effects.md").read_text() == page_markdown(example), (
+        "write docs/effects.md anew: vsr2.effects.page.page_markdown"
+    )

@@ -1,0 +1,57 @@
+"""Second-order systems against closed forms, and their limits."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from vsr2.effects.oscillator import Path, base_excited, limited, low_passed, respond
+
+STEP = 1e-3
+
+
+@pytest.mark.parametrize("ratio", [0.02, 0.5, 1.0, 3.0])
+def test_step_response(ratio: float) -> None:
+    omega = 2 * math.pi * 5.0
+    count = 600
+    force = np.ones(count)
+    force[0] = 0.0
+    y, rate = respond(0.0, omega**2, 5.0, ratio, force, STEP)
+    # The input rises linearly over the first step, like a step half a step late.
+    time = (np.arange(count) - 0.5) * STEP
+    roots = np.roots([1.0, 2 * ratio * omega, omega**2]) + np.array([0.0, 1e-7j])
+    a, b = roots
+    exact = 1 + ((b * np.exp(a * time) - a * np.exp(b * time)) / (a - b)).real
+    assert np.abs(y - exact)[2:].max() < 3e-4
+    # Half a step late is exact to second order; the rest is (w dt)^2 / 24.
+    assert np.abs(np.gradient(y, STEP) - rate)[5:-1].max() < 0.02 * np.abs(rate).max()
+
+
+def test_paths_belong_to_one_function() -> None:
+    time = np.arange(2000) * STEP
+    x = 0.02 * np.sin(2 * np.pi * 3 * time) * np.sin(np.pi * time / 2) ** 2
+    v = np.gradient(x, STEP)
+    path = Path(x, v, np.gradient(v, STEP))
+    for driven in (low_passed(path, 6.0, 0.7, STEP), base_excited(path, 9.0, 0.2, STEP)):
+        scale = np.abs(driven.velocity).max()
+        slope = np.gradient(driven.displacement, STEP)
+        assert np.abs(slope - driven.velocity)[2:-2].max() < 1e-3 * scale
+        slope = np.gradient(driven.velocity, STEP)
+        assert np.abs(slope - driven.acceleration)[2:-2].max() < 5e-3 * np.abs(slope).max()
+
+
+def test_a_stiff_table_follows() -> None:
+    time = np.arange(2000) * STEP
+    x = 0.01 * np.sin(np.pi * time / 2) ** 4
+    v = np.gradient(x, STEP)
+    driven = base_excited(Path(x, v, np.gradient(v, STEP)), 15.0, 1e4, STEP)
+    assert np.abs(driven.displacement - x).max() < 1e-6
+
+
+def test_a_table_within_its_limits_is_left_alone() -> None:
+    x = 0.01 * np.sin(np.linspace(0, np.pi, 500)) ** 2
+    v = np.gradient(x, STEP)
+    path = Path(x, v, np.gradient(v, STEP))
+    assert limited(path, 10.0, 100.0, STEP, loop=3.0) is path
