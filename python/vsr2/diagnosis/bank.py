@@ -32,7 +32,7 @@ class Bank:
 
     Attributes:
         simulated: number of simulations run since it was opened.
-        reused: number of requests answered from the file.
+        reused: number of different simulations answered from what earlier runs left in the file.
 
     Raises:
         DiagnosisError: the file is no bank or cannot be used.
@@ -43,7 +43,7 @@ class Bank:
     ) -> None:
         self.simulator = simulator
         self.simulated = 0
-        self.reused = 0
+        self._asked: set[bytes] = set()
         self._chunk = chunk
         self._trials: dict[int, str] = {}
         self._path = path
@@ -58,6 +58,10 @@ class Bank:
                 f"{path}: cannot be used as a bank of simulations ({error}); remove it or choose "
                 "another folder"
             ) from error
+
+    @property
+    def reused(self) -> int:
+        return len(self._asked) - self.simulated
 
     def close(self) -> None:
         """Close the file; it stays."""
@@ -83,7 +87,7 @@ class Bank:
         missing = [i for i, key in enumerate(keys) if key not in known]
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
-        self.reused += len(requests) - len(pending)
+        self._asked.update(keys)
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
             found = self.simulator.run([requests[i] for i in part])

@@ -6,7 +6,7 @@ Every simulation serves both routes of inference; nothing is simulated twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.emulator import Design
-from vsr2.diagnosis.library import Entry, Library, values_at
+from vsr2.diagnosis.library import Entry, Library, free_parameters, values_at
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.simulator import Effects, Request, quasi_random
 
@@ -50,7 +50,7 @@ class Screening:
 def effect_quantiles(entry: Entry, draw: int, seed: int) -> Array:
     """Prior quantiles of an effect's parameters in draw `draw`, shape (parameters,)."""
     name = int.from_bytes(entry.name.encode()[:6], "little")
-    return quasi_random((seed * 1_000_003 + name) % 2**63, len(entry.parameters), draw)
+    return quasi_random((seed * 1_000_003 + name) % 2**63, len(free_parameters(entry)), draw)
 
 
 def effect_draw(entry: Entry, draw: int, seed: int) -> Effects:
@@ -81,8 +81,7 @@ def screen(
     mean = np.nanmean(found, axis=0)
     uncertain = (mean > 0) & (mean < 1)
     if seen.tier != "B":
-        rocking = np.nanmedian(np.where(found < 0.5, peaks, np.nan), axis=0, keepdims=False) if (
-            found < 0.5).any(axis=0).all() else _median_standing(found, peaks)
+        rocking = _median_standing(found, peaks)
         uncertain |= np.nan_to_num(rocking) > max(3 * seen.tilt_noise, 0.01)
     certain = np.flatnonzero(~uncertain)
     rng = np.random.default_rng([seed, 77])
@@ -135,22 +134,32 @@ def simulate_design(
     seen: Observations,
     screening: Screening,
     library: Library,
-    draws: int,
+    draws: Mapping[str, int],
     *,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Design, NDArray[np.int64]]:
-    """Whole campaigns of the kept trials: `draws` of every effect, `NONE_SHARE` times as many of none.
+    """Whole campaigns of the kept trials.
+
+    Args:
+        bank: of simulations.
+        seen: the observed campaign.
+        screening: which trials.
+        library: effects.
+        draws: of each effect; the most drawn one's number times `NONE_SHARE` without effect.
+        seed: of the draws.
+        progress: called with simulations done and all.
 
     Returns:
         The campaigns and the draw of each, by which folds are formed.
     """
-    names: list[str] = [""] * (NONE_SHARE * draws)
-    labels: list[Effects] = [()] * (NONE_SHARE * draws)
-    quantiles: list[Array] = [np.zeros(0)] * (NONE_SHARE * draws)
-    indices = list(range(1, NONE_SHARE * draws + 1))
+    plain = NONE_SHARE * max(draws.values())
+    names: list[str] = [""] * plain
+    labels: list[Effects] = [()] * plain
+    quantiles: list[Array] = [np.zeros(0)] * plain
+    indices = list(range(1, plain + 1))
     for entry in library.values():
-        for draw in range(1, draws + 1):
+        for draw in range(1, draws[entry.name] + 1):
             names.append(entry.name)
             quantiles.append(effect_quantiles(entry, draw, seed))
             labels.append(effect_draw(entry, draw, seed))
@@ -160,3 +169,8 @@ def simulate_design(
     z = np.stack([bank.simulator.nuisance_draw(i) for i in indices])
     design = Design(np.array(names), tuple(quantiles), z, found, features)
     return design, np.array(indices, dtype=np.int64)
+
+
+def simulations(draws: Mapping[str, int], trials: int) -> int:
+    """Number of simulations that :func:`simulate_design` asks for."""
+    return (NONE_SHARE * max(draws.values()) + sum(draws.values())) * trials

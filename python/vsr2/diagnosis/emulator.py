@@ -3,7 +3,7 @@
 For trial i, effect e at prior quantiles u and standardised nuisances z (each about N(0, 1)),
 
     logit P(overturned) = a_i + c_i . z + b_ie . phi_e(u)         (logistic regression)
-    feature_ik          = a_ik + c_ik . z + b_iek . phi_e(u) + s_ik noise   (linear regression)
+    feature_ik          = a_ik + c_ik . z + b_iek . phi_e(u) + s_ik t_4   (robust regression)
 
 with the functions phi_e of :func:`vsr2.diagnosis.library.basis`. All effects share the nuisances'
 coefficients, so that every simulation informs them. Coefficients of one column have a normal prior
@@ -25,6 +25,10 @@ from vsr2.diagnosis.library import Library, basis, basis_size
 
 Array = NDArray[np.float64]
 
+DEGREES = 4.0
+"""Of freedom of Student's t, the distribution of features around the emulator: near the verge of
+overturning a largest tilt is far from any smooth function (EM for t: K. L. Lange et al., "Robust
+statistical modeling using the t distribution", JASA 84, 1989)."""
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-4
@@ -69,7 +73,7 @@ class Fit:
     Attributes:
         mean: shape (trials, columns).
         covariance: shape (trials, columns, columns).
-        noise: variance of the residuals, shape (trials,); 0 of outcomes.
+        noise: square of the residuals' scale, shape (trials,); 0 of outcomes.
     """
 
     mean: Array
@@ -177,19 +181,20 @@ def _linear(x: Array, y: Array) -> Fit:
     variance = np.full(columns, _START_VARIANCE * pooled)
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
-    gram = _weighted(x, use)
-    cross = (use * target) @ x
+    weight = use
     for _ in range(_EM_STEPS):
         variance[0] = _INTERCEPT_VARIANCE * max(pooled, 1.0)
+        gram = _weighted(x, weight)
         hessian = gram / noise[:, None, None]
         hessian[:, np.arange(columns), np.arange(columns)] += 1.0 / variance
         covariance = np.linalg.inv(hessian)
-        mean = np.einsum("tij,tj->ti", covariance, cross / noise[:, None])
+        mean = np.einsum("tij,tj->ti", covariance, ((weight * target) @ x) / noise[:, None])
         residual = use * (target - mean @ x.T)
         explained = np.einsum("tij,tji->t", covariance, gram)
         # Two pseudo-residuals of pooled size keep few data from claiming certainty.
-        noise = ((residual**2).sum(axis=1) + explained + 2 * 0.25 * pooled) / (count + 2)
+        noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (count + 2)
         noise = np.maximum(noise, 1e-8)
+        weight = use * (DEGREES + 1) / (DEGREES + residual**2 / noise[:, None])
         variance = _updated(mean, covariance, variance, scale=pooled)
     return Fit(mean, covariance, noise)
 

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.emulator import Emulator, Fit, design_matrix
-from vsr2.diagnosis.library import NONE
+from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, design_matrix
+from vsr2.diagnosis.library import NONE, free_parameters
 from vsr2.diagnosis.simulator import quasi_random
 
 Array = NDArray[np.float64]
@@ -32,7 +32,6 @@ DISCREPANCY = 0.3
 """Standard deviation on the logit's scale."""
 NODES_ONE = 15
 NODES_MORE = 60
-_DEGREES = 4.0
 _STEPS = 5
 
 
@@ -135,7 +134,7 @@ def tabulate(
         second_quantiles: its nodes, combined row by row with `quantiles`.
     """
     q = emulator.nuisances
-    count = len(emulator.library[effect].parameters) if effect else 0
+    count = len(free_parameters(emulator.library[effect])) if effect else 0
     given = node_quantiles(count) if quantiles is None else quantiles
     nodes = len(given)
     x, _ = design_matrix(emulator.library, [effect] * nodes, list(given), np.zeros((nodes, q)))
@@ -198,7 +197,7 @@ def posterior(table: Table, data: Data) -> Posterior:
         hessian = (weight.reshape(-1, weight.shape[-1]) @ outer).reshape(campaigns, nodes, q, q)
         for value, response, variance, products in feature_parts:
             gap = value - z @ response.T
-            tail = (_DEGREES + 1) / (_DEGREES * variance + np.nan_to_num(gap) ** 2)
+            tail = (DEGREES + 1) / (DEGREES * variance + np.nan_to_num(gap) ** 2)
             tail = np.where(np.isfinite(gap), tail, 0.0)
             slope += (tail * np.nan_to_num(gap)) @ response
             hessian += (tail.reshape(-1, tail.shape[-1]) @ products).reshape(hessian.shape)
@@ -206,7 +205,7 @@ def posterior(table: Table, data: Data) -> Posterior:
         step = np.linalg.solve(hessian, slope[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         z = z + step * np.minimum(1.0, 2.0 / np.maximum(length, 1e-12))
-    value = _log_likelihood(table, data, z).sum(axis=-1) - 0.5 * (z**2).sum(axis=-1)
+    value = log_likelihood(table, data, z).sum(axis=-1) - 0.5 * (z**2).sum(axis=-1)
     best = value.max(axis=1)
     value -= 0.5 * np.linalg.slogdet(hessian)[1]
     top = value.max(axis=1, keepdims=True)
@@ -228,7 +227,7 @@ def _feature_parts(table: Table, data: Data) -> list[tuple[Array, Array, Array, 
     return out
 
 
-def _log_likelihood(table: Table, data: Data, z: Array) -> Array:
+def log_likelihood(table: Table, data: Data, z: Array) -> Array:
     """Of each trial at given nuisances, shape (campaigns, nodes, trials); 0 where unknown."""
     from scipy.special import gammaln
 
@@ -239,12 +238,12 @@ def _log_likelihood(table: Table, data: Data, z: Array) -> Array:
     # An expected outcome between 0 and 1 gives the expected log likelihood.
     likely = np.nan_to_num(y)
     out = np.where(known, likely * np.log(p) + (1 - likely) * np.log1p(-p), 0.0)
-    constant = gammaln(0.5 * (_DEGREES + 1)) - gammaln(0.5 * _DEGREES)
-    constant -= 0.5 * np.log(_DEGREES * np.pi)
+    constant = gammaln(0.5 * (DEGREES + 1)) - gammaln(0.5 * DEGREES)
+    constant -= 0.5 * np.log(DEGREES * np.pi)
     for value, response, variance, _ in _feature_parts(table, data):
         gap = value - z @ response.T
         density = constant - 0.5 * np.log(variance)
-        density = density - 0.5 * (_DEGREES + 1) * np.log1p(gap**2 / (_DEGREES * variance))
+        density = density - 0.5 * (DEGREES + 1) * np.log1p(gap**2 / (DEGREES * variance))
         out = out + np.where(np.isfinite(gap), density, 0.0)
     return np.asarray(out, dtype=np.float64)
 

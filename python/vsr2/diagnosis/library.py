@@ -27,6 +27,8 @@ class Parameter(Protocol):
         name, unit: for people.
         null: value at which the effect is absent; may lie outside `lower` to `upper`.
         lower, upper: bounds of the prior.
+        prior: its kind; "fixed" parameters stay at `null`.
+        secondary: without effect on its own, an azimuth for example.
     """
 
     @property
@@ -39,6 +41,10 @@ class Parameter(Protocol):
     def lower(self) -> float: ...  # noqa: D102
     @property
     def upper(self) -> float: ...  # noqa: D102
+    @property
+    def prior(self) -> str: ...  # noqa: D102
+    @property
+    def secondary(self) -> bool: ...  # noqa: D102
     def ppf(self, u: float, /) -> float:
         """Prior quantile of `u` in (0, 1)."""
         ...
@@ -60,6 +66,11 @@ class Entry(Protocol):
 Library = Mapping[str, Entry]
 
 
+def free_parameters(entry: Entry) -> tuple[Parameter, ...]:
+    """Those that the prior leaves open."""
+    return tuple(p for p in entry.parameters if p.prior != "fixed" and p.lower < p.upper)
+
+
 def null_quantile(parameter: Parameter) -> float | None:
     """Prior quantile of the null value; None where the prior cannot reach it.
 
@@ -79,39 +90,53 @@ def null_quantile(parameter: Parameter) -> float | None:
 
 def basis_size(entry: Entry) -> int:
     """Number of columns of :func:`basis`."""
-    count = len(entry.parameters)
-    return count + count * (count + 1) // 2 + (0 if _reaches_null(entry) else 1)
+    return int(basis(entry, np.full((1, len(free_parameters(entry))), 0.3)).shape[1])
 
 
-def _reaches_null(entry: Entry) -> bool:
-    return any(null_quantile(p) is not None for p in entry.parameters)
+def _is_angle(parameter: Parameter) -> bool:
+    turn = {"degree": 360.0, "rad": 2 * np.pi}.get(parameter.unit)
+    return turn is not None and abs(parameter.upper - parameter.lower - turn) < 1e-6 * turn
 
 
 def basis(entry: Entry, quantiles: Array) -> Array:
-    """Smooth functions of an effect's parameters that the emulator is linear in.
+    """Smooth functions of an effect's free parameters that the emulator is linear in.
 
     With c_j = 2 (u_j - u_j0), u_j the prior quantile of parameter j and u_j0 that of its null value
-    (1/2 where there is none): all c_j, c_j c_k, and 1 where no parameter can reach its null. They
-    vanish where the effect is absent.
+    (1/2 where the prior does not reach it): the primary parameters' c_j and c_j c_k, led by 1 where
+    none of them reaches its null; and each of the linear ones of these times functions of every
+    secondary parameter: c and c^2, or cosine and sine of a full turn. They vanish where the effect
+    is absent.
 
     Args:
         entry: the effect.
-        quantiles: of its parameters, shape (n, parameters), in (0, 1).
+        quantiles: of its free parameters, shape (n, parameters), in (0, 1).
 
     Returns:
         Shape (n, `basis_size(entry)`).
     """
-    nulls = [null_quantile(p) for p in entry.parameters]
-    centre = np.array([0.5 if null is None else null for null in nulls])
-    c = 2.0 * (np.atleast_2d(quantiles) - centre)
-    columns = [c[:, j] for j in range(c.shape[1])]
-    columns += [c[:, j] * c[:, k] for j in range(c.shape[1]) for k in range(j, c.shape[1])]
-    if not _reaches_null(entry):
-        columns.append(np.ones(len(c)))
+    parameters = free_parameters(entry)
+    u = np.atleast_2d(quantiles)
+    primary = [j for j, p in enumerate(parameters) if not p.secondary]
+    nulls = {j: null_quantile(parameters[j]) for j in primary}
+    reached = any(null is not None for null in nulls.values())
+    c = [2.0 * (u[:, j] - (0.5 if nulls[j] is None else nulls[j])) for j in primary]
+    linear = ([] if reached else [np.ones(len(u))]) + c
+    columns = list(linear)
+    columns += [c[j] * c[k] for j in range(len(c)) for k in range(j, len(c))]
+    for j, parameter in enumerate(parameters):
+        if parameter.secondary:
+            if _is_angle(parameter):
+                turn = 2 * np.pi * u[:, j]
+                functions = [np.cos(turn), np.sin(turn)]
+            else:
+                functions = [2 * u[:, j] - 1, (2 * u[:, j] - 1) ** 2]
+            columns += [one * function for one in linear for function in functions]
     return np.stack(columns, axis=1)
 
 
 def values_at(entry: Entry, quantiles: Array) -> tuple[float, ...]:
-    """Parameter values at prior quantiles, shape (parameters,)."""
+    """Values of all parameters at prior quantiles of the free ones, fixed ones at their null."""
+    free = free_parameters(entry)
     clipped = np.clip(quantiles, 1e-6, 1 - 1e-6)
-    return tuple(float(p.ppf(float(u))) for p, u in zip(entry.parameters, clipped, strict=True))
+    known = {p.name: float(p.ppf(float(u))) for p, u in zip(free, clipped, strict=True)}
+    return tuple(known.get(p.name, float(p.null)) for p in entry.parameters)

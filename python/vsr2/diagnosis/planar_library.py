@@ -24,6 +24,12 @@ class PlanarParameter:
     lower: float
     upper: float
     logarithmic: bool = False
+    secondary: bool = False
+
+    @property
+    def prior(self) -> str:
+        """Kind of the prior."""
+        return "loguniform" if self.logarithmic else "uniform"
 
     def ppf(self, u: float, /) -> float:
         """Prior quantile."""
@@ -125,7 +131,7 @@ PLANAR_LIBRARY: dict[str, PlanarEffect] = {
             "outcome tilt table",
             _set("pitch", "pitch_frequency"),
             P("pitch", "rad/g", 0.0, 0.0, 0.1),
-            P("frequency", "Hz", math.inf, 5.0, 20.0),
+            P("frequency", "Hz", math.inf, 5.0, 20.0, secondary=True),
         ),
         _effect(
             "edge_rounding",
@@ -146,7 +152,7 @@ PLANAR_LIBRARY: dict[str, PlanarEffect] = {
             "actuation",
             "outcome tilt table",
             _set("resonance", "amplification"),
-            P("frequency", "Hz", math.inf, 8.0, 20.0),
+            P("frequency", "Hz", math.inf, 8.0, 20.0, secondary=True),
             P("amplification", "1", 1.0, 1.0, 2.0),
         ),
         _effect(
@@ -212,7 +218,7 @@ PLANAR_LIBRARY: dict[str, PlanarEffect] = {
             "outcome tilt order",
             _change,
             P("change", "1", 0.0, -0.06, 0.06),
-            P("place", "1", math.inf, 0.15, 0.85),
+            P("place", "1", math.inf, 0.15, 0.85, secondary=True),
         ),
         _effect(
             "catch",
