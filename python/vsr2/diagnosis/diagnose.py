@@ -19,7 +19,7 @@ from vsr2.diagnosis.design import Screening, screen, simulate_design, simulation
 from vsr2.diagnosis.equivalence import classes
 from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.floor import noise_floor
-from vsr2.diagnosis.inference import Inference, infer
+from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
 from vsr2.diagnosis.library import NONE
 from vsr2.diagnosis.next_measurement import next_measurement
 from vsr2.diagnosis.observations import Observations, observe_campaign
@@ -38,9 +38,9 @@ Report = Callable[[str, float, Mapping[str, float]], None]
 
 @dataclass(frozen=True, eq=False)
 class _Round:
+    prepared: Prepared
     inference: Inference
     classes: list[list[str]]
-    distances: dict[str, dict[str, float]]
     draws: Mapping[str, int]
 
 
@@ -84,7 +84,10 @@ def diagnose_with(
         rounds = _rounds(store, seen, screening, schedule, seed, tell)
         last = rounds[-1]
         tell("judging", 0.0, _leading(last.inference))
-        evidence = _conclude(store, seen, screening, rounds, seed)
+        evidence = conclude(
+            seen, screening, last.prepared, last.inference, last.classes,
+            earlier=rounds[-2].classes[0] if len(rounds) > 1 else None, seed=seed,
+        )
         tell("judging", 1.0, _leading(last.inference))
         provenance = {
             "seed": seed,
@@ -100,7 +103,7 @@ def diagnose_with(
             "simulator": simulator.identity,
             "nuisances": list(simulator.nuisance_names),
         }
-    return compose(seen, screening, last.inference, evidence, layers, provenance)
+    return compose(seen, screening, last.prepared, last.inference, evidence, layers, provenance)
 
 
 def _rounds(
@@ -125,15 +128,14 @@ def _rounds(
             store, seen, screening, library, draws, seed=seed,
             progress=lambda n, m, s=stage, lead=leading: tell(s, n / m, lead),
         )
-        inference = infer(
-            library, design, index, observed, places, seen.motion[kept], seed=seed,
+        prepared = prepare(
+            library, design, index, places, seen.motion[kept], seed=seed,
             step=lambda share, lead=leading: tell("inference", share, lead),
         )
+        inference = infer(prepared, observed)
         probability = dict(zip(inference.labels, inference.probability, strict=True))
-        groups, distances = classes(
-            probability, inference.tables, inference.posteriors, observed
-        )
-        out.append(_Round(inference, groups, distances, dict(draws)))
+        groups = classes(probability, prepared.tables, inference.posteriors, observed)
+        out.append(_Round(prepared, inference, groups, dict(draws)))
         more = schedule.next_draws(draws, probability)
         spent = simulations(draws, kept.size)
         if more is None or not schedule.affords(simulations(more, kept.size) - spent, store):
@@ -158,38 +160,47 @@ def _leading(inference: Inference) -> dict[str, float]:
     return {inference.labels[i]: float(inference.probability[i]) for i in order}
 
 
-def _conclude(
-    store: Bank, seen: Observations, screening: Screening, rounds: list[_Round], seed: int
+def conclude(
+    seen: Observations,
+    screening: Screening,
+    prepared: Prepared,
+    found: Inference,
+    groups: list[list[str]],
+    *,
+    earlier: list[str] | None = None,
+    seed: int = 0,
 ) -> Evidence:
-    library = store.simulator.library
+    """From inference to verdict, places and held-out losses.
+
+    Args:
+        seen: the observed campaign.
+        screening: which trials were kept.
+        prepared, found: inference on them.
+        groups: classes of effects, the leading one first.
+        earlier: the leading class of a smaller budget.
+        seed: of resamples and permutations.
+    """
+    library = prepared.library
     kept = screening.kept
-    last = rounds[-1]
-    found = last.inference
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
     motion = seen.motion[kept]
-    leading = tuple(last.classes[0])
+    leading = tuple(groups[0])
     probability = dict(zip(found.labels, found.probability, strict=True))
     shrinkage = judge(
         library,
-        found.emulator,
-        found.tables,
+        prepared.emulator,
+        prepared.tables,
         observed,
         blocks(motion, seen.overturned[kept]),
         leading,
         pairs=len(library) > 1,
     )
-    gap_low = _gap_low(found, shrinkage, motion, seed)
-    after = shrinkage.after - found.calibration.floor
-    after_low = float(np.quantile(resampled_means(after[None], motion, seed=seed)[:, 0], 0.025))
-    pair = _accepted_pair(shrinkage, motion, seed)
+    floor = prepared.calibration.floor
+    after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
     something = max(1 - float(probability[NONE]), 1e-9)
     within = min(sum(float(probability[name]) for name in leading) / something, 1.0)
-    best = {
-        "likelihood": found.labels[1 + int(np.argmax(found.likelihood[1:]))],
-        "classifier": found.labels[1 + int(np.argmax(found.classifier[1:]))],
-    }
     findings = Findings(
-        gap_low=gap_low,
+        gap_low=_gap_low(prepared, found, motion, seed),
         gap_p=found.gap_p,
         direction_p=found.direction_p,
         none_probability=float(probability[NONE]),
@@ -197,15 +208,15 @@ def _conclude(
         class_probability=within,
         agreement=disagreement(
             leading,
-            best["likelihood"],
-            best["classifier"],
+            found.labels[1 + int(np.argmax(found.likelihood[1:]))],
+            found.labels[1 + int(np.argmax(found.classifier[1:]))],
             found.conformal["likelihood"],
             found.conformal["classifier"],
         ),
         novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening)),
-        after_low=after_low,
-        pair=pair,
-        stable=len(rounds) < 2 or bool(set(rounds[-2].classes[0]) & set(leading)),
+        after_low=float(np.quantile(after, 0.025)),
+        pair=_accepted_pair(shrinkage, motion, seed),
+        stable=earlier is None or bool(set(earlier) & set(leading)),
     )
     verdict = decide(findings)
     conditions = Conditions(
@@ -218,7 +229,7 @@ def _conclude(
     )
     where = scan(
         residuals(found.before, observed),
-        found.calibration.null,
+        prepared.calibration.null,
         conditions,
         ("outcome", *seen.names),
         seed=seed,
@@ -227,20 +238,19 @@ def _conclude(
     measure = (
         None
         if verdict.kind == "none"
-        else next_measurement(
-            members, library, found.tables, found.posteriors, observed, seen, kept
-        )
+        else next_measurement(members, prepared, found.posteriors, observed, seen, kept)
     )
-    return Evidence(verdict, findings, last.classes, where, shrinkage, measure)
+    return Evidence(verdict, findings, groups, where, shrinkage, measure)
 
 
 def _gap_low(
-    found: Inference, shrinkage: Shrinkage, motion: NDArray[np.int64], seed: int
+    prepared: Prepared, found: Inference, motion: NDArray[np.int64], seed: int
 ) -> float:
     """Lower end of the gap's interval: from resampled motions or gap-free campaigns, the wider."""
-    excess = found.loss - found.calibration.floor
+    calibration = prepared.calibration
+    excess = found.loss - calibration.floor
     resampled = float(np.quantile(resampled_means(excess[None], motion, seed=seed)[:, 0], 0.025))
-    null = found.calibration.gap[found.calibration.truth == 0]
+    null = calibration.gap[calibration.truth == 0]
     simulated = float(excess.mean() - (np.quantile(null, 0.975) - null.mean()))
     return min(resampled, simulated)
 

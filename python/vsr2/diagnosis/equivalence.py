@@ -68,7 +68,7 @@ def classes(
     tables: Mapping[str, Table],
     posteriors: Mapping[str, Posterior],
     observed: Data,
-) -> tuple[list[list[str]], dict[str, dict[str, float]]]:
+) -> list[list[str]]:
     """Partition of the effects: each leader takes all that are inseparable from it.
 
     Args:
@@ -77,16 +77,14 @@ def classes(
         observed: the campaign.
 
     Returns:
-        Classes, most probable leader first, and the leaders' separations from all others.
+        Classes, most probable leader first.
     """
     left = sorted((n for n in tables if n != NONE), key=lambda n: -probability[n])
     out: list[list[str]] = []
-    distances: dict[str, dict[str, float]] = {}
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        distances[leader] = found
         members = [leader] + [n for n in left[1:] if found[n] < INSEPARABLE]
         out.append(members)
         left = [n for n in left if n not in members]
-    return out, distances
+    return out

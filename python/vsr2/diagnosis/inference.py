@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.amortised import Places, train
+from vsr2.diagnosis.amortised import Classifier, Places, train
 from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
 from vsr2.diagnosis.library import NONE, Library
@@ -63,11 +63,11 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Inference:
-    """What the observed campaign says, beside its calibration.
+    """What the observed campaign says.
 
     Attributes:
         labels: hypotheses, "none" first.
-        tables, posteriors: route A, by label.
+        posteriors: route A, by label.
         likelihood, classifier: log probabilities of routes A and B, shape (labels,).
         probability: calibrated, shape (labels,).
         before: cross-fitted prediction of the model without effects.
@@ -77,12 +77,9 @@ class Inference:
         novelty_p: share of simulated campaigns of the library that the best hypothesis fits no
             better.
         conformal: labels of the 90 % sets of both routes together, of A and of B.
-        emulator: fitted to all campaigns.
-        calibration: of all that.
     """
 
     labels: tuple[str, ...]
-    tables: dict[str, Table]
     posteriors: dict[str, Posterior]
     likelihood: Array
     classifier: Array
@@ -93,28 +90,49 @@ class Inference:
     direction_p: float
     novelty_p: float
     conformal: dict[str, tuple[str, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """All that does not depend on what was observed.
+
+    Attributes:
+        library: effects offered.
+        labels: hypotheses, "none" first.
+        emulator: fitted to all simulated campaigns.
+        tables: route A, by label.
+        classifier: route B, trained on all simulated campaigns.
+        calibration: both on held-out campaigns.
+        places: of the trials.
+        motion: index of each trial's ground motion.
+    """
+
+    library: Library
+    labels: tuple[str, ...]
     emulator: Emulator
+    tables: dict[str, Table]
+    classifier: Classifier
     calibration: Calibration
+    places: Places
+    motion: NDArray[np.int64]
 
 
-def infer(
+def prepare(
     library: Library,
     design: Design,
     draws: NDArray[np.int64],
-    observed: Data,
     places: Places,
     motion: NDArray[np.int64],
     *,
     seed: int = 0,
     step: Step | None = None,
-) -> Inference:
-    """Evidence, calibrated probabilities, conformal sets and p values.
+) -> Prepared:
+    """Fit and calibrate both routes.
 
     Args:
         library: effects offered.
         design: simulated campaigns of the kept trials.
         draws: of each simulated campaign.
-        observed: one campaign of the same trials.
         places: of the trials.
         motion: index of each trial's ground motion.
         seed: of the classifier.
@@ -125,38 +143,40 @@ def infer(
     calibration = _calibrate(library, design, draws, places, motion, labels, seed, report)
     emulator = fit_emulator(library, design)
     tables = {label: tabulate(emulator, "" if label == NONE else label) for label in labels}
+    classifier = train(library, design, places, labels, seed)
+    report(1.0)
+    return Prepared(library, labels, emulator, tables, classifier, calibration, places, motion)
+
+
+def infer(prepared: Prepared, observed: Data) -> Inference:
+    """Evidence, calibrated probabilities, conformal sets and p values of one campaign."""
+    labels, tables, calibration = prepared.labels, prepared.tables, prepared.calibration
     posteriors = {label: posterior(tables[label], observed) for label in labels}
     likelihood = _normal(
         np.array([posteriors[label].evidence[0] for label in labels]) + log_prior(labels)
     )
-    classifier = train(library, design, places, labels, seed).log_probability(observed)[0]
+    classifier = prepared.classifier.log_probability(observed)[0]
     probability = np.exp(_combined(likelihood, classifier, calibration.exponents))
     best = labels[int(np.argmax(likelihood))]
     novelty = novelty_statistics(
-        predict(tables[best], posteriors[best]), observed, places.directions()
+        predict(tables[best], posteriors[best]), observed, prepared.places.directions()
     )[0]
-    before = crossfitted_none(tables[NONE], observed, motion)
+    before = crossfitted_none(tables[NONE], observed, prepared.motion)
     loss = losses(before, observed)[0]
     none = calibration.truth == 0
     against = _odds(calibration.probability)[none]
-    direction = upper_tail(against, _odds(probability[None])[0])
-    gap_p = upper_tail(calibration.gap[none], float(loss.mean()))
-    report(1.0)
     return Inference(
-        labels,
-        tables,
-        posteriors,
-        likelihood,
-        classifier,
-        probability,
-        before,
-        loss,
-        gap_p,
-        direction,
-        _novelty_p(calibration, novelty),
-        _sets(calibration, probability, likelihood, classifier),
-        emulator,
-        calibration,
+        labels=labels,
+        posteriors=posteriors,
+        likelihood=likelihood,
+        classifier=classifier,
+        probability=probability,
+        before=before,
+        loss=loss,
+        gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
+        direction_p=upper_tail(against, float(_odds(probability[None])[0])),
+        novelty_p=_novelty_p(calibration, novelty),
+        conformal=_sets(calibration, probability, likelihood, classifier),
     )
 
 

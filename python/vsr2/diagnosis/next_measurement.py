@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsr2.diagnosis.equivalence import INSEPARABLE, expected_campaign
-from vsr2.diagnosis.evidence import Data, Posterior, Table, log_likelihood, posterior
-from vsr2.diagnosis.library import Library
+from vsr2.diagnosis.evidence import Data, Posterior, log_likelihood, posterior
+from vsr2.diagnosis.inference import Prepared
 from vsr2.diagnosis.observations import Observations
 
 INSTRUMENTS = {
@@ -32,12 +33,11 @@ INSTRUMENTS = {
 
 def next_measurement(
     members: list[str],
-    library: Library,
-    tables: Mapping[str, Table],
+    prepared: Prepared,
     posteriors: Mapping[str, Posterior],
     observed: Data,
     seen: Observations,
-    kept: np.typing.NDArray[np.int64],
+    kept: NDArray[np.int64],
 ) -> dict[str, Any]:
     """What to measure next.
 
@@ -48,12 +48,13 @@ def next_measurement(
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
-        library: effects.
-        tables, posteriors: of each.
+        prepared: effects and their tables.
+        posteriors: of each.
         observed: kept trials.
         seen: the whole campaign.
         kept: their indices.
     """
+    library, tables = prepared.library, prepared.tables
     leader = members[0]
     stages = list(dict.fromkeys(library[name].stage for name in members))
     direct = "; or ".join(INSTRUMENTS.get(stage, f"measure the {stage}") for stage in stages[:2])
@@ -65,7 +66,7 @@ def next_measurement(
     matched = posterior(tables[rival], expected)
     own = posterior(tables[leader], expected)
 
-    def likelihood(name: str, found: Posterior) -> np.typing.NDArray[np.float64]:
+    def likelihood(name: str, found: Posterior) -> NDArray[np.float64]:
         node = int(np.argmax(found.nodes[0]))
         values = log_likelihood(tables[name], expected, found.nuisance)
         return np.asarray(values[0, node], dtype=np.float64)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.evidence import Data, posterior, tabulate
-from vsr2.diagnosis.inference import Inference
+from vsr2.diagnosis.inference import Inference, Prepared
 from vsr2.diagnosis.library import NONE, Entry, free_parameters
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
@@ -44,13 +44,14 @@ class Evidence:
 def compose(
     seen: Observations,
     screening: Screening,
+    prepared: Prepared,
     found: Inference,
     evidence: Evidence,
     layers: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> Diagnosis:
     """The diagnosis as data."""
-    whole = _Whole(seen, screening, found, evidence.shrinkage)
+    whole = _Whole(seen, screening, prepared, evidence.shrinkage)
     closure = whole.closure("after")
     placebo = whole.closure("placebo")
     recalibration = whole.closure("recalibrated")
@@ -64,7 +65,7 @@ def compose(
             "name": name,
             "probability": float(probability[name]),
             "class": class_of[name],
-            "parameters": _parameters(found, name, observed),
+            "parameters": _parameters(prepared, name, observed),
             "closure": whole.closure(name),
         }
         for name in sorted(class_of, key=lambda name: -probability[name])
@@ -125,14 +126,14 @@ def compose(
         "routes": {
             "likelihood": _top(found.labels, np.exp(found.likelihood)),
             "classifier": _top(found.labels, np.exp(found.classifier)),
-            "exponents": list(found.calibration.exponents),
+            "exponents": list(prepared.calibration.exponents),
         },
         "next_measurement": evidence.next_measurement,
-        "limits": _limits(seen, screening, found, evidence, layers, provenance),
+        "limits": _limits(seen, screening, prepared, layers, provenance),
         "provenance": {
             "versions": _versions(),
             **provenance,
-            "calibration_campaigns": int(found.calibration.truth.size),
+            "calibration_campaigns": int(prepared.calibration.truth.size),
         },
     }
     return Diagnosis(content, tuple(whole.rows()))
@@ -142,7 +143,7 @@ class _Whole:
     """Losses of all trials, those that screening dropped included."""
 
     def __init__(
-        self, seen: Observations, screening: Screening, found: Inference, shrinkage: Shrinkage
+        self, seen: Observations, screening: Screening, prepared: Prepared, shrinkage: Shrinkage
     ) -> None:
         self._seen = seen
         self._kept = screening.kept
@@ -163,7 +164,7 @@ class _Whole:
             full[self._kept] = values
             self._losses[name] = full
         floor = entropy.copy()
-        floor[self._kept] = found.calibration.floor
+        floor[self._kept] = prepared.calibration.floor
         self._losses["floor"] = floor
         self._names = list(self._losses)
         values = np.stack([self._losses[name] for name in self._names])
@@ -241,15 +242,15 @@ def _estimate(value: float, draws: Array) -> dict[str, Any]:
     return {"value": value, "ci95": [float(low), float(high)]}
 
 
-def _parameters(found: Inference, name: str, observed: Data) -> dict[str, Any]:
+def _parameters(prepared: Prepared, name: str, observed: Data) -> dict[str, Any]:
     """Posterior means and central 95 % intervals on a fine grid of the prior."""
-    entry: Entry = found.emulator.library[name]
+    entry: Entry = prepared.emulator.library[name]
     free = free_parameters(entry)
     if len(free) == 1:
         nodes = ((np.arange(_FINE_NODES) + 0.5) / _FINE_NODES)[:, None]
     else:
         nodes = np.array([quasi_random(2, len(free), i + 1) for i in range(3 * _FINE_NODES)])
-    weight = np.exp(posterior(tabulate(found.emulator, name, nodes), observed).nodes[0])
+    weight = np.exp(posterior(tabulate(prepared.emulator, name, nodes), observed).nodes[0])
     out = {}
     for j, parameter in enumerate(free):
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
@@ -271,8 +272,7 @@ def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
 def _limits(
     seen: Observations,
     screening: Screening,
-    found: Inference,
-    evidence: Evidence,
+    prepared: Prepared,
     layers: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> list[str]:
@@ -302,7 +302,7 @@ def _limits(
             "nearer to the verge of overturning"
         )
     blind = [
-        name for name, table in found.tables.items() if name != NONE and _unseen(found, name)
+        name for name, table in prepared.tables.items() if name != NONE and _unseen(prepared, name)
     ]
     if blind:
         out.append(
@@ -319,9 +319,9 @@ def _limits(
     return out
 
 
-def _unseen(found: Inference, name: str) -> bool:
+def _unseen(prepared: Prepared, name: str) -> bool:
     """Whether even large values of an effect move no more than two outcomes."""
-    table, plain = found.tables[name], found.tables[NONE]
+    table, plain = prepared.tables[name], prepared.tables[NONE]
     p = 1 / (1 + np.exp(-table.logit))
     q = 1 / (1 + np.exp(-plain.logit))
     moved = np.abs(p - q).sum(axis=1).max()
