@@ -28,6 +28,7 @@ FOLDS = 3
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
+_LEAST_ALIKE = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,7 @@ class Calibration:
         probability: weighted and normalised, shape (rows, labels).
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
+        best: index of the best hypothesis by route A, shape (rows,).
         novelty: statistics of misfit of the best hypothesis, shape (rows, statistics).
         null: residuals and variances of the gap-free campaigns, each (campaigns, channels, trials).
     """
@@ -57,6 +59,7 @@ class Calibration:
     probability: Array
     gap: Array
     floor: Array
+    best: NDArray[np.int64]
     novelty: Array
     null: tuple[Array, Array]
 
@@ -175,7 +178,7 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         loss=loss,
         gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
         direction_p=upper_tail(against, float(_odds(probability[None])[0])),
-        novelty_p=_novelty_p(calibration, novelty),
+        novelty_p=_novelty_p(calibration, novelty, labels.index(best)),
         conformal=_sets(calibration, probability, likelihood, classifier),
     )
 
@@ -243,7 +246,8 @@ def _calibrate(
     assert novelty is not None
     floor = loss[truth == 0].mean(axis=0)
     gap = loss.mean(axis=1)
-    return Calibration(labels, truth, weight, a, b, exponents, probability, gap, floor, novelty,
+    return Calibration(labels, truth, weight, a, b, exponents, probability, gap, floor,
+                       np.argmax(a, axis=1), novelty,
                        (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])))
 
 
@@ -285,15 +289,23 @@ def _odds(probability: Array) -> Array:
     return np.asarray(np.log1p(-none) - np.log(none), dtype=np.float64)
 
 
-def _novelty_p(calibration: Calibration, value: Array) -> float:
+def _novelty_p(calibration: Calibration, value: Array, best: int) -> float:
+    """Share of campaigns of the library that fit no better: all, and those with the same best label.
+
+    The larger share counts: an effect whose outcomes cannot be foretold (labels noted wrongly)
+    leaves every one of its campaigns with a poor fit.
+    """
     centre = np.median(calibration.novelty, axis=0)
     spread = np.quantile(calibration.novelty, 0.9, axis=0) - centre
     scale = np.maximum(spread, 1e-9)
     null = ((calibration.novelty - centre) / scale).max(axis=1)
     own = float(((value - centre) / scale).max())
-    above = calibration.weight[null >= own].sum()
-    each = calibration.weight.sum() / calibration.weight.size
-    return float((above + each) / (calibration.weight.sum() + each))
+    weight = calibration.weight / calibration.weight.mean()
+    shares = [(weight[null >= own].sum() + 1) / (weight.sum() + 1)]
+    alike = calibration.best == best
+    if alike.sum() >= _LEAST_ALIKE:
+        shares.append((np.count_nonzero(null[alike] >= own) + 1) / (alike.sum() + 1))
+    return float(max(shares))
 
 
 def _sets(

@@ -2,13 +2,13 @@
 
 The score of a place is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of a trial against the
 cross-fitted model without effects, v its variance, w the place's weights (1 inside, 0 outside; a
-centred trend; a step). Two nulls, of which the wider counts:
+centred trend; a step). The nulls are
 
-- campaigns simulated without effect, nuisances drawn;
-- block permutations of the observed residuals: for places over the order of execution whole
-  sessions, and whole runs of one motion, change places; for the others all residuals of a motion
-  change sign together (A. C. Cameron et al., "Bootstrap-based improvements for inference with
-  clustered errors", Rev. Econ. Stat. 90, 2008). Single trials are never permuted.
+- for every place: campaigns simulated without effect, nuisances drawn;
+- for places over the order of execution besides: block permutations of the observed residuals, in
+  which whole sessions, or whole runs of one motion, change places (sessions themselves: runs of one
+  motion). Residuals that hang together within a session look like a trend; permuting single trials
+  would take that for significant. The larger p value counts.
 
 Each score is divided by its null deviation; the family's p value is that of the largest score
 (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
@@ -93,27 +93,27 @@ def scan(
         All places, most significant first.
     """
     names, axes, weights = _places(conditions)
-    ordered = np.array([axis == "order" for axis in axes])
+    by_order = np.array([axis == "order" for axis in axes])
+    by_session = np.array([axis == "session" for axis in axes])
     residual, variance = observed[0][0], observed[1][0]
     rng = np.random.default_rng([seed, 5])
     score = _scores(residual[None], variance[None], weights)[0]
     rows = rng.integers(0, len(null[0]), NULLS)
-    simulated = _scores(null[0], null[1], weights)[rows]
-    permuted = np.empty((NULLS, *score.shape))
-    for b in range(NULLS):
-        moved, own = _permuted(residual, variance, conditions, rng, sessions=b % 2 == 0)
-        turned = residual * rng.choice([-1.0, 1.0], conditions.motion.max() + 1)[conditions.motion]
-        by_order = _scores(moved[None], own[None], weights[ordered])[0]
-        by_place = _scores(turned[None], variance[None], weights[~ordered])[0]
-        permuted[b][:, ordered] = by_order
-        permuted[b][:, ~ordered] = by_place
-    p_value = np.zeros(score.shape)
-    for kind in (simulated, permuted):
-        deviation = np.maximum(np.sqrt((kind**2).mean(axis=0)), 0.5)
-        largest = np.abs(kind / deviation).reshape(NULLS, -1).max(axis=1)
-        own = np.abs(score / deviation)
-        share = (1 + (largest[:, None, None] >= own[None]).sum(axis=0)) / (NULLS + 1)
-        p_value = np.maximum(p_value, share)
+    p_value = _family_p(score, _scores(null[0], null[1], weights)[rows])
+    for inside, labels in (
+        (by_order, (conditions.session, conditions.motion)),
+        (by_session, (conditions.motion,)),
+    ):
+        if inside.any():
+            moved = np.empty((NULLS, len(channels), int(inside.sum())))
+            for b in range(NULLS):
+                order = _permutation(labels[b % len(labels)], rng)
+                moved[b] = _scores(
+                    residual[None][..., order], variance[None][..., order], weights[inside]
+                )[0]
+            p_value[:, inside] = np.maximum(
+                p_value[:, inside], _family_p(score[:, inside], moved)
+            )
     out = []
     for c, channel in enumerate(channels):
         for j, name in enumerate(names):
@@ -171,19 +171,17 @@ def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
     return names, axes, np.stack(weights)
 
 
-def _permuted(
-    residual: Array,
-    variance: Array,
-    conditions: Conditions,
-    rng: np.random.Generator,
-    *,
-    sessions: bool,
-) -> tuple[Array, Array]:
-    """Residuals after whole sessions, or whole runs of one motion, changed places in the order."""
-    label = conditions.session if sessions else conditions.motion
+def _family_p(score: Array, null: Array) -> Array:
+    """p value of each score among the largest of the family, shape (channels, places)."""
+    deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5)
+    largest = np.abs(null / deviation).reshape(len(null), -1).max(axis=1)
+    own = np.abs(score / deviation)
+    above = (largest[:, None, None] >= own[None]).sum(axis=0)
+    return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
+
+
+def _permutation(label: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Trials after whole runs of one label changed places in the order, shape (trials,)."""
     starts = np.flatnonzero(np.concatenate([[True], np.diff(label) != 0]))
     ends = np.append(starts[1:], label.size)
-    order = np.concatenate(
-        [np.arange(starts[k], ends[k]) for k in rng.permutation(starts.size)]
-    )
-    return residual[:, order], variance[:, order]
+    return np.concatenate([np.arange(starts[k], ends[k]) for k in rng.permutation(starts.size)])
