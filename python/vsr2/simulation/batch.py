@@ -67,7 +67,8 @@ class Trial:
 
     Attributes:
         scene: what is shaken.
-        motion: how; its time step must be the scene's.
+        motion: how; its time step must be the scene's. One that goes beside x needs the drive
+            "prescribed".
         drive: "prescribed", or "motor" (S1.3: position and velocity reference for cosine motions,
             position only for recordings).
         start: pose X_WM of the rock's model frame; None: the scene's.
@@ -150,7 +151,7 @@ class _Specifications:
     """Native specifications of trials; motions are copied once, equal starts settle once."""
 
     def __init__(self) -> None:
-        self._samples: dict[int, tuple[Any, Any]] = {}
+        self._samples: dict[int, dict[str, Any]] = {}
         self._starts: dict[tuple[Any, ...], _native.SettledStart] = {}
 
     def of(self, trial: Trial) -> _native.TrialSpec:
@@ -161,23 +162,30 @@ class _Specifications:
                 f"at {scene.engine.time_step:g} s; resample the motion in time"
             )
         if id(motion) not in self._samples:
-            self._samples[id(motion)] = (
-                _native.Samples(motion.displacement),
-                _native.Samples(motion.velocity),
-            )
-        position, velocity = self._samples[id(motion)]
+            self._samples[id(motion)] = {
+                "motion_position": _native.Samples(motion.displacement),
+                "motion_velocity": _native.Samples(motion.velocity),
+            } | {
+                name: None if side is None else _native.Samples(side.displacement)
+                for name, side in motion.sides.items()
+            }
         outcome, output = trial.outcome, trial.output
         return _native.TrialSpec(
             start=self._start(trial),
-            motion_position=position,
-            motion_velocity=velocity,
+            **self._samples[id(motion)],
             log_every=output.log_every,
             contacts_every=output.contacts_every,
             **outcome.model_dump(),
         )
 
     def _start(self, trial: Trial) -> _native.SettledStart:
-        if trial.drive == "prescribed":
+        if trial.motion.is_spatial:
+            if trial.drive != "prescribed":
+                raise SimulationError(
+                    f"motion {trial.motion.name!r} goes beside x; only drive: prescribed follows it"
+                )
+            drive = _native.Drive.prescribed_spatial
+        elif trial.drive == "prescribed":
             drive = _native.Drive.prescribed
         elif trial.motion.kind == "cosine":
             drive = _native.Drive.motor_position_velocity
@@ -248,7 +256,8 @@ def _check_log_size(trial: Trial) -> None:
     seconds = trial.motion.duration + trial.outcome.tail
     if trial.output.log_settling:
         seconds += 2 * trial.settling.timeout
-    size = seconds / step / every * len(STATE_COLUMNS) * 8
+    columns = len(STATE_COLUMNS) + (3 if trial.motion.is_spatial else 0)
+    size = seconds / step / every * columns * 8
     if size > MAX_LOG_BYTES:
         raise SimulationError(
             f"trial {trial.name or trial.motion.name!r}: its log could take {size / 1e9:.3g} GB "
@@ -300,6 +309,8 @@ def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
     return TrialLog(
         state=state,
         contacts=result.take_contacts(),
+        excursions=result.take_excursions(),
+        pivot=np.array([*trial.scene.pedestal.origin[:2], trial.scene.pitch_pivot]),
         settled_position=np.asarray(result.settled_position),
         settled_orientation=np.asarray(result.settled_orientation),
         foot=np.asarray(result.foot),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from vsr2.errors import SimulationError
 from vsr2.scene import (
     Box,
     Hull,
+    Mechanisms,
     PedestalBody,
     Pose,
     RockBody,
@@ -39,6 +40,7 @@ class Scene:
         rock, pedestal: the bodies.
         engine, contact: settings they were built with.
         native: the core's scene, with its collision shapes.
+        mechanisms: mechanics beyond rigid bodies with Coulomb friction.
     """
 
     rock: RockBody
@@ -46,6 +48,7 @@ class Scene:
     engine: Engine
     contact: Contact
     native: _native.Scene
+    mechanisms: Mechanisms = field(default_factory=Mechanisms)
 
     @property
     def engine_name(self) -> str:
@@ -88,12 +91,21 @@ class Scene:
                     digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
                 case Triangles():
                     digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
+        # What is not used adds nothing: hashes of scenes without it stay as they are.
+        digest.update(self.mechanisms.key.encode())
+        if self.pedestal.pitch_pivot is not None:
+            digest.update(b"pivot" + np.float64(self.pedestal.pitch_pivot).tobytes())
         return digest.hexdigest()
 
     @property
     def body_frame(self) -> Pose:
         """X_MB: the body frame (mass centre, principal axes) in the model frame."""
         return _body_frame(self.rock)
+
+    @property
+    def pitch_pivot(self) -> float:
+        """Height in the world, at the start, of the pedestal's pitch axis [m]."""
+        return _pitch_pivot(self.pedestal)
 
     @property
     def pedestal_surface(self) -> Triangles | None:
@@ -115,6 +127,10 @@ class Scene:
 def _body_frame(rock: RockBody) -> Pose:
     x, y, z = (float(value) for value in rock.mass.mass_center)
     return Pose((x, y, z), quaternion_from_matrix(rock.mass.principal_axes))
+
+
+def _pitch_pivot(pedestal: PedestalBody) -> float:
+    return pedestal.top if pedestal.pitch_pivot is None else pedestal.pitch_pivot
 
 
 def _native_material(material: Material) -> _native.Material:
@@ -144,13 +160,27 @@ def _native_engine(engine: Engine) -> _native.EngineSettings:
     return _native.EngineSettings(kind=getattr(_native.EngineKind, engine.mode), **values)
 
 
-def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: Contact) -> Scene:
+def make_scene(
+    rock: RockBody,
+    pedestal: PedestalBody,
+    engine: Engine,
+    contact: Contact,
+    mechanisms: Mechanisms | None = None,
+) -> Scene:
     """The scene of given bodies.
+
+    Args:
+        rock: body to be shaken.
+        pedestal: body that it stands on.
+        engine: settings of the engine.
+        contact: materials of the two.
+        mechanisms: mechanics beyond rigid bodies with Coulomb friction; None: none.
 
     Raises:
         SimulationError: values that no engine can use.
     """
     frame = _body_frame(rock)
+    mechanisms = mechanisms or Mechanisms()
     try:
         native = _native.Scene(
             engine=_native_engine(engine),
@@ -161,6 +191,7 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
                 base_size=pedestal.base_size,
                 top=pedestal.top,
                 material=_native_material(contact.pedestal),
+                pitch_pivot=_pitch_pivot(pedestal),
             ),
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),
@@ -171,6 +202,7 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
                 principal_axes=frame.orientation,
                 material=_native_material(contact.rock),
             ),
+            mechanisms=_native.Mechanisms(**asdict(mechanisms)),
         )
         if engine.mode == "fast" and native.fast_domain_violation:
             raise SimulationError(
@@ -179,7 +211,7 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
             )
     except _native.InvalidInput as error:
         raise SimulationError(f"{rock.source or 'scene'}: {error}") from error
-    return Scene(rock, pedestal, engine, contact, native)
+    return Scene(rock, pedestal, engine, contact, native, mechanisms)
 
 
 def build_scene(study: Study) -> Scene:
