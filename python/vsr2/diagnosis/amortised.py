@@ -96,7 +96,11 @@ def train(
     directions = _directions(library, design, residual, places, data.shape[1] // trials)
     names = np.where(none, labels[0], design.effect)
     model = ExtraTreesClassifier(
-        TREES, min_samples_leaf=2, max_features=0.4, class_weight="balanced", random_state=seed,
+        TREES,
+        min_samples_leaf=2,
+        max_features=0.4,
+        class_weight="balanced",
+        random_state=seed,
         n_jobs=1,
     )
     model.fit(residual @ directions.T, names)

@@ -32,7 +32,6 @@ class Bank:
 
     Attributes:
         simulated: number of simulations run since it was opened.
-        reused: number of different simulations answered from what earlier runs left in the file.
 
     Raises:
         DiagnosisError: the file is no bank or cannot be used.
@@ -61,6 +60,7 @@ class Bank:
 
     @property
     def reused(self) -> int:
+        """Different simulations answered from what earlier runs left in the file."""
         return len(self._asked) - self.simulated
 
     def close(self) -> None:

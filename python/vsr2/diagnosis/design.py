@@ -59,14 +59,18 @@ def effect_draw(entry: Entry, draw: int, seed: int) -> Effects:
 
 
 def screen(
-    bank: Bank, seen: Observations, *, draws: int = 2, seed: int = 0,
+    bank: Bank,
+    seen: Observations,
+    *,
+    draws: int = 2,
+    seed: int = 0,
     progress: Progress | None = None,
 ) -> Screening:
     """Tell certain trials from uncertain ones.
 
     A trial is certain if all screening draws (`SCREENING_NONE` without effect, `draws` of every
-    effect, all with nuisances) overturn, or none does. From tier M on a standing trial is uncertain,
-    too, if its largest tilt rises above the noise in half the draws. A random tenth of the certain
+    effect, all with nuisances) overturn, or none does. From tier M on a standing trial is uncertain
+    too if its largest tilt rises above the noise in half the draws. A random tenth of the certain
     trials is kept as a guard.
     """
     library = bank.simulator.library

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +23,12 @@ from vsr2.diagnosis.library import NONE
 from vsr2.diagnosis.next_measurement import next_measurement
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
+from vsr2.diagnosis.score import blocks
 from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
 from vsr2.diagnosis.simulator import Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
 from vsr2.diagnosis.where import Conditions, residuals, scan
-from vsr2.diagnosis.score import blocks
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, Mapping[str, float]], None]
@@ -85,8 +84,13 @@ def diagnose_with(
         last = rounds[-1]
         tell("judging", 0.0, _leading(last.inference))
         evidence = conclude(
-            seen, screening, last.prepared, last.inference, last.classes,
-            earlier=rounds[-2].classes[0] if len(rounds) > 1 else None, seed=seed,
+            seen,
+            screening,
+            last.prepared,
+            last.inference,
+            last.classes,
+            earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
+            seed=seed,
         )
         tell("judging", 1.0, _leading(last.inference))
         provenance = {
@@ -125,11 +129,21 @@ def _rounds(
         leading = _leading(out[-1].inference) if out else {}
         stage = f"simulating, {max(draws.values())} draws"
         design, index = simulate_design(
-            store, seen, screening, library, draws, seed=seed,
+            store,
+            seen,
+            screening,
+            library,
+            draws,
+            seed=seed,
             progress=lambda n, m, s=stage, lead=leading: tell(s, n / m, lead),
         )
         prepared = prepare(
-            library, design, index, places, seen.motion[kept], seed=seed,
+            library,
+            design,
+            index,
+            places,
+            seen.motion[kept],
+            seed=seed,
             step=lambda share, lead=leading: tell("inference", share, lead),
         )
         inference = infer(prepared, observed)
@@ -175,7 +189,8 @@ def conclude(
     Args:
         seen: the observed campaign.
         screening: which trials were kept.
-        prepared, found: inference on them.
+        prepared: the two routes.
+        found: inference on the campaign.
         groups: classes of effects, the leading one first.
         earlier: the leading class of a smaller budget.
         seed: of resamples and permutations.
@@ -243,9 +258,7 @@ def conclude(
     return Evidence(verdict, findings, groups, where, shrinkage, measure)
 
 
-def _gap_low(
-    prepared: Prepared, found: Inference, motion: NDArray[np.int64], seed: int
-) -> float:
+def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], seed: int) -> float:
     """Lower end of the gap's interval: from resampled motions or gap-free campaigns, the wider."""
     calibration = prepared.calibration
     excess = found.loss - calibration.floor
@@ -284,5 +297,3 @@ def _surprise_p(seen: Observations, screening: Screening) -> float:
     wrong = np.abs(seen.overturned[dropped] - p) > 0.5
     expected = np.minimum(p, 1 - p).sum()
     return float(poisson.sf(wrong.sum() - 1, max(expected, 1e-9)))
-
-

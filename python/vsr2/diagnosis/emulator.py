@@ -8,8 +8,8 @@ For trial i, effect e at prior quantiles u and standardised nuisances z (each ab
 with the functions phi_e of :func:`vsr2.diagnosis.library.basis`. All effects share the nuisances'
 coefficients, so that every simulation informs them. Coefficients of one column have a normal prior
 over trials, whose variance is estimated from all trials (empirical Bayes, EM: C. M. Bishop,
-"Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not touch shrinks
-to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error of the
+"Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not touch
+shrinks to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error of the
 emulator, and enters every probability drawn from it.
 """
 
@@ -133,9 +133,7 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     outcome = _logistic(x, design.overturned)
-    features = tuple(
-        _linear(x, design.features[:, :, k]) for k in range(design.features.shape[2])
-    )
+    features = tuple(_linear(x, design.features[:, :, k]) for k in range(design.features.shape[2]))
     return Emulator(library, blocks, design.nuisances.shape[1], outcome, features)
 
 
@@ -211,8 +209,6 @@ def _weighted(x: Array, weight: Array) -> Array:
 
 def _updated(mean: Array, covariance: Array, old: Array, scale: float = 1.0) -> Array:
     second = mean**2 + np.diagonal(covariance, axis1=1, axis2=2)
-    out = np.clip(
-        second.mean(axis=0), _LEAST_VARIANCE * scale, _GREATEST_VARIANCE * scale
-    )
+    out = np.clip(second.mean(axis=0), _LEAST_VARIANCE * scale, _GREATEST_VARIANCE * scale)
     out[0] = old[0]
     return np.asarray(out, dtype=np.float64)

@@ -73,7 +73,8 @@ def classes(
 
     Args:
         probability: of each hypothesis.
-        tables, posteriors: of each hypothesis.
+        tables: of each hypothesis.
+        posteriors: of each hypothesis.
         observed: the campaign.
 
     Returns:

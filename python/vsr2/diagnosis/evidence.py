@@ -1,16 +1,18 @@
-"""Route A: the evidence of each hypothesis, by quadrature over its parameters and Laplace over nuisances.
+"""Route A: the evidence of each hypothesis.
+
+Parameters are integrated by quadrature, nuisances by Laplace's method.
 
 A hypothesis is laid out on nodes g of its prior (equal weights: midpoints of equal slices of prior
-probability for one parameter, a low-discrepancy sequence for more). At a node the emulator is linear
-in the nuisances z, whose prior is N(0, 1), so that the campaign's log likelihood plus log prior is
+probability for one parameter, a low-discrepancy sequence for more). At a node the emulator is
+linear in the nuisances z, whose prior is N(0, 1), so that the campaign's log likelihood plus log prior is
 concave in z and Laplace's method applies (D. J. C. MacKay, "Information Theory, Inference, and
 Learning Algorithms", 2003, ch. 27):
 
     log L(g) = max_z [log p(y | g, z) + log N(z)] + (q/2) log 2 pi - (1/2) log det H.
 
 The emulator's own uncertainty v and a discrepancy of variance t^2 between any two correct engines
-enter by MacKay's averaging of the logistic function, E sigma(m + e) ~ sigma(m / sqrt(1 + pi (v + t^2)
-/ 8)). Outcomes are noted wrongly with probability `LAPSE`, which bounds what one trial can say.
+enter by MacKay's averaging of the logistic function, E sigma(m + e) ~
+sigma(m / sqrt(1 + pi (v + t^2) / 8)). Outcomes are noted wrongly with probability `LAPSE`, which bounds what one trial can say.
 Features have Student's t with 4 degrees of freedom around the emulator.
 """
 
@@ -121,7 +123,11 @@ def node_quantiles(parameters: int) -> Array:
 
 
 def tabulate(
-    emulator: Emulator, effect: str, quantiles: Array | None = None, *, second: str = "",
+    emulator: Emulator,
+    effect: str,
+    quantiles: Array | None = None,
+    *,
+    second: str = "",
     second_quantiles: Array | None = None,
 ) -> Table:
     """Lay out a hypothesis: one effect, none ("") or, with `second`, a pair that adds up.
@@ -267,9 +273,7 @@ def predict(table: Table, found: Posterior) -> Prediction:
     weight = np.exp(found.nodes)
     spread = np.einsum("ti,cgij,tj->cgt", table.slope, found.covariance, table.slope, optimize=True)
     logit = table.logit + table.factor * (found.nuisance @ table.slope.T)
-    p = _lapsed(
-        1 / (1 + np.exp(-logit / np.sqrt(1 + np.pi / 8 * table.factor**2 * spread)))
-    )
+    p = _lapsed(1 / (1 + np.exp(-logit / np.sqrt(1 + np.pi / 8 * table.factor**2 * spread))))
     probability = np.einsum("cg,cgt->ct", weight, p)
     centres, deviations = [], []
     for centre, response, variance in zip(

@@ -18,8 +18,8 @@ from vsr2.diagnosis.amortised import Classifier, Places, train
 from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
 from vsr2.diagnosis.library import NONE, Library
-from vsr2.diagnosis.where import residuals
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
+from vsr2.diagnosis.where import residuals
 
 Array = NDArray[np.float64]
 Step = Callable[[float], None]
@@ -246,9 +246,20 @@ def _calibrate(
     assert novelty is not None
     floor = loss[truth == 0].mean(axis=0)
     gap = loss.mean(axis=1)
-    return Calibration(labels, truth, weight, a, b, exponents, probability, gap, floor,
-                       np.argmax(a, axis=1), novelty,
-                       (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])))
+    return Calibration(
+        labels,
+        truth,
+        weight,
+        a,
+        b,
+        exponents,
+        probability,
+        gap,
+        floor,
+        np.argmax(a, axis=1),
+        novelty,
+        (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])),
+    )
 
 
 def _rows(prediction: Prediction, rows: NDArray[np.int64]) -> Prediction:
@@ -265,13 +276,12 @@ def _normal(logs: Array) -> Array:
 
 def _combined(a: Array, b: Array, exponents: tuple[float, float]) -> Array:
     # Route A is bounded, so that no single route rules a label out beyond all evidence.
-    return _normal(exponents[0] * np.maximum(a, a.max(axis=-1, keepdims=True) - 30.0)
-                   + exponents[1] * b)
+    return _normal(
+        exponents[0] * np.maximum(a, a.max(axis=-1, keepdims=True) - 30.0) + exponents[1] * b
+    )
 
 
-def _exponents(
-    a: Array, b: Array, truth: NDArray[np.int64], weight: Array
-) -> tuple[float, float]:
+def _exponents(a: Array, b: Array, truth: NDArray[np.int64], weight: Array) -> tuple[float, float]:
     from scipy.optimize import minimize
 
     rows = np.arange(truth.size)
@@ -290,7 +300,7 @@ def _odds(probability: Array) -> Array:
 
 
 def _novelty_p(calibration: Calibration, value: Array, best: int) -> float:
-    """Share of campaigns of the library that fit no better: all, and those with the same best label.
+    """Share of the library's campaigns that fit no better: all, and those of the same best label.
 
     The larger share counts: an effect whose outcomes cannot be foretold (labels noted wrongly)
     leaves every one of its campaigns with a poor fit.

@@ -60,7 +60,8 @@ class Observations:
         """Features of simulated responses as this campaign would have noted them.
 
         Args:
-            overturned, peak: shape (..., n).
+            overturned: shape (..., n).
+            peak: largest tilts [rad], shape (..., n).
             series: of simulated series, shape (..., n, k), needed for tier T.
             seed: of the noise of the largest tilt.
 

@@ -7,7 +7,7 @@ p^2 = m g R / I_O,
     theta'' = -(p^2 / (g R)) [ s g x_s(theta) + a z_s(theta) ] - 2 zeta p theta' - p^2 (d/R) dir,
 
 x_s and z_s being the horizontal and vertical distance of the mass centre from the contact,
-x = b_s cos|theta| - h sin|theta|, z = b_s sin|theta| + h cos|theta| for a sharp edge (G. W. Housner,
+x = b_s cos|theta| - h sin|theta|, z = b_s sin|theta| + h cos|theta| for a sharp edge (G. W. Housner
 "The behavior of inverted pendulum structures during earthquakes", BSSA 53, 1963); an edge of radius
 r rolls: b_s - r and h - r stand for b_s and h, and z gains r. When theta passes 0 the angular
 velocity is multiplied by sqrt(e) (1 - 2 sin^2(alpha) m R^2 / I_O), Housner's ratio times the square
@@ -168,7 +168,9 @@ class _Table:
             place = step * blocks.speed
             low = np.minimum(place.astype(np.int64), len(samples) - 2)
             part = np.clip(place - low, 0.0, 1.0)
-            value = samples[low, blocks.motion] * (1 - part) + samples[low + 1, blocks.motion] * part
+            value = (
+                samples[low, blocks.motion] * (1 - part) + samples[low + 1, blocks.motion] * part
+            )
             value[place > len(samples) - 1] = 0.0
             a = value * blocks.gain * blocks.speed**2
         for (index, omega, zeta, _), state in zip(self._modes, self._states, strict=True):
@@ -190,7 +192,7 @@ def _second_order(
     """Next output of x'' = omega^2 (u - x) - 2 zeta omega x', by the implicit midpoint rule."""
     x, v = state
     half = 0.5 * STEP
-    # Solved for the mean velocity: (1 + 2 zeta omega half + omega^2 half^2) w = v + half omega^2 (u - x)
+    # Solved for the mean velocity over the step.
     mean = (v + half * omega**2 * (value - x)) / (1 + 2 * zeta * omega * half + (omega * half) ** 2)
     x += STEP * mean
     v[:] = 2 * mean - v
@@ -220,9 +222,7 @@ def _shake(
             new[crossing] = half[crossing] * (1 - part) * STEP
         a = table.at(step)
         if crossing.size:
-            slow = crossing[
-                (np.abs(half[crossing]) < _REST_SPEED) & ~state.lifts(a)[crossing]
-            ]
+            slow = crossing[(np.abs(half[crossing]) < _REST_SPEED) & ~state.lifts(a)[crossing]]
             new[slow] = 0.0
             half[slow] = 0.0
         theta = new
@@ -298,7 +298,7 @@ class _State:
         return np.asarray(np.abs(a) * self._full_height > GRAVITY * arm, dtype=np.bool_)
 
     def angular_acceleration(self, theta: Array, rate: Array, a: Array) -> Array:
-        """theta'' [rad/s^2]; 0 where the block rests."""
+        """Theta'' [rad/s^2]; 0 where the block rests."""
         rests = theta == 0
         side = np.where(rests, -np.sign(a), np.sign(theta))
         tilt = np.abs(theta)

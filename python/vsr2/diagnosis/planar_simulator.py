@@ -142,8 +142,9 @@ class PlanarSimulator:
         # Runs of one motion end together; neighbours in the order given usually share effects.
         blocks = PlanarBlocks(motion=self._motion[trial], **values)
         over, peak, features = simulate_planar(blocks, self._accelerations, series=self._series)
-        over = np.where(values["outcome_tilt"] < DEFAULTS["outcome_tilt"],
-                        peak > values["outcome_tilt"], over)
+        over = np.where(
+            values["outcome_tilt"] < DEFAULTS["outcome_tilt"], peak > values["outcome_tilt"], over
+        )
         over = np.where(values["flipped"] > 0, 1 - over, over)
         return Responses(over, peak, features)
 

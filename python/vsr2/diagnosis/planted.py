@@ -109,6 +109,4 @@ def observe(
         )
         for i, trial in enumerate(campaign.trials)
     ]
-    return replace(
-        campaign, trials=tuple(trials), noise=MeasurementNoise(peak_tilt=peak_noise)
-    )
+    return replace(campaign, trials=tuple(trials), noise=MeasurementNoise(peak_tilt=peak_noise))

@@ -63,9 +63,7 @@ def crossfitted(table: Table, data: Data, group: NDArray[np.int64]) -> Predictio
         judged = group == k
         parts.append((judged, predict(table, posterior(table, data.only(~judged)))))
     first = parts[0][1]
-    p, centre, deviation = (
-        first.probability.copy(), first.centre.copy(), first.deviation.copy()
-    )
+    p, centre, deviation = (first.probability.copy(), first.centre.copy(), first.deviation.copy())
     for judged, found in parts[1:]:
         p[:, judged] = found.probability[:, judged]
         centre[:, judged] = found.centre[:, judged]

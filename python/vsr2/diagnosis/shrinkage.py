@@ -1,8 +1,8 @@
 """HOW FAR the gap shrinks, judged on motions that neither the fit nor the choice saw.
 
 Motions are dealt into groups; each group is judged once by models that were fitted to, and chosen
-on, the others alone. Parameters and nuisances are averaged over their posterior; an effect is chosen
-by its evidence. Differences are bootstrapped over motions, all models on the same resamples, the
+on, the others alone. Parameters and nuisances are averaged over their posterior; an effect is
+chosen by its evidence. Differences are bootstrapped over motions, all models on the same resamples, the
 same simulations behind all of them.
 """
 
@@ -121,15 +121,13 @@ def judge(
             second, table, own = best_pair(library, emulator, best, seen)
             pair[judged] = losses(predict(table, own), observed)[0][judged]
             chosen["pair"].append(second)
-    return Shrinkage(
-        before, after, placebo, recalibrated, each, pair, chosen, p_before, p_after
-    )
+    return Shrinkage(before, after, placebo, recalibrated, each, pair, chosen, p_before, p_after)
 
 
 def best_pair(
     library: Library, emulator: Emulator, first: str, data: Data
 ) -> tuple[str, Table, Posterior]:
-    """The effect that, added to `first`, has the greatest evidence (effects add up on the logit)."""
+    """The effect with the greatest evidence beside `first`; effects add up on the logit."""
     best: tuple[str, Table, Posterior] | None = None
     for second in library:
         if second == first:
@@ -146,9 +144,7 @@ def best_pair(
     return best
 
 
-def _recalibrated(
-    prediction: Prediction, observed: Data, judged: NDArray[np.bool_]
-) -> Prediction:
+def _recalibrated(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Prediction:
     """Platt's scaling, fitted to the trials that are not judged, with a weak pull to no change."""
     p = prediction.probability[0]
     logit = np.log(p) - np.log1p(-p)

@@ -57,9 +57,7 @@ def compose(
     recalibration = whole.closure("recalibrated")
     probability = dict(zip(found.labels, found.probability, strict=True))
     class_of = {name: group[0] for group in evidence.classes for name in group}
-    observed = Data(
-        seen.overturned[None, screening.kept], seen.features[None, screening.kept]
-    )
+    observed = Data(seen.overturned[None, screening.kept], seen.features[None, screening.kept])
     effects = [
         {
             "name": name,
@@ -118,6 +116,8 @@ def compose(
             "effect": max(set(pick), key=pick.count) if pick else None,
             "closure": placebo,
             "recalibration": recalibration,
+            "loss": whole.mean("placebo"),
+            "recalibration_loss": whole.mean("recalibrated"),
         },
         "unknown": {
             "novelty_p": findings.novelty_p,
@@ -256,9 +256,7 @@ def _parameters(prepared: Prepared, name: str, observed: Data) -> dict[str, Any]
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
         order = np.argsort(values)
         total = np.cumsum(weight[order])
-        low, high = (
-            float(np.interp(q * total[-1], total, values[order])) for q in (0.025, 0.975)
-        )
+        low, high = (float(np.interp(q * total[-1], total, values[order])) for q in (0.025, 0.975))
         mean = float(weight @ values / weight.sum())
         out[parameter.name] = {"mean": mean, "ci95": [low, high], "unit": parameter.unit}
     return out
@@ -309,9 +307,7 @@ def _limits(
             "this campaign hardly responds to " + ", ".join(blind) + ": nothing is said about them"
         )
     if provenance["budget"]["limited"]:
-        out.append(
-            "the budget ended before the answer stood on two doublings of the simulations"
-        )
+        out.append("the budget ended before the answer stood on two doublings of the simulations")
     if layers.get("physical") is None:
         out.append("no repeats: the physical noise floor is unknown")
     if not np.isfinite(seen.log_pga).all():
@@ -327,9 +323,7 @@ def _unseen(prepared: Prepared, name: str) -> bool:
     moved = np.abs(p - q).sum(axis=1).max()
     tilts = [
         np.abs(centre - own) / np.sqrt(variance)
-        for centre, own, variance in zip(
-            table.centre, plain.centre, table.variance, strict=True
-        )
+        for centre, own, variance in zip(table.centre, plain.centre, table.variance, strict=True)
     ]
     shifted = max((float((t**2).sum(axis=1).max()) for t in tilts), default=0.0)
     return bool(moved < 2.0 and shifted < 4.0)

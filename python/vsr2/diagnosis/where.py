@@ -111,9 +111,7 @@ def scan(
                 moved[b] = _scores(
                     residual[None][..., order], variance[None][..., order], weights[inside]
                 )[0]
-            p_value[:, inside] = np.maximum(
-                p_value[:, inside], _family_p(score[:, inside], moved)
-            )
+            p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
     out = []
     for c, channel in enumerate(channels):
         for j, name in enumerate(names):
@@ -172,7 +170,7 @@ def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
 
 
 def _family_p(score: Array, null: Array) -> Array:
-    """p value of each score among the largest of the family, shape (channels, places)."""
+    """P value of each score among the largest of the family, shape (channels, places)."""
     deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5)
     largest = np.abs(null / deviation).reshape(len(null), -1).max(axis=1)
     own = np.abs(score / deviation)
