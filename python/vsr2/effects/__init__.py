@@ -10,7 +10,7 @@ from vsr2.effects.registry import (
     module_effects,
     register,
 )
-from vsr2.effects.setup import Circumstances, Mechanisms, Observation, Setup, restand
+from vsr2.effects.setup import Circumstances, Observation, Setup, restand
 
 __all__ = [
     "STAGES",
@@ -20,7 +20,6 @@ __all__ = [
     "Circumstances",
     "Effect",
     "EffectRangeWarning",
-    "Mechanisms",
     "Observation",
     "Parameter",
     "Response",

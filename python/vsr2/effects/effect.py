@@ -169,8 +169,11 @@ class Effect:
         return {parameter.name: parameter.null for parameter in self.parameters}
 
     def extreme(self) -> dict[str, float]:
-        """All parameters at the end of their prior that is farther from null."""
-        return {parameter.name: parameter.extreme for parameter in self.parameters}
+        """Parameters at their prior's end farther from null; secondary ones at null."""
+        return {
+            parameter.name: parameter.null if parameter.secondary else parameter.extreme
+            for parameter in self.parameters
+        }
 
     def complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """All parameters, null where `values` has none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -12,37 +11,7 @@ import numpy as np
 from vsr2.config.study import Contact, Engine, Outcome
 from vsr2.errors import GeometryError
 from vsr2.motion import Motion
-from vsr2.scene import Box, Hull, PedestalBody, Pose, RockBody, height_above
-
-
-@dataclass(frozen=True)
-class Mechanisms:
-    """Mechanics that act in the loop; all off by default. They are defined by the native core.
-
-    Attributes:
-        impact_energy_ratio: kinetic energy an impact leaves, relative to Housner's ratio for the
-            two edges [1]; NaN: Bullet's own impact.
-        rocking_damping: damping ratio of rocking about an edge [1].
-        rolling_resistance: lever arm of a moment against rocking [m].
-        friction_ratio: static to kinetic friction [1].
-        friction_speed: speed of slip over which friction falls from one to the other [m/s].
-        adhesion: tensile strength of a bond under the base until the first uplift [Pa].
-        catch_slack: tilt beyond which a tether holds the rock [rad]; NaN: none.
-    """
-
-    impact_energy_ratio: float = math.nan
-    rocking_damping: float = 0.0
-    rolling_resistance: float = 0.0
-    friction_ratio: float = 1.0
-    friction_speed: float = 0.01
-    adhesion: float = 0.0
-    catch_slack: float = math.nan
-
-    @property
-    def off(self) -> bool:
-        """Whether none of them acts."""
-        # NaN differs from itself, so the texts are compared.
-        return repr(replace(self, friction_speed=0.0)) == repr(Mechanisms(friction_speed=0.0))
+from vsr2.scene import Box, Hull, Mechanisms, PedestalBody, Pose, RockBody, height_above
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.config import Study, load_study
 from vsr2.config.study import Outcome, Output, Settling
+from vsr2.effects import Applied, Observation, chosen
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_motions
 from vsr2.results import (
@@ -75,6 +76,8 @@ class Trial:
         name: default: the motion's.
         seed: of whatever was drawn for this trial before dispatch; kept with the result.
         settling, outcome, output: as in a study.
+        effects: that are in it, as `apply_effects` notes them; those on the outcome are applied to
+            the result.
     """
 
     scene: Scene
@@ -86,6 +89,7 @@ class Trial:
     settling: Settling = field(default_factory=Settling)
     outcome: Outcome = field(default_factory=Outcome)
     output: Output = field(default_factory=Output)
+    effects: tuple[Applied, ...] = ()
 
 
 def plan_sha256(trials: Sequence[Trial]) -> str:
@@ -104,6 +108,7 @@ def plan_sha256(trials: Sequence[Trial]) -> str:
             trial.settling.model_dump_json(),
             trial.outcome.model_dump_json(),
             trial.output.model_dump_json(),
+            *(applied.key for applied in trial.effects),
         ):
             digest.update(text.encode() + b"\0")
     return digest.hexdigest()
@@ -113,12 +118,17 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
     """The trials of a study: one per motion.
 
     Args:
-        study: its paths resolved.
+        study: its paths resolved. Its effects are applied; order in the campaign is the order of
+            the motions, all of one session.
         motions: to drive instead of the study's own; their time step must be the engine's.
 
     Raises:
-        GeometryError, MotionError, SimulationError: something of the study cannot be used.
+        ConfigError, GeometryError, MotionError, SimulationError: something of the study cannot be
+            used.
     """
+    from vsr2.simulation.effects import apply_effects
+
+    chosen(study.effects)  # refused before any mesh is read
     if motions is None:
         motions = build_motions(study.motion, study.engine.time_step)
     scene = build_scene(study)
@@ -132,7 +142,7 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
             )
     silent = study.output.model_copy(update={"contacts_every": 0})
     seeds = np.random.SeedSequence(study.seed).generate_state(max(1, len(motions)), np.uint32)
-    return [
+    trials = [
         Trial(
             scene=scene,
             motion=motion,
@@ -145,6 +155,7 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
         )
         for i, motion in enumerate(motions)
     ]
+    return apply_effects(trials, study.effects, seed=study.seed)
 
 
 class _Specifications:
@@ -301,6 +312,18 @@ def failed_row(trial: Trial, message: str) -> dict[str, Any]:
     return dict.fromkeys(_FLOAT_COLUMNS, np.nan) | facts | {"status": "error", "outcome": "failed"}
 
 
+def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The row of a trial as it is written down: with the effects on its outcome."""
+    rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
+    if not rules or row["outcome"] == "failed":
+        return row
+    keys = ("outcome", "peak_tilt", "final_tilt", "final_slip", "final_yaw")
+    observation = Observation(**{key: row[key] for key in keys})
+    for rule in rules:
+        observation = rule.observe(observation)
+    return {**row, **{key: getattr(observation, key) for key in keys}}
+
+
 def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
     state = result.take_log()
     if len(state) == 0:
@@ -443,6 +466,7 @@ def run_batch(
         "interrupted": interrupt.raised,
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
+        "effects": _effects_given(trials),
     }
     return BatchResult(
         trials=collection.columns, logs=tuple(collection.logs), provenance=provenance
@@ -485,6 +509,7 @@ class _Collection:
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
+        row = observed(self._trials[i], row)
         for name in _RESULT_COLUMNS:
             self.columns[name][i] = row[name]
         _copy_out(self._out, i, self.columns, log)
@@ -531,6 +556,16 @@ def _model_hashes(trials: Sequence[Trial]) -> dict[str, str]:
     scenes = {id(trial.scene): trial.scene for trial in trials}.values()
     bodies = [body for scene in scenes for body in (scene.rock, scene.pedestal)]
     return {body.source: body.sha256 for body in bodies if body.sha256}
+
+
+def _effects_given(trials: Sequence[Trial]) -> dict[str, list[dict[str, float]]]:
+    """Effects of the trials by name: all values that were asked for."""
+    given: dict[str, list[dict[str, float]]] = {}
+    for applied in dict.fromkeys(one for trial in trials for one in trial.effects):
+        values = dict(applied.given)
+        if values not in given.setdefault(applied.effect.name, []):
+            given[applied.effect.name].append(values)
+    return given
 
 
 def _plain(value: Any) -> Any:

@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2 import _native
 from vsr2.config.study import (
     BoxRock,
     Contact,
@@ -36,11 +35,11 @@ from vsr2.scene import (
     mesh_mass_properties,
     start_pose,
 )
-from vsr2.scene.rotation import multiply, yaw_quaternion
+from vsr2.scene.rotation import multiply
 from vsr2.scene.shapes import hull_surface
 from vsr2.simulation.batch import Trial, run_batch
 from vsr2.simulation.effects import with_effects
-from vsr2.simulation.scene import make_scene
+from vsr2.simulation.scene import Scene, make_scene
 from vsr2.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -269,19 +268,6 @@ def boulder(clearance: float) -> RockBody:
     return RockBody(parts=parts, mass=mass, start=start, surface=hull, source="boulder")
 
 
-def perturbed(start: Pose, draw: int) -> Pose:
-    """A start moved by some micrometres and microradians, the same for the same draw; 0: none."""
-    if draw == 0:
-        return start
-    rng = np.random.default_rng(draw)
-    x, y, z = start.position
-    dx, dy = 1e-5 * rng.standard_normal(2)
-    turn = yaw_quaternion(1e-5 * float(rng.standard_normal()))
-    return Pose((x + dx, y + dy, z), multiply(turn, start.orientation))
-
-
-def fast_violation(setup: Setup) -> str:
-    """Why the engine `fast` does not take a setup; empty if it does."""
-    scene = make_scene(setup.rock, setup.pedestal, setup.engine, setup.contact, setup.mechanisms)
-    native: _native.Scene = scene.native
-    return str(native.fast_domain_violation)
+def fast_violation(scene: Scene) -> str:
+    """Why the engine `fast` does not take a scene; empty if it does."""
+    return str(scene.native.fast_domain_violation)

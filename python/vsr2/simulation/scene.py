@@ -68,34 +68,7 @@ class Scene:
     @cached_property
     def sha256(self) -> str:
         """Hash of everything the physics depends on, the start pose aside."""
-        digest = hashlib.sha256()
-        for section in (self.engine, self.contact):
-            digest.update(section.model_dump_json().encode())
-        mass = self.rock.mass
-        for values in (
-            [mass.mass, float(self.rock.inertia_from_aabb)],
-            mass.mass_center,
-            mass.principal_inertia,
-            mass.principal_axes,
-            self.pedestal.origin,
-            [self.pedestal.top, self.pedestal.mass],
-            self.pedestal.base_size,
-        ):
-            digest.update(np.asarray(values, dtype=np.float64).tobytes())
-        for part in (*self.rock.parts, *self.pedestal.parts):
-            match part:
-                case Hull():
-                    digest.update(b"hull" + part.points.tobytes())
-                case Box():
-                    pose = (*part.size, *part.center, *part.orientation)
-                    digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
-                case Triangles():
-                    digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
-        # What is not used adds nothing: hashes of scenes without it stay as they are.
-        digest.update(self.mechanisms.key.encode())
-        if self.pedestal.pitch_pivot is not None:
-            digest.update(b"pivot" + np.float64(self.pedestal.pitch_pivot).tobytes())
-        return digest.hexdigest()
+        return scene_sha256(self.rock, self.pedestal, self.engine, self.contact, self.mechanisms)
 
     @property
     def body_frame(self) -> Pose:
@@ -122,6 +95,40 @@ class Scene:
         center = rotation @ np.asarray(frame.position) + np.asarray(start.position)
         x, y, z = (float(value) for value in center)
         return Pose((x, y, z), multiply(start.orientation, frame.orientation))
+
+
+def scene_sha256(
+    rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: Contact, mechanisms: Mechanisms
+) -> str:
+    """Hash of everything the physics depends on, the start pose aside."""
+    digest = hashlib.sha256()
+    for section in (engine, contact):
+        digest.update(section.model_dump_json().encode())
+    mass = rock.mass
+    for values in (
+        [mass.mass, float(rock.inertia_from_aabb)],
+        mass.mass_center,
+        mass.principal_inertia,
+        mass.principal_axes,
+        pedestal.origin,
+        [pedestal.top, pedestal.mass],
+        pedestal.base_size,
+    ):
+        digest.update(np.asarray(values, dtype=np.float64).tobytes())
+    for part in (*rock.parts, *pedestal.parts):
+        match part:
+            case Hull():
+                digest.update(b"hull" + part.points.tobytes())
+            case Box():
+                pose = (*part.size, *part.center, *part.orientation)
+                digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
+            case Triangles():
+                digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
+    # What is not used adds nothing: hashes of scenes without it stay as they are.
+    digest.update(mechanisms.key.encode())
+    if pedestal.pitch_pivot is not None:
+        digest.update(b"pivot" + np.float64(pedestal.pitch_pivot).tobytes())
+    return digest.hexdigest()
 
 
 def _body_frame(rock: RockBody) -> Pose:
