@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import sqlite3
 import struct
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Self
@@ -52,11 +53,28 @@ class Bank:
                 "CREATE TABLE IF NOT EXISTS runs (key BLOB PRIMARY KEY, response BLOB NOT NULL) "
                 "WITHOUT ROWID"
             )
+            self._file.execute("CREATE TABLE IF NOT EXISTS spent (seconds REAL, count INTEGER)")
         except sqlite3.Error as error:
             raise DiagnosisError(
                 f"{path}: cannot be used as a bank of simulations ({error}); remove it or choose "
                 "another folder"
             ) from error
+
+    @property
+    def asked(self) -> int:
+        """Different simulations asked for since it was opened."""
+        return len(self._asked)
+
+    @property
+    def size(self) -> int:
+        """Simulations in the file."""
+        return int(self._file.execute("SELECT COUNT(*) FROM runs").fetchone()[0])
+
+    @property
+    def cost(self) -> float:
+        """Mean wall time of a simulation over the file's life [s]; 0 before the first."""
+        row = self._file.execute("SELECT SUM(seconds), SUM(count) FROM spent").fetchone()
+        return float(row[0]) / float(row[1]) if row[1] else 0.0
 
     @property
     def reused(self) -> int:
@@ -90,7 +108,9 @@ class Bank:
         self._asked.update(keys)
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
+            started = time.monotonic()
             found = self.simulator.run([requests[i] for i in part])
+            seconds = time.monotonic() - started
             rows = []
             for k, i in enumerate(part):
                 values = [found.overturned[k], found.peak_tilt[k]]
@@ -101,6 +121,7 @@ class Bank:
                 rows.append((keys[i], packed))
             with self._file:
                 self._file.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?)", rows)
+                self._file.execute("INSERT INTO spent VALUES (?, ?)", (seconds, len(part)))
             self.simulated += len(part)
             if done is not None:
                 done(len(requests) - len(pending) + start + len(part))

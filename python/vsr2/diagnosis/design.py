@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 SCREENING_NONE = 8
-"""Screening draws without effect, each with its own nuisances."""
+"""Screening draws without effect at most, each with its own nuisances."""
 GUARD = 0.1
 """Share of certain trials kept at random."""
 NONE_SHARE = 4
@@ -38,13 +38,13 @@ class Screening:
         guard: indices of the guard alone.
         probability: of overturning over all screening draws with half a pseudo-count on each side,
             for every trial, shape (trials,).
-        runs: simulations a trial.
+        left_out: uncertain trials that the budget does not reach.
     """
 
     kept: NDArray[np.int64]
     guard: NDArray[np.int64]
     probability: Array
-    runs: int
+    left_out: int
 
 
 def effect_quantiles(entry: Entry, draw: int, seed: int) -> Array:
@@ -62,39 +62,57 @@ def screen(
     bank: Bank,
     seen: Observations,
     *,
-    draws: int = 2,
+    runs: int,
+    most: int,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Screening:
     """Tell certain trials from uncertain ones.
 
-    A trial is certain if all screening draws (`SCREENING_NONE` without effect, `draws` of every
-    effect, all with nuisances) overturn, or none does. From tier M on a standing trial is uncertain
-    too if its largest tilt rises above the noise in half the draws. A random tenth of the certain
-    trials is kept as a guard.
+    Every trial is simulated `SCREENING_NONE` times without effect and with effects in turn, all
+    with nuisances. It is certain if all draws overturn, or none does. From tier M on a standing trial is
+    uncertain too if its largest tilt rises above the noise in half the draws. A random tenth of the
+    certain trials is kept as a guard.
+
+    Args:
+        bank: of simulations.
+        seen: the observed campaign.
+        runs: simulations a trial.
+        most: trials kept, the guard included; those nearest to the verge are preferred.
+        seed: of the guard.
+        progress: called with simulations done and all.
     """
     library = bank.simulator.library
-    labels: list[Effects] = [()] * SCREENING_NONE
-    indices = list(range(1, SCREENING_NONE + 1))
-    for entry in library.values():
-        for draw in range(1, draws + 1):
-            labels.append(effect_draw(entry, draw, seed))
-            indices.append(draw)
-    trials = np.arange(len(seen))
-    found, peaks, _ = run_table(bank, trials, labels, indices, progress)
-    mean = np.nanmean(found, axis=0)
-    uncertain = (mean > 0) & (mean < 1)
+    plain = min(SCREENING_NONE, max(runs // 2, 1))
+    spots = [(effect_draw(e, m, seed), m) for m in (1, 2) for e in library.values()]
+    each = min(runs - plain, len(spots))
+    requests = []
+    for i in range(len(seen)):
+        requests += [Request(i, (), m, 1) for m in range(1, plain + 1)]
+        for j in range(each):
+            label, draw = spots[(i * each + j) % len(spots)]
+            requests.append(Request(i, label, draw, 1))
+    total = len(requests)
+    found = bank.run(requests, done=None if progress is None else lambda n: progress(n, total))
+    outcome = found.overturned.reshape(len(seen), -1).T
+    peaks = found.peak_tilt.reshape(len(seen), -1).T
+    count = np.isfinite(outcome).sum(axis=0)
+    probability = (np.nansum(outcome, axis=0) + 0.5) / (count + 1)
+    ones = np.nansum(outcome, axis=0)
+    uncertain = (ones > 0) & (ones < count)
+    rocking = np.zeros(len(seen), dtype=bool)
     if seen.tier != "B":
-        rocking = _median_standing(found, peaks)
-        uncertain |= np.nan_to_num(rocking) > max(3 * seen.tilt_noise, 0.01)
-    certain = np.flatnonzero(~uncertain)
+        rocking = np.nan_to_num(_median_standing(outcome, peaks)) > max(3 * seen.tilt_noise, 0.01)
+    certain = np.flatnonzero(~(uncertain | rocking))
     rng = np.random.default_rng([seed, 77])
-    count = int(np.ceil(GUARD * certain.size))
-    guard = np.sort(rng.choice(certain, size=count, replace=False)) if count else certain[:0]
-    runs = len(labels)
-    probability = (np.nansum(found, axis=0) + 0.5) / (np.isfinite(found).sum(axis=0) + 1)
-    kept = np.union1d(np.flatnonzero(uncertain), guard)
-    return Screening(kept, guard, probability, runs)
+    size = min(int(np.ceil(GUARD * certain.size)), most // 10 + 1)
+    guard = np.sort(rng.choice(certain, size=size, replace=False)) if size else certain[:0]
+    # Nearest to the verge first; of rocking trials, those that rock most.
+    worth = np.where(uncertain, 2 - np.abs(2 * probability - 1), 0.0)
+    worth += np.where(rocking & ~uncertain, 0.5 * np.tanh(np.nan_to_num(peaks.mean(axis=0))), 0.0)
+    wanted = np.flatnonzero(uncertain | rocking)
+    ranked = wanted[np.argsort(-worth[wanted], kind="stable")][: max(most - guard.size, 1)]
+    return Screening(np.union1d(ranked, guard), guard, probability, int(wanted.size - ranked.size))
 
 
 def _median_standing(found: Array, peaks: Array) -> Array:

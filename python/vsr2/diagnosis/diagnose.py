@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
 from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
-from vsr2.diagnosis.simulator import Simulator
+from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
 from vsr2.diagnosis.where import Conditions, residuals, scan
@@ -74,12 +75,23 @@ def diagnose_with(
     seen = observe_campaign(campaign, tier)
     tell: Report = (lambda stage, share, leading: None) if report is None else report
     with Bank(simulator, bank) as store:
-        schedule = Schedule(Budget() if budget is None else budget)
-        screening = screen(
-            store, seen, seed=seed, progress=lambda n, m: tell("screening", n / m, {})
+        # One simulation of every trial tells what they cost.
+        store.run([Request(i, (), 1, 1) for i in range(len(seen))])
+        schedule = Schedule(
+            Budget() if budget is None else budget, store, len(seen), len(simulator.library)
         )
-        schedule.measured(store.simulated, store.reused, time.monotonic() - started)
-        layers = noise_floor(store, seen, screening.kept, seed=seed)
+        screening = screen(
+            store,
+            seen,
+            runs=schedule.screening_runs,
+            most=schedule.most_trials,
+            seed=seed,
+            progress=lambda n, m: tell("screening", n / m, {}),
+        )
+        schedule.fit(screening.kept.size)
+        layers = noise_floor(
+            store, seen, screening.kept, most=schedule.floor_trials, seed=seed
+        )
         rounds = _rounds(store, seen, screening, schedule, seed, tell)
         last = rounds[-1]
         tell("judging", 0.0, _leading(last.inference))
@@ -96,7 +108,9 @@ def diagnose_with(
         provenance = {
             "seed": seed,
             "budget": {
-                "simulations": store.simulated + store.reused,
+                "simulations": store.asked,
+                "allowed": schedule.allowed,
+                "cost_s": store.cost,
                 "simulated": store.simulated,
                 "reused": store.reused,
                 "draws": dict(last.draws),
@@ -135,7 +149,7 @@ def _rounds(
             library,
             draws,
             seed=seed,
-            progress=lambda n, m, s=stage, lead=leading: tell(s, n / m, lead),
+            progress=_part(tell, stage, leading),
         )
         prepared = prepare(
             library,
@@ -144,11 +158,17 @@ def _rounds(
             places,
             seen.motion[kept],
             seed=seed,
-            step=lambda share, lead=leading: tell("inference", share, lead),
+            step=partial(_tell_inference, tell, leading),
         )
         inference = infer(prepared, observed)
         probability = dict(zip(inference.labels, inference.probability, strict=True))
-        groups = classes(probability, prepared.tables, inference.posteriors, observed)
+        groups = classes(
+            probability,
+            prepared.tables,
+            inference.posteriors,
+            observed,
+            exponent=min(prepared.calibration.exponents[0], 1.0),
+        )
         out.append(_Round(prepared, inference, groups, dict(draws)))
         more = schedule.next_draws(draws, probability)
         spent = simulations(draws, kept.size)
@@ -157,6 +177,14 @@ def _rounds(
         if _settled(out):
             return out
         draws = more
+
+
+def _part(tell: Report, stage: str, leading: Mapping[str, float]) -> Callable[[int, int], None]:
+    return lambda done, total: tell(stage, done / total, leading)
+
+
+def _tell_inference(tell: Report, leading: Mapping[str, float], share: float) -> None:
+    tell("inference", share, leading)
 
 
 def _settled(rounds: list[_Round]) -> bool:

@@ -125,7 +125,7 @@ def design_matrix(
     for name, entry in library.items():
         rows = np.flatnonzero(names == name)
         if rows.size:
-            x[rows, blocks[name]] = basis(entry, np.array([quantiles[i] for i in rows]))
+            x[rows, blocks[name]] = basis(entry, np.array([quantiles[int(i)] for i in rows]))
     return x, blocks
 
 
@@ -160,7 +160,7 @@ def _logistic(x: Array, y: Array) -> Fit:
             # A full step may overshoot where outcomes separate.
             largest = np.abs(step @ x.T).max(axis=1)
             mean += step * np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
-        covariance = np.linalg.inv(hessian)
+        covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         variance = _updated(mean, covariance, variance)
     return Fit(mean, covariance, np.zeros(trials))
 
@@ -185,7 +185,7 @@ def _linear(x: Array, y: Array) -> Fit:
         gram = _weighted(x, weight)
         hessian = gram / noise[:, None, None]
         hessian[:, np.arange(columns), np.arange(columns)] += 1.0 / variance
-        covariance = np.linalg.inv(hessian)
+        covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         mean = np.einsum("tij,tj->ti", covariance, ((weight * target) @ x) / noise[:, None])
         residual = use * (target - mean @ x.T)
         explained = np.einsum("tij,tji->t", covariance, gram)

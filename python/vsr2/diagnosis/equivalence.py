@@ -68,6 +68,7 @@ def classes(
     tables: Mapping[str, Table],
     posteriors: Mapping[str, Posterior],
     observed: Data,
+    exponent: float = 1.0,
 ) -> list[list[str]]:
     """Partition of the effects: each leader takes all that are inseparable from it.
 
@@ -76,6 +77,7 @@ def classes(
         tables: of each hypothesis.
         posteriors: of each hypothesis.
         observed: the campaign.
+        exponent: that the log likelihood needs to be calibrated; D is multiplied by it.
 
     Returns:
         Classes, most probable leader first.
@@ -85,7 +87,7 @@ def classes(
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        members = [leader] + [n for n in left[1:] if found[n] < INSEPARABLE]
+        members = [leader] + [n for n in left[1:] if exponent * found[n] < INSEPARABLE]
         out.append(members)
         left = [n for n in left if n not in members]
     return out

@@ -4,16 +4,17 @@ Parameters are integrated by quadrature, nuisances by Laplace's method.
 
 A hypothesis is laid out on nodes g of its prior (equal weights: midpoints of equal slices of prior
 probability for one parameter, a low-discrepancy sequence for more). At a node the emulator is
-linear in the nuisances z, whose prior is N(0, 1), so that the campaign's log likelihood plus log prior is
-concave in z and Laplace's method applies (D. J. C. MacKay, "Information Theory, Inference, and
-Learning Algorithms", 2003, ch. 27):
+linear in the nuisances z, whose prior is N(0, 1), so that the campaign's log likelihood plus log
+prior is concave in z and Laplace's method applies (D. J. C. MacKay, "Information Theory,
+Inference, and Learning Algorithms", 2003, ch. 27):
 
     log L(g) = max_z [log p(y | g, z) + log N(z)] + (q/2) log 2 pi - (1/2) log det H.
 
 The emulator's own uncertainty v and a discrepancy of variance t^2 between any two correct engines
 enter by MacKay's averaging of the logistic function, E sigma(m + e) ~
-sigma(m / sqrt(1 + pi (v + t^2) / 8)). Outcomes are noted wrongly with probability `LAPSE`, which bounds what one trial can say.
-Features have Student's t with 4 degrees of freedom around the emulator.
+sigma(m / sqrt(1 + pi (v + t^2) / 8)). Outcomes are noted wrongly with probability
+`LAPSE`, which bounds what one trial can say. Features have Student's t with 4 degrees of freedom
+around the emulator.
 """
 
 from __future__ import annotations
@@ -217,7 +218,11 @@ def posterior(table: Table, data: Data) -> Posterior:
     top = value.max(axis=1, keepdims=True)
     evidence = np.log(np.exp(value - top).mean(axis=1)) + top[:, 0]
     return Posterior(
-        evidence, value - evidence[:, None] - np.log(nodes), z, np.linalg.inv(hessian), best
+        evidence,
+        value - evidence[:, None] - np.log(nodes),
+        z,
+        np.asarray(np.linalg.inv(hessian), dtype=np.float64),
+        best,
     )
 
 

@@ -15,17 +15,24 @@ Array = NDArray[np.float64]
 
 REPLICATES = 4
 MAX_TRIALS = 40
+FLOOR_RUNS = 1 + 3 * REPLICATES
 
 
 def noise_floor(
-    bank: Bank, seen: Observations, kept: NDArray[np.int64], *, seed: int = 0
+    bank: Bank,
+    seen: Observations,
+    kept: NDArray[np.int64],
+    *,
+    most: int = MAX_TRIALS,
+    seed: int = 0,
 ) -> dict[str, float | int | None]:
     """Share of outcomes that differ from the nominal simulation's, layer by layer.
 
     Args:
         bank: of simulations.
         seen: the observed campaign.
-        kept: uncertain trials; at most `MAX_TRIALS` of them, drawn at random, are used.
+        kept: uncertain trials.
+        most: of them that are used, drawn at random.
         seed: of that draw.
 
     Returns:
@@ -36,7 +43,7 @@ def noise_floor(
         uncertain trials.
     """
     rng = np.random.default_rng([seed, 3])
-    count = min(kept.size, MAX_TRIALS)
+    count = min(kept.size, most)
     trials = np.sort(rng.choice(kept, size=count, replace=False))
     spots = [(0, 0)]
     spots += [(0, -r) for r in range(1, REPLICATES + 1)]

@@ -117,9 +117,10 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     parameters = free_parameters(entry)
     u = np.atleast_2d(quantiles)
     primary = [j for j, p in enumerate(parameters) if not p.secondary]
-    nulls = {j: null_quantile(parameters[j]) for j in primary}
-    reached = any(null is not None for null in nulls.values())
-    c = [2.0 * (u[:, j] - (0.5 if nulls[j] is None else nulls[j])) for j in primary]
+    nulls = [null_quantile(parameters[j]) for j in primary]
+    reached = any(null is not None for null in nulls)
+    centres = [0.5 if null is None else null for null in nulls]
+    c = [2.0 * (u[:, j] - centre) for j, centre in zip(primary, centres, strict=True)]
     linear = ([] if reached else [np.ones(len(u))]) + c
     columns = list(linear)
     columns += [c[j] * c[k] for j in range(len(c)) for k in range(j, len(c))]

@@ -175,4 +175,5 @@ def _series_features(trial: object) -> Array:
     series = getattr(trial, "series", None)
     if series is None or series.tilt is None:
         return np.full(len(TILT_FEATURES), np.nan)
-    return tilt_features(series.time, np.abs(series.tilt)[:, None])[0]
+    found = tilt_features(series.time, np.abs(series.tilt)[:, None])
+    return np.asarray(found[0], dtype=np.float64)

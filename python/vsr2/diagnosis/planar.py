@@ -135,7 +135,7 @@ def simulate_planar(
         over, top, tilt = _shake(blocks.take(rows), accelerations, series)
         overturned[rows], peak[rows] = over, top
         if tilt is not None:
-            found.append(tilt_features(np.arange(len(tilt)) * _SERIES_EVERY * STEP, tilt))
+            found.append(tilt_features(np.arange(float(len(tilt))) * _SERIES_EVERY * STEP, tilt))
     return overturned, peak, np.concatenate(found) if series and found else None
 
 
@@ -218,7 +218,9 @@ def _shake(
         if crossing.size:
             before, after = theta[crossing], new[crossing]
             part = before / (before - after)
-            half[crossing] *= state.velocity_ratio[crossing]
+            # The velocity at the impact itself, between the two halves of the step.
+            arrival = rate[crossing] + part * STEP * acceleration[crossing]
+            half[crossing] = state.velocity_ratio[crossing] * arrival
             new[crossing] = half[crossing] * (1 - part) * STEP
         a = table.at(step)
         if crossing.size:
@@ -228,6 +230,8 @@ def _shake(
         theta = new
         acceleration = state.angular_acceleration(theta, half, a)
         rate = half + 0.5 * STEP * acceleration
+        if crossing.size:
+            rate[crossing] += (0.5 - part) * STEP * acceleration[crossing]
         tilts = np.abs(theta)
         peak[rows] = np.maximum(peak[rows], tilts)
         if tilt is not None and step % _SERIES_EVERY == 0:

@@ -2,8 +2,8 @@
 
 Motions are dealt into groups; each group is judged once by models that were fitted to, and chosen
 on, the others alone. Parameters and nuisances are averaged over their posterior; an effect is
-chosen by its evidence. Differences are bootstrapped over motions, all models on the same resamples, the
-same simulations behind all of them.
+chosen by its evidence. Differences are bootstrapped over motions, all models on the same resamples,
+the same simulations behind all of them.
 """
 
 from __future__ import annotations

@@ -306,6 +306,10 @@ def _limits(
         out.append(
             "this campaign hardly responds to " + ", ".join(blind) + ": nothing is said about them"
         )
+    if screening.left_out:
+        out.append(
+            f"{screening.left_out} uncertain trials were not used: the budget does not reach them"
+        )
     if provenance["budget"]["limited"]:
         out.append("the budget ended before the answer stood on two doublings of the simulations")
     if layers.get("physical") is None:

@@ -221,7 +221,8 @@ def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
     )
     return (
         f"<section><h2>Where: places, phases and channels</h2><p>{lead}</p>"
-        "<div class='wide'><table><tr><th>place</th><th>axis</th><th>effect size (above 0: more than predicted)</th>"
+        "<div class='wide'><table><tr><th>place</th><th>axis</th>"
+        "<th>effect size (above 0: more than predicted)</th>"
         f"<th>family-wise p</th></tr>{body}</table></div></section>"
     )
 

@@ -25,8 +25,8 @@ class Chart:
     y_label: str
     x: tuple[float, float]
     y: tuple[float, float]
-    width: int = 520
-    height: int = 300
+    width: int = 460
+    height: int = 290
     left: int = 58
     parts: list[str] = field(default_factory=list)
 
