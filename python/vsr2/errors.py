@@ -29,3 +29,7 @@ class ResultError(Vsr2Error):
 
 class CampaignError(Vsr2Error):
     """A campaign of trials that cannot be used (names file, row, column, value and remedy)."""
+
+
+class DiagnosisError(Vsr2Error):
+    """A diagnosis that cannot be made as asked (names campaign, scene or option, and remedy)."""

@@ -11,6 +11,7 @@ from vsr2.cli import (
     calibration,
     campaign,
     configuration,
+    diagnosis,
     effects,
     fragility,
     motion,
@@ -47,6 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
         calibration,
         fragility,
         effects,
+        diagnosis,
         configuration,
     ):
         room.add_verbs(verbs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -57,8 +57,13 @@ def with_effects(
     orders: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
+    only: Collection[int] | None = None,
 ) -> list[Trial]:
-    """As :func:`apply_effects`, with effects at hand, in order, and complete values, unchecked."""
+    """As :func:`apply_effects`, with effects at hand, in order, and complete values, unchecked.
+
+    With `only`, trials at other places keep their part in order, sessions and draws, and come back
+    as they are.
+    """
     count = len(trials)
     for label, given in (("orders", orders), ("sessions", sessions)):
         if given is not None and len(given) != count:
@@ -73,7 +78,10 @@ def with_effects(
     workshop = _Workshop()
     out = []
     for i, trial in enumerate(trials):
-        applied = []
+        applied: list[Applied] = []
+        if only is not None and i not in only:
+            out.append(trial)
+            continue
         for one, values in effects:
             rng = np.random.default_rng(
                 np.random.SeedSequence(seed, spawn_key=(i, zlib.crc32(one.name.encode())))

@@ -1,0 +1,93 @@
+"""The budget: how many simulations are run, and for which effects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.design import NONE_SHARE, SCREENING_NONE
+from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
+
+FIRST_DRAWS = 12
+FEWEST_DRAWS = 6
+MAX_DRAWS = 192
+HALVING = 0.002
+"""Effects whose probability is below this get no further draws."""
+SCREENING_SHARE = 0.25
+"""Of the simulations that may go into screening."""
+FEWEST_TRIALS = 12
+_TIME_SHARE = 0.85
+"""Of the time that goes into simulations."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What may be spent.
+
+    Attributes:
+        minutes: of wall time; turned into simulations by their measured cost.
+        simulations: their greatest number, however long they take; None: from `minutes`.
+    """
+
+    minutes: float = 10.0
+    simulations: int | None = None
+
+
+class Schedule:
+    """Turns a budget into screening, trials, and rounds of draws.
+
+    Args:
+        budget: what may be spent.
+        bank: that has run a first simulation of every trial.
+        trials: of the campaign.
+        effects: in the library.
+
+    Attributes:
+        allowed: simulations, those that the bank had before included.
+        screening_runs: simulations a trial for screening.
+        floor_trials: whose noise floor is measured.
+        most_trials: that may be kept.
+        first_draws: of every effect in the first round.
+        limited: whether the budget stopped the rounds.
+    """
+
+    def __init__(self, budget: Budget, bank: Bank, trials: int, effects: int) -> None:
+        if budget.simulations is not None:
+            self.allowed = budget.simulations
+        else:
+            left = int(_TIME_SHARE * 60 * budget.minutes / max(bank.cost, 1e-6))
+            self.allowed = bank.size + max(left - bank.simulated, 0)
+        full = SCREENING_NONE + 2 * effects
+        self.screening_runs = max(4, min(full, int(SCREENING_SHARE * self.allowed / trials)))
+        self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
+        rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
+        per_draw = effects + NONE_SHARE
+        self.most_trials = max(FEWEST_TRIALS, rest // (FEWEST_DRAWS * per_draw))
+        self.first_draws = FIRST_DRAWS
+        self.limited = False
+        self._rest = rest
+        self._per_draw = per_draw
+
+    def fit(self, kept: int) -> None:
+        """Lower the first round's draws to what the budget allows for the trials kept."""
+        affordable = self._rest // (self._per_draw * kept)
+        self.first_draws = int(min(FIRST_DRAWS, max(FEWEST_DRAWS, affordable)))
+
+    def affords(self, more: int, bank: Bank) -> bool:
+        """Whether so many more simulations fit."""
+        fits = bank.asked + more <= self.allowed
+        self.limited = not fits
+        return fits
+
+    def next_draws(
+        self, draws: Mapping[str, int], probability: Mapping[str, float]
+    ) -> dict[str, int] | None:
+        """Twice as many draws for the effects still in the race; None: there are enough."""
+        most = max(draws.values())
+        if most >= MAX_DRAWS:
+            return None
+        return {
+            name: 2 * count if count == most and probability[name] >= HALVING else count
+            for name, count in draws.items()
+        }

@@ -1,0 +1,341 @@
+"""The diagnosis from end to end on campaigns of planar blocks whose cause is known."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+
+from vsr2.campaign import save_campaign
+from vsr2.cli.main import main
+from vsr2.config import study_from_mapping
+from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
+from vsr2.diagnosis.amortised import Places
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.design import screen, simulate_design
+from vsr2.diagnosis.diagnose import conclude
+from vsr2.diagnosis.equivalence import classes
+from vsr2.diagnosis.evidence import Data
+from vsr2.diagnosis.inference import infer, prepare
+from vsr2.diagnosis.observations import observe_campaign
+from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planted import observe, shaken_campaign
+from vsr2.diagnosis.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulator import Request
+from vsr2.effects import library as full_library
+from vsr2.errors import DiagnosisError
+from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, verdict_sentence
+
+NAMES = ("table_gain", "slenderness", "restitution", "com_offset", "wear", "catch")
+DRAWS = 24
+
+
+class Bench:
+    """One schedule of motions, simulated and prepared once, on which many campaigns are planted."""
+
+    def __init__(self, tier, names=NAMES):
+        self.tier = tier
+        self.library = {name: PLANAR_LIBRARY[name] for name in names}
+        self.campaign = shaken_campaign(12, 8, duration=3.5, pga=(0.55, 1.15), session_size=12)
+        self.truth = PlanarSimulator(self.campaign, series=tier == "T", seed=99)
+        own = PlanarSimulator(
+            self.campaign, library=self.library, series=tier == "T", seed=1
+        )
+        seen = observe_campaign(self.planted())
+        self.bank = Bank(own)
+        self.screening = screen(self.bank, seen, runs=20, most=60)
+        self.design, self.draws = simulate_design(
+            self.bank, seen, self.screening, self.library, dict.fromkeys(self.library, DRAWS)
+        )
+        self.prepared = self.prepare(self.design, seen)
+
+    def prepare(self, design, seen):
+        kept = self.screening.kept
+        places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
+        return prepare(self.library, design, self.draws, places, seen.motion[kept])
+
+    def planted(self, *effects, nuisance=1):
+        return observe(
+            self.campaign, self.truth, effects, nuisance=nuisance, tier=self.tier, seed=nuisance
+        )
+
+    def judge(self, campaign):
+        seen = observe_campaign(campaign, self.tier)
+        kept = self.screening.kept
+        observed = Data(seen.overturned[None, kept], seen.features[None, kept])
+        found = infer(self.prepared, observed)
+        probability = dict(zip(found.labels, found.probability, strict=True))
+        groups = classes(
+            probability,
+            self.prepared.tables,
+            found.posteriors,
+            observed,
+            min(self.prepared.calibration.exponents[0], 1.0),
+        )
+        return conclude(seen, self.screening, self.prepared, found, groups), found
+
+
+@pytest.fixture(scope="module")
+def outcomes():
+    return Bench("B")
+
+
+@pytest.fixture(scope="module")
+def tilts():
+    return Bench("M", ("table_gain", "slenderness", "restitution", "com_offset"))
+
+
+def test_planted_effects_are_named_from_outcomes(outcomes) -> None:
+    for effect in (("catch", (0.12,)), ("wear", (0.14,))):
+        evidence, _ = outcomes.judge(outcomes.planted(effect, nuisance=2))
+        assert effect[0] in evidence.verdict.effects, evidence.verdict
+        assert evidence.verdict.kind in ("effect", "class")
+
+
+def test_a_planted_effect_is_named_from_largest_tilts(tilts) -> None:
+    evidence, found = tilts.judge(tilts.planted(("com_offset", (0.014,)), nuisance=3))
+    assert evidence.verdict.kind in ("effect", "class"), evidence.verdict
+    assert "com_offset" in evidence.verdict.effects
+    assert "com_offset" in found.conformal["both"]
+
+
+def test_a_planted_effect_is_named_from_series() -> None:
+    bench = Bench("T", ("restitution", "slenderness", "com_offset"))
+    evidence, _ = bench.judge(bench.planted(("restitution", (0.66,)), nuisance=4))
+    assert evidence.verdict.kind in ("effect", "class"), evidence.verdict
+    assert "restitution" in evidence.verdict.effects
+
+
+def test_campaigns_without_gap_are_left_alone(outcomes, tilts) -> None:
+    alarms = 0
+    for bench in (outcomes, tilts):
+        for nuisance in range(11, 21):
+            evidence, _ = bench.judge(bench.planted(nuisance=nuisance))
+            alarms += evidence.verdict.kind != "none"
+    # 5 % of 20 is one; more than four happen once in 400.
+    assert alarms <= 4
+
+
+def test_gain_and_slenderness_come_out_as_one_class() -> None:
+    bench = Bench("B", ("table_gain", "slenderness", "catch"))
+    # The planar equation holds the motion only through a / (g alpha); sizes beyond the nuisances'.
+    for effect in (("slenderness", (-0.06,)), ("table_gain", (0.07,))):
+        evidence, _ = bench.judge(bench.planted(effect, nuisance=0))
+        together = next(group for group in evidence.classes if "table_gain" in group)
+        assert "slenderness" in together
+        assert evidence.verdict.kind in ("class", "none", "unresolved")
+
+
+def test_an_effect_that_the_library_lacks_is_not_given_a_wrong_name(tilts) -> None:
+    evidence, _ = tilts.judge(tilts.planted(("catch", (0.1,)), nuisance=5))
+    assert evidence.verdict.kind in ("unknown", "unresolved"), evidence.verdict
+    assert evidence.findings.novelty_p <= 0.05
+
+
+def test_permuted_labels_are_at_chance(outcomes) -> None:
+    rng = np.random.default_rng(0)
+    order = rng.permutation(len(outcomes.design.effect))
+    shuffled = replace(
+        outcomes.design,
+        overturned=outcomes.design.overturned[order],
+        features=outcomes.design.features[order],
+    )
+    fitted = outcomes.prepare(shuffled, observe_campaign(outcomes.planted())).calibration
+    real = outcomes.prepared.calibration
+
+    def hits(calibration):
+        effect = calibration.truth > 0
+        best = 1 + calibration.probability[:, 1:].argmax(axis=1)
+        return (best == calibration.truth)[effect].mean()
+
+    chance = 1 / len(NAMES)
+    # Three binomial standard errors around chance.
+    assert abs(hits(fitted) - chance) < 3 * np.sqrt(chance * (1 - chance) / (DRAWS * len(NAMES)))
+    assert hits(real) > 2 * chance
+
+
+def test_stated_probabilities_are_those_at_which_labels_are_right(outcomes) -> None:
+    calibration = outcomes.prepared.calibration
+    best = calibration.probability.argmax(axis=1)
+    weight = calibration.weight / calibration.weight.sum()
+    stated = (weight * calibration.probability.max(axis=1)).sum()
+    assert stated == pytest.approx((weight * (best == calibration.truth)).sum(), abs=0.12)
+
+
+def test_wear_shows_over_the_order_and_its_absence_does_not(outcomes) -> None:
+    worn, _ = outcomes.judge(outcomes.planted(("wear", (0.15,)), nuisance=6))
+    ordered = [p for p in worn.where if p.axis == "order"]
+    assert max(ordered, key=lambda p: abs(p.effect_size)).effect_size > 0
+    fired = 0
+    for nuisance in range(21, 29):
+        plain, _ = outcomes.judge(outcomes.planted(nuisance=nuisance))
+        fired += any(p.p_familywise <= 0.05 for p in plain.where if p.axis == "order")
+    assert fired <= 2
+
+
+def test_how_far_is_judged_on_motions_that_were_not_seen(outcomes) -> None:
+    evidence, _ = outcomes.judge(outcomes.planted(("catch", (0.12,)), nuisance=7))
+    shrinkage = evidence.shrinkage
+    assert set(shrinkage.chosen["after"]) == {"catch"}
+    assert "catch" not in shrinkage.chosen["placebo"]
+    assert shrinkage.after.mean() < shrinkage.placebo.mean() < shrinkage.before.mean() + 0.05
+
+
+# --- the whole ----------------------------------------------------------------------------------
+
+
+def small(simulations=4000, seed=0, bank=None, report=None):
+    campaign = shaken_campaign(8, 6, duration=3.0, pga=(0.55, 1.15), session_size=12)
+    observed = observe(
+        campaign, PlanarSimulator(campaign, seed=99), (("catch", (0.12,)),), nuisance=2
+    )
+    library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch", "wear")}
+    simulator = PlanarSimulator(observed, library=library, seed=1)
+    return diagnose_with(
+        simulator,
+        observed,
+        budget=Budget(simulations=simulations),
+        seed=seed,
+        bank=bank,
+        report=report,
+    )
+
+
+@pytest.fixture(scope="module")
+def found():
+    return small()
+
+
+def without_times(diagnosis):
+    content = json.loads(diagnosis.to_json())
+    content["provenance"].pop("wall_time_s")
+    for key in ("simulated", "reused", "cost_s"):
+        content["provenance"]["budget"].pop(key)
+    return content
+
+
+def test_the_result_follows_its_schema(found, tmp_path) -> None:
+    path = found.save(tmp_path)
+    content = json.loads(path.read_text())
+    jsonschema.Draft202012Validator.check_schema(schema())
+    jsonschema.validate(content, schema())
+    for change in ({"kind": "guess"}, {"kind": "class", "effects": ["catch"]}):
+        wrong = content | {"verdict": content["verdict"] | change}
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(wrong, schema())
+    assert sum(e["probability"] for e in content["effects"]) + content[
+        "none_probability"
+    ] == pytest.approx(1)
+    assert {p.name for p in tmp_path.iterdir()} >= {"effects.csv", "where.csv", "trials.csv"}
+    assert len((tmp_path / "trials.csv").read_text().splitlines()) == 49
+
+
+def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> None:
+    seen = []
+
+    def stop(stage, share, leading):
+        seen.append(stage)
+        if stage.startswith("simulating") and share > 0.4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        small(bank=tmp_path / "bank.sqlite", report=stop)
+    assert "screening" in seen
+    again = small(bank=tmp_path / "bank.sqlite")
+    assert again.content["provenance"]["budget"]["reused"] > 400
+    assert without_times(again) == without_times(found)
+
+
+def test_the_page_says_it_all_and_needs_nothing_else(found) -> None:
+    page = diagnosis_page(found)
+    assert verdict_sentence(found.content) in page
+    assert page.count("<svg") == page.count("</svg>") == 5
+    assert not re.search(r"(?:src|href)=|https?://|@import", page)
+    for text in found.content["limits"]:
+        assert text.replace("'", "&#x27;") in page
+    assert "catch" in format_diagnosis(found)
+
+
+@pytest.mark.parametrize("trials", [30, 39])
+def test_too_small_a_campaign_is_refused(trials: int) -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0)
+    observed = observe(campaign, PlanarSimulator(campaign), nuisance=1)
+    part = observed.select([i < trials for i in range(len(observed))])
+    with pytest.raises(DiagnosisError, match="needs 40 of 4 motions"):
+        observe_campaign(part)
+
+
+def test_a_tier_that_was_not_measured_is_refused() -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0)
+    observed = observe(campaign, PlanarSimulator(campaign), nuisance=1)
+    with pytest.raises(DiagnosisError, match="reaches tier B"):
+        observe_campaign(observed, "T")
+
+
+# --- real scenes --------------------------------------------------------------------------------
+
+BOX = {
+    "name": "box",
+    "engine": {"mode": "fast"},
+    "rock": {"shape": "box", "size": [0.4, 0.55, 0.95], "density": 2700.0},
+    "motion": {"mode": "all_recordings", "folder": "."},
+    "outcome": {"tail": 3.0},
+}
+STILL = Nuisances(yaw=0.0, offset=0.0)
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    return shaken_campaign(5, 8, duration=2.0, pga=(0.6, 1.3), session_size=10)
+
+
+def test_real_trials_answer_alike_alone_and_together(shaken, tmp_path) -> None:
+    study = study_from_mapping(BOX, base=tmp_path)
+    simulator = SceneSimulator(shaken, study, library={"wear": full_library()["wear"]})
+    requests = [Request(i, (("wear", (0.1,)),), 2, 1) for i in (0, 20, 39)]
+    together = simulator.run([*requests, Request(20, (), 2, 1), Request(20, (), 0, -1)])
+    alone = simulator.run([requests[1]])
+    assert alone.peak_tilt[0] == together.peak_tilt[1]
+    # Wear has not begun at the first trial.
+    first = simulator.run([Request(0, (), 2, 1)])
+    assert first.peak_tilt[0] == together.peak_tilt[0]
+    assert together.peak_tilt[3] != together.peak_tilt[1]
+
+
+def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, capsys) -> None:
+    study = study_from_mapping(BOX, base=tmp_path)
+    library = {name: full_library()[name] for name in ("table_gain", "catch")}
+    simulator = SceneSimulator(shaken, study, library=library, nuisances=STILL, seed=5)
+    truth = simulator.run([Request(i, (), 3, 1) for i in range(len(shaken))])
+    observed = replace(
+        shaken,
+        trials=tuple(
+            replace(trial, overturned=bool(truth.overturned[i]))
+            for i, trial in enumerate(shaken.trials)
+        ),
+    )
+    result = diagnose(
+        observed,
+        study,
+        library=library,
+        nuisances=STILL,
+        simulations=500,
+        out=tmp_path / "out",
+        threads=2,
+    )
+    assert result.content["campaign"]["tier"] == "B"
+    assert result.kind in ("none", "unresolved")
+    jsonschema.validate(json.loads((tmp_path / "out" / "diagnosis.json").read_text()), schema())
+    save_campaign(observed, tmp_path / "campaign")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("rock: {shape: box, size: [1, 1, 1]}\n")
+    code = main(
+        ["diagnose", str(tmp_path / "campaign"), "--scene", str(scene), "--out", str(tmp_path / "x")]
+    )
+    assert code == 2
+    assert "scene.yaml" in capsys.readouterr().err

@@ -1,0 +1,272 @@
+"""Parts of the diagnosis on their own: bank, emulator, evidence, places, verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.emulator import Design, fit_emulator
+from vsr2.diagnosis.evidence import Data, posterior, predict, tabulate
+from vsr2.diagnosis.features import tilt_features
+from vsr2.diagnosis.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
+from vsr2.diagnosis.verdict import Findings, decide, disagreement
+from vsr2.diagnosis.where import Conditions, scan
+from vsr2.effects import library as full_library
+from vsr2.errors import DiagnosisError
+
+TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
+
+
+class Counting:
+    """A simulator that counts, and stops on request."""
+
+    library = TWO
+    nuisance_names = ("z",)
+    identity = "counting"
+
+    def __init__(self, stop_after=None):
+        self.runs = 0
+        self.stop_after = stop_after
+
+    def trial_key(self, trial):
+        return str(trial)
+
+    def nuisance_draw(self, index):
+        return nuisance_normal(0, 1, index)
+
+    def run(self, requests):
+        self.runs += len(requests)
+        if self.stop_after is not None and self.runs > self.stop_after:
+            raise KeyboardInterrupt
+        value = np.array([hash((r.trial, r.nuisance, r.effects)) % 97 for r in requests]) / 97
+        return Responses((value > 0.5).astype(float), value, None)
+
+
+def test_an_interrupted_bank_goes_on_where_it_stopped(tmp_path) -> None:
+    requests = [Request(i % 10, (), i // 10, 1) for i in range(40)]
+    whole = Bank(Counting()).run(requests)
+    with pytest.raises(KeyboardInterrupt), Bank(Counting(25), tmp_path / "b", chunk=10) as bank:
+        bank.run(requests)
+    simulator = Counting()
+    with Bank(simulator, tmp_path / "b", chunk=10) as bank:
+        found = bank.run([*requests, requests[3]])
+        assert (bank.simulated, bank.reused, bank.size) == (20, 20, 40)
+    assert simulator.runs == 20
+    np.testing.assert_array_equal(found.peak_tilt[:40], whole.peak_tilt)
+    assert found.peak_tilt[40] == whole.peak_tilt[3]
+
+
+def test_a_bank_tells_effects_nuisances_replicates_and_scenes_apart(tmp_path) -> None:
+    keys = [
+        Request(0, (), 0, 0),
+        Request(0, (), 1, 0),
+        Request(0, (), 0, 1),
+        Request(0, (("table_gain", (0.1,)),), 0, 0),
+        Request(1, (), 0, 0),
+    ]
+    with Bank(Counting(), tmp_path / "b") as bank:
+        bank.run(keys)
+        assert bank.simulated == 5
+    other = Counting()
+    other.identity = "another scene"
+    with Bank(other, tmp_path / "b") as bank:
+        bank.run(keys)
+        assert bank.simulated == 5
+
+
+def test_a_file_that_is_no_bank_is_refused(tmp_path) -> None:
+    (tmp_path / "b").write_text("no bank at all, and long enough to be looked at" * 20)
+    with pytest.raises(DiagnosisError, match="choose another folder"):
+        Bank(Counting(), tmp_path / "b")
+
+
+@pytest.mark.parametrize("name", sorted(full_library()))
+def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
+    entry = full_library()[name]
+    free = free_parameters(entry)
+    nulls = [null_quantile(p) for p in free]
+    primary = [null for p, null in zip(free, nulls, strict=True) if not p.secondary]
+    if any(null is None for null in primary):
+        # Presence itself is one of the functions.
+        assert basis(entry, np.full((1, len(free)), 0.5)).shape[1] >= len(free)
+        return
+    u = np.array([[0.3 if null is None else null for null in nulls]])
+    np.testing.assert_allclose(basis(entry, u), 0.0, atol=1e-9)
+    assert len(values_at(entry, u[0])) == len(entry.parameters)
+
+
+def logistic_design(rng, rows=400, trials=12):
+    """Outcomes and a feature that follow the emulator's own form."""
+    names = np.where(np.arange(rows) % 2 == 0, "", "table_gain")
+    quantiles = tuple(rng.random(1) if name else np.zeros(0) for name in names)
+    z = rng.standard_normal((rows, 2))
+    c = np.array([2 * (u[0] - 0.5) if u.size else 0.0 for u in quantiles])
+    intercept = np.linspace(-2, 2, trials)
+    logit = intercept + z @ np.array([[1.0], [0.0]]) + 3.0 * c[:, None]
+    y = (rng.random((rows, trials)) < 1 / (1 + np.exp(-logit))).astype(float)
+    feature = 0.5 * intercept + 0.3 * z[:, 1:] - 1.0 * c[:, None]
+    feature = feature + 0.1 * rng.standard_normal((rows, trials))
+    return Design(names, quantiles, z, y, feature[..., None])
+
+
+def test_the_emulator_finds_what_made_the_data() -> None:
+    design = logistic_design(np.random.default_rng(0), rows=1200)
+    found = fit_emulator(TWO, design)
+    gain = found.blocks["table_gain"].start
+    error = np.sqrt(np.diagonal(found.outcome.covariance, axis1=1, axis2=2))
+    off = (found.outcome.mean[:, [1, 2, gain]] - [1.0, 0.0, 3.0]) / error[:, [1, 2, gain]]
+    assert np.abs(off).mean() < 1.5  # 0.8 for errors that are stated rightly
+    np.testing.assert_allclose(found.features[0].mean[:, gain], -1.0, atol=0.05)
+    # What no campaign held stays at the prior's mean.
+    assert np.abs(found.outcome.mean[:, found.blocks["restitution"]]).max() < 1e-6
+
+
+def test_the_evidence_agrees_with_brute_force() -> None:
+    rng = np.random.default_rng(1)
+    design = logistic_design(rng)
+    emulator = fit_emulator(TWO, design)
+    table = tabulate(emulator, "table_gain")
+    one = Data(design.overturned[1:4], np.full((3, 12, 1), np.nan))
+    z = rng.standard_normal((40_000, 2))
+    logit = table.logit[:, None, :] + table.factor[:, None, :] * (z @ table.slope.T)[None]
+    p = 0.004 + 0.992 / (1 + np.exp(-logit))
+    for c in range(3):
+        y = one.overturned[c]
+        likelihood = np.exp((np.log(p) * y + np.log1p(-p) * (1 - y)).sum(axis=2)).mean()
+        # Laplace's error with twelve trials; the brute force's own is below 0.02.
+        assert posterior(table, one).evidence[c] == pytest.approx(np.log(likelihood), abs=0.1)
+
+
+def test_held_out_predictions_are_better_with_the_true_effect() -> None:
+    design = logistic_design(np.random.default_rng(2))
+    emulator = fit_emulator(TWO, design)
+    rows = np.flatnonzero([u.size > 0 and abs(u[0] - 0.5) > 0.3 for u in design.quantiles])
+    data = Data(design.overturned[rows], design.features[rows])
+    seen = data.only(np.arange(12) % 2 == 0)
+    score = {}
+    for name in ("", "table_gain"):
+        table = tabulate(emulator, name)
+        found = predict(table, posterior(table, seen))
+        p, y = found.probability[:, 1::2], data.overturned[:, 1::2]
+        score[name] = float((y * np.log(p) + (1 - y) * np.log1p(-p)).mean())
+    assert score["table_gain"] > score[""] + 0.05
+
+
+def test_features_of_a_series() -> None:
+    time = np.arange(0, 4, 0.01)
+    tilt = np.where((time > 1) & (time < 2), 0.1 * np.sin(np.pi * (time - 1)), 0.0)
+    tilt += np.where((time > 2.1) & (time < 2.6), 0.04 * np.sin(np.pi * (time - 2.1) / 0.5), 0.0)
+    found = tilt_features(time, np.stack([tilt, np.zeros_like(tilt)], axis=1))
+    assert found[0, 0] == pytest.approx(1.04, abs=0.02)
+    np.testing.assert_allclose(np.exp(found[0, [1, 3]]), [0.1, 0.04], rtol=0.01)
+    assert found[0, 4] == pytest.approx(2.56, abs=0.02)
+    assert np.isnan(found[1]).all()
+
+
+# --- WHERE --------------------------------------------------------------------------------------
+
+
+def schedule(sessions=10, each=12, seed=0):
+    rng = np.random.default_rng(seed)
+    count = sessions * each
+    return Conditions(
+        log_pga=rng.normal(size=count),
+        log_ratio=rng.normal(size=count),
+        order=np.arange(count) / (count - 1),
+        session=np.repeat(np.arange(sessions), each),
+        motion=np.repeat(np.arange(count // 6), 6),
+        specimen=np.zeros(count, dtype=np.int64),
+    )
+
+
+def places(residual, conditions, seed=0):
+    count = conditions.order.size
+    variance = np.full((1, 1, count), 0.21)
+    null = (np.random.default_rng(9).random((150, 1, count)) < 0.3) - 0.3
+    return scan(
+        (residual[None, None], variance),
+        (null, np.broadcast_to(variance, null.shape)),
+        conditions,
+        ("outcome",),
+        seed=seed,
+    )
+
+
+def test_a_trend_over_sessions_is_found() -> None:
+    there = schedule()
+    rng = np.random.default_rng(4)
+    p = 0.3 + 0.65 * there.order
+    found = places((rng.random(p.size) < p) - 0.3, there)
+    ordered = [place for place in found if place.axis == "order"]
+    assert ordered[0].p_familywise <= 0.05
+    assert ordered[0].effect_size > 0
+
+
+def test_sessions_that_merely_differ_are_no_trend() -> None:
+    there = schedule()
+    fired = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        p = np.clip(0.3 + 0.25 * rng.standard_normal(10), 0.02, 0.98)[there.session]
+        found = places((rng.random(p.size) < p) - 0.3, there, seed)
+        fired += min(q.p_familywise for q in found if q.axis == "order") <= 0.05
+    # 5 % of 20 is 1; more than 4 happen once in 400.
+    assert fired <= 4
+
+
+def test_nothing_is_found_where_nothing_is() -> None:
+    there = schedule()
+    fired = 0
+    for seed in range(20):
+        y = np.random.default_rng(100 + seed).random(there.order.size) < 0.3
+        fired += places(y - 0.3, there, seed)[0].p_familywise <= 0.05
+    assert fired <= 4
+
+
+# --- the verdict --------------------------------------------------------------------------------
+
+CLEAR = Findings(
+    gap_low=0.02,
+    gap_p=0.005,
+    direction_p=0.005,
+    none_probability=0.01,
+    leading=("table_gain",),
+    class_probability=0.9,
+    agreement=None,
+    novelty_p=0.5,
+    after_low=-0.01,
+    pair=None,
+    stable=True,
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "kind"),
+    [
+        ({}, "effect"),
+        ({"leading": ("table_gain", "slenderness")}, "class"),
+        ({"gap_low": -0.01, "direction_p": 0.3}, "none"),
+        ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
+        ({"novelty_p": 0.01, "after_low": 0.01}, "unknown"),
+        ({"novelty_p": 0.01}, "effect"),
+        ({"after_low": 0.01}, "effect"),
+        ({"agreement": "the routes disagree"}, "unresolved"),
+        ({"stable": False}, "unresolved"),
+        ({"class_probability": 0.4}, "unresolved"),
+        ({"pair": ("table_gain", "wear")}, "pair"),
+        ({"pair": ("table_gain", "wear"), "novelty_p": 0.01, "after_low": 0.01}, "pair"),
+    ],
+)
+def test_the_verdict_follows_its_rules(changes, kind) -> None:
+    assert decide(dataclasses.replace(CLEAR, **changes)).kind == kind
+
+
+def test_routes_that_contradict_each_other_are_told() -> None:
+    assert disagreement(("a",), "a", "b", ("a", "b"), ("b", "a")) is None
+    assert disagreement(("a",), "a", "b", ("a",), ("b",)) is not None
+    assert disagreement(("a",), "a", "b", ("a",), ("b", "a")) is not None

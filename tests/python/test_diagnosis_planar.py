@@ -1,0 +1,95 @@
+"""The planar rocking block against closed forms, and its effects at their null."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.planar import DEFAULTS, GRAVITY, STEP, PlanarBlocks, simulate_planar
+from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planted import shaken_campaign
+from vsr2.diagnosis.simulator import Request
+
+B, H = 0.2, 0.5
+ALPHA = np.arctan2(B, H)
+
+
+def blocks(count, **changes):
+    values = {name: np.full(count, value) for name, value in DEFAULTS.items()}
+    values |= {"half_width": np.full(count, B), "half_height": np.full(count, H)}
+    values |= {name: np.broadcast_to(v, count).astype(float) for name, v in changes.items()}
+    return PlanarBlocks(motion=np.arange(count), **values)
+
+
+def constant(levels, seconds=3.0):
+    return np.tile(np.asarray(levels), (round(seconds / STEP), 1))
+
+
+def test_lifts_off_where_the_static_moment_turns() -> None:
+    onset = GRAVITY * B / H
+    over, peak, _ = simulate_planar(blocks(2), constant([0.999 * onset, 1.02 * onset]))
+    assert peak[0] == 0
+    assert over.tolist() == [0, 1]
+
+
+def test_a_slope_and_a_gain_act_as_in_the_equation_of_motion() -> None:
+    onset = GRAVITY * B / H
+    offset = np.array([0.0, 0.05 * onset])
+    gain = np.array([1.06, 1.0])
+    levels = constant([0.96 * onset, 0.96 * onset])
+    assert simulate_planar(blocks(2, offset=offset, gain=gain), levels)[1].min() > 0
+    assert simulate_planar(blocks(2), levels)[1].max() == 0
+
+
+@pytest.mark.parametrize("ratio", [0.7, 1.0])
+def test_an_impact_keeps_housners_energy(ratio: float) -> None:
+    pulse = np.zeros((round(6.0 / STEP), 1))
+    pulse[: round(0.12 / STEP)] = 9.0
+    _, _, features = simulate_planar(blocks(1, energy_ratio=ratio), pulse, series=True)
+    assert features is not None
+    first, second = np.exp(features[0, [1, 3]])
+    height = np.cos(ALPHA - np.array([first, second])) - np.cos(ALPHA)
+    housner = (1 - 1.5 * np.sin(ALPHA) ** 2) ** 2
+    # The impact is placed within a step of 5 ms by linear interpolation.
+    assert height[1] / height[0] == pytest.approx(ratio * housner, rel=0.02)
+
+
+def test_an_edge_that_rolls_lifts_off_sooner_and_a_cap_hides_peaks() -> None:
+    onset = GRAVITY * B / H
+    levels = constant([0.97 * onset])
+    assert simulate_planar(blocks(1, radius=0.01), levels)[1][0] > 0
+    strong = constant([2 * onset])
+    assert simulate_planar(blocks(1, cap=0.95 * onset), strong)[1][0] == 0
+
+
+@pytest.fixture(scope="module")
+def simulator() -> PlanarSimulator:
+    return PlanarSimulator(shaken_campaign(4, 6, duration=3.0, pga=(0.5, 1.2)), seed=3)
+
+
+@pytest.mark.parametrize("name", sorted(PLANAR_LIBRARY))
+def test_an_effect_is_alive_and_absent_at_its_null(name: str, simulator: PlanarSimulator) -> None:
+    effect = PLANAR_LIBRARY[name]
+    plain = simulator.run([Request(i, (), 2, 1) for i in range(24)])
+    nulls = tuple(p.null for p in effect.parameters)
+    if all(np.isfinite(nulls)):
+        same = simulator.run([Request(i, ((name, nulls),), 2, 1) for i in range(24)])
+        np.testing.assert_array_equal(plain.peak_tilt, same.peak_tilt)
+    moved = 0.0
+    for u in (0.02, 0.98):
+        values = tuple(p.ppf(u) for p in effect.parameters)
+        found = simulator.run([Request(i, ((name, values),), 2, 1) for i in range(24)])
+        moved = max(moved, np.abs(found.peak_tilt - plain.peak_tilt).max())
+        moved = max(moved, np.abs(found.overturned - plain.overturned).max())
+    assert moved > 0.01
+
+
+def test_a_response_does_not_depend_on_its_neighbours(simulator: PlanarSimulator) -> None:
+    requests = [Request(i, (("table_gain", (0.05,)),), n, 1) for n in (1, 5) for i in range(24)]
+    together = simulator.run(requests)
+    order = np.random.default_rng(0).permutation(len(requests))
+    mixed = simulator.run([requests[i] for i in order])
+    np.testing.assert_array_equal(together.peak_tilt[order], mixed.peak_tilt)
+    alone = simulator.run([requests[30]])
+    assert alone.peak_tilt[0] == together.peak_tilt[30]
