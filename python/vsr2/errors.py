@@ -29,3 +29,7 @@ class ResultError(Vsr2Error):
 
 class CampaignError(Vsr2Error):
     """A campaign of trials that cannot be used (names file, row, column, value and remedy)."""
+
+
+class BlindError(Vsr2Error):
+    """A blind pack, its key or its verdicts that cannot be used (names file, key and remedy)."""

@@ -25,6 +25,7 @@ HEAVY = {
     "statsmodels",
     "distributed",
     "dask",
+    "mujoco",
 }
 
 

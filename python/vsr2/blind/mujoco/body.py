@@ -40,7 +40,7 @@ class Body:
 
     @property
     def slenderness_angle(self) -> float:
-        """alpha = atan(half width / height of the mass centre) [rad]."""
+        """Angle atan(half width / height of the mass centre), alpha [rad]."""
         return math.atan2(self.half_width, float(self.center[2]))
 
     @property

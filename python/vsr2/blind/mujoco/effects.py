@@ -123,7 +123,7 @@ def observe(
     if "outcome_rule" not in effects:
         return response
     values = effects["outcome_rule"]
-    fallen = response.overturned or response.peak_tilt >= values["threshold"]
+    fallen = response.overturned or response.peak_tilt >= values["tilt"]
     rng = _rng(0 if place is None else place.trial_seed, "flip")
     if rng.random() < values["flips"]:
         fallen = not fallen
@@ -138,8 +138,8 @@ def _rng(seed: int, what: str) -> np.random.Generator:
 
 
 def _with_slenderness(body: Body, factor: float) -> Body:
-    wanted = body.half_width / math.tan(body.slenderness_angle * factor)
-    return body.with_center_height(wanted / float(body.center[2]))
+    """Base over height of the mass centre times `factor`, by that height."""
+    return body.with_center_height(1 / factor)
 
 
 def _slenderness(s: Situation, v: Values, _: Place) -> Situation:
@@ -153,11 +153,17 @@ def _wear(s: Situation, v: Values, p: Place) -> Situation:
 def _change_point(s: Situation, v: Values, p: Place) -> Situation:
     if p.session < v["at"]:
         return s
-    return replace(s, body=_with_slenderness(s.body, 1 + v["change"]))
+    return replace(s, body=_with_slenderness(s.body, 1 + v["slenderness_change"]))
+
+
+def _polar(length: float, azimuth: float) -> tuple[float, float]:
+    """Along x and y; the azimuth from x to y [degree]."""
+    angle = math.radians(azimuth)
+    return length * math.cos(angle), length * math.sin(angle)
 
 
 def _com_offset(s: Situation, v: Values, _: Place) -> Situation:
-    x, y = v["offset"] * math.cos(v["azimuth"]), v["offset"] * math.sin(v["azimuth"])
+    x, y = _polar(v["distance"], v["azimuth"])
     return replace(s, body=s.body.with_center_offset(x, y))
 
 
@@ -188,7 +194,7 @@ def _base_asperity(s: Situation, v: Values, p: Place) -> Situation:
 
 
 def _friction(s: Situation, v: Values, _: Place) -> Situation:
-    return replace(s, friction=v["coefficient"])
+    return replace(s, friction=s.friction * v["factor"])
 
 
 def _friction_rate(s: Situation, v: Values, _: Place) -> Situation:
@@ -200,7 +206,7 @@ def _spin_friction(s: Situation, v: Values, _: Place) -> Situation:
 
 
 def _rolling_resistance(s: Situation, v: Values, _: Place) -> Situation:
-    return replace(s, rolling_resistance=v["length"])
+    return replace(s, rolling_resistance=v["arm"])
 
 
 def _contact_stiffness(s: Situation, v: Values, _: Place) -> Situation:
@@ -217,11 +223,11 @@ def _rocking_damping(s: Situation, v: Values, _: Place) -> Situation:
 
 
 def _adhesion(s: Situation, v: Values, _: Place) -> Situation:
-    return replace(s, adhesion=v["strength"])
+    return replace(s, adhesion=1000 * v["strength"])
 
 
 def _catch(s: Situation, v: Values, _: Place) -> Situation:
-    return replace(s, catch_slack=v["slack"])
+    return replace(s, catch_slack=math.radians(v["slack"]))
 
 
 # --- table --------------------------------------------------------------------------------------
@@ -239,7 +245,7 @@ def _with_channel(s: Situation, channel: Literal["y", "z", "pitch"], samples: Ar
 
 
 def _table_gain(s: Situation, v: Values, _: Place) -> Situation:
-    return _moved(s, s.table.x * (1 + v["gain"]))
+    return _moved(s, s.table.x * (1 + v["change"]))
 
 
 def _time_scale(s: Situation, v: Values, _: Place) -> Situation:
@@ -260,23 +266,23 @@ def _table_saturation(s: Situation, v: Values, _: Place) -> Situation:
 
 
 def _table_pitch(s: Situation, v: Values, _: Place) -> Situation:
-    turned = pitched(s.table.acceleration, s.table.interval, v["gain"], v["frequency"])
+    turned = pitched(s.table.acceleration, s.table.interval, v["compliance"], v["frequency"])
     return _with_channel(s, "pitch", turned)
 
 
 def _off_axis_motion(s: Situation, v: Values, _: Place) -> Situation:
-    return _with_channel(s, "y", v["ratio"] * s.table.x)
+    return _with_channel(s, "y", v["share"] * s.table.x)
 
 
 def _vertical_motion(s: Situation, v: Values, _: Place) -> Situation:
-    return _with_channel(s, "z", v["ratio"] * s.table.x)
+    return _with_channel(s, "z", v["share"] * s.table.x)
 
 
 # --- start --------------------------------------------------------------------------------------
 
 
 def _base_slope(s: Situation, v: Values, _: Place) -> Situation:
-    x, y = v["angle"] * math.cos(v["azimuth"]), v["angle"] * math.sin(v["azimuth"])
+    x, y = _polar(math.radians(v["angle"]), v["azimuth"])
     return replace(s, slope=(s.slope[0] + x, s.slope[1] + y))
 
 
@@ -284,7 +290,7 @@ def _placement(s: Situation, v: Values, p: Place) -> Situation:
     draw = _rng(p.trial_seed, "placement").uniform(-1, 1, size=3)
     x, y = v["offset"] * draw[1], v["offset"] * draw[2]
     return replace(
-        s, yaw=s.yaw + v["yaw"] * draw[0], offset=(s.offset[0] + x, s.offset[1] + y)
+        s, yaw=s.yaw + math.radians(v["yaw"]) * draw[0], offset=(s.offset[0] + x, s.offset[1] + y)
     )
 
 
@@ -292,7 +298,7 @@ def _outcome_rule(s: Situation, v: Values, _: Place) -> Situation:
     return s
 
 
-_AZIMUTH = Parameter("azimuth", "rad", 0.0, -math.pi, math.pi)
+_AZIMUTH = Parameter("azimuth", "degree", 0.0, 0.0, 360.0)
 
 
 def _entries() -> list[Effect]:
@@ -302,29 +308,29 @@ def _entries() -> list[Effect]:
         Effect("wear", (p("loss", "1", 0.0, 0.0, 0.15),), _wear, drifts=True),
         Effect(
             "change_point",
-            (p("change", "1", 0.0, -0.1, 0.1), p("at", "1", 1.0, 0.25, 0.75)),
+            (p("slenderness_change", "1", 0.0, -0.15, 0.15), p("at", "1", 1.0, 0.1, 0.9)),
             _change_point,
             drifts=True,
         ),
-        Effect("com_offset", (p("offset", "m", 0.0, 0.0, 0.015), _AZIMUTH), _com_offset),
+        Effect("com_offset", (p("distance", "m", 0.0, 0.0, 0.015), _AZIMUTH), _com_offset),
         Effect("inertia", (p("change", "1", 0.0, -0.15, 0.15),), _inertia),
         Effect("edge_rounding", (p("radius", "m", 0.0, 0.0, 0.015),), _edge_rounding),
         Effect("base_asperity", (p("height", "m", 0.0, 0.0, 0.002),), _base_asperity),
-        Effect("friction", (p("coefficient", "1", 0.6, 0.15, 0.8),), _friction),
+        Effect("friction", (p("factor", "1", 1.0, 0.306, 1.633),), _friction),
         Effect(
             "friction_rate",
-            (p("ratio", "1", 1.0, 1.0, 1.6), p("speed", "m/s", 0.0, 0.02, 0.2)),
+            (p("ratio", "1", 1.0, 1.0, 1.6), p("speed", "m/s", 0.0, 0.005, 0.05)),
             _friction_rate,
         ),
         Effect("spin_friction", (p("coefficient", "m", 0.0, 0.0, 0.3),), _spin_friction),
-        Effect("rolling_resistance", (p("length", "m", 0.0, 0.0, 0.01),), _rolling_resistance),
+        Effect("rolling_resistance", (p("arm", "m", 0.0, 0.0, 0.01),), _rolling_resistance),
         Effect("contact_stiffness", (p("decades", "1", 0.0, -2.5, 0.0),), _contact_stiffness),
         Effect("restitution", (p("energy_ratio", "1", 1.0, 0.65, 1.1),), _restitution),
         Effect("rocking_damping", (p("ratio", "1", 0.0, 0.0, 0.05),), _rocking_damping),
-        Effect("adhesion", (p("strength", "Pa", 0.0, 0.0, 5e4),), _adhesion),
-        Effect("catch", (p("slack", "rad", math.inf, 0.087, 0.436, "reciprocal"),), _catch),
-        Effect("table_gain", (p("gain", "1", 0.0, -0.15, 0.15),), _table_gain),
-        Effect("time_scale", (p("change", "1", 0.0, -0.25, 0.25),), _time_scale),
+        Effect("adhesion", (p("strength", "kPa", 0.0, 0.0, 50.0),), _adhesion),
+        Effect("catch", (p("slack", "degree", math.inf, 5.0, 25.0, "reciprocal"),), _catch),
+        Effect("table_gain", (p("change", "1", 0.0, -0.15, 0.15),), _table_gain),
+        Effect("time_scale", (p("change", "1", 0.0, -0.03, 0.03),), _time_scale),
         Effect(
             "table_bandwidth",
             (p("corner", "Hz", math.inf, 3.0, 25.0, "reciprocal"), p("delay", "s", 0.0, 0.0, 0.02)),
@@ -342,21 +348,21 @@ def _entries() -> list[Effect]:
         ),
         Effect(
             "table_pitch",
-            (p("gain", "rad/g", 0.0, 0.0, 0.02), p("frequency", "Hz", 0.0, 5.0, 20.0)),
+            (p("compliance", "rad/g", 0.0, 0.0, 0.02), p("frequency", "Hz", 0.0, 5.0, 20.0)),
             _table_pitch,
         ),
-        Effect("off_axis_motion", (p("ratio", "1", 0.0, 0.0, 0.2),), _off_axis_motion),
-        Effect("vertical_motion", (p("ratio", "1", 0.0, 0.0, 0.5),), _vertical_motion),
-        Effect("base_slope", (p("angle", "rad", 0.0, 0.0, 0.026), _AZIMUTH), _base_slope),
+        Effect("off_axis_motion", (p("share", "1", 0.0, 0.0, 0.2),), _off_axis_motion),
+        Effect("vertical_motion", (p("share", "1", 0.0, 0.0, 0.5),), _vertical_motion),
+        Effect("base_slope", (p("angle", "degree", 0.0, 0.0, 1.5), _AZIMUTH), _base_slope),
         Effect(
             "placement",
-            (p("yaw", "rad", 0.0, 0.0, 0.175), p("offset", "m", 0.0, 0.0, 0.02)),
+            (p("yaw", "degree", 0.0, 0.0, 10.0), p("offset", "m", 0.0, 0.0, 0.02)),
             _placement,
         ),
         Effect(
             "outcome_rule",
             (
-                p("threshold", "rad", math.inf, 0.1, 1.0, "reciprocal"),
+                p("tilt", "rad", math.inf, 0.1, 1.0, "reciprocal"),
                 p("flips", "1", 0.0, 0.0, 0.03),
             ),
             _outcome_rule,

@@ -31,7 +31,7 @@ class TableMotion:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """From the first to the last sample [s]."""
         return (self.x.size - 1) * self.interval
 
     @property
@@ -134,11 +134,10 @@ def _delayed(samples: Array, interval: float, delay: float) -> Array:
 
 
 def _second_order(samples: Array, interval: float, frequency: float, damping: float) -> Array:
-    """y'' + 2 zeta w y' + w^2 y = w^2 u, exact for u linear between samples, at rest before."""
-    from scipy.signal import lsim
+    """Solves y'' + 2 zeta w y' + w^2 y = w^2 u, exactly for u linear between samples."""
+    from scipy.signal import cont2discrete, lfilter
 
     w = 2 * np.pi * frequency
-    time = np.arange(samples.size) * interval
-    _, moved, _ = lsim(([w * w], [1.0, 2 * damping * w, w * w]), samples - samples[0], time)
-    out: Array = moved + samples[0]
-    return out
+    over, under, _ = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), interval, "foh")
+    moved: Array = lfilter(np.ravel(over), under, samples - samples[0]) + samples[0]
+    return moved

@@ -180,7 +180,7 @@ def _shake(
 
 def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: float) -> Response:
     orientation = _away(rows[:, 3:], rest[3:])
-    tilt = np.arccos(
+    tilt: Array = np.arccos(
         np.clip(1 - 2 * (orientation[:, 0] ** 2 + orientation[:, 1] ** 2), -1.0, 1.0)
     )
     peak = float(tilt.max())
@@ -189,7 +189,7 @@ def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: fl
     return Response(
         overturned=bool(fallen),
         peak_tilt=peak,
-        time=np.arange(len(rows))[kept] * step,
+        time=np.arange(len(rows), dtype=np.float64)[kept] * step,
         tilt=tilt[kept],
         position=(rows[:, :3] - rest[:3])[kept],
         orientation=orientation[kept],
@@ -197,7 +197,7 @@ def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: fl
 
 
 def _away(turned: Array, rest: Array) -> Array:
-    """q q0* of MuJoCo's w, x, y, z, as x, y, z, w."""
+    """Turn away from the rest, q q0* of MuJoCo's w, x, y, z, as x, y, z, w."""
     w, x, y, z = turned.T
     a, b, c, d = rest[0], -rest[1], -rest[2], -rest[3]
     out = np.stack(
