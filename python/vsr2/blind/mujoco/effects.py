@@ -287,10 +287,13 @@ def _base_slope(s: Situation, v: Values, _: Place) -> Situation:
 
 
 def _placement(s: Situation, v: Values, p: Place) -> Situation:
-    draw = _rng(p.trial_seed, "placement").uniform(-1, 1, size=3)
-    x, y = v["offset"] * draw[1], v["offset"] * draw[2]
+    turn, share, azimuth = _rng(p.trial_seed, "placement").random(3)
+    # uniform over a disc
+    x, y = _polar(v["offset"] * math.sqrt(share), 360.0 * azimuth)
     return replace(
-        s, yaw=s.yaw + math.radians(v["yaw"]) * draw[0], offset=(s.offset[0] + x, s.offset[1] + y)
+        s,
+        yaw=s.yaw + math.radians(v["yaw"]) * (2 * turn - 1),
+        offset=(s.offset[0] + x, s.offset[1] + y),
     )
 
 

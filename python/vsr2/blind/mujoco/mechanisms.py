@@ -16,8 +16,10 @@ Action = Callable[[int], None]
 
 _APART = 5
 """Steps without contact after which a touch is an impact."""
-_IMPACT = 4
+_IMPACT = 3
 """Steps that an impact takes."""
+_FULL = 0.7
+"""Share of Housner's loss from which an impact is a full one."""
 _UPLIFTED = 1e-3
 """Tilt from which a body rocks [rad]."""
 CATCH_STIFFNESS = 40.0
@@ -79,8 +81,8 @@ class _Impacts:
 
     An impact begins when a point touches that was off the table, and lasts a few steps. Where the
     body lost the share L of its kinetic energy and a full impact takes L_H (Housner's), the energy
-    is then multiplied by ratio^min(1, L / L_H): the whole ratio for a full impact, next to nothing
-    for the touch of one corner after the other.
+    is then multiplied by ratio^min(1, L / (0.7 L_H)): the whole ratio for a full impact, of which a
+    part may come after these steps, next to nothing for the touch of one corner after the other.
     """
 
     def __init__(self, situation: Situation, data: Any, motion: _Motion) -> None:
@@ -125,7 +127,7 @@ class _Impacts:
             carried = self._motion.table()
             relative = self._motion.speed - carried
             lost = 1 - self._energy(relative) / self._due[1]
-            share = min(1.0, max(0.0, lost / self._full))
+            share = min(1.0, max(0.0, lost / (_FULL * self._full)))
             self._motion.speed[:] = carried + self._ratio ** (0.5 * share) * relative
             self._due = None
 

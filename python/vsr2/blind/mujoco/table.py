@@ -94,11 +94,11 @@ def saturated(samples: Array, interval: float, velocity: float, acceleration: fl
         velocity: cap [m/s]; `inf`: none.
         acceleration: cap [m/s^2]; `inf`: none.
     """
-    speed = np.clip(np.gradient(samples, interval), -velocity, velocity)
-    rate = np.clip(np.gradient(speed, interval), -acceleration, acceleration)
+    speed = np.clip(np.diff(samples, prepend=samples[0]) / interval, -velocity, velocity)
+    rate = np.clip(np.diff(speed, prepend=0.0) / interval, -acceleration, acceleration)
     # What clipping took from the velocity's end is given back evenly, so that the table stops.
     rate = rate - rate.sum() * np.abs(rate) / max(float(np.abs(rate).sum()), 1e-300)
-    moved: Array = np.cumsum(np.cumsum(rate)) * interval**2
+    moved: Array = samples[0] + np.cumsum(np.cumsum(rate)) * interval**2
     return moved
 
 
@@ -114,15 +114,15 @@ def stretched(samples: Array, factor: float) -> Array:
 
 
 def pitched(acceleration: Array, interval: float, gain: float, frequency: float) -> Array:
-    """Rotation of a sprung table in proportion to its acceleration, behind a second-order lag.
+    """Rotation of a sprung table, which leans back as it accelerates, behind a second-order lag.
 
     Args:
         acceleration: shape (n,) [m/s^2].
         interval: [s].
         gain: [rad per g].
-        frequency: of the pitching mode [Hz]; its damping ratio is 0.3.
+        frequency: of the pitching mode [Hz]; its damping ratio is 0.1.
     """
-    return gain / 9.80665 * _second_order(acceleration, interval, frequency, 0.3)
+    return -gain / 9.80665 * _second_order(acceleration, interval, frequency, 0.1)
 
 
 def _delayed(samples: Array, interval: float, delay: float) -> Array:
