@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 DETECTED = 3.0
 """Signal over noise at the floor."""
 _SMALL = 0.05
-"""Standard deviation of each observation beyond what replicates show: no replicate tells that an
-outcome is certain."""
+"""Standard deviation of ln tilt beyond what replicates show."""
+_TRIES = 5
 _TILTS = (0.005, 1.0)
 
 
@@ -101,7 +101,11 @@ class FloorMeter:
         self._null = np.stack([self._run(r, {}) for r in range(settings.replicates)])
         centered = self._null - self._null.mean(axis=0)
         sample = centered.T @ centered / (settings.replicates - 1)
-        half = 0.5 * sample + np.diag(0.5 * np.diag(sample) + _SMALL**2)
+        # Few replicates do not tell that an outcome is certain: Laplace's rule of succession.
+        outcomes = len(self._design)
+        chance = (self._null[:, :outcomes].sum(axis=0) + 1) / (settings.replicates + 2)
+        beyond = np.concatenate([chance * (1 - chance), np.full(outcomes, _SMALL**2)])
+        half = 0.5 * sample + np.diag(0.5 * np.diag(sample) + beyond)
         self._inverse = np.linalg.inv(half)
 
     def _run(self, replicate: int, effects: dict[str, dict[str, float]]) -> Array:
@@ -141,23 +145,33 @@ class FloorMeter:
         return math.sqrt(max(square, 0.0) * scale)
 
     def floor(self, effect: Drawable, sign: int) -> Floor:
-        """Where signal over noise is 3, by two to three simulations and a power law between."""
+        """Where signal over noise is 3, by at most five simulated magnitudes.
+
+        Signals grow about as the magnitude, which gives the next one to try, within what is known
+        to be above and below.
+        """
         low, high = effect.strength.reach()[sign]
+        least = max(low, 0.001 * high)
         found: dict[float, float] = {}
-        magnitude = max(low, 0.3 * high)
-        for _ in range(3):
-            found[magnitude] = self.signal(effect, sign * magnitude)
-            ratio = found[magnitude] / DETECTED
-            if 0.8 < ratio < 1.25:
+        below, above = 0.0, math.inf
+        magnitude = max(least, 0.3 * high)
+        for _ in range(_TRIES):
+            ratio = self.signal(effect, sign * magnitude) / DETECTED
+            found[magnitude] = ratio * DETECTED
+            if ratio >= 1:
+                above = min(above, magnitude)
+            else:
+                below = max(below, magnitude)
+            if 0.85 < ratio < 1.2:
                 break
-            # Signals grow about as the magnitude; a dead one is looked for at the range's end.
-            step = 10.0 if ratio < 0.03 else 1 / ratio
-            after = min(high, max(low, 0.003 * high, magnitude * step))
-            if after in found:
+            after = magnitude / min(max(ratio, 0.1), 10.0)
+            if below > 0 and above < math.inf and not below < after < above:
+                after = math.sqrt(below * above)
+            magnitude = min(high, max(least, after))
+            if magnitude in found:
                 break
-            magnitude = after
         measured = tuple(sorted(found.items()))
-        return Floor(_crossing(measured, high), measured)
+        return Floor(_crossing(measured, least, high), measured)
 
 
 def shake_of(
@@ -187,19 +201,13 @@ def shake_of(
     )
 
 
-def _crossing(measured: Sequence[tuple[float, float]], high: float) -> float:
-    above = [(m, s) for m, s in measured if s >= DETECTED]
-    below = [(m, s) for m, s in measured if 0 < s < DETECTED]
-    if above and below:
-        (m1, s1), (m2, s2) = below[-1], above[0]
-        if m1 < m2:
-            share = math.log(DETECTED / s1) / math.log(s2 / s1)
-            return float(m1 * (m2 / m1) ** share)
-    if above:
-        m, s = above[0]
-        return float(m * DETECTED / s)
-    if below:
-        m, s = below[-1]
-        reached = m * DETECTED / s
-        return float(reached) if reached <= high else math.inf
-    return math.inf
+def _crossing(measured: Sequence[tuple[float, float]], least: float, high: float) -> float:
+    """The magnitude at the detection level, from the measured one that is nearest to it."""
+    heard = [(m, s) for m, s in measured if s > 0]
+    if not heard or max(s for _, s in heard) < 0.85 * DETECTED:
+        return math.inf
+    m, s = min(heard, key=lambda pair: abs(math.log(pair[1] / DETECTED)))
+    if m == least and s > DETECTED:
+        # Strong wherever it acts: the floor lies below the range.
+        return m * DETECTED / s
+    return min(high, m * min(max(DETECTED / s, 0.5), 2.0))

@@ -45,12 +45,13 @@ def proportion(hits: int, count: int) -> Score:
     return Score(hits / count, low, high, count)
 
 
-def resampled(values: ArrayLike, statistic: Callable[[Array], float], *, seed: int = 0) -> Score:
+def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: int = 0) -> Score:
     """A statistic of campaigns with the percentile interval of a bootstrap over campaigns.
 
     Args:
         values: one row a campaign, shape (n,) or (n, k).
-        statistic: of such rows; may be NaN for a resample it is not defined on.
+        statistic: of many samples of such rows at once, (samples, n) or (samples, n, k) to
+            (samples,); may be NaN for a sample it is not defined on.
         seed: of the resamples.
     """
     rows = np.asarray(values, dtype=np.float64)
@@ -58,41 +59,44 @@ def resampled(values: ArrayLike, statistic: Callable[[Array], float], *, seed: i
     if count == 0:
         return Score(float("nan"), float("nan"), float("nan"), 0)
     rng = np.random.default_rng(seed)
-    draws = [statistic(rows[rng.integers(count, size=count)]) for _ in range(REPLICATES)]
-    known = np.array([draw for draw in draws if np.isfinite(draw)])
+    draws = statistic(rows[rng.integers(count, size=(REPLICATES, count))])
+    known = draws[np.isfinite(draws)]
     low, high = (
         np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
         if known.size and count > 1
         else (np.nan, np.nan)
     )
-    return Score(float(statistic(rows)), float(low), float(high), count)
+    return Score(float(statistic(rows[None])[0]), float(low), float(high), count)
 
 
-def area_under_roc(rows: Array) -> float:
+def area_under_roc(samples: Array) -> Array:
     """Probability that a positive's score exceeds a negative's, ties for one half.
 
     Args:
-        rows: score and label (1 or 0), shape (n, 2).
+        samples: score and label (1 or 0), shape (samples, n, 2).
     """
-    positive, negative = rows[rows[:, 1] == 1, 0], rows[rows[:, 1] == 0, 0]
-    if not (positive.size and negative.size):
-        return float("nan")
-    above = (positive[:, None] > negative[None, :]).mean()
-    level = (positive[:, None] == negative[None, :]).mean()
-    return float(above + 0.5 * level)
+    out = np.full(len(samples), np.nan)
+    for i, rows in enumerate(samples):
+        positive, negative = rows[rows[:, 1] == 1, 0], rows[rows[:, 1] == 0, 0]
+        if positive.size and negative.size:
+            above = positive[:, None] > negative[None, :]
+            level = positive[:, None] == negative[None, :]
+            out[i] = above.mean() + 0.5 * level.mean()
+    return out
 
 
-def calibration_error(rows: Array, bins: int = 10) -> float:
+def calibration_error(samples: Array, bins: int = 10) -> Array:
     """Expected calibration error over equally wide bins of probability (Naeini et al. 2015).
 
     Args:
-        rows: stated probability and whether it came true (1 or 0), shape (n, 2).
+        samples: stated probability and whether it came true (1 or 0), shape (samples, n, 2).
         bins: number of them.
     """
-    total = 0.0
-    for _, stated, true, count in reliability(rows, bins):
-        total += count * abs(stated - true)
-    return total / len(rows)
+    stated, true = samples[..., 0], samples[..., 1]
+    place = np.minimum((stated * bins).astype(int), bins - 1)
+    gaps = [np.abs(((stated - true) * (place == i)).sum(axis=1)) for i in range(bins)]
+    total: Array = np.sum(gaps, axis=0) / stated.shape[1]
+    return total
 
 
 def reliability(rows: Array, bins: int = 10) -> list[tuple[float, float, float, int]]:

@@ -196,14 +196,17 @@ def _hypotheses(case: Case) -> int:
     return max(2, len(labels | {NONE, UNKNOWN}))
 
 
-def _median(rows: Array) -> float:
-    return float(np.median(rows)) if rows.size else math.nan
+def _median(samples: Array) -> Array:
+    out: Array = np.median(samples, axis=1)
+    return out
 
 
-def _mean(rows: Array) -> float:
-    return float(np.mean(rows))
+def _mean(samples: Array) -> Array:
+    out: Array = samples.mean(axis=1)
+    return out
 
 
-def _below(rows: Array) -> float:
-    loss, uniform = rows.mean(axis=0)
-    return float(1 - loss / uniform)
+def _below(samples: Array) -> Array:
+    loss, uniform = samples.mean(axis=1).T
+    out: Array = 1 - loss / uniform
+    return out

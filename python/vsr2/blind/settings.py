@@ -86,7 +86,7 @@ class PackSettings:
     effects: tuple[str, ...] = ()
     classes: tuple[tuple[str, ...], ...] = CLASSES
     replicates: int = 8
-    floor_trials: int = 45
+    floor_trials: int = 30
     development: bool = False
     tolerances: Tolerances = field(default_factory=Tolerances)
 
