@@ -2,10 +2,12 @@
 // way of placing bodies, so that both give the same bits.
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -20,6 +22,7 @@
 
 #include "bullet_world.hpp"
 #include "scene_shapes.hpp"
+#include "vsr2/contact_model.hpp"
 #include "vsr2/world.hpp"
 
 static_assert(sizeof(btScalar) == 8, "link Bullet's double-precision (-float64) libraries");
@@ -102,6 +105,26 @@ btDefaultCollisionConstructionInfo small_pools() {
   return info;
 }
 
+// Bullet's world with a place between collision detection and solution.
+class DynamicsWorld final : public btMultiBodyDynamicsWorld {
+ public:
+  using btMultiBodyDynamicsWorld::btMultiBodyDynamicsWorld;
+  std::function<void()> before_solution;
+
+  void solveConstraints(btContactSolverInfo& info) override {
+    if (before_solution) before_solution();
+    btMultiBodyDynamicsWorld::solveConstraints(info);
+  }
+};
+
+bool prescribes(Drive drive) {
+  return drive == Drive::prescribed || drive == Drive::prescribed_spatial;
+}
+
+// Joints of a pedestal that moves in space: x, y and z of P's origin, then the turn about it. With
+// the turn about the mass centre the joints do not act on one another.
+constexpr int kSpatialJoints = 4;
+
 struct Body {
   std::unique_ptr<btMultiBody> multibody;
   std::vector<std::unique_ptr<btMultiBodyLinkCollider>> colliders;
@@ -135,8 +158,11 @@ class BulletWorld final : public BulletWorldBase {
     info.m_restitutionVelocityThreshold = engine.restitution_velocity_threshold;
     info.m_solverMode |= SOLVER_USE_2_FRICTION_DIRECTIONS;
     if (!engine.cone_friction) info.m_solverMode |= SOLVER_DISABLE_IMPLICIT_CONE_FRICTION;
+    if (scene_->mechanisms().sets_friction())
+      world_.before_solution = [this] { set_friction(); };
     add_ground();
     add_robot();
+    touches_.reserve(16);
   }
 
   ~BulletWorld() override {
@@ -171,10 +197,15 @@ class BulletWorld final : public BulletWorldBase {
     body.setWorldToBaseRot(to_bullet(X_WB.orientation).inverse());
     refresh(body);
     world_.updateSingleAabb(&collider);
+    if (RockMechanics::needed(*scene_)) {
+      mechanics_.emplace(*scene_);
+      mechanics_->start(rock(), pedestal_motion(scene_->pedestal(), pedestal()));
+    }
   }
 
   void delete_rock() override {
     if (!rock_.multibody) throw InvalidInput("there is no rock to delete");
+    mechanics_.reset();
     remove(rock_);
   }
 
@@ -187,32 +218,43 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   void step(const DriveTarget& target) override {
+    check_target(drive_, target);
     const EngineSettings& engine = scene_->engine();
     const double dt = engine.time_step / engine.substeps;
     btMultiBody& robot = *robot_.multibody;
-    if (drive_ == Drive::prescribed) {
+    if (drive_ == Drive::prescribed_spatial) {
+      step_spatial(target, dt);
+    } else if (drive_ == Drive::prescribed) {
       const double start = robot.getJointPos(0);
       for (int i = 0; i < engine.substeps; ++i) {
         const double goal = start + (target.position - start) * (i + 1) / engine.substeps;
         robot.setJointVel(0, (goal - robot.getJointPos(0)) / dt);
-        world_.stepSimulation(dt, 0);
+        advance(dt);
       }
     } else {
       motor_->setVelocityTarget(drive_ == Drive::motor_position_velocity ? target.velocity : 0.0,
                                 kMotorVelocityGain);
       motor_->setPositionTarget(target.position, kMotorPositionGain);
       motor_->setMaxAppliedImpulse(kMotorMaximumForce * engine.time_step);
-      for (int i = 0; i < engine.substeps; ++i) world_.stepSimulation(dt, 0);
+      for (int i = 0; i < engine.substeps; ++i) advance(dt);
     }
   }
 
   void set_pedestal(const PedestalState& state) override {
     btMultiBody& robot = *robot_.multibody;
-    robot.setJointPos(0, state.position);
-    robot.setJointVel(0, state.velocity);
+    if (drive_ == Drive::prescribed_spatial) {
+      spatial_ = state;
+      const auto joints = spatial_joints(state);
+      for (int j = 0; j < kSpatialJoints; ++j) robot.setJointPos(j, joints[static_cast<std::size_t>(j)]);
+    } else {
+      robot.setJointPos(0, state.position);
+      robot.setJointVel(0, state.velocity);
+    }
     refresh(robot);
     for (auto& collider : robot_.colliders) world_.updateSingleAabb(collider.get());
   }
+
+  void set_mechanics(const RockMechanics& mechanics) override { mechanics_ = mechanics; }
 
   void set_contacts(const std::vector<CachedContact>& contacts) override {
     btMultiBodyLinkCollider* rock = rock_.colliders.front().get();
@@ -253,6 +295,7 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   PedestalState pedestal() const override {
+    if (drive_ == Drive::prescribed_spatial) return spatial_;
     return {robot_.multibody->getJointPos(0), robot_.multibody->getJointVel(0)};
   }
 
@@ -315,24 +358,33 @@ class BulletWorld final : public BulletWorldBase {
     const Scene::Shapes& shapes = scene_->shapes();
     const PedestalSpec& pedestal = scene_->pedestal();
     const EngineSettings& engine = scene_->engine();
-    const bool prescribed = drive_ == Drive::prescribed;
+    const bool prescribed = prescribes(drive_);
+    const bool spatial = drive_ == Drive::prescribed_spatial;
     const double mass = prescribed ? kPrescribedMass : pedestal.mass;
     const btVector3 inertia = shapes.pedestal_inertia * (mass / pedestal.mass);
     const Eigen::Vector3d base_centre(0, 0, 0.5 * pedestal.base_size.z());
-    robot_.multibody = std::make_unique<btMultiBody>(1, 0.0, btVector3(0, 0, 0), true, false);
+    robot_.multibody = std::make_unique<btMultiBody>(spatial ? kSpatialJoints : 1, 0.0,
+                                                     btVector3(0, 0, 0), true, false);
     btMultiBody& body = *robot_.multibody;
     body.setHasSelfCollision(false);
     body.setBasePos(to_bullet(base_centre));
     body.setupPrismatic(0, mass, inertia, -1, btQuaternion(0, 0, 0, 1), btVector3(1, 0, 0),
                         to_bullet(Eigen::Vector3d(pedestal.p_WP0 - base_centre)), btVector3(0, 0, 0),
                         true);
+    if (spatial) {
+      const btQuaternion straight(0, 0, 0, 1);
+      const btVector3 zero(0, 0, 0);
+      body.setupPrismatic(1, mass, inertia, 0, straight, btVector3(0, 1, 0), zero, zero, true);
+      body.setupPrismatic(2, mass, inertia, 1, straight, btVector3(0, 0, 1), zero, zero, true);
+      body.setupRevolute(3, mass, inertia, 2, straight, btVector3(0, 1, 0), zero, zero, true);
+    }
     // Damping would slow a prescribed pedestal between the two ends of a step.
     body.setLinearDamping(prescribed ? 0.0 : engine.linear_damping);
     body.setAngularDamping(prescribed ? 0.0 : engine.angular_damping);
     body.finalizeMultiDof();
     btMultiBodyLinkCollider& base = add_collider(robot_, -1, shapes.base.get());
     base.setCollisionFlags(base.getCollisionFlags() | btCollisionObject::CF_STATIC_OBJECT);
-    btMultiBodyLinkCollider& link = add_collider(robot_, 0, shapes.pedestal);
+    btMultiBodyLinkCollider& link = add_collider(robot_, body.getNumLinks() - 1, shapes.pedestal);
     set_material(link, pedestal.material);
     if (!shapes.triangle_edges.empty()) {
       install_contact_hook();
@@ -350,6 +402,76 @@ class BulletWorld final : public BulletWorldBase {
       motor_->setRhsClamp(kMotorSpeedClamp);
       motor_->finalizeMultiDof();
       world_.addMultiBodyConstraint(motor_.get());
+    }
+  }
+
+  std::array<double, kSpatialJoints> spatial_joints(const PedestalState& state) const {
+    const Eigen::Vector3d p =
+        pedestal_motion(scene_->pedestal(), state).p_WP - scene_->pedestal().p_WP0;
+    return {p.x(), p.y(), p.z(), state.excursion.pitch};
+  }
+
+  void step_spatial(const DriveTarget& target, double dt) {
+    const EngineSettings& engine = scene_->engine();
+    btMultiBody& robot = *robot_.multibody;
+    const PedestalState start = spatial_;
+    for (int i = 0; i < engine.substeps; ++i) {
+      const PedestalState next = on_the_way(start, spatial_, target, i + 1, engine.substeps, dt);
+      const auto goal = spatial_joints(next);
+      for (int j = 0; j < kSpatialJoints; ++j) {
+        robot.setJointVel(j, (goal[static_cast<std::size_t>(j)] - robot.getJointPos(j)) / dt);
+        // Bullet adds the weight of every link when it steps.
+        robot.addLinkForce(j, -world_.getGravity() * robot.getLinkMass(j));
+      }
+      spatial_ = next;
+      advance(dt);
+    }
+  }
+
+  // One solver step.
+  void advance(double dt) {
+    if (!mechanics_) {
+      world_.stepSimulation(dt, 0);
+      return;
+    }
+    RockState state = rock();
+    if (mechanics_->begin_step(state, dt)) set_rock_velocity(state.v_WB, state.w_WB);
+    world_.stepSimulation(dt, 0);
+    touches_.clear();
+    each_pedestal_contact([&](const btManifoldPoint& point, bool rock_is_a) {
+      touches_.push_back({to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
+                          (rock_is_a ? 1.0 : -1.0) * to_eigen(point.m_normalWorldOnB),
+                          point.m_appliedImpulse});
+    });
+    state = rock();
+    if (mechanics_->end_step(state, pedestal_motion(scene_->pedestal(), pedestal()), touches_, dt))
+      set_rock_velocity(state.v_WB, state.w_WB);
+  }
+
+  // Bullet gives a point its coefficient whenever it finds it again, so it is set for each solution.
+  void set_friction() {
+    if (!mechanics_) return;
+    const double nominal =
+        combine(scene_->rock().material, scene_->pedestal().material).lateral_friction;
+    each_pedestal_contact([&](btManifoldPoint& point, bool rock_is_a) {
+      point.m_combinedFriction =
+          nominal * mechanics_->friction_scale(
+                        to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
+                        to_eigen(point.m_normalWorldOnB));
+    });
+  }
+
+  template <typename Visit>
+  void each_pedestal_contact(Visit visit) {
+    if (!rock_.multibody) return;
+    const btCollisionObject* rock = rock_.colliders.front().get();
+    const btCollisionObject* link = robot_.colliders.back().get();
+    for (int m = 0; m < dispatcher_.getNumManifolds(); ++m) {
+      btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(m);
+      const bool rock_is_a = manifold->getBody0() == rock && manifold->getBody1() == link;
+      if (!rock_is_a && (manifold->getBody1() != rock || manifold->getBody0() != link)) continue;
+      for (int i = 0; i < manifold->getNumContacts(); ++i)
+        visit(manifold->getContactPoint(i), rock_is_a);
     }
   }
 
@@ -393,11 +515,14 @@ class BulletWorld final : public BulletWorldBase {
   PairCache pair_cache_;
   btDbvtBroadphase broadphase_;
   std::unique_ptr<btMultiBodyConstraintSolver> solver_;
-  btMultiBodyDynamicsWorld world_;
+  DynamicsWorld world_;
   Body ground_;
   Body robot_;
   Body rock_;
   std::unique_ptr<btMultiBodyJointMotor> motor_;
+  PedestalState spatial_;  ///< of a pedestal that moves in space
+  std::optional<RockMechanics> mechanics_;
+  std::vector<Touch> touches_;
   btAlignedObjectArray<btQuaternion> scratch_q_;
   btAlignedObjectArray<btVector3> scratch_m_;
 };

@@ -4,6 +4,7 @@
 #include <memory>
 #include <vector>
 
+#include "rock_mechanics.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/world.hpp"
 
@@ -22,6 +23,8 @@ struct CachedContact {
 class BulletWorldBase : public World {
  public:
   virtual void set_pedestal(const PedestalState& state) = 0;
+  /// Goes on with mechanisms where another engine left them. Needs a rock.
+  virtual void set_mechanics(const RockMechanics& mechanics) = 0;
   /// Fills the contact cache between rock and pedestal, in the order given. Needs a rock, a
   /// pedestal of one convex part, and no step since the rock was spawned.
   virtual void set_contacts(const std::vector<CachedContact>& contacts) = 0;

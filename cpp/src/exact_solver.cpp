@@ -33,23 +33,29 @@ inline double free_speed(const Row& row, const double* v) {
   }
 }
 
+// On a pedestal that moves along x the slider has one joint, else all of them.
+template <bool kFlat>
+constexpr int kSliderJoints = kFlat ? 1 : ExactSolver::kJoints;
+
 template <bool kFlat, Order kOrder, Kind kKind>
-inline double unclamped_change(const Row& row, const double* v, double vs) {
+inline double unclamped_change(const Row& row, const double* v, const double* vs) {
   const double base = row.rhs - row.applied * row.cfm;
-  const double slider = 0.0 + row.js * vs;
+  double slider = 0.0;
+  for (int i = 0; i < kSliderJoints<kFlat>; ++i) slider += row.js[i] * vs[i];
   const double free = free_speed<kFlat, kKind>(row, v);
   if (kOrder == Order::free_first || (kOrder == Order::mixed && row.free_is_a))
     return (base - free * row.inverse) - slider * row.inverse;
   return (base - slider * row.inverse) - free * row.inverse;
 }
 
-inline void apply(const Row& row, double impulse, double* v, double& vs) {
+template <bool kFlat>
+inline void apply(const Row& row, double impulse, double* v, double* vs) {
   for (int i = 0; i < 6; ++i) v[i] += row.d[i] * impulse;
-  vs += row.ds * impulse;
+  for (int i = 0; i < kSliderJoints<kFlat>; ++i) vs[i] += row.ds[i] * impulse;
 }
 
 template <bool kFlat, Order kOrder, Kind kKind>
-inline void solve_row(Row& row, double* v, double& vs) {
+inline void solve_row(Row& row, double* v, double* vs) {
   double change = unclamped_change<kFlat, kOrder, kKind>(row, v, vs);
   const double sum = row.applied + change;
   if (sum < row.lower) {
@@ -62,12 +68,12 @@ inline void solve_row(Row& row, double* v, double& vs) {
     row.applied = sum;
   }
   row.change = change;
-  apply(row, change, v, vs);
+  apply<kFlat>(row, change, v, vs);
 }
 
 // Two friction rows within a circle, as Bullet clips them.
 template <bool kFlat, Order kOrder>
-inline void solve_pair(Row& a, Row& b, double total, double* v, double& vs) {
+inline void solve_pair(Row& a, Row& b, double total, double* v, double* vs) {
   a.lower = -(a.friction * total);
   b.lower = -(b.friction * total);
   double change_b = unclamped_change<kFlat, kOrder, Kind::lateral_2>(b, v, vs);
@@ -102,18 +108,19 @@ inline void solve_pair(Row& a, Row& b, double total, double* v, double& vs) {
   }
   a.change = change_a;
   b.change = change_b;
-  apply(a, change_a, v, vs);
-  apply(b, change_b, v, vs);
+  apply<kFlat>(a, change_a, v, vs);
+  apply<kFlat>(b, change_b, v, vs);
 }
 
 template <bool kFlat, Order kOrder>
 void run_iteration(System& s) {
   double v[6];
   std::copy(s.v, s.v + 6, v);
-  double vs = s.vs;
+  double vs[ExactSolver::kJoints];
+  std::copy(s.vs, s.vs + ExactSolver::kJoints, vs);
   for (Row& row : s.motor) {
     // Bullet takes the slider as both bodies of its motor; the second has a Jacobian of zeros.
-    double change = (row.rhs - row.applied * row.cfm) - (0.0 + row.js * vs) * row.inverse;
+    double change = (row.rhs - row.applied * row.cfm) - (0.0 + row.js[0] * vs[0]) * row.inverse;
     const double sum = row.applied + change;
     if (sum < row.lower) {
       change = row.lower - row.applied;
@@ -125,7 +132,7 @@ void run_iteration(System& s) {
       row.applied = sum;
     }
     row.change = change;
-    vs += row.ds * change;
+    vs[0] += row.ds[0] * change;
   }
   for (Row& row : s.normals) solve_row<kFlat, kOrder, Kind::normal>(row, v, vs);
   for (Row& row : s.spinning) {
@@ -146,7 +153,7 @@ void run_iteration(System& s) {
     solve_pair<kFlat, kOrder>(s.friction[i], s.friction[i + 1],
                               s.normals[s.friction[i].normal].applied, v, vs);
   std::copy(v, v + 6, s.v);
-  s.vs = vs;
+  std::copy(vs, vs + ExactSolver::kJoints, s.vs);
 }
 
 using Iteration = void (*)(System&);
@@ -164,7 +171,7 @@ Iteration choose(Order order) {
 }
 
 Iteration choose(const System& s) {
-  bool flat = true;
+  bool flat = s.joints <= 1;
   bool any_a = false;
   bool any_b = false;
   const auto look = [&](const std::vector<Row>& rows, auto kind) {
@@ -214,7 +221,7 @@ bool same_bits(double a, double b) { return std::memcmp(&a, &b, sizeof a) == 0; 
 template <typename Visit>
 void each_state(const System& s, Visit visit) {
   for (double value : s.v) visit(value);
-  visit(s.vs);
+  for (int i = 0; i < s.joints; ++i) visit(s.vs[i]);
   for (const auto* rows : {&s.normals, &s.friction, &s.spinning, &s.rolling, &s.motor})
     for (const Row& row : *rows) visit(row.applied);
 }
@@ -238,7 +245,7 @@ bool equals(const System& s, const std::vector<double>& saved) {
 ExactSolver::ExactSolver() {
   constexpr int contacts = 8;
   constexpr int rows = 6 * contacts + 1;
-  constexpr int entries = 13;  // of a free body and a slider
+  constexpr int entries = 12 + kJoints;  // of a free body and a slider
   m_multiBodyNonContactConstraints.reserve(1);
   m_multiBodyNormalContactConstraints.reserve(contacts);
   m_multiBodySpinningFrictionContactConstraints.reserve(contacts);
@@ -252,7 +259,7 @@ ExactSolver::ExactSolver() {
   system_.spinning.reserve(contacts);
   system_.rolling.reserve(2 * contacts);
   system_.friction.reserve(2 * contacts);
-  saved_.reserve(rows + 7);
+  saved_.reserve(rows + 6 + kJoints);
 }
 
 bool ExactSolver::flatten(const btMultiBodyConstraintArray& rows, std::vector<Row>& out,
@@ -294,13 +301,15 @@ bool ExactSolver::flatten(const btMultiBodyConstraintArray& rows, std::vector<Ro
       for (int i = 0; i < 6; ++i)
         if (d[i] != 0.0) return false;
       if (body->getNumDofs() == 0) continue;
-      if (body->getNumDofs() != 1 || (slider_ && slider_ != body)) return false;
+      const int joints = body->getNumDofs();
+      if (joints > kJoints || (motor && joints != 1) || (slider_ && slider_ != body)) return false;
       slider_ = body;
+      system_.joints = joints;
       if (motor && side == 1) {
         if (j[6] != 0.0 || d[6] != 0.0) return false;
       } else {
-        row.js = j[6];
-        row.ds = d[6];
+        std::copy(j + 6, j + 6 + joints, row.js);
+        std::copy(d + 6, d + 6 + joints, row.ds);
       }
     }
     if (!motor && !has_free) return false;
@@ -326,7 +335,8 @@ bool ExactSolver::flatten(const btContactSolverInfo& info, int numConstraints) {
   free_ = nullptr;
   slider_ = nullptr;
   std::fill(std::begin(system_.v), std::end(system_.v), 0.0);
-  system_.vs = 0.0;
+  std::fill(std::begin(system_.vs), std::end(system_.vs), 0.0);
+  system_.joints = 0;
   if (!flatten(m_multiBodyNonContactConstraints, system_.motor, true) ||
       !flatten(m_multiBodyNormalContactConstraints, system_.normals, false) ||
       !flatten(m_multiBodySpinningFrictionContactConstraints, system_.spinning, false) ||
@@ -386,7 +396,8 @@ void ExactSolver::write_back() {
   put(system_.friction, m_multiBodyFrictionContactConstraints);
   if (free_) free_->applyDeltaVeeMultiDof2(system_.v, 1.0);
   if (slider_) {
-    const double change[7] = {0, 0, 0, 0, 0, 0, system_.vs};
+    double change[6 + kJoints] = {};
+    std::copy(system_.vs, system_.vs + system_.joints, change + 6);
     slider_->applyDeltaVeeMultiDof2(change, 1.0);
   }
 }

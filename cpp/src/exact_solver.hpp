@@ -9,7 +9,7 @@
 namespace vsr2 {
 
 /// Same rows, same order of operations, same bits as btMultiBodyConstraintSolver, for one free
-/// body in contact with one sliding body and fixed ones. Anything else goes to the base class.
+/// body in contact with one body on a chain of up to four joints (the slider) and fixed ones. Anything else goes to the base class.
 ///
 /// The iteration is a fixed map of its state (impulses and velocity changes). Once a state comes
 /// back bit for bit the rest is a cycle, and only the part of it is run that leads to the state of
@@ -27,13 +27,14 @@ class ExactSolver final : public btMultiBodyConstraintSolver {
                                              btIDebugDraw* drawer) override;
 
  public:
+  static constexpr int kJoints = 4;
   /// One row: `j` the free body's velocity to the row's, `d` the row's unit impulse to the free
   /// body's velocity change; `js`, `ds` the same for the slider.
   struct Row {
     double j[6];
     double d[6];
-    double js;
-    double ds;
+    double js[kJoints];
+    double ds[kJoints];
     double rhs;
     double cfm;
     double inverse;  ///< of the effective inverse mass
@@ -52,7 +53,8 @@ class ExactSolver final : public btMultiBodyConstraintSolver {
     std::vector<Row> rolling;   ///< pairs
     std::vector<Row> friction;  ///< pairs
     double v[6];
-    double vs;
+    double vs[kJoints];
+    int joints = 0;  ///< of the slider; 0: no row has it
   };
 
  private:

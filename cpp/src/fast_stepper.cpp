@@ -142,6 +142,7 @@ std::string fast_model_violation(const Scene& scene) {
     return "the pedestal is not one box";
   if (!is_identity(std::get<BoxPart>(only_part(pedestal.parts)).pose))
     return "the pedestal's box is not centred in the pedestal's frame";
+  if (scene.mechanisms().sets_friction()) return "friction depends on the speed of slip";
   if (!scene.engine().cone_friction) return "friction is not bounded by a cone";
   if (rock.material.rolling_friction > 0 || pedestal.material.rolling_friction > 0)
     return "there is rolling friction";

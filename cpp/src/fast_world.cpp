@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <vector>
 
 #include "bullet_world.hpp"
@@ -30,6 +31,7 @@ class FastWorldOnBullet final : public FastWorld {
                                              : std::make_shared<const FastModel>(*scene_),
                  std::max(settings.residual_threshold, scene_->engine().residual_threshold)) {
     pair_ = combine(scene_->rock().material, scene_->pedestal().material);
+    touches_.reserve(4);
   }
 
   void spawn_rock(const Pose& X_WB) override {
@@ -41,12 +43,17 @@ class FastWorldOnBullet final : public FastWorld {
     stepper_.state = {X_WB.position, X_WB.orientation.normalized(), Eigen::Vector3d::Zero(),
                       Eigen::Vector3d::Zero()};
     has_rock_ = true;
+    if (RockMechanics::needed(*scene_)) {
+      mechanics_.emplace(*scene_);
+      mechanics_->start(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_));
+    }
   }
 
   void delete_rock() override {
     if (!has_rock_) throw InvalidInput("there is no rock to delete");
     has_rock_ = false;
     diverged_ = false;
+    mechanics_.reset();
     if (!bullet_) return;
     pedestal_ = bullet_->pedestal();
     bullet_.reset();
@@ -67,16 +74,22 @@ class FastWorldOnBullet final : public FastWorld {
 
   void step(const DriveTarget& target) override {
     if (bullet_) return bullet_->step(target);
+    check_target(drive_, target);
     const EngineSettings& engine = scene_->engine();
     const double dt = engine.time_step / engine.substeps;
     const PedestalState start = pedestal_;
     FastStepper::Snapshot before;
-    if (engine.substeps > 1) before = stepper_.snapshot();
+    std::optional<RockMechanics> mechanics_before;
+    if (engine.substeps > 1) {
+      before = stepper_.snapshot();
+      mechanics_before = mechanics_;
+    }
     for (int i = 0; i < engine.substeps; ++i) {
-      if (substep(target, dt, start.position, i)) continue;
+      if (substep(target, dt, start, i)) continue;
       // Bullet takes whole steps, so this one is its from the start.
       if (i > 0) {
         stepper_.restore(before);
+        mechanics_ = mechanics_before;
         pedestal_ = start;
       }
       return hand_over(target);
@@ -111,15 +124,15 @@ class FastWorldOnBullet final : public FastWorld {
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
       out.push_back({
-          .p_W_rock = last_rock_ + c.r_P,
-          .p_W_pedestal = last_support_ + c.s_P,
-          .normal_W = Eigen::Vector3d::UnitZ(),
+          .p_W_rock = last_rock_ + last_turn_ * c.r_P,
+          .p_W_pedestal = last_support_ + last_turn_ * c.s_P,
+          .normal_W = last_turn_.col(2),
           .distance = c.distance,
           .normal_impulse = c.normal_impulse,
           .lateral_impulse_1 = c.lateral_impulse_1,
           .lateral_impulse_2 = sign * c.lateral_impulse_2,
-          .direction_1 = -Eigen::Vector3d::UnitY(),
-          .direction_2 = sign * Eigen::Vector3d::UnitX(),
+          .direction_1 = -last_turn_.col(1),
+          .direction_2 = sign * last_turn_.col(0),
           .lateral_friction = pair_.lateral_friction,
           .restitution = pair_.restitution,
           .spinning_friction = pair_.spinning_friction,
@@ -134,11 +147,18 @@ class FastWorldOnBullet final : public FastWorld {
 
  private:
   // False: the contact geometry does not hold, and nothing was done.
-  bool substep(const DriveTarget& target, double dt, double start, int i) {
+  bool substep(const DriveTarget& target, double dt, const PedestalState& start, int i) {
     const EngineSettings& engine = scene_->engine();
     Support support;
     support.p_WP = scene_->pedestal().p_WP0;
-    support.p_WP.x() += pedestal_.position;
+    if (drive_ == Drive::prescribed_spatial) {
+      const PedestalMotion now = pedestal_motion(scene_->pedestal(), pedestal_);
+      support.p_WP = now.p_WP;
+      support.R_WP = now.R_WP;
+      support.level = false;
+    } else {
+      support.p_WP.x() += pedestal_.position;
+    }
     // A state that is not a number stays as it is: Bullet would take none.
     const bool moving_rock = has_rock_ && !diverged_;
     if (moving_rock) {
@@ -154,8 +174,15 @@ class FastWorldOnBullet final : public FastWorld {
       }
     }
     SupportMotor motor;
-    if (drive_ == Drive::prescribed) {
-      const double goal = start + (target.position - start) * (i + 1) / engine.substeps;
+    PedestalState next;
+    if (drive_ == Drive::prescribed_spatial) {
+      next = on_the_way(start, pedestal_, target, i + 1, engine.substeps, dt);
+      const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
+      support.v_WP = (goal.p_WP - support.p_WP) / dt;
+      support.w_WP = goal.w_WP;
+    } else if (drive_ == Drive::prescribed) {
+      const double goal =
+          start.position + (target.position - start.position) * (i + 1) / engine.substeps;
       pedestal_.velocity = (goal - pedestal_.position) / dt;
     } else {
       const double damping = engine.linear_damping;
@@ -169,10 +196,12 @@ class FastWorldOnBullet final : public FastWorld {
                      -kMotorSpeedClamp, kMotorSpeedClamp);
       motor.maximum_impulse = kMotorMaximumForce * engine.time_step;
     }
-    support.v_WP.x() = pedestal_.velocity;
+    if (drive_ != Drive::prescribed_spatial) support.v_WP.x() = pedestal_.velocity;
     last_support_ = support.p_WP;
+    last_turn_ = support.R_WP;
     if (moving_rock) {
       last_rock_ = stepper_.state.p_WB;
+      if (mechanics_) mechanics_->begin_step(stepper_.state, dt);
       stepper_.advance(support, motor, dt);
     } else if (motor.inverse_mass > 0) {
       motor.velocity_change =
@@ -180,8 +209,22 @@ class FastWorldOnBullet final : public FastWorld {
                      -motor.maximum_impulse, motor.maximum_impulse) *
           motor.inverse_mass;
     }
-    pedestal_.velocity += motor.velocity_change;
-    pedestal_.position += dt * pedestal_.velocity;
+    if (drive_ == Drive::prescribed_spatial) {
+      pedestal_ = next;
+    } else {
+      pedestal_.velocity += motor.velocity_change;
+      pedestal_.position += dt * pedestal_.velocity;
+    }
+    if (moving_rock && mechanics_) {
+      touches_.clear();
+      for (int k = 0; k < stepper_.contact_count(); ++k) {
+        const FastStepper::Contact& c = stepper_.contact(k);
+        touches_.push_back(
+            {last_rock_ + last_turn_ * c.r_P, last_turn_.col(2), c.normal_impulse});
+      }
+      mechanics_->end_step(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_),
+                           touches_, dt);
+    }
     return true;
   }
 
@@ -195,8 +238,10 @@ class FastWorldOnBullet final : public FastWorld {
     std::vector<CachedContact> cached;
     for (int i = 0; i < stepper_.contact_count(); ++i)
       cached.push_back(
-          {stepper_.contact(i).p_B, stepper_.contact(i).p_P, Eigen::Vector3d::UnitZ()});
+          {stepper_.contact(i).p_B, stepper_.contact(i).p_P,
+           pedestal_motion(scene_->pedestal(), pedestal_).R_WP.col(2)});
     bullet_->set_contacts(cached);
+    if (mechanics_) bullet_->set_mechanics(*mechanics_);
     bullet_->step(target);
   }
 
@@ -207,6 +252,9 @@ class FastWorldOnBullet final : public FastWorld {
   PedestalState pedestal_;
   Eigen::Vector3d last_rock_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d last_support_ = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d last_turn_ = Eigen::Matrix3d::Identity();
+  std::optional<RockMechanics> mechanics_;
+  std::vector<Touch> touches_;
   bool has_rock_ = false;
   bool diverged_ = false;
   Handover handover_ = Handover::none;

@@ -46,6 +46,22 @@ void check_engine(const EngineSettings& e) {
   require(e.linear_damping >= 0 && e.angular_damping >= 0, "engine: damping must be at least 0");
 }
 
+void check_mechanisms(const Mechanisms& m) {
+  const auto at_least = [](double value, double least, const std::string& name) {
+    require(std::isfinite(value) && value >= least,
+            "mechanisms: " + name + " must be finite and at least " + std::to_string(least) +
+                ", got " + std::to_string(value));
+  };
+  if (!std::isnan(m.impact_energy_ratio)) at_least(m.impact_energy_ratio, 0.0, "impact_energy_ratio");
+  at_least(m.rocking_damping, 0.0, "rocking_damping");
+  at_least(m.rolling_resistance, 0.0, "rolling_resistance");
+  at_least(m.friction_ratio, 1.0, "friction_ratio");
+  require(std::isfinite(m.friction_speed) && m.friction_speed > 0,
+          "mechanisms: friction_speed must be positive, got " + std::to_string(m.friction_speed));
+  at_least(m.adhesion, 0.0, "adhesion");
+  if (!std::isnan(m.catch_slack)) at_least(m.catch_slack, 0.0, "catch_slack");
+}
+
 // Builds the shapes of one body. `X_BM` takes the parts' model frame into the body frame.
 class ShapeBuilder {
  public:
@@ -154,12 +170,14 @@ btVector3 box_inertia(const btCollisionShape& shape, double mass) {
 
 }  // namespace
 
-Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock)
+Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechanisms mechanisms)
     : engine_(engine),
       pedestal_(std::move(pedestal)),
       rock_(std::move(rock)),
+      mechanisms_(mechanisms),
       shapes_(std::make_unique<Shapes>()) {
   check_engine(engine_);
+  check_mechanisms(mechanisms_);
   check_material(rock_.material, "rock");
   check_material(pedestal_.material, "pedestal");
   require(std::isfinite(rock_.mass) && rock_.mass > 0,
@@ -168,8 +186,10 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock)
           "pedestal: mass must be positive, got " + std::to_string(pedestal_.mass) + " kg");
   require(finite(pedestal_.base_size) && pedestal_.base_size.minCoeff() > 0,
           "pedestal: base sizes must be positive");
-  require(finite(pedestal_.p_WP0) && std::isfinite(pedestal_.top), "pedestal: position is not finite");
+  require(finite(pedestal_.p_WP0) && std::isfinite(pedestal_.top) && std::isfinite(pedestal_.pitch_pivot),
+          "pedestal: position is not finite");
   check_pose(rock_.X_MB, "rock: body frame");
+  if (mechanisms_.sets_impacts()) rock_.material.restitution = 0.0;
   require(!has_triangles(rock_.parts),
           "rock: an exact triangle surface cannot move freely; use its convex hull or a decomposition");
   if (!rock_.inertia_from_aabb) {

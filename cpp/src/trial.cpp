@@ -28,9 +28,10 @@ class RestClock {
   RestClock(const RestCriterion& criterion, double time_step)
       : criterion_(criterion),
         needed_(std::max<std::int64_t>(1, std::llround(criterion.window / time_step))) {}
-  bool at_rest(const RockState& rock, const PedestalState& pedestal) {
-    const Eigen::Vector3d v = rock.v_WB - Eigen::Vector3d(pedestal.velocity, 0, 0);
-    const bool slow = v.norm() < criterion_.linear_speed && rock.w_WB.norm() < criterion_.angular_speed;
+  bool at_rest(const RockState& rock, const PedestalMotion& pedestal) {
+    const Eigen::Vector3d v = rock.v_WB - pedestal.velocity_at(rock.p_WB);
+    const Eigen::Vector3d w = rock.w_WB - pedestal.w_WP;
+    const bool slow = v.norm() < criterion_.linear_speed && w.norm() < criterion_.angular_speed;
     quiet_ = slow ? quiet_ + 1 : 0;
     return quiet_ >= needed_;
   }
@@ -51,9 +52,22 @@ void check(const TrialSpec& spec) {
   };
   if (!all_finite(*spec.position) || (spec.velocity && !all_finite(*spec.velocity)))
     throw InvalidInput("the motion has a value that is not finite");
+  for (const auto& channel : {spec.transverse, spec.vertical, spec.pitch}) {
+    if (!channel) continue;
+    if (spec.start->drive() != Drive::prescribed_spatial)
+      throw InvalidInput("the motion has channels besides x; they need the drive prescribed_spatial");
+    if (channel->size() != spec.position->size())
+      throw InvalidInput("the motion's channels differ in length");
+    if (!all_finite(*channel)) throw InvalidInput("the motion has a value that is not finite");
+  }
   if (spec.log_every < 0 || spec.contacts_every < 0)
     throw InvalidInput("log intervals must be at least 0");
   if (!(spec.tail >= 0)) throw InvalidInput("the tail must be at least 0 s");
+}
+
+DriveTarget set_point(const TrialSpec& spec, std::size_t k, double velocity) {
+  const auto at = [k](const auto& channel) { return channel ? (*channel)[k] : 0.0; };
+  return {(*spec.position)[k], velocity, {at(spec.transverse), at(spec.vertical), at(spec.pitch)}};
 }
 
 void append_row(std::vector<double>& log, double time, double commanded,
@@ -76,6 +90,8 @@ class Run {
         engine_(choose_engine(*scene)),
         cancel_(cancel),
         result_(result),
+        pedestal_spec_(scene->pedestal()),
+        spatial_(drive == Drive::prescribed_spatial),
         dt_(scene->engine().time_step) {
     world_->spawn_rock(X_WB);
     read();
@@ -85,11 +101,20 @@ class Run {
   std::string engine() const { return engine_in_use(*world_, engine_); }
   const RockState& rock() const { return rock_; }
   const PedestalState& pedestal() const { return pedestal_; }
+  // With v and w over the latest step.
+  PedestalMotion pedestal_motion() const { return vsr2::pedestal_motion(pedestal_spec_, pedestal_); }
+  // The rock's pose seen from a pedestal that has not moved.
+  Pose on_pedestal() const {
+    if (!spatial_) return {rock_.p_WB - Eigen::Vector3d(pedestal_.position, 0, 0), rock_.q_WB};
+    const PedestalMotion motion = pedestal_motion();
+    return {pedestal_spec_.p_WP0 + motion.R_WP.transpose() * (rock_.p_WB - motion.p_WP),
+            Eigen::Quaterniond(motion.R_WP).conjugate() * rock_.q_WB};
+  }
   double dt() const { return dt_; }
 
   // Advances one step; false: the trial ends here (diverged or cancelled).
-  bool advance(double position, double velocity) {
-    world_->step({position, velocity});
+  bool advance(const DriveTarget& target) {
+    world_->step(target);
     ++result_.steps;
     read();
     if (!finite(rock_)) {
@@ -108,16 +133,16 @@ class Run {
   }
 
   // Holds the pedestal until the rock rests. Log rows get times up to 0 at the end of settling.
-  bool settle(const RestCriterion& criterion, double timeout, double position,
+  bool settle(const RestCriterion& criterion, double timeout, const DriveTarget& hold,
               std::int64_t log_every) {
     RestClock rest(criterion, dt_);
     const auto limit = static_cast<std::int64_t>(std::llround(timeout / dt_));
     bool settled = limit == 0;
     for (std::int64_t i = 0; i < limit && !settled; ++i) {
       if (log_every > 0 && i % log_every == 0)
-        append_row(result_.log, static_cast<double>(i) * dt_, position, 0.0, pedestal_, rock_);
-      if (!advance(position, 0.0)) return false;
-      settled = rest.at_rest(rock_, pedestal_);
+        log(static_cast<double>(i) * dt_, hold);
+      if (!advance(hold)) return false;
+      settled = rest.at_rest(rock_, pedestal_motion());
     }
     result_.settling_time = static_cast<double>(result_.steps) * dt_;
     for (std::size_t row = 0; row < result_.log.size(); row += kLogColumns)
@@ -131,6 +156,13 @@ class Run {
     return settled;
   }
 
+  void log(double time, const DriveTarget& target) {
+    append_row(result_.log, time, target.position, target.velocity, pedestal_, rock_);
+    if (!spatial_) return;
+    const Excursion& x = pedestal_.excursion;
+    result_.excursions.insert(result_.excursions.end(), {x.transverse, x.vertical, x.pitch});
+  }
+
  private:
   void read() {
     rock_ = world_->rock();
@@ -141,6 +173,8 @@ class Run {
   EngineKind engine_;
   const std::atomic<bool>& cancel_;
   TrialResult& result_;
+  const PedestalSpec& pedestal_spec_;  // the world keeps its scene
+  bool spatial_;
   double dt_;
   RockState rock_;
   PedestalState pedestal_;
@@ -158,13 +192,15 @@ class Trial {
 
   void run(const TrialResult& settled) {
     const SettledStart& start = *spec_.start;
-    if (!run_.settle(start.rest(), start.timeout(), spec_.position->front(), start.log_every()))
+    if (!run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every()))
       return;
     // The shared settling came before this trial's own.
     std::vector<double> earlier = settled.log;
     for (std::size_t row = 0; row < earlier.size(); row += kLogColumns)
       earlier[row + kTime] -= result_.settling_time;
     result_.log.insert(result_.log.begin(), earlier.begin(), earlier.end());
+    result_.excursions.insert(result_.excursions.begin(), settled.excursions.begin(),
+                              settled.excursions.end());
     result_.settling_time += settled.settling_time;
     begin();
     if (shake() && come_to_rest()) judge();
@@ -180,18 +216,20 @@ class Trial {
       lowest = std::min(lowest, (rock.q_WB * vertex).z());
     height_ = -lowest;
     result_.p_B_foot = rock.q_WB.conjugate() * Eigen::Vector3d(0, 0, lowest);
+    settled_ = run_.on_pedestal();
     result_.peak_tilt = 0.0;
     result_.peak_tracking_error = 0.0;
-    observe(0, spec_.position->front(), 0.0);
+    observe(0, set_point(spec_, 0, 0.0));
   }
 
   bool shake() {
     const std::vector<double>& x = *spec_.position;
     for (std::size_t k = 1; k < x.size(); ++k) {
       const double v = spec_.velocity ? (*spec_.velocity)[k] : (x[k] - x[k - 1]) / dt_;
-      if (!run_.advance(x[k], v)) return false;
+      const DriveTarget target = set_point(spec_, k, v);
+      if (!run_.advance(target)) return false;
       ++shaken_;
-      observe(shaken_, x[k], v);
+      observe(shaken_, target);
       if (overturned_ && spec_.stop_early) return true;
     }
     return true;
@@ -200,14 +238,14 @@ class Trial {
   bool come_to_rest() {
     if (overturned_ && spec_.stop_early) return true;
     const auto limit = static_cast<std::int64_t>(std::llround(spec_.tail / dt_));
-    const double position = spec_.position->back();
+    const DriveTarget hold = set_point(spec_, spec_.position->size() - 1, 0.0);
     bool resting = false;
     for (std::int64_t i = 0; i < limit; ++i) {
-      if (!run_.advance(position, 0.0)) return false;
+      if (!run_.advance(hold)) return false;
       ++shaken_;
-      observe(shaken_, position, 0.0);
+      observe(shaken_, hold);
       if (overturned_ && spec_.stop_early) return true;
-      resting = tail_rest_.at_rest(run_.rock(), run_.pedestal());
+      resting = tail_rest_.at_rest(run_.rock(), run_.pedestal_motion());
       if (resting && spec_.stop_early) return true;
     }
     if (!resting && limit > 0) {
@@ -218,19 +256,19 @@ class Trial {
     return true;
   }
 
-  void observe(std::int64_t k, double commanded, double commanded_velocity) {
-    const double tilt = tilt_from(result_.X_WB_settled.orientation, run_.rock().q_WB);
+  void observe(std::int64_t k, const DriveTarget& target) {
+    const Pose rock = run_.on_pedestal();
+    const double tilt = tilt_from(settled_.orientation, rock.orientation);
     result_.peak_tilt = std::max(result_.peak_tilt, tilt);
     result_.peak_tracking_error =
-        std::max(result_.peak_tracking_error, std::abs(run_.pedestal().position - commanded));
-    const bool fallen = run_.rock().p_WB.z() < result_.X_WB_settled.position.z() - height_;
+        std::max(result_.peak_tracking_error, std::abs(run_.pedestal().position - target.position));
+    const bool fallen = rock.position.z() < settled_.position.z() - height_;
     if (!overturned_ && (tilt >= spec_.outcome.overturned_tilt || fallen)) {
       overturned_ = true;
       result_.overturning_time = static_cast<double>(k) * dt_;
     }
     const double time = static_cast<double>(k) * dt_;
-    if (spec_.log_every > 0 && k % spec_.log_every == 0)
-      append_row(result_.log, time, commanded, commanded_velocity, run_.pedestal(), run_.rock());
+    if (spec_.log_every > 0 && k % spec_.log_every == 0) run_.log(time, target);
     if (spec_.contacts_every > 0 && k % spec_.contacts_every == 0) log_contacts(time);
   }
 
@@ -247,19 +285,27 @@ class Trial {
     }
   }
 
+  // Of the foot over the pedestal.
+  Eigen::Vector3d travel() const {
+    const auto foot = [&](const Pose& X) {
+      return Eigen::Vector3d(X.position + X.orientation * result_.p_B_foot);
+    };
+    if (spec_.start->drive() == Drive::prescribed_spatial)
+      return foot(run_.on_pedestal()) - foot(settled_);
+    Eigen::Vector3d out =
+        foot({run_.rock().p_WB, run_.rock().q_WB}) - foot(result_.X_WB_settled);
+    out.x() -= run_.pedestal().position - spec_.position->front();
+    return out;
+  }
+
   void judge() {
     if (result_.status == Status::not_run) result_.status = Status::ok;
-    const Pose& settled = result_.X_WB_settled;
-    const RockState& rock = run_.rock();
     const OutcomeThresholds& limit = spec_.outcome;
-    const Eigen::Vector3d foot = rock.p_WB + rock.q_WB * result_.p_B_foot;
-    const Eigen::Vector3d foot0 = settled.position + settled.orientation * result_.p_B_foot;
-    Eigen::Vector3d travel = foot - foot0;
-    travel.x() -= run_.pedestal().position - spec_.position->front();
+    const Pose rock = run_.on_pedestal();
+    result_.final_slip = travel().head<2>().norm();
     result_.simulated_time = static_cast<double>(shaken_) * dt_;
-    result_.final_tilt = tilt_from(settled.orientation, rock.q_WB);
-    result_.final_slip = travel.head<2>().norm();
-    result_.final_yaw = yaw_from(settled.orientation, rock.q_WB);
+    result_.final_tilt = tilt_from(settled_.orientation, rock.orientation);
+    result_.final_yaw = yaw_from(settled_.orientation, rock.orientation);
     if (overturned_ || result_.final_tilt >= limit.toppled_tilt) {
       result_.outcome = Outcome::overturned;
     } else if (std::abs(result_.final_yaw) >= limit.rotated_angle) {
@@ -279,6 +325,7 @@ class Trial {
   double dt_;
   RestClock tail_rest_;
   std::vector<ContactPoint> contacts_;
+  Pose settled_;  ///< on the pedestal
   double height_ = 0.0;
   std::int64_t shaken_ = 0;
   bool overturned_ = false;
@@ -325,7 +372,7 @@ const TrialResult& SettledStart::settle(const std::atomic<bool>& cancel) {
         return;
       }
       Run run(scene_, drive_, X_WB0_, cancel, settled_);
-      if (!run.settle(rest_, timeout_, 0.0, log_every_)) return;
+      if (!run.settle(rest_, timeout_, {}, log_every_)) return;
       settled_.X_WB_settled = {run.rock().p_WB, run.rock().q_WB};
       settled_.status = Status::ok;
     } catch (const std::exception& error) {

@@ -126,11 +126,12 @@ void bind_scene(py::module_& m) {
 
   py::class_<PedestalSpec>(m, "PedestalSpec")
       .def(py::init([](std::vector<Part> parts, const Eigen::Vector3d& origin, double mass,
-                       const Eigen::Vector3d& base_size, double top, const Material& material) {
-             return PedestalSpec{std::move(parts), origin, mass, base_size, top, material};
+                       const Eigen::Vector3d& base_size, double top, const Material& material,
+                       double pitch_pivot) {
+             return PedestalSpec{std::move(parts), origin, mass, base_size, top, material, pitch_pivot};
            }),
            py::kw_only(), py::arg("parts"), py::arg("origin"), py::arg("mass"),
-           py::arg("base_size"), py::arg("top"), py::arg("material"));
+           py::arg("base_size"), py::arg("top"), py::arg("material"), py::arg("pitch_pivot"));
   py::class_<RockSpec>(m, "RockSpec")
       .def(py::init([](std::vector<Part> parts, double mass, const Eigen::Vector3d& inertia,
                        bool inertia_from_aabb, const Eigen::Vector3d& mass_center,
@@ -142,9 +143,20 @@ void bind_scene(py::module_& m) {
            py::arg("inertia_from_aabb"), py::arg("mass_center"), py::arg("principal_axes"),
            py::arg("material"));
 
+  py::class_<Mechanisms>(m, "Mechanisms")
+      .def(py::init([](double impact_energy_ratio, double rocking_damping,
+                       double rolling_resistance, double friction_ratio, double friction_speed,
+                       double adhesion, double catch_slack) {
+             return Mechanisms{impact_energy_ratio, rocking_damping, rolling_resistance,
+                               friction_ratio, friction_speed, adhesion, catch_slack};
+           }),
+           py::kw_only(), py::arg("impact_energy_ratio"), py::arg("rocking_damping"),
+           py::arg("rolling_resistance"), py::arg("friction_ratio"), py::arg("friction_speed"),
+           py::arg("adhesion"), py::arg("catch_slack"));
+
   py::class_<Scene, std::shared_ptr<Scene>>(m, "Scene")
-      .def(py::init<EngineSettings, PedestalSpec, RockSpec>(), py::kw_only(), py::arg("engine"),
-           py::arg("pedestal"), py::arg("rock"))
+      .def(py::init<EngineSettings, PedestalSpec, RockSpec, Mechanisms>(), py::kw_only(),
+           py::arg("engine"), py::arg("pedestal"), py::arg("rock"), py::arg("mechanisms"))
       .def_property_readonly("rock_inertia", &Scene::rock_inertia)
       .def_property_readonly(
           "engine", [](const Scene& scene) { return to_string(choose_engine(scene)); },
@@ -165,6 +177,7 @@ void bind_scene(py::module_& m) {
 void bind_world(py::module_& m) {
   py::enum_<Drive>(m, "Drive")
       .value("prescribed", Drive::prescribed)
+      .value("prescribed_spatial", Drive::prescribed_spatial)
       .value("motor_position", Drive::motor_position)
       .value("motor_position_velocity", Drive::motor_position_velocity);
 
@@ -183,13 +196,23 @@ void bind_world(py::module_& m) {
       .def_property_readonly("has_rock", &World::has_rock)
       .def("set_rock_velocity", &World::set_rock_velocity, py::arg("linear"), py::arg("angular"))
       .def("step",
-           [](World& world, double position, double velocity) { world.step({position, velocity}); },
-           py::arg("position"), py::arg("velocity"))
+           [](World& world, double position, double velocity, double transverse, double vertical,
+              double pitch) {
+             world.step({position, velocity, {transverse, vertical, pitch}});
+           },
+           py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
+           py::arg("vertical") = 0.0, py::arg("pitch") = 0.0)
       .def_property_readonly("pedestal",
                              [](const World& world) {
                                const PedestalState s = world.pedestal();
                                return std::make_pair(s.position, s.velocity);
                              })
+      .def_property_readonly("excursion",
+                             [](const World& world) {
+                               const Excursion x = world.pedestal().excursion;
+                               return std::make_tuple(x.transverse, x.vertical, x.pitch);
+                             },
+                             "Transverse and vertical displacement [m], pitch [rad].")
       .def_property_readonly("rock",
                              [](const World& world) {
                                const RockState s = world.rock();
@@ -243,7 +266,10 @@ void bind_trial(py::module_& m) {
 
   py::class_<TrialSpec>(m, "TrialSpec")
       .def(py::init([](std::shared_ptr<SettledStart> start, const Samples& motion_position,
-                       const std::optional<Samples>& motion_velocity, double tail,
+                       const std::optional<Samples>& motion_velocity,
+                       const std::optional<Samples>& transverse,
+                       const std::optional<Samples>& vertical,
+                       const std::optional<Samples>& pitch, double tail,
                        double rest_linear_speed, double rest_angular_speed, double rest_window,
                        double overturned_tilt, double toppled_tilt, double rocked_tilt,
                        double slid_distance, double rotated_angle, bool stop_early,
@@ -252,6 +278,9 @@ void bind_trial(py::module_& m) {
              spec.start = std::move(start);
              spec.position = motion_position.values;
              if (motion_velocity) spec.velocity = motion_velocity->values;
+             if (transverse) spec.transverse = transverse->values;
+             if (vertical) spec.vertical = vertical->values;
+             if (pitch) spec.pitch = pitch->values;
              spec.tail = tail;
              spec.tail_rest = {rest_linear_speed, rest_angular_speed, rest_window};
              spec.outcome = {overturned_tilt, toppled_tilt, rocked_tilt, slid_distance,
@@ -262,7 +291,7 @@ void bind_trial(py::module_& m) {
              return spec;
            }),
            py::kw_only(), py::arg("start"), py::arg("motion_position"), py::arg("motion_velocity"),
-           py::arg("tail"), py::arg("rest_linear_speed"), py::arg("rest_angular_speed"),
+           py::arg("transverse"), py::arg("vertical"), py::arg("pitch"), py::arg("tail"), py::arg("rest_linear_speed"), py::arg("rest_angular_speed"),
            py::arg("rest_window"), py::arg("overturned_tilt"), py::arg("toppled_tilt"),
            py::arg("rocked_tilt"), py::arg("slid_distance"), py::arg("rotated_angle"),
            py::arg("stop_early"), py::arg("log_every"), py::arg("contacts_every"));
@@ -288,6 +317,10 @@ void bind_trial(py::module_& m) {
       .def_readonly("foot", &TrialResult::p_B_foot)
       .def("take_log", [](TrialResult& r) { return adopt(std::move(r.log), kLogColumns); },
            "State log, shape (n, 18); may be taken once.")
+      .def("take_excursions",
+           [](TrialResult& r) { return adopt(std::move(r.excursions), kExcursionColumns); },
+           "Transverse, vertical and pitch of the pedestal, one row a row of the state log, or none "
+           "where it moved along x; may be taken once.")
       .def("take_contacts",
            [](TrialResult& r) { return adopt(std::move(r.contacts), kContactColumns); },
            "Contact log, shape (n, 20); may be taken once.");

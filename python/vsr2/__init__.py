@@ -4,12 +4,14 @@
 """
 
 from vsr2.config import Study, load_study
+from vsr2.diagnosis import Diagnosis, diagnose
 from vsr2.motion import Motion
 from vsr2.results import BatchResult, TrialLog, load_result, save_result
 from vsr2.simulation import Scene, Simulation, Trial, build_scene, run_batch
 
 __all__ = [
     "BatchResult",
+    "Diagnosis",
     "Motion",
     "Scene",
     "Simulation",
@@ -17,6 +19,7 @@ __all__ = [
     "Trial",
     "TrialLog",
     "build_scene",
+    "diagnose",
     "load_result",
     "load_study",
     "run_batch",

@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Outcome', 'PedestalSpec', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
+__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Mechanisms', 'Outcome', 'PedestalSpec', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
 class InvalidInput(ValueError):
     pass
 class Material:
@@ -76,13 +76,16 @@ class TrianglesPart:
     def __init__(self, vertices: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], faces: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> None:
         ...
 class PedestalSpec:
-    def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], mass: typing.SupportsFloat | typing.SupportsIndex, base_size: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], top: typing.SupportsFloat | typing.SupportsIndex, material: Material) -> None:
+    def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], mass: typing.SupportsFloat | typing.SupportsIndex, base_size: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], top: typing.SupportsFloat | typing.SupportsIndex, material: Material, pitch_pivot: typing.SupportsFloat | typing.SupportsIndex) -> None:
         ...
 class RockSpec:
     def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], mass: typing.SupportsFloat | typing.SupportsIndex, principal_inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"], material: Material) -> None:
         ...
+class Mechanisms:
+    def __init__(self, *, impact_energy_ratio: typing.SupportsFloat | typing.SupportsIndex, rocking_damping: typing.SupportsFloat | typing.SupportsIndex, rolling_resistance: typing.SupportsFloat | typing.SupportsIndex, friction_ratio: typing.SupportsFloat | typing.SupportsIndex, friction_speed: typing.SupportsFloat | typing.SupportsIndex, adhesion: typing.SupportsFloat | typing.SupportsIndex, catch_slack: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
 class Scene:
-    def __init__(self, *, engine: EngineSettings, pedestal: PedestalSpec, rock: RockSpec) -> None:
+    def __init__(self, *, engine: EngineSettings, pedestal: PedestalSpec, rock: RockSpec, mechanisms: Mechanisms) -> None:
         ...
     @property
     def engine(self) -> str:
@@ -106,6 +109,8 @@ class Drive:
     
       prescribed
     
+      prescribed_spatial
+    
       motor_position
     
       motor_position_velocity
@@ -114,6 +119,7 @@ class Drive:
     motor_position: typing.ClassVar[Drive]
     motor_position_velocity: typing.ClassVar[Drive]
     prescribed: typing.ClassVar[Drive]
+    prescribed_spatial: typing.ClassVar[Drive]
     @typing.overload
     def __eq__(self, other: Drive) -> bool:
         ...
@@ -159,8 +165,13 @@ class World:
         ...
     def spawn_rock(self, position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], orientation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"]) -> None:
         ...
-    def step(self, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def step(self, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
+    @property
+    def excursion(self) -> tuple[float, float, float]:
+        """
+        Transverse and vertical displacement [m], pitch [rad].
+        """
     @property
     def has_rock(self) -> bool:
         ...
@@ -294,12 +305,16 @@ class SettledStart:
     def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], orientation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"], linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex, log_every: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
 class TrialSpec:
-    def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, tail: typing.SupportsFloat | typing.SupportsIndex, rest_linear_speed: typing.SupportsFloat | typing.SupportsIndex, rest_angular_speed: typing.SupportsFloat | typing.SupportsIndex, rest_window: typing.SupportsFloat | typing.SupportsIndex, overturned_tilt: typing.SupportsFloat | typing.SupportsIndex, toppled_tilt: typing.SupportsFloat | typing.SupportsIndex, rocked_tilt: typing.SupportsFloat | typing.SupportsIndex, slid_distance: typing.SupportsFloat | typing.SupportsIndex, rotated_angle: typing.SupportsFloat | typing.SupportsIndex, stop_early: bool, log_every: typing.SupportsInt | typing.SupportsIndex, contacts_every: typing.SupportsInt | typing.SupportsIndex) -> None:
+    def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: typing.SupportsFloat | typing.SupportsIndex, rest_linear_speed: typing.SupportsFloat | typing.SupportsIndex, rest_angular_speed: typing.SupportsFloat | typing.SupportsIndex, rest_window: typing.SupportsFloat | typing.SupportsIndex, overturned_tilt: typing.SupportsFloat | typing.SupportsIndex, toppled_tilt: typing.SupportsFloat | typing.SupportsIndex, rocked_tilt: typing.SupportsFloat | typing.SupportsIndex, slid_distance: typing.SupportsFloat | typing.SupportsIndex, rotated_angle: typing.SupportsFloat | typing.SupportsIndex, stop_early: bool, log_every: typing.SupportsInt | typing.SupportsIndex, contacts_every: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
 class TrialResult:
     def take_contacts(self) -> numpy.typing.NDArray[numpy.float64]:
         """
         Contact log, shape (n, 20); may be taken once.
+        """
+    def take_excursions(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Transverse, vertical and pitch of the pedestal, one row a row of the state log, or none where it moved along x; may be taken once.
         """
     def take_log(self) -> numpy.typing.NDArray[numpy.float64]:
         """

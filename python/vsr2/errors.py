@@ -33,3 +33,7 @@ class CampaignError(Vsr2Error):
 
 class BlindError(Vsr2Error):
     """A blind pack, its key or its verdicts that cannot be used (names file, key and remedy)."""
+
+
+class DiagnosisError(Vsr2Error):
+    """A diagnosis that cannot be made as asked (names campaign, scene or option, and remedy)."""

@@ -21,7 +21,7 @@ inline const char* name(RockKind kind) {
 }
 
 inline const char* name(Drive drive) {
-  constexpr const char* names[] = {"Prescribed", "MotorPosition", "MotorPositionVelocity"};
+  constexpr const char* names[] = {"Prescribed", "PrescribedSpatial", "MotorPosition", "MotorPositionVelocity"};
   return names[static_cast<int>(drive)];
 }
 

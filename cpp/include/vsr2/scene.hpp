@@ -16,6 +16,8 @@
 
 #include <Eigen/Dense>
 
+#include "vsr2/mechanisms.hpp"
+
 namespace vsr2 {
 
 /// Raised for a scene or trial that cannot be simulated; the message names the value.
@@ -96,20 +98,23 @@ struct PedestalSpec {
   Eigen::Vector3d base_size = Eigen::Vector3d(50, 14, 2);  ///< static base standing on z = 0 [m]
   double top = 2.5;   ///< greatest z of the pedestal at the start [m]
   Material material;
+  double pitch_pivot = 2.5;  ///< height of the pitch axis in W at the start; it lies over P's origin [m]
 };
 
 /// A validated scene with its collision shapes. Thread safe: nothing changes after construction.
 class Scene {
  public:
   /// @throws InvalidInput for values no engine can use (zero mass, empty parts, NaN, ...).
-  Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock);
+  Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechanisms mechanisms = {});
   ~Scene();
   Scene(const Scene&) = delete;
   Scene& operator=(const Scene&) = delete;
 
   const EngineSettings& engine() const { return engine_; }
   const PedestalSpec& pedestal() const { return pedestal_; }
+  /// Without restitution where the mechanisms set the energy of impacts.
   const RockSpec& rock() const { return rock_; }
+  const Mechanisms& mechanisms() const { return mechanisms_; }
 
   /// The rock's inertia about B that worlds use, after `inertia_from_aabb` [kg m^2].
   Eigen::Vector3d rock_inertia() const;
@@ -124,6 +129,7 @@ class Scene {
   EngineSettings engine_;
   PedestalSpec pedestal_;
   RockSpec rock_;
+  Mechanisms mechanisms_;
   std::unique_ptr<Shapes> shapes_;
 };
 

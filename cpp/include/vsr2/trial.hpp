@@ -52,6 +52,10 @@ struct TrialSpec {
   std::shared_ptr<SettledStart> start;        ///< scene, drive and settled start pose
   std::shared_ptr<const std::vector<double>> position;  ///< set-points, first at time 0 [m]
   std::shared_ptr<const std::vector<double>> velocity;  ///< set-points [m/s]; null: differences
+  // Set-points besides x, as many as of the position; null: none. They need Drive::prescribed_spatial.
+  std::shared_ptr<const std::vector<double>> transverse;  ///< along y [m]
+  std::shared_ptr<const std::vector<double>> vertical;    ///< along z [m]
+  std::shared_ptr<const std::vector<double>> pitch;       ///< about y [rad]
   double tail = 30.0;                         ///< longest run after the motion [s]
   RestCriterion tail_rest{0.02, 0.05, 0.5};   ///< ends the tail
   OutcomeThresholds outcome;
@@ -67,6 +71,8 @@ enum LogColumn : int {
   kRockVx, kRockVy, kRockVz, kRockWx, kRockWy, kRockWz,
   kLogColumns
 };
+/// Columns of an excursion log row, which goes with the state log row of the same index.
+enum ExcursionColumn : int { kTransverse, kVertical, kPitch, kExcursionColumns };
 /// Columns of a contact log row: time, rock point, pedestal point, normal, distance, normal and
 /// two lateral impulses, two lateral directions.
 inline constexpr int kContactColumns = 20;
@@ -91,6 +97,7 @@ struct TrialResult {
   Eigen::Vector3d p_B_foot = Eigen::Vector3d::Constant(
       std::numeric_limits<double>::quiet_NaN());  ///< body point whose travel is the slip [m]
   std::vector<double> log;       ///< rows of kLogColumns
+  std::vector<double> excursions;  ///< rows of kExcursionColumns; empty: the pedestal moved along x
   std::vector<double> contacts;  ///< rows of kContactColumns
 };
 
@@ -129,6 +136,7 @@ double tilt_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB
 /// Turn about the vertical between the two (twist of the swing-twist decomposition) [rad].
 double yaw_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB);
 
+/// Tilt, turn, slip, fall and rest count relative to the moving pedestal.
 /// Runs one trial in a freshly built world. Never throws for what happens in the trial: see status.
 /// `cancel` is looked at every few steps.
 TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel);

@@ -8,23 +8,54 @@
 
 namespace vsr2 {
 
-/// How the prismatic joint follows its set-points.
+/// How the pedestal follows its set-points.
 enum class Drive {
   prescribed,                ///< exactly: position reached at the end of each step
+  prescribed_spatial,        ///< the same, with the excursion besides x
   motor_position,            ///< Bullet's joint motor, position reference only (recordings, S1.3)
   motor_position_velocity,   ///< Bullet's joint motor, both references (cosine modes, S1.3)
+};
+
+/// Where the pedestal is besides x; or the rates of that.
+struct Excursion {
+  double transverse = 0.0;  ///< along y [m]
+  double vertical = 0.0;    ///< along z [m]
+  double pitch = 0.0;       ///< about y, on the axis at PedestalSpec::pitch_pivot [rad]
 };
 
 /// Set-point for the end of a step.
 struct DriveTarget {
   double position = 0.0;  ///< [m]
   double velocity = 0.0;  ///< [m/s]
+  Excursion excursion;    ///< with `prescribed_spatial` only; else it must be zero
 };
 
+/// Position and velocity are of the pitch axis where the pedestal pitches.
 struct PedestalState {
   double position = 0.0;  ///< displacement along x from the start [m]
   double velocity = 0.0;  ///< [m/s]
+  Excursion excursion;
+  Excursion excursion_rate;
 };
+
+/// Rigid motion of the pedestal's frame P.
+struct PedestalMotion {
+  Eigen::Vector3d p_WP = Eigen::Vector3d::Zero();  ///< [m]
+  Eigen::Matrix3d R_WP = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d v_WP = Eigen::Vector3d::Zero();  ///< [m/s]
+  Eigen::Vector3d w_WP = Eigen::Vector3d::Zero();  ///< [rad/s]
+
+  /// Velocity of the pedestal's material at a point of the world [m/s].
+  Eigen::Vector3d velocity_at(const Eigen::Vector3d& p_W) const { return v_WP + w_WP.cross(p_W - p_WP); }
+};
+/// Where a prescribed pedestal is at the end of solver step `i` of `n`, counted from 1, that take it
+/// from `start` to the set-point; its rates are over that step of `dt` [s] from `now`.
+PedestalState on_the_way(const PedestalState& start, const PedestalState& now,
+                         const DriveTarget& target, int i, int n, double dt);
+/// @throws InvalidInput for an excursion that the drive does not follow.
+void check_target(Drive drive, const DriveTarget& target);
+/// The pedestal turns about its pitch axis, which itself moves along x, y and z.
+PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState& state);
 
 struct RockState {
   Eigen::Vector3d p_WB = Eigen::Vector3d::Zero();  ///< mass centre [m]

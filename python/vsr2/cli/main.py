@@ -6,7 +6,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from vsr2.cli import blind, bodies, campaign, configuration, motion, replay, study
+from vsr2.cli import blind, bodies, campaign, configuration, diagnosis, motion, replay, study
 from vsr2.errors import Vsr2Error
 
 EXIT_CODES = """\
@@ -28,7 +28,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="store_true", help="version and build facts, then end")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB")
-    for room in (study, replay, bodies, motion, campaign, blind, configuration):
+    for room in (study, replay, bodies, motion, campaign, diagnosis, blind, configuration):
         room.add_verbs(verbs)
     return parser
 

@@ -105,6 +105,8 @@ def _type_name(annotation: Any, metadata: list[Any] | tuple[Any, ...]) -> str:
         if args[-1] is Ellipsis:
             return f"list of {_type_name(args[0], ())}"
         return f"list of {len(args)}: {_type_name(args[0], ())}"
+    if origin is dict:
+        return "mapping of names to parameters"
     if hasattr(annotation, "__metadata__"):
         return _type_name(args[0], annotation.__metadata__)
     if type(None) in args:
@@ -126,7 +128,7 @@ def _default(field: FieldInfo) -> str:
     value = field.default
     if value is PydanticUndefined:
         return "required"
-    if value is None:
+    if value is None or value == {}:
         return "none"
     if isinstance(value, Section):
         held = variants(field)

@@ -1,9 +1,9 @@
 """The study: every setting of a simulation, typed, frozen and in SI units.
 
 A study has one section per concept of supplement S1.2: ``engine``, ``pedestal``, ``rock``,
-``contact``, ``motion``, ``settling``, ``outcome``, ``output``. A key that would have no effect is
-refused, not ignored. Paths are kept as written here; :mod:`vsr2.config.load` resolves them against
-the folder of the file that names them.
+``contact``, ``motion``, ``effects``, ``settling``, ``outcome``, ``output``. A key that would do
+nothing is refused, not ignored. Paths are kept as written here; :mod:`vsr2.config.load` resolves
+them against the folder of the file that names them.
 
 Numbers are strict: text and booleans are no numbers, NaN and infinity are refused. Upper bounds are
 far outside anything physical; they stop a slip of units or of a digit before it costs memory.
@@ -12,6 +12,7 @@ far outside anything physical; they stop a slip of units or of a digit before it
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -538,6 +539,45 @@ class Output(Section):
         return self
 
 
+_EFFECT_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}\Z")
+
+
+def _effects_mapping(given: object) -> object:
+    """Check the form of `effects`; which names and values exist the library of effects knows."""
+    if not isinstance(given, Mapping):
+        raise ValueError(
+            f"must hold names of effects, each with its parameters (is {str(given)[:60]!r}); "
+            "`vsr2 effects list` prints the names"
+        )
+    for name, values in given.items():
+        key = str(name)[:100]
+        if not isinstance(name, str) or not _EFFECT_WORD.match(name):
+            raise ValueError(f"{key!r} is no name of an effect; `vsr2 effects list` prints them")
+        if not isinstance(values, Mapping) or not values:
+            raise _inapplicable(
+                key,
+                f"must hold parameters, such as {{change: 0.03}}; `vsr2 effects show {name}` "
+                "prints them",
+            )
+        for parameter, value in values.items():
+            if not isinstance(parameter, str) or not _EFFECT_WORD.match(parameter):
+                raise _inapplicable(key, f"{str(parameter)[:100]!r} is no name of a parameter")
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if number and math.isfinite(value):
+                continue
+            if isinstance(value, str) and _EFFECT_WORD.match(value):
+                continue
+            raise _inapplicable(
+                f"{key}.{parameter}",
+                f"must be a finite number, or a word where `vsr2 effects show {name}` says so "
+                f"(is {str(value)[:60]!r})",
+            )
+    return {name: dict(values) for name, values in given.items()}
+
+
+Effects = Annotated[dict[str, dict[str, float | str]], BeforeValidator(_effects_mapping)]
+
+
 class Study(Section):
     """Everything `vsr2 run` needs."""
 
@@ -555,6 +595,9 @@ class Study(Section):
     """Contact between both."""
     motion: MotionSource
     """The ground motion, or several."""
+    effects: Effects = {}
+    """Effects added to the simulation, by name, each with its parameters: `{edge_rounding: {radius:
+    0.006}}`; `vsr2 effects list` prints the library (docs/effects.md)."""
     settling: Settling = Settling()
     """The rest before the motion."""
     outcome: Outcome = Outcome()

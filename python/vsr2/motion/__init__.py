@@ -23,7 +23,7 @@ from vsr2.motion.measures import (
     recorded_pga,
     significant_duration,
 )
-from vsr2.motion.motion import Motion
+from vsr2.motion.motion import SIDES, Motion, Recording, SideMotion
 from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
@@ -32,6 +32,7 @@ from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_mo
 from vsr2.motion.units import STANDARD_GRAVITY
 
 __all__ = [
+    "SIDES",
     "STANDARD_GRAVITY",
     "SYNTHETIC_INTERVAL",
     "Channel",
@@ -44,7 +45,9 @@ __all__ = [
     "Noise",
     "Record",
     "RecordFormat",
+    "Recording",
     "Resampled",
+    "SideMotion",
     "arias_intensity",
     "band_pass",
     "build_motions",

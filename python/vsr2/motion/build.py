@@ -27,7 +27,7 @@ from vsr2.motion.cosine import (
 )
 from vsr2.motion.fusion import fuse
 from vsr2.motion.measures import Channel, missing_channel
-from vsr2.motion.motion import Array, Motion
+from vsr2.motion.motion import Array, Motion, Recording
 from vsr2.motion.processing import (
     band_pass,
     integrate_acceleration,
@@ -132,6 +132,7 @@ def build_recorded_motion(
         ),
         resampling_error=driven.error,
         resampling_error_rms=driven.error_rms,
+        recording=Recording(record, baseline, filter, scale),
     )
     return motion if target_pga is None else motion.scaled_to_pga(target_pga, name=motion.name)
 

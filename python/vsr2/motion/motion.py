@@ -5,12 +5,16 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
+
+if TYPE_CHECKING:
+    from vsr2.config.study import Filter
+    from vsr2.motion.record import Record
 
 Array = NDArray[np.float64]
 
@@ -19,8 +23,41 @@ MAX_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
+class SideMotion:
+    """A motion of the pedestal beside that along x, sample for sample with it.
+
+    Attributes:
+        displacement: shape (n,) [m], or a rotation [rad]; starts at 0.
+        velocity: shape (n,) [m/s] or [rad/s].
+    """
+
+    displacement: Array
+    velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """The record a motion was built from, and how.
+
+    Attributes:
+        record: at its own sampling interval.
+        baseline: degree of the polynomial taken off first, or None.
+        filter: band-pass, or None.
+        scale: factor on the motion.
+    """
+
+    record: Record
+    baseline: int | None
+    filter: Filter | None
+    scale: float
+
+
+SIDES = ("transverse", "vertical", "pitch")
+
+
+@dataclass(frozen=True, eq=False)
 class Motion:
-    """A horizontal pedestal motion, sampled at the simulation's time step.
+    """A pedestal motion along x, sampled at the simulation's time step.
 
     Attributes:
         name: unique name within a study.
@@ -34,6 +71,10 @@ class Motion:
         resampling_error: stated error of the displacement from resampling in time, the greatest
             magnitude [m] (:func:`vsr2.motion.resample.resample`); 0 for analytic motions.
         resampling_error_rms: the same, root mean square [m].
+        transverse: along y, or None.
+        vertical: along z, or None.
+        pitch: rotation about y on the pedestal's pitch axis, or None.
+        recording: what it was built from, where that is a record.
 
     The arrays are copies and read-only.
 
@@ -51,12 +92,16 @@ class Motion:
     source: str = ""
     resampling_error: float = 0.0
     resampling_error_rms: float = 0.0
+    transverse: SideMotion | None = None
+    vertical: SideMotion | None = None
+    pitch: SideMotion | None = None
+    recording: Recording | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.time_step) and self.time_step > 0):
             raise MotionError(f"motion {self.name!r}: time step {self.time_step} s is not positive")
         for field in ("displacement", "velocity", "acceleration"):
-            object.__setattr__(self, field, self._checked(field))
+            object.__setattr__(self, field, self._checked(field, getattr(self, field)))
         if not (self.displacement.size == self.velocity.size == self.acceleration.size):
             raise MotionError(
                 f"motion {self.name!r}: displacement, velocity and acceleration have "
@@ -68,10 +113,30 @@ class Motion:
                 f"motion {self.name!r}: starts at {self.displacement[0]:g} m; the pedestal starts "
                 "at 0, so subtract the first value"
             )
+        for side in SIDES:
+            object.__setattr__(self, side, self._checked_side(side))
 
-    def _checked(self, field: str) -> Array:
+    def _checked_side(self, side: str) -> SideMotion | None:
+        given: SideMotion | None = getattr(self, side)
+        if given is None:
+            return None
+        displacement = self._checked(f"{side} displacement", given.displacement)
+        velocity = self._checked(f"{side} velocity", given.velocity)
+        if not (displacement.size == velocity.size == self.displacement.size):
+            raise MotionError(
+                f"motion {self.name!r}: {side} has {displacement.size} and {velocity.size} "
+                f"samples, the motion along x {self.displacement.size}; they must be equal"
+            )
+        if abs(displacement[0]) > 1e-9:
+            raise MotionError(
+                f"motion {self.name!r}: {side} starts at {displacement[0]:g}, not at 0; subtract "
+                "the first value"
+            )
+        return SideMotion(displacement, velocity)
+
+    def _checked(self, field: str, given: Array) -> Array:
         try:
-            value = np.array(getattr(self, field), dtype=np.float64)
+            value = np.array(given, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise MotionError(
                 f"motion {self.name!r}: {field} is not an array of numbers ({error})"
@@ -90,6 +155,16 @@ class Motion:
                 "repair or cut the record"
             )
         return value
+
+    @property
+    def sides(self) -> dict[str, SideMotion | None]:
+        """The motions beside x by their names."""
+        return {name: getattr(self, name) for name in SIDES}
+
+    @property
+    def is_spatial(self) -> bool:
+        """Whether there is any motion beside x."""
+        return any(side is not None for side in self.sides.values())
 
     @property
     def duration(self) -> float:
@@ -118,10 +193,15 @@ class Motion:
 
     @property
     def sha256(self) -> str:
-        """Hash of time step, displacement and velocity: what is driven."""
+        """Hash of time step, displacement, velocity and side motions: what is driven."""
         digest = hashlib.sha256(np.float64(self.time_step).tobytes())
         digest.update(self.displacement.tobytes())
         digest.update(self.velocity.tobytes())
+        for name in SIDES:
+            side: SideMotion | None = getattr(self, name)
+            if side is not None:
+                digest.update(name.encode() + side.displacement.tobytes())
+                digest.update(side.velocity.tobytes())
         return digest.hexdigest()
 
     def scaled_to_pga(self, pga: float, *, name: str | None = None) -> Motion:
@@ -139,7 +219,7 @@ class Motion:
         return self.scaled(pga / self.pga, name=name)
 
     def scaled(self, factor: float, *, name: str | None = None) -> Motion:
-        """The same motion, every sample times `factor`; negative mirrors it.
+        """The same motion, every sample of every direction times `factor`; negative mirrors it.
 
         Args:
             factor: not 0, finite.
@@ -162,4 +242,14 @@ class Motion:
                 source=f"{self.source}; scaled by {factor:.12g}",
                 resampling_error=self.resampling_error * abs(factor),
                 resampling_error_rms=self.resampling_error_rms * abs(factor),
+                recording=None
+                if self.recording is None
+                else replace(self.recording, scale=self.recording.scale * factor),
+                **{name: _scaled(getattr(self, name), factor) for name in SIDES},
             )
+
+
+def _scaled(side: SideMotion | None, factor: float) -> SideMotion | None:
+    if side is None:
+        return None
+    return SideMotion(side.displacement * factor, side.velocity * factor)

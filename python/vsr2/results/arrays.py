@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +27,27 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     write_atomic(path, lambda file: np.savez(file, allow_pickle=False, **dict(arrays)))
 
 
-def read_arrays(path: Path, kinds: Mapping[str, type[np.generic]]) -> dict[str, NDArray[Any]]:
+def read_arrays(
+    path: Path, kinds: Mapping[str, type[np.generic]], *, optional: Collection[str] = ()
+) -> dict[str, NDArray[Any]]:
     """Read named arrays of known number types from an `.npz` file.
 
     Args:
         path: the file.
         kinds: the wanted arrays with their types; others in the file are not looked at.
+        optional: those that the file need not hold; they are then not in the answer.
 
     Raises:
         ResultError: the file is missing, damaged, or holds something else.
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            return {name: _read_array(archive, name, np.dtype(kinds[name])) for name in kinds}
+            held = set(archive.namelist())
+            return {
+                name: _read_array(archive, name, np.dtype(kind))
+                for name, kind in kinds.items()
+                if name not in optional or f"{name}.npy" in held
+            }
     except FileNotFoundError as error:
         raise ResultError(f"{path}: does not exist") from error
     except Exception as error:  # bytes of any kind make zip and header readers raise any kind

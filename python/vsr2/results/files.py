@@ -68,6 +68,7 @@ FORMAT = "vsr2 result"
 FORMAT_VERSION = 1
 _RESERVED = "result_files"
 _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
+_SPATIAL_NAMES = ("excursions", "pivot")
 _NUMBERED = re.compile(r"\d{6,}\.(npz|npy)")
 _MAX_TEXT_FILE = 2**31
 
@@ -195,7 +196,9 @@ def save_trial_log(
     path = Path(folder)
     target = _numbered(path, LOG_FOLDER, index, "npz")
     _make_folder(target.parent)
-    write_arrays(target, {name: getattr(log, name) for name in _LOG_NAMES})
+    # Logs of pedestals that move along x only stay as older versions write and read them.
+    left_out = () if len(log.excursions) else _SPATIAL_NAMES
+    write_arrays(target, {name: getattr(log, name) for name in _LOG_NAMES if name not in left_out})
     if npy:
         rows = original_rows(log)
         target = _numbered(path, NPY_FOLDER, index, "npy")
@@ -334,7 +337,8 @@ def load_trial_log(folder: str | os.PathLike[str], index: int) -> TrialLog:
             f"{path}: does not exist; trial {index} has no log, or the folder is damaged (set "
             "output.log_every to 1 or more for logs)"
         )
-    arrays = read_arrays(path, dict.fromkeys(_LOG_NAMES, np.float64))
+    kinds: dict[str, type[np.generic]] = dict.fromkeys(_LOG_NAMES, np.float64)
+    arrays = read_arrays(path, kinds, optional=_SPATIAL_NAMES)
     try:
         return TrialLog(**arrays)
     except ResultError as error:

@@ -122,6 +122,12 @@ class TrialLog:
             horizontal travel relative to the pedestal is the slip, shape (3,) [m].
         mass_center: origin of B in the model frame M, shape (3,) [m].
         principal_axes: q_MB, x, y, z, w, shape (4,).
+        excursions: of the pedestal beside x, row by row with `state`: along y and z [m] and in
+            pitch [rad], shape (n, 3); (0, 3) where it moves along x only.
+        pivot: point of the pedestal's pitch axis in the world at the start, shape (3,) [m]; the
+            pedestal's place along x, y and z is that of this point. Not used without excursions.
+
+    Tilt, turn and slip are relative to the moving pedestal.
 
     Arrays are kept without a copy and offered read-only.
 
@@ -136,9 +142,13 @@ class TrialLog:
     foot: Array
     mass_center: Array
     principal_axes: Array
+    excursions: Array = field(default_factory=lambda: np.empty((0, 3)))
+    pivot: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         shapes = {
+            "excursions": (None, 3),
+            "pivot": (3,),
             "state": (None, len(STATE_COLUMNS)),
             "contacts": (None, len(CONTACT_COLUMNS)),
             "settled_position": (3,),
@@ -158,6 +168,11 @@ class TrialLog:
                 )
             value.setflags(write=False)
             object.__setattr__(self, name, value)
+        if len(self.excursions) not in (0, len(self.state)):
+            raise ResultError(
+                f"trial log: {len(self.excursions)} rows of excursions go with {len(self.state)} "
+                "rows of state"
+            )
 
     def column(self, name: str) -> Array:
         """One column of `state` by its name, shape (n,).
@@ -210,9 +225,17 @@ class TrialLog:
     def _rotation(self) -> Array:
         """From the settled pose, q_WB q_WB0*, shape (n, 4)."""
         inverse = self.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
-        return quaternion_product(
+        turned = quaternion_product(
             self.body_orientation, np.broadcast_to(inverse, self.body_orientation.shape)
         )
+        return quaternion_product(self._unpitched, turned) if len(self.excursions) else turned
+
+    @property
+    def _unpitched(self) -> Array:
+        """From the world to the pedestal, q_PW, shape (n, 4)."""
+        half = 0.5 * self.excursions[:, 2]
+        zero = np.zeros_like(half)
+        return np.stack([zero, -np.sin(half), zero, np.cos(half)], axis=-1)
 
     @property
     def tilt(self) -> Array:
@@ -244,6 +267,10 @@ class TrialLog:
         arm = np.broadcast_to(self.foot, self.position.shape)
         foot = self.position + rotate(self.body_orientation, arm)
         start = self.settled_position + rotate(self.settled_orientation, self.foot)
+        if len(self.excursions):
+            moved = np.column_stack([self.column("pedestal_position"), self.excursions[:, :2]])
+            on_pedestal = rotate(self._unpitched, foot - (self.pivot + moved))
+            return on_pedestal[:, :2] - (start - self.pivot)[:2]
         travel = foot[:, :2] - start[:2]
         travel[:, 0] -= self.column("pedestal_position")
         return travel

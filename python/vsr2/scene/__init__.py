@@ -8,6 +8,7 @@ from vsr2.scene.mass import (
     mesh_mass_properties,
     principal_mass_properties,
 )
+from vsr2.scene.mechanisms import Mechanisms
 from vsr2.scene.mesh import LoadedMesh, MeshGroup, load_mesh, obj_hull_points
 from vsr2.scene.placement import drop_height, height_above, start_pose
 from vsr2.scene.stability import (
@@ -29,6 +30,7 @@ __all__ = [
     "Hull",
     "LoadedMesh",
     "MassProperties",
+    "Mechanisms",
     "MeshGroup",
     "PedestalBody",
     "Pose",

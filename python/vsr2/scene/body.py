@@ -95,6 +95,8 @@ class PedestalBody:
         top: greatest z of the pedestal in the world at the start [m].
         mass: carried by the prismatic joint [kg].
         base_size: edge lengths of the static base, which stands on z = 0 [m].
+        pitch_pivot: height in the world, at the start, of the axis about which a motion's pitch
+            turns the pedestal [m]; None: its top.
     """
 
     parts: tuple[Hull | Box | Triangles, ...]
@@ -105,3 +107,4 @@ class PedestalBody:
     source: str = ""
     sha256: str = ""
     surface: Triangles | None = None
+    pitch_pivot: float | None = None

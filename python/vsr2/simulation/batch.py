@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.config import Study, load_study
 from vsr2.config.study import Outcome, Output, Settling
+from vsr2.effects import Applied, Observation, chosen
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_motions
 from vsr2.results import (
@@ -67,13 +68,16 @@ class Trial:
 
     Attributes:
         scene: what is shaken.
-        motion: how; its time step must be the scene's.
+        motion: how; its time step must be the scene's. One that goes beside x needs the drive
+            "prescribed".
         drive: "prescribed", or "motor" (S1.3: position and velocity reference for cosine motions,
             position only for recordings).
         start: pose X_WM of the rock's model frame; None: the scene's.
         name: default: the motion's.
         seed: of whatever was drawn for this trial before dispatch; kept with the result.
         settling, outcome, output: as in a study.
+        effects: that are in it, as `apply_effects` notes them; those on the outcome are applied to
+            the result.
     """
 
     scene: Scene
@@ -85,6 +89,7 @@ class Trial:
     settling: Settling = field(default_factory=Settling)
     outcome: Outcome = field(default_factory=Outcome)
     output: Output = field(default_factory=Output)
+    effects: tuple[Applied, ...] = ()
 
 
 def plan_sha256(trials: Sequence[Trial]) -> str:
@@ -103,6 +108,7 @@ def plan_sha256(trials: Sequence[Trial]) -> str:
             trial.settling.model_dump_json(),
             trial.outcome.model_dump_json(),
             trial.output.model_dump_json(),
+            *(applied.key for applied in trial.effects),
         ):
             digest.update(text.encode() + b"\0")
     return digest.hexdigest()
@@ -112,12 +118,17 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
     """The trials of a study: one per motion.
 
     Args:
-        study: its paths resolved.
+        study: its paths resolved. Its effects are applied; order in the campaign is the order of
+            the motions, all of one session.
         motions: to drive instead of the study's own; their time step must be the engine's.
 
     Raises:
-        GeometryError, MotionError, SimulationError: something of the study cannot be used.
+        ConfigError, GeometryError, MotionError, SimulationError: something of the study cannot be
+            used.
     """
+    from vsr2.simulation.effects import apply_effects
+
+    chosen(study.effects)  # refused before any mesh is read
     if motions is None:
         motions = build_motions(study.motion, study.engine.time_step)
     scene = build_scene(study)
@@ -131,7 +142,7 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
             )
     silent = study.output.model_copy(update={"contacts_every": 0})
     seeds = np.random.SeedSequence(study.seed).generate_state(max(1, len(motions)), np.uint32)
-    return [
+    trials = [
         Trial(
             scene=scene,
             motion=motion,
@@ -144,13 +155,14 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
         )
         for i, motion in enumerate(motions)
     ]
+    return apply_effects(trials, study.effects, seed=study.seed)
 
 
 class _Specifications:
     """Native specifications of trials; motions are copied once, equal starts settle once."""
 
     def __init__(self) -> None:
-        self._samples: dict[int, tuple[Any, Any]] = {}
+        self._samples: dict[int, dict[str, Any]] = {}
         self._starts: dict[tuple[Any, ...], _native.SettledStart] = {}
 
     def of(self, trial: Trial) -> _native.TrialSpec:
@@ -161,23 +173,30 @@ class _Specifications:
                 f"at {scene.engine.time_step:g} s; resample the motion in time"
             )
         if id(motion) not in self._samples:
-            self._samples[id(motion)] = (
-                _native.Samples(motion.displacement),
-                _native.Samples(motion.velocity),
-            )
-        position, velocity = self._samples[id(motion)]
+            self._samples[id(motion)] = {
+                "motion_position": _native.Samples(motion.displacement),
+                "motion_velocity": _native.Samples(motion.velocity),
+            } | {
+                name: None if side is None else _native.Samples(side.displacement)
+                for name, side in motion.sides.items()
+            }
         outcome, output = trial.outcome, trial.output
         return _native.TrialSpec(
             start=self._start(trial),
-            motion_position=position,
-            motion_velocity=velocity,
+            **self._samples[id(motion)],
             log_every=output.log_every,
             contacts_every=output.contacts_every,
             **outcome.model_dump(),
         )
 
     def _start(self, trial: Trial) -> _native.SettledStart:
-        if trial.drive == "prescribed":
+        if trial.motion.is_spatial:
+            if trial.drive != "prescribed":
+                raise SimulationError(
+                    f"motion {trial.motion.name!r} goes beside x; only drive: prescribed follows it"
+                )
+            drive = _native.Drive.prescribed_spatial
+        elif trial.drive == "prescribed":
             drive = _native.Drive.prescribed
         elif trial.motion.kind == "cosine":
             drive = _native.Drive.motor_position_velocity
@@ -248,7 +267,8 @@ def _check_log_size(trial: Trial) -> None:
     seconds = trial.motion.duration + trial.outcome.tail
     if trial.output.log_settling:
         seconds += 2 * trial.settling.timeout
-    size = seconds / step / every * len(STATE_COLUMNS) * 8
+    columns = len(STATE_COLUMNS) + (3 if trial.motion.is_spatial else 0)
+    size = seconds / step / every * columns * 8
     if size > MAX_LOG_BYTES:
         raise SimulationError(
             f"trial {trial.name or trial.motion.name!r}: its log could take {size / 1e9:.3g} GB "
@@ -292,6 +312,18 @@ def failed_row(trial: Trial, message: str) -> dict[str, Any]:
     return dict.fromkeys(_FLOAT_COLUMNS, np.nan) | facts | {"status": "error", "outcome": "failed"}
 
 
+def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The row of a trial as it is written down: with the effects on its outcome."""
+    rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
+    if not rules or row["outcome"] == "failed":
+        return row
+    keys = ("outcome", "peak_tilt", "final_tilt", "final_slip", "final_yaw")
+    observation = Observation(**{key: row[key] for key in keys})
+    for rule in rules:
+        observation = rule.observe(observation)
+    return {**row, **{key: getattr(observation, key) for key in keys}}
+
+
 def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
     state = result.take_log()
     if len(state) == 0:
@@ -300,6 +332,8 @@ def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
     return TrialLog(
         state=state,
         contacts=result.take_contacts(),
+        excursions=result.take_excursions(),
+        pivot=np.array([*trial.scene.pedestal.origin[:2], trial.scene.pitch_pivot]),
         settled_position=np.asarray(result.settled_position),
         settled_orientation=np.asarray(result.settled_orientation),
         foot=np.asarray(result.foot),
@@ -432,6 +466,7 @@ def run_batch(
         "interrupted": interrupt.raised,
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
+        "effects": _effects_given(trials),
     }
     return BatchResult(
         trials=collection.columns, logs=tuple(collection.logs), provenance=provenance
@@ -474,6 +509,7 @@ class _Collection:
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
+        row = observed(self._trials[i], row)
         for name in _RESULT_COLUMNS:
             self.columns[name][i] = row[name]
         _copy_out(self._out, i, self.columns, log)
@@ -520,6 +556,16 @@ def _model_hashes(trials: Sequence[Trial]) -> dict[str, str]:
     scenes = {id(trial.scene): trial.scene for trial in trials}.values()
     bodies = [body for scene in scenes for body in (scene.rock, scene.pedestal)]
     return {body.source: body.sha256 for body in bodies if body.sha256}
+
+
+def _effects_given(trials: Sequence[Trial]) -> dict[str, list[dict[str, float]]]:
+    """Effects of the trials by name: all values that were asked for."""
+    given: dict[str, list[dict[str, float]]] = {}
+    for applied in dict.fromkeys(one for trial in trials for one in trial.effects):
+        values = dict(applied.given)
+        if values not in given.setdefault(applied.effect.name, []):
+            given[applied.effect.name].append(values)
+    return given
 
 
 def _plain(value: Any) -> Any:

@@ -19,9 +19,9 @@ import numpy as np
 from vsr2 import _native
 from vsr2.config.study import Contact, Engine, Outcome, Output, Settling
 from vsr2.errors import SimulationError
-from vsr2.motion import Motion
+from vsr2.motion import Motion, SideMotion
 from vsr2.results import TrialLog, base_provenance
-from vsr2.scene import PedestalBody, Pose, RockBody
+from vsr2.scene import Mechanisms, PedestalBody, Pose, RockBody
 from vsr2.simulation.batch import Trial, run_native
 from vsr2.simulation.scene import Scene, make_scene
 
@@ -39,6 +39,7 @@ class SceneOrder:
     pedestal_parts: str
     engine: Engine
     contact: Contact
+    mechanisms: Mechanisms
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class MotionOrder:
     name: str
     time_step: float
     kind: Literal["cosine", "recording"]
+    sides: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,11 @@ class Finished:
 
 
 def _samples(motion: Motion) -> bytes:
-    return np.stack([motion.displacement, motion.velocity, motion.acceleration]).tobytes()
+    rows = [motion.displacement, motion.velocity, motion.acceleration]
+    for side in motion.sides.values():
+        if side is not None:
+            rows += [side.displacement, side.velocity]
+    return np.stack(rows).tobytes()
 
 
 def _parts(body: RockBody | PedestalBody) -> bytes:
@@ -135,6 +141,7 @@ class Cargo:
                 pedestal_parts=self._key("mesh", scene.pedestal, lambda: _parts(scene.pedestal)),
                 engine=scene.engine,
                 contact=scene.contact,
+                mechanisms=scene.mechanisms,
             )
         return TrialOrder(
             scene=self._scenes[id(scene)],
@@ -143,6 +150,7 @@ class Cargo:
                 name=motion.name,
                 time_step=motion.time_step,
                 kind=motion.kind,
+                sides=tuple(name for name, side in motion.sides.items() if side is not None),
             ),
             drive=trial.drive,
             start=trial.start or scene.rock.start,
@@ -224,7 +232,11 @@ def run_chunk(
 
 
 def _motion(order: MotionOrder, samples: bytes) -> Motion:
-    displacement, velocity, acceleration = np.frombuffer(samples).reshape(3, -1)
+    rows = np.frombuffer(samples).reshape(3 + 2 * len(order.sides), -1)
+    displacement, velocity, acceleration = rows[:3]
+    sides = {
+        name: SideMotion(rows[3 + 2 * k], rows[4 + 2 * k]) for k, name in enumerate(order.sides)
+    }
     return Motion(
         name=order.name,
         time_step=order.time_step,
@@ -232,6 +244,9 @@ def _motion(order: MotionOrder, samples: bytes) -> Motion:
         velocity=velocity,
         acceleration=acceleration,
         kind=order.kind,
+        transverse=sides.get("transverse"),
+        vertical=sides.get("vertical"),
+        pitch=sides.get("pitch"),
     )
 
 
@@ -245,6 +260,7 @@ def _scene(order: SceneOrder, content: Mapping[str, bytes]) -> Scene:
                 replace(order.pedestal, parts=pickle.loads(content[order.pedestal_parts])),
                 order.engine,
                 order.contact,
+                order.mechanisms,
             )
             _scenes[order.sha256] = scene
         _scenes.move_to_end(order.sha256)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from vsr2.errors import SimulationError
 from vsr2.scene import (
     Box,
     Hull,
+    Mechanisms,
     PedestalBody,
     Pose,
     RockBody,
@@ -39,6 +40,7 @@ class Scene:
         rock, pedestal: the bodies.
         engine, contact: settings they were built with.
         native: the core's scene, with its collision shapes.
+        mechanisms: mechanics beyond rigid bodies with Coulomb friction.
     """
 
     rock: RockBody
@@ -46,6 +48,7 @@ class Scene:
     engine: Engine
     contact: Contact
     native: _native.Scene
+    mechanisms: Mechanisms = field(default_factory=Mechanisms)
 
     @property
     def engine_name(self) -> str:
@@ -65,35 +68,17 @@ class Scene:
     @cached_property
     def sha256(self) -> str:
         """Hash of everything the physics depends on, the start pose aside."""
-        digest = hashlib.sha256()
-        for section in (self.engine, self.contact):
-            digest.update(section.model_dump_json().encode())
-        mass = self.rock.mass
-        for values in (
-            [mass.mass, float(self.rock.inertia_from_aabb)],
-            mass.mass_center,
-            mass.principal_inertia,
-            mass.principal_axes,
-            self.pedestal.origin,
-            [self.pedestal.top, self.pedestal.mass],
-            self.pedestal.base_size,
-        ):
-            digest.update(np.asarray(values, dtype=np.float64).tobytes())
-        for part in (*self.rock.parts, *self.pedestal.parts):
-            match part:
-                case Hull():
-                    digest.update(b"hull" + part.points.tobytes())
-                case Box():
-                    pose = (*part.size, *part.center, *part.orientation)
-                    digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
-                case Triangles():
-                    digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
-        return digest.hexdigest()
+        return scene_sha256(self.rock, self.pedestal, self.engine, self.contact, self.mechanisms)
 
     @property
     def body_frame(self) -> Pose:
         """X_MB: the body frame (mass centre, principal axes) in the model frame."""
         return _body_frame(self.rock)
+
+    @property
+    def pitch_pivot(self) -> float:
+        """Height in the world, at the start, of the pedestal's pitch axis [m]."""
+        return _pitch_pivot(self.pedestal)
 
     @property
     def pedestal_surface(self) -> Triangles | None:
@@ -112,9 +97,47 @@ class Scene:
         return Pose((x, y, z), multiply(start.orientation, frame.orientation))
 
 
+def scene_sha256(
+    rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: Contact, mechanisms: Mechanisms
+) -> str:
+    """Hash of everything the physics depends on, the start pose aside."""
+    digest = hashlib.sha256()
+    for section in (engine, contact):
+        digest.update(section.model_dump_json().encode())
+    mass = rock.mass
+    for values in (
+        [mass.mass, float(rock.inertia_from_aabb)],
+        mass.mass_center,
+        mass.principal_inertia,
+        mass.principal_axes,
+        pedestal.origin,
+        [pedestal.top, pedestal.mass],
+        pedestal.base_size,
+    ):
+        digest.update(np.asarray(values, dtype=np.float64).tobytes())
+    for part in (*rock.parts, *pedestal.parts):
+        match part:
+            case Hull():
+                digest.update(b"hull" + part.points.tobytes())
+            case Box():
+                pose = (*part.size, *part.center, *part.orientation)
+                digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
+            case Triangles():
+                digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
+    # What is not used adds nothing: hashes of scenes without it stay as they are.
+    digest.update(mechanisms.key.encode())
+    if pedestal.pitch_pivot is not None:
+        digest.update(b"pivot" + np.float64(pedestal.pitch_pivot).tobytes())
+    return digest.hexdigest()
+
+
 def _body_frame(rock: RockBody) -> Pose:
     x, y, z = (float(value) for value in rock.mass.mass_center)
     return Pose((x, y, z), quaternion_from_matrix(rock.mass.principal_axes))
+
+
+def _pitch_pivot(pedestal: PedestalBody) -> float:
+    return pedestal.top if pedestal.pitch_pivot is None else pedestal.pitch_pivot
 
 
 def _native_material(material: Material) -> _native.Material:
@@ -144,13 +167,27 @@ def _native_engine(engine: Engine) -> _native.EngineSettings:
     return _native.EngineSettings(kind=getattr(_native.EngineKind, engine.mode), **values)
 
 
-def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: Contact) -> Scene:
+def make_scene(
+    rock: RockBody,
+    pedestal: PedestalBody,
+    engine: Engine,
+    contact: Contact,
+    mechanisms: Mechanisms | None = None,
+) -> Scene:
     """The scene of given bodies.
+
+    Args:
+        rock: body to be shaken.
+        pedestal: body that it stands on.
+        engine: settings of the engine.
+        contact: materials of the two.
+        mechanisms: mechanics beyond rigid bodies with Coulomb friction; None: none.
 
     Raises:
         SimulationError: values that no engine can use.
     """
     frame = _body_frame(rock)
+    mechanisms = mechanisms or Mechanisms()
     try:
         native = _native.Scene(
             engine=_native_engine(engine),
@@ -161,6 +198,7 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
                 base_size=pedestal.base_size,
                 top=pedestal.top,
                 material=_native_material(contact.pedestal),
+                pitch_pivot=_pitch_pivot(pedestal),
             ),
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),
@@ -171,6 +209,7 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
                 principal_axes=frame.orientation,
                 material=_native_material(contact.rock),
             ),
+            mechanisms=_native.Mechanisms(**asdict(mechanisms)),
         )
         if engine.mode == "fast" and native.fast_domain_violation:
             raise SimulationError(
@@ -179,7 +218,7 @@ def make_scene(rock: RockBody, pedestal: PedestalBody, engine: Engine, contact: 
             )
     except _native.InvalidInput as error:
         raise SimulationError(f"{rock.source or 'scene'}: {error}") from error
-    return Scene(rock, pedestal, engine, contact, native)
+    return Scene(rock, pedestal, engine, contact, native, mechanisms)
 
 
 def build_scene(study: Study) -> Scene:

@@ -19,7 +19,7 @@ from vsr2.simulation.scene import Scene, build_scene
 Array = NDArray[np.float64]
 MAX_SET_POINT = 1e6
 """Greatest set-point of the pedestal [m], [m/s]."""
-DriveName = Literal["prescribed", "motor_position", "motor_position_velocity"]
+DriveName = Literal["prescribed", "prescribed_spatial", "motor_position", "motor_position_velocity"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +56,7 @@ class Simulation:
         study: a study, or the path of one; or a scene built before.
         drive: how the pedestal follows the set-points given to `step`; the default comes from the
             study's motion (`motor` follows the velocity too for cosine modes, S1.3).
+            `prescribed_spatial` takes set-points along y and z and in pitch too.
         spawn: put the rock in place at once.
 
     Raises:
@@ -136,26 +137,45 @@ class Simulation:
         self._command = (0.0, 0.0)
         self.spawn(self._start)
 
-    def step(self, position: float, velocity: float = 0.0, *, steps: int = 1) -> State | None:
+    def step(
+        self,
+        position: float,
+        velocity: float = 0.0,
+        *,
+        transverse: float = 0.0,
+        vertical: float = 0.0,
+        pitch: float = 0.0,
+        steps: int = 1,
+    ) -> State | None:
         """Advance towards a set-point of the pedestal and return the state (None without a rock).
 
         Args:
             position: where the pedestal should be at the end of each step [m].
             velocity: its speed there [m/s]; used by the drive `motor_position_velocity` only.
+            transverse: displacement along y; `prescribed_spatial` only, as those that follow [m].
+            vertical: displacement along z [m].
+            pitch: turn about y on the pedestal's pitch axis [rad].
             steps: number of time steps.
 
         Raises:
-            SimulationError: a set-point that is not finite, or fewer than 1 step.
+            SimulationError: a set-point that is not finite, one that the drive does not follow, or
+                fewer than 1 step.
         """
-        if not (abs(position) <= MAX_SET_POINT and abs(velocity) <= MAX_SET_POINT):
+        excursion = (float(transverse), float(vertical), float(pitch))
+        if not all(abs(value) <= MAX_SET_POINT for value in (position, velocity, *excursion)):
             raise SimulationError(
-                f"step: the set-point ({position}, {velocity}) is not finite or beyond "
+                f"step: the set-point {(position, velocity, *excursion)} is not finite or beyond "
                 f"{MAX_SET_POINT:g} m or m/s"
+            )
+        if any(excursion) and self.drive != "prescribed_spatial":
+            raise SimulationError(
+                f"step: the drive {self.drive} moves the pedestal along x only; use "
+                "prescribed_spatial"
             )
         if steps < 1:
             raise SimulationError(f"step: steps must be at least 1, got {steps}")
         for _ in range(steps):
-            self._world.step(float(position), float(velocity))
+            self._world.step(float(position), float(velocity), *excursion)
         self._steps += steps
         self._command = (float(position), float(velocity))
         if not self.has_rock:
@@ -177,11 +197,11 @@ class Simulation:
         rule = settling or Settling()
         if not self.has_rock:
             raise SimulationError("settle: there is no rock; spawn one first")
-        hold = self._world.pedestal[0]
+        hold, excursion = self._world.pedestal[0], self._world.excursion
         needed = max(1, round(rule.window / self.time_step))
         quiet = 0
         for i in range(round(rule.timeout / self.time_step)):
-            self._world.step(hold, 0.0)
+            self._world.step(hold, 0.0, *excursion)
             self._steps += 1
             _, _, velocity, angular_velocity = self._world.rock
             relative = velocity - np.array([self._world.pedestal[1], 0.0, 0.0])

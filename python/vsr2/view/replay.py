@@ -157,6 +157,8 @@ def _finite_part(log: TrialLog, trial: int) -> TrialLog:
         foot=log.foot,
         mass_center=log.mass_center,
         principal_axes=log.principal_axes,
+        excursions=log.excursions[:rows],
+        pivot=log.pivot,
     )
 
 

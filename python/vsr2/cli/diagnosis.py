@@ -1,0 +1,69 @@
+"""`vsr2 diagnose`: where a campaign's sim-to-real gap lies, its cause, and how far it shrinks."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+
+def add_verbs(verbs: Any) -> None:
+    """Add `diagnose`."""
+    parser = verbs.add_parser(
+        "diagnose",
+        help="find the cause of a campaign's sim-to-real gap",
+        description="Writes diagnosis.json, tables and a page (index.html) to OUT, and keeps the "
+        "simulations there (bank.sqlite), so that an interrupted or later run reuses them. "
+        "docs/diagnosis.md says what each number means.",
+    )
+    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path)
+    parser.add_argument(
+        "--scene", required=True, type=Path, metavar="SCENE.yaml", help="study of the nominal scene"
+    )
+    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="for the results")
+    parser.add_argument(
+        "--tier", choices=("B", "M", "T"), help="information to use (default: all there is)"
+    )
+    parser.add_argument(
+        "--budget-minutes", type=float, default=10.0, help="for simulations (default 10)"
+    )
+    parser.add_argument(
+        "--simulations", type=int, metavar="N", help="at most so many instead of a time"
+    )
+    parser.add_argument("--threads", type=int, help="default: all this process may use")
+    parser.add_argument("--client", metavar="ADDRESS", help="of a Dask scheduler that runs trials")
+    parser.add_argument(
+        "--exclude", action="append", default=[], metavar="EFFECT", help="leave an effect out"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="default 0")
+    parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
+    parser.set_defaults(run=_diagnose)
+
+
+def _diagnose(options: argparse.Namespace) -> int:
+    from contextlib import nullcontext
+
+    from vsr2.diagnosis import diagnose
+    from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
+    from vsr2.simulation import connect
+
+    cluster = nullcontext() if options.client is None else connect(options.client)
+    with cluster as client:
+        found = diagnose(
+            options.campaign,
+            options.scene,
+            tier=options.tier,
+            out=options.out,
+            budget_minutes=options.budget_minutes,
+            simulations=options.simulations,
+            threads=options.threads,
+            client=client,
+            exclude=options.exclude,
+            seed=options.seed,
+            progress=not options.quiet,
+        )
+    page = write_diagnosis_page(found, options.out)
+    if not options.quiet:
+        print(format_diagnosis(found))
+        print(f"wrote {page}")
+    return 0

@@ -1,0 +1,21 @@
+"""Diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
+
+from vsr2.diagnosis.api import diagnose
+from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.diagnose import diagnose_with
+from vsr2.diagnosis.result import SCHEMA, Diagnosis, schema
+from vsr2.diagnosis.scene_simulator import Nuisances
+from vsr2.diagnosis.simulator import Request, Responses, Simulator
+
+__all__ = [
+    "SCHEMA",
+    "Budget",
+    "Diagnosis",
+    "Nuisances",
+    "Request",
+    "Responses",
+    "Simulator",
+    "diagnose",
+    "diagnose_with",
+    "schema",
+]

@@ -1,0 +1,130 @@
+"""`vsr2.diagnose`: a campaign against the scene of a study."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Collection, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.config import Study, load_study
+from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.diagnose import diagnose_with
+from vsr2.diagnosis.observations import observe_campaign
+from vsr2.diagnosis.result import Diagnosis
+from vsr2.diagnosis.scene_simulator import Nuisances, SceneSimulator
+from vsr2.errors import DiagnosisError
+
+if TYPE_CHECKING:
+    import distributed
+
+    from vsr2.effects import Effect
+
+BANK_FILE = "bank.sqlite"
+
+
+def diagnose(
+    campaign: Campaign | str | PathLike[str],
+    scene: Study | str | PathLike[str],
+    *,
+    tier: Tier | None = None,
+    out: str | PathLike[str] | None = None,
+    budget_minutes: float = 10.0,
+    simulations: int | None = None,
+    threads: int | None = None,
+    client: distributed.Client | None = None,
+    library: Mapping[str, Effect] | None = None,
+    exclude: Collection[str] = (),
+    nuisances: Nuisances | None = None,
+    seed: int = 0,
+    progress: bool = False,
+) -> Diagnosis:
+    """Where the sim-to-real gap of a campaign lies, which effect causes it, how far it shrinks.
+
+    Args:
+        campaign: measured (or simulated) trials, or the folder that holds them.
+        scene: the study of the nominal scene, or its file; its own motions are not used.
+        tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
+            campaign shares.
+        out: folder for `diagnosis.json`, tables and the bank of simulations, which later runs
+            reuse; None: nothing is written.
+        budget_minutes: of wall time for simulations; turned into their number by the cost measured
+            while screening.
+        simulations: greatest number of simulations instead; equal numbers give equal verdicts.
+        threads: of the native core; None: all that this process may use.
+        client: of a Dask cluster that runs the trials.
+        library: effects that may be the cause; None: all that are registered.
+        exclude: names of effects left out.
+        nuisances: priors of what is uncertain about the set-up.
+        seed: of everything random.
+        progress: write stage, share done and leading hypotheses to standard error.
+
+    Returns:
+        The diagnosis.
+
+    Raises:
+        DiagnosisError: the campaign holds too little, or an option cannot be used.
+        CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
+            cannot be used.
+    """
+    if not budget_minutes > 0 or (simulations is not None and simulations < 1):
+        raise DiagnosisError(
+            f"budget of {budget_minutes} minutes, {simulations} simulations: must be positive"
+        )
+    whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    study = scene if isinstance(scene, Study) else load_study(scene)
+    seen = observe_campaign(whole, tier)
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DiagnosisError(
+                f"{folder}: cannot be used ({error.strerror}); choose another folder"
+            ) from error
+    simulator = SceneSimulator(
+        seen.campaign,
+        study,
+        nuisances=nuisances,
+        library=library,
+        exclude=exclude,
+        series=seen.tier == "T",
+        threads=threads,
+        client=client,
+        seed=seed,
+    )
+    if not simulator.library:
+        raise DiagnosisError("no effect is left to look for: exclude fewer")
+    found = diagnose_with(
+        simulator,
+        seen.campaign,
+        tier=seen.tier,
+        bank=None if folder is None else folder / BANK_FILE,
+        budget=Budget(budget_minutes, simulations),
+        seed=seed,
+        report=_Progress() if progress else None,
+    )
+    if folder is not None:
+        found.save(folder)
+    return found
+
+
+class _Progress:
+    """Lines on standard error, at most two a second."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._stage = ""
+
+    def __call__(self, stage: str, share: float, leading: Mapping[str, float]) -> None:
+        now = time.monotonic()
+        if stage == self._stage and now - self._last < 0.5 and share < 1:
+            return
+        self._last, self._stage = now, stage
+        best = ", ".join(f"{name} {p:.2f}" for name, p in leading.items())
+        line = f"vsr2 diagnose: {stage} {share:4.0%}{'; leading: ' + best if best else ''}"
+        end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
+        print(f"{line:<100}", end=end, file=sys.stderr, flush=True)

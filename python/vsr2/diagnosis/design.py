@@ -1,0 +1,180 @@
+"""Which simulations are run: screening of certain trials, then rounds of simulated campaigns.
+
+Draw m of any effect uses nuisance draw m and the same draws for each trial (common random numbers).
+Every simulation serves both routes of inference; nothing is simulated twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.emulator import Design
+from vsr2.diagnosis.library import Entry, Library, free_parameters, values_at
+from vsr2.diagnosis.observations import Observations
+from vsr2.diagnosis.simulator import Effects, Request, quasi_random
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+SCREENING_NONE = 8
+"""Screening draws without effect, each with its own nuisances."""
+GUARD = 0.1
+"""Share of certain trials kept at random."""
+NONE_SHARE = 4
+"""Draws without effect for each draw of an effect: they carry the false alarms' calibration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """Trials worth simulating further.
+
+    Attributes:
+        kept: indices, uncertain ones and the guard, rising.
+        guard: indices of the guard alone.
+        probability: of overturning over all screening draws with half a pseudo-count on each side,
+            for every trial, shape (trials,).
+        runs: simulations a trial.
+    """
+
+    kept: NDArray[np.int64]
+    guard: NDArray[np.int64]
+    probability: Array
+    runs: int
+
+
+def effect_quantiles(entry: Entry, draw: int, seed: int) -> Array:
+    """Prior quantiles of an effect's parameters in draw `draw`, shape (parameters,)."""
+    name = int.from_bytes(entry.name.encode()[:6], "little")
+    return quasi_random((seed * 1_000_003 + name) % 2**63, len(free_parameters(entry)), draw)
+
+
+def effect_draw(entry: Entry, draw: int, seed: int) -> Effects:
+    """The effect at its values in draw `draw`."""
+    return ((entry.name, values_at(entry, effect_quantiles(entry, draw, seed))),)
+
+
+def screen(
+    bank: Bank,
+    seen: Observations,
+    *,
+    draws: int = 2,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Screening:
+    """Tell certain trials from uncertain ones.
+
+    A trial is certain if all screening draws (`SCREENING_NONE` without effect, `draws` of every
+    effect, all with nuisances) overturn, or none does. From tier M on a standing trial is uncertain
+    too if its largest tilt rises above the noise in half the draws. A random tenth of the certain
+    trials is kept as a guard.
+    """
+    library = bank.simulator.library
+    labels: list[Effects] = [()] * SCREENING_NONE
+    indices = list(range(1, SCREENING_NONE + 1))
+    for entry in library.values():
+        for draw in range(1, draws + 1):
+            labels.append(effect_draw(entry, draw, seed))
+            indices.append(draw)
+    trials = np.arange(len(seen))
+    found, peaks, _ = run_table(bank, trials, labels, indices, progress)
+    mean = np.nanmean(found, axis=0)
+    uncertain = (mean > 0) & (mean < 1)
+    if seen.tier != "B":
+        rocking = _median_standing(found, peaks)
+        uncertain |= np.nan_to_num(rocking) > max(3 * seen.tilt_noise, 0.01)
+    certain = np.flatnonzero(~uncertain)
+    rng = np.random.default_rng([seed, 77])
+    count = int(np.ceil(GUARD * certain.size))
+    guard = np.sort(rng.choice(certain, size=count, replace=False)) if count else certain[:0]
+    runs = len(labels)
+    probability = (np.nansum(found, axis=0) + 0.5) / (np.isfinite(found).sum(axis=0) + 1)
+    kept = np.union1d(np.flatnonzero(uncertain), guard)
+    return Screening(kept, guard, probability, runs)
+
+
+def _median_standing(found: Array, peaks: Array) -> Array:
+    out = np.full(found.shape[1], np.nan)
+    for i in range(found.shape[1]):
+        standing = peaks[found[:, i] < 0.5, i]
+        if standing.size:
+            out[i] = np.median(standing)
+    return out
+
+
+def run_table(
+    bank: Bank,
+    trials: NDArray[np.int64],
+    labels: Sequence[Effects],
+    draws: Sequence[int],
+    progress: Progress | None = None,
+    *,
+    replicate: int = 1,
+) -> tuple[Array, Array, Array | None]:
+    """Simulate campaigns: one row a label and draw, one column a trial.
+
+    Returns:
+        Overturned and largest tilt, shape (rows, trials), and features (rows, trials, k).
+    """
+    requests = [
+        Request(int(trial), label, draw, replicate)
+        for label, draw in zip(labels, draws, strict=True)
+        for trial in trials
+    ]
+    total = len(requests)
+    done = None if progress is None else (lambda n: progress(n, total))
+    found = bank.run(requests, done=done)
+    shape = (len(labels), trials.size)
+    features = None if found.features is None else found.features.reshape(*shape, -1)
+    return found.overturned.reshape(shape), found.peak_tilt.reshape(shape), features
+
+
+def simulate_design(
+    bank: Bank,
+    seen: Observations,
+    screening: Screening,
+    library: Library,
+    draws: Mapping[str, int],
+    *,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> tuple[Design, NDArray[np.int64]]:
+    """Whole campaigns of the kept trials.
+
+    Args:
+        bank: of simulations.
+        seen: the observed campaign.
+        screening: which trials.
+        library: effects.
+        draws: of each effect; the most drawn one's number times `NONE_SHARE` without effect.
+        seed: of the draws.
+        progress: called with simulations done and all.
+
+    Returns:
+        The campaigns and the draw of each, by which folds are formed.
+    """
+    plain = NONE_SHARE * max(draws.values())
+    names: list[str] = [""] * plain
+    labels: list[Effects] = [()] * plain
+    quantiles: list[Array] = [np.zeros(0)] * plain
+    indices = list(range(1, plain + 1))
+    for entry in library.values():
+        for draw in range(1, draws[entry.name] + 1):
+            names.append(entry.name)
+            quantiles.append(effect_quantiles(entry, draw, seed))
+            labels.append(effect_draw(entry, draw, seed))
+            indices.append(draw)
+    found, peaks, series = run_table(bank, screening.kept, labels, indices, progress)
+    features = seen.noted(found, peaks, series, seed)
+    z = np.stack([bank.simulator.nuisance_draw(i) for i in indices])
+    design = Design(np.array(names), tuple(quantiles), z, found, features)
+    return design, np.array(indices, dtype=np.int64)
+
+
+def simulations(draws: Mapping[str, int], trials: int) -> int:
+    """Number of simulations that :func:`simulate_design` asks for."""
+    return (NONE_SHARE * max(draws.values()) + sum(draws.values())) * trials

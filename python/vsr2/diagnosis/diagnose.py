@@ -1,0 +1,299 @@
+"""The diagnosis from end to end, for any simulator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.campaign import Campaign, Tier
+from vsr2.diagnosis.amortised import Places
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.budget import Budget, Schedule
+from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
+from vsr2.diagnosis.equivalence import classes
+from vsr2.diagnosis.evidence import Data
+from vsr2.diagnosis.floor import noise_floor
+from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
+from vsr2.diagnosis.library import NONE
+from vsr2.diagnosis.next_measurement import next_measurement
+from vsr2.diagnosis.observations import Observations, observe_campaign
+from vsr2.diagnosis.result import Diagnosis
+from vsr2.diagnosis.score import blocks
+from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
+from vsr2.diagnosis.simulator import Simulator
+from vsr2.diagnosis.summary import Evidence, compose
+from vsr2.diagnosis.verdict import Findings, decide, disagreement
+from vsr2.diagnosis.where import Conditions, residuals, scan
+
+Array = NDArray[np.float64]
+Report = Callable[[str, float, Mapping[str, float]], None]
+"""Called with stage, share done of it and the leading hypotheses' probabilities."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    prepared: Prepared
+    inference: Inference
+    classes: list[list[str]]
+    draws: Mapping[str, int]
+
+
+def diagnose_with(
+    simulator: Simulator,
+    campaign: Campaign,
+    *,
+    tier: Tier | None = None,
+    bank: Path | None = None,
+    budget: Budget | None = None,
+    seed: int = 0,
+    report: Report | None = None,
+) -> Diagnosis:
+    """Diagnose a campaign with a simulator of its trials.
+
+    Args:
+        simulator: of the campaign's trials with motion and outcome, in order of execution.
+        campaign: the same trials.
+        tier: information to use; None: all that the campaign shares.
+        bank: file of simulations, made where there is none; None: in memory.
+        budget: of simulations.
+        seed: of all draws.
+        report: told of progress.
+
+    Returns:
+        The diagnosis; equal campaign, simulator, seed and number of simulations give an equal one.
+
+    Raises:
+        DiagnosisError: the campaign holds too little, or the bank cannot be used.
+    """
+    started = time.monotonic()
+    seen = observe_campaign(campaign, tier)
+    tell: Report = (lambda stage, share, leading: None) if report is None else report
+    with Bank(simulator, bank) as store:
+        schedule = Schedule(Budget() if budget is None else budget)
+        screening = screen(
+            store, seen, seed=seed, progress=lambda n, m: tell("screening", n / m, {})
+        )
+        schedule.measured(store.simulated, store.reused, time.monotonic() - started)
+        layers = noise_floor(store, seen, screening.kept, seed=seed)
+        rounds = _rounds(store, seen, screening, schedule, seed, tell)
+        last = rounds[-1]
+        tell("judging", 0.0, _leading(last.inference))
+        evidence = conclude(
+            seen,
+            screening,
+            last.prepared,
+            last.inference,
+            last.classes,
+            earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
+            seed=seed,
+        )
+        tell("judging", 1.0, _leading(last.inference))
+        provenance = {
+            "seed": seed,
+            "budget": {
+                "simulations": store.simulated + store.reused,
+                "simulated": store.simulated,
+                "reused": store.reused,
+                "draws": dict(last.draws),
+                "rounds": len(rounds),
+                "limited": schedule.limited,
+            },
+            "wall_time_s": time.monotonic() - started,
+            "simulator": simulator.identity,
+            "nuisances": list(simulator.nuisance_names),
+        }
+    return compose(seen, screening, last.prepared, last.inference, evidence, layers, provenance)
+
+
+def _rounds(
+    store: Bank,
+    seen: Observations,
+    screening: Screening,
+    schedule: Schedule,
+    seed: int,
+    tell: Report,
+) -> list[_Round]:
+    """Double the draws until the answer stands or the budget is spent."""
+    library = store.simulator.library
+    kept = screening.kept
+    observed = Data(seen.overturned[None, kept], seen.features[None, kept])
+    places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
+    out: list[_Round] = []
+    draws = dict.fromkeys(library, schedule.first_draws)
+    while True:
+        leading = _leading(out[-1].inference) if out else {}
+        stage = f"simulating, {max(draws.values())} draws"
+        design, index = simulate_design(
+            store,
+            seen,
+            screening,
+            library,
+            draws,
+            seed=seed,
+            progress=lambda n, m, s=stage, lead=leading: tell(s, n / m, lead),
+        )
+        prepared = prepare(
+            library,
+            design,
+            index,
+            places,
+            seen.motion[kept],
+            seed=seed,
+            step=lambda share, lead=leading: tell("inference", share, lead),
+        )
+        inference = infer(prepared, observed)
+        probability = dict(zip(inference.labels, inference.probability, strict=True))
+        groups = classes(probability, prepared.tables, inference.posteriors, observed)
+        out.append(_Round(prepared, inference, groups, dict(draws)))
+        more = schedule.next_draws(draws, probability)
+        spent = simulations(draws, kept.size)
+        if more is None or not schedule.affords(simulations(more, kept.size) - spent, store):
+            return out
+        if _settled(out):
+            return out
+        draws = more
+
+
+def _settled(rounds: list[_Round]) -> bool:
+    """The last three rounds lead with overlapping classes and equal tests for a gap."""
+    if len(rounds) < 3:
+        return False
+    last = rounds[-3:]
+    common = set(last[0].classes[0]) & set(last[1].classes[0]) & set(last[2].classes[0])
+    tests = {min(r.inference.gap_p, r.inference.direction_p) < 0.025 for r in last}
+    return bool(common) and len(tests) == 1
+
+
+def _leading(inference: Inference) -> dict[str, float]:
+    order = np.argsort(-inference.probability)[:4]
+    return {inference.labels[i]: float(inference.probability[i]) for i in order}
+
+
+def conclude(
+    seen: Observations,
+    screening: Screening,
+    prepared: Prepared,
+    found: Inference,
+    groups: list[list[str]],
+    *,
+    earlier: list[str] | None = None,
+    seed: int = 0,
+) -> Evidence:
+    """From inference to verdict, places and held-out losses.
+
+    Args:
+        seen: the observed campaign.
+        screening: which trials were kept.
+        prepared: the two routes.
+        found: inference on the campaign.
+        groups: classes of effects, the leading one first.
+        earlier: the leading class of a smaller budget.
+        seed: of resamples and permutations.
+    """
+    library = prepared.library
+    kept = screening.kept
+    observed = Data(seen.overturned[None, kept], seen.features[None, kept])
+    motion = seen.motion[kept]
+    leading = tuple(groups[0])
+    probability = dict(zip(found.labels, found.probability, strict=True))
+    shrinkage = judge(
+        library,
+        prepared.emulator,
+        prepared.tables,
+        observed,
+        blocks(motion, seen.overturned[kept]),
+        leading,
+        pairs=len(library) > 1,
+    )
+    floor = prepared.calibration.floor
+    after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
+    something = max(1 - float(probability[NONE]), 1e-9)
+    within = min(sum(float(probability[name]) for name in leading) / something, 1.0)
+    findings = Findings(
+        gap_low=_gap_low(prepared, found, motion, seed),
+        gap_p=found.gap_p,
+        direction_p=found.direction_p,
+        none_probability=float(probability[NONE]),
+        leading=leading,
+        class_probability=within,
+        agreement=disagreement(
+            leading,
+            found.labels[1 + int(np.argmax(found.likelihood[1:]))],
+            found.labels[1 + int(np.argmax(found.classifier[1:]))],
+            found.conformal["likelihood"],
+            found.conformal["classifier"],
+        ),
+        novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening)),
+        after_low=float(np.quantile(after, 0.025)),
+        pair=_accepted_pair(shrinkage, motion, seed),
+        stable=earlier is None or bool(set(earlier) & set(leading)),
+    )
+    verdict = decide(findings)
+    conditions = Conditions(
+        seen.log_pga[kept],
+        seen.log_ratio[kept],
+        seen.order[kept],
+        seen.session[kept],
+        motion,
+        seen.specimen[kept],
+    )
+    where = scan(
+        residuals(found.before, observed),
+        prepared.calibration.null,
+        conditions,
+        ("outcome", *seen.names),
+        seed=seed,
+    )
+    members = list(verdict.effects) or list(leading)
+    measure = (
+        None
+        if verdict.kind == "none"
+        else next_measurement(members, prepared, found.posteriors, observed, seen, kept)
+    )
+    return Evidence(verdict, findings, groups, where, shrinkage, measure)
+
+
+def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], seed: int) -> float:
+    """Lower end of the gap's interval: from resampled motions or gap-free campaigns, the wider."""
+    calibration = prepared.calibration
+    excess = found.loss - calibration.floor
+    resampled = float(np.quantile(resampled_means(excess[None], motion, seed=seed)[:, 0], 0.025))
+    null = calibration.gap[calibration.truth == 0]
+    simulated = float(excess.mean() - (np.quantile(null, 0.975) - null.mean()))
+    return min(resampled, simulated)
+
+
+def _accepted_pair(
+    shrinkage: Shrinkage, motion: NDArray[np.int64], seed: int
+) -> tuple[str, str] | None:
+    """The pair that most groups chose, if its held-out gain has a lower bound above zero."""
+    if shrinkage.pair is None:
+        return None
+    gain = shrinkage.after - shrinkage.pair
+    low = float(np.quantile(resampled_means(gain[None], motion, seed=seed)[:, 0], 0.025))
+    names = [
+        tuple(sorted(names))
+        for names in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
+    ]
+    common = max(set(names), key=names.count)
+    if low <= 0 or 2 * names.count(common) <= len(names):
+        return None
+    return common[0], common[1]
+
+
+def _surprise_p(seen: Observations, screening: Screening) -> float:
+    """Chance of so many contradicted certainties among the trials that were dropped."""
+    from scipy.stats import poisson
+
+    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
+    if not dropped.size:
+        return 1.0
+    p = screening.probability[dropped]
+    wrong = np.abs(seen.overturned[dropped] - p) > 0.5
+    expected = np.minimum(p, 1 - p).sum()
+    return float(poisson.sf(wrong.sum() - 1, max(expected, 1e-9)))

@@ -1,0 +1,91 @@
+"""Which effects a campaign cannot tell apart.
+
+For the leading effect at its posterior mode, the best a rival can do in expectation is
+
+    D = min over rival's parameters and nuisances z of  E[log p_leader - log p_rival]
+        + (|z_rival|^2 - |z_leader|^2) / 2,
+
+summed over trials, the expectation over outcomes (and features) that the leader predicts. Twice D
+is about the variance of the log likelihood ratio under the leader, so that the better of the two is
+picked wrongly with probability Phi(-sqrt(D / 2)) (H. Chernoff's problem for nearby hypotheses).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from vsr2.diagnosis.evidence import Data, Posterior, Table, posterior
+from vsr2.diagnosis.library import NONE
+
+INSEPARABLE = 3.28
+"""D [nat] at which the better of two effects is picked wrongly one time in ten."""
+
+
+def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
+    """What a hypothesis at its posterior mode expects, and |z|^2 / 2 there."""
+    node = int(np.argmax(found.nodes[0]))
+    z = found.nuisance[0, node]
+    logit = table.logit[node] + table.factor[node] * (table.slope @ z)
+    p = 1 / (1 + np.exp(-np.clip(logit, -30, 30)))
+    features = [
+        centre[node] + response @ z
+        for centre, response in zip(table.centre, table.response, strict=True)
+    ]
+    shape = (1, p.size, 0)
+    stacked = np.stack(features, axis=-1)[None] if features else np.zeros(shape)
+    return Data(p[None], stacked), 0.5 * float(z @ z)
+
+
+def masked(expected: Data, observed: Data) -> Data:
+    """Left out wherever the observed campaign has nothing."""
+    return Data(
+        np.where(np.isfinite(observed.overturned), expected.overturned, np.nan),
+        np.where(np.isfinite(observed.features), expected.features, np.nan),
+    )
+
+
+def separations(
+    leader: str,
+    tables: Mapping[str, Table],
+    posteriors: Mapping[str, Posterior],
+    observed: Data,
+) -> dict[str, float]:
+    """D of every rival of `leader` [nat], 0 or more."""
+    expected, _ = expected_campaign(tables[leader], posteriors[leader])
+    data = masked(expected, observed)
+    own = float(posterior(tables[leader], data).best[0])
+    return {
+        name: max(own - float(posterior(table, data).best[0]), 0.0)
+        for name, table in tables.items()
+        if name != leader
+    }
+
+
+def classes(
+    probability: Mapping[str, float],
+    tables: Mapping[str, Table],
+    posteriors: Mapping[str, Posterior],
+    observed: Data,
+) -> list[list[str]]:
+    """Partition of the effects: each leader takes all that are inseparable from it.
+
+    Args:
+        probability: of each hypothesis.
+        tables: of each hypothesis.
+        posteriors: of each hypothesis.
+        observed: the campaign.
+
+    Returns:
+        Classes, most probable leader first.
+    """
+    left = sorted((n for n in tables if n != NONE), key=lambda n: -probability[n])
+    out: list[list[str]] = []
+    while left:
+        leader = left[0]
+        found = separations(leader, tables, posteriors, observed)
+        members = [leader] + [n for n in left[1:] if found[n] < INSEPARABLE]
+        out.append(members)
+        left = [n for n in left if n not in members]
+    return out

@@ -1,0 +1,73 @@
+"""The noise floor in its layers: how often an outcome changes although nothing of substance did."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.observations import Observations
+from vsr2.diagnosis.simulator import Request
+
+Array = NDArray[np.float64]
+
+REPLICATES = 4
+MAX_TRIALS = 40
+
+
+def noise_floor(
+    bank: Bank, seen: Observations, kept: NDArray[np.int64], *, seed: int = 0
+) -> dict[str, float | int | None]:
+    """Share of outcomes that differ from the nominal simulation's, layer by layer.
+
+    Args:
+        bank: of simulations.
+        seen: the observed campaign.
+        kept: uncertain trials; at most `MAX_TRIALS` of them, drawn at random, are used.
+        seed: of that draw.
+
+    Returns:
+        `numerical`: under perturbations of the start by 1e-6 to 1e-4 m (replicates below 0);
+        `input`: under fresh placement and motion noise (replicates above 0); `nuisance`: under
+        fresh geometry, contact and the like; `physical`: between repeats of one motion file in the
+        campaign, None without repeats; `trials` and `repeats` behind them. Shares are of the
+        uncertain trials.
+    """
+    rng = np.random.default_rng([seed, 3])
+    count = min(kept.size, MAX_TRIALS)
+    trials = np.sort(rng.choice(kept, size=count, replace=False))
+    spots = [(0, 0)]
+    spots += [(0, -r) for r in range(1, REPLICATES + 1)]
+    spots += [(0, r) for r in range(1, REPLICATES + 1)]
+    spots += [(n, 0) for n in range(1, REPLICATES + 1)]
+    requests = [Request(int(t), (), n, r) for n, r in spots for t in trials]
+    found = bank.run(requests).overturned.reshape(len(spots), -1)
+    differs = np.where(
+        np.isfinite(found[1:]) & np.isfinite(found[0]), found[1:] != found[0], np.nan
+    )
+    layers = differs.reshape(3, REPLICATES, -1)
+    numerical, own, nuisance = (float(np.nanmean(layer)) for layer in layers)
+    pairs, unequal = _repeats(seen)
+    return {
+        "numerical": numerical,
+        "input": own,
+        "nuisance": nuisance,
+        "physical": unequal / pairs if pairs else None,
+        "trials": int(count),
+        "repeats": pairs,
+    }
+
+
+def _repeats(seen: Observations) -> tuple[int, int]:
+    """Pairs of trials of one specimen under one motion file, and how many of them disagree."""
+    groups: dict[tuple[str | None, str], list[bool]] = defaultdict(list)
+    for trial in seen.campaign.trials:
+        groups[trial.motion_file, trial.specimen].append(bool(trial.overturned))
+    pairs = unequal = 0
+    for outcomes in groups.values():
+        ones = sum(outcomes)
+        pairs += len(outcomes) * (len(outcomes) - 1) // 2
+        unequal += ones * (len(outcomes) - ones)
+    return pairs, unequal

@@ -1,0 +1,142 @@
+"""What the inference needs to know of an effect: its name, parameters with priors, and channels.
+
+An entry is an effect of any simulator: :class:`vsr2.effects.Effect` has the same attributes, and so
+have the planar block's own entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NONE = "none"
+"""Label of the hypothesis that nothing is missing."""
+UNKNOWN = "unknown"
+"""Label of a gap that no entry and no pair explains."""
+
+
+class Parameter(Protocol):
+    """One number of an effect, with its prior.
+
+    Attributes:
+        name, unit: for people.
+        null: value at which the effect is absent; may lie outside `lower` to `upper`.
+        lower, upper: bounds of the prior.
+        prior: its kind; "fixed" parameters stay at `null`.
+        secondary: without effect on its own, an azimuth for example.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def unit(self) -> str: ...  # noqa: D102
+    @property
+    def null(self) -> float: ...  # noqa: D102
+    @property
+    def lower(self) -> float: ...  # noqa: D102
+    @property
+    def upper(self) -> float: ...  # noqa: D102
+    @property
+    def prior(self) -> str: ...  # noqa: D102
+    @property
+    def secondary(self) -> bool: ...  # noqa: D102
+    def ppf(self, u: float, /) -> float:
+        """Prior quantile of `u` in (0, 1)."""
+        ...
+
+
+class Entry(Protocol):
+    """One effect of the library."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def parameters(self) -> tuple[Parameter, ...]: ...  # noqa: D102
+    @property
+    def channels(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def stage(self) -> str: ...  # noqa: D102
+
+
+Library = Mapping[str, Entry]
+
+
+def free_parameters(entry: Entry) -> tuple[Parameter, ...]:
+    """Those that the prior leaves open."""
+    return tuple(p for p in entry.parameters if p.prior != "fixed" and p.lower < p.upper)
+
+
+def null_quantile(parameter: Parameter) -> float | None:
+    """Prior quantile of the null value; None where the prior cannot reach it.
+
+    Found by bisection, because a prior tells only its quantile function.
+    """
+    if not parameter.lower <= parameter.null <= parameter.upper:
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if parameter.ppf(min(max(middle, 1e-9), 1 - 1e-9)) < parameter.null:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def basis_size(entry: Entry) -> int:
+    """Number of columns of :func:`basis`."""
+    return int(basis(entry, np.full((1, len(free_parameters(entry))), 0.3)).shape[1])
+
+
+def _is_angle(parameter: Parameter) -> bool:
+    turn = {"degree": 360.0, "rad": 2 * np.pi}.get(parameter.unit)
+    return turn is not None and abs(parameter.upper - parameter.lower - turn) < 1e-6 * turn
+
+
+def basis(entry: Entry, quantiles: Array) -> Array:
+    """Smooth functions of an effect's free parameters that the emulator is linear in.
+
+    With c_j = 2 (u_j - u_j0), u_j the prior quantile of parameter j and u_j0 that of its null value
+    (1/2 where the prior does not reach it): the primary parameters' c_j and c_j c_k, led by 1 where
+    none of them reaches its null; and each of the linear ones of these times functions of every
+    secondary parameter: c and c^2, or cosine and sine of a full turn. They vanish where the effect
+    is absent.
+
+    Args:
+        entry: the effect.
+        quantiles: of its free parameters, shape (n, parameters), in (0, 1).
+
+    Returns:
+        Shape (n, `basis_size(entry)`).
+    """
+    parameters = free_parameters(entry)
+    u = np.atleast_2d(quantiles)
+    primary = [j for j, p in enumerate(parameters) if not p.secondary]
+    nulls = {j: null_quantile(parameters[j]) for j in primary}
+    reached = any(null is not None for null in nulls.values())
+    c = [2.0 * (u[:, j] - (0.5 if nulls[j] is None else nulls[j])) for j in primary]
+    linear = ([] if reached else [np.ones(len(u))]) + c
+    columns = list(linear)
+    columns += [c[j] * c[k] for j in range(len(c)) for k in range(j, len(c))]
+    for j, parameter in enumerate(parameters):
+        if parameter.secondary:
+            if _is_angle(parameter):
+                turn = 2 * np.pi * u[:, j]
+                functions = [np.cos(turn), np.sin(turn)]
+            else:
+                functions = [2 * u[:, j] - 1, (2 * u[:, j] - 1) ** 2]
+            columns += [one * function for one in linear for function in functions]
+    return np.stack(columns, axis=1)
+
+
+def values_at(entry: Entry, quantiles: Array) -> tuple[float, ...]:
+    """Values of all parameters at prior quantiles of the free ones, fixed ones at their null."""
+    free = free_parameters(entry)
+    clipped = np.clip(quantiles, 1e-6, 1 - 1e-6)
+    known = {p.name: float(p.ppf(float(u))) for p, u in zip(free, clipped, strict=True)}
+    return tuple(known.get(p.name, float(p.null)) for p in entry.parameters)

@@ -1,0 +1,179 @@
+"""HOW FAR the gap shrinks, judged on motions that neither the fit nor the choice saw.
+
+Motions are dealt into groups; each group is judged once by models that were fitted to, and chosen
+on, the others alone. Parameters and nuisances are averaged over their posterior; an effect is
+chosen by its evidence. Differences are bootstrapped over motions, all models on the same resamples, the
+same simulations behind all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.emulator import Emulator
+from vsr2.diagnosis.evidence import (
+    Data,
+    Posterior,
+    Prediction,
+    Table,
+    posterior,
+    predict,
+    tabulate,
+)
+from vsr2.diagnosis.library import NONE, Library, free_parameters
+from vsr2.diagnosis.score import losses
+from vsr2.diagnosis.simulator import quasi_random
+
+Array = NDArray[np.float64]
+
+RECALIBRATION = "recalibration"
+_PAIR_NODES = 120
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Shrinkage:
+    """Held-out losses of each trial.
+
+    Attributes:
+        before: without effect.
+        after: with the effect chosen on the other motions.
+        placebo: with the best effect of another class, so chosen.
+        recalibrated: without effect, the probabilities' logits rescaled and shifted.
+        each: with each effect.
+        pair: with the best pair; None: none was tried.
+        chosen: names by group, of `after`, `placebo` and `pair`.
+        predicted_before, predicted_after: probabilities of overturning.
+    """
+
+    before: Array
+    after: Array
+    placebo: Array
+    recalibrated: Array
+    each: dict[str, Array]
+    pair: Array | None
+    chosen: dict[str, list[str]]
+    predicted_before: Array
+    predicted_after: Array
+
+
+def judge(
+    library: Library,
+    emulator: Emulator,
+    tables: Mapping[str, Table],
+    observed: Data,
+    group: NDArray[np.int64],
+    chosen_class: Sequence[str],
+    *,
+    pairs: bool,
+) -> Shrinkage:
+    """Hold every group of motions out once.
+
+    Args:
+        library: effects that may be chosen.
+        emulator: fitted, for pairs.
+        tables: of "none" and every effect.
+        observed: one campaign.
+        group: of each trial; no motion stands in two.
+        chosen_class: effects that the verdict does not tell apart; the placebo is none of them.
+        pairs: also try pairs.
+    """
+    trials = observed.overturned.shape[1]
+    blank = np.zeros(trials)
+    before, after, placebo, recalibrated = (blank.copy() for _ in range(4))
+    p_before, p_after = blank.copy(), blank.copy()
+    each = {name: blank.copy() for name in library}
+    pair = blank.copy() if pairs else None
+    chosen: dict[str, list[str]] = {"after": [], "placebo": [], "pair": []}
+    for k in np.unique(group):
+        judged = group == k
+        seen = observed.only(~judged)
+        found = {name: posterior(table, seen) for name, table in tables.items()}
+        predicted = {name: predict(tables[name], found[name]) for name in tables}
+        loss = {name: losses(predicted[name], observed)[0] for name in tables}
+        ranked = sorted(library, key=lambda name: -found[name].evidence[0])
+        best = ranked[0]
+        wrong = next((name for name in ranked if name not in chosen_class), NONE)
+        before[judged] = loss[NONE][judged]
+        after[judged] = loss[best][judged]
+        placebo[judged] = loss[wrong][judged]
+        p_before[judged] = predicted[NONE].probability[0, judged]
+        p_after[judged] = predicted[best].probability[0, judged]
+        scaled = _recalibrated(predicted[NONE], observed, judged)
+        recalibrated[judged] = losses(scaled, observed)[0][judged]
+        for name in library:
+            each[name][judged] = loss[name][judged]
+        chosen["after"].append(best)
+        chosen["placebo"].append(wrong)
+        if pair is not None:
+            second, table, own = best_pair(library, emulator, best, seen)
+            pair[judged] = losses(predict(table, own), observed)[0][judged]
+            chosen["pair"].append(second)
+    return Shrinkage(before, after, placebo, recalibrated, each, pair, chosen, p_before, p_after)
+
+
+def best_pair(
+    library: Library, emulator: Emulator, first: str, data: Data
+) -> tuple[str, Table, Posterior]:
+    """The effect with the greatest evidence beside `first`; effects add up on the logit."""
+    best: tuple[str, Table, Posterior] | None = None
+    for second in library:
+        if second == first:
+            continue
+        a, b = len(free_parameters(library[first])), len(free_parameters(library[second]))
+        nodes = np.array([quasi_random(1, a + b, i + 1) for i in range(_PAIR_NODES)])
+        table = tabulate(
+            emulator, first, nodes[:, :a], second=second, second_quantiles=nodes[:, a:]
+        )
+        found = posterior(table, data)
+        if best is None or found.evidence[0] > best[2].evidence[0]:
+            best = (second, table, found)
+    assert best is not None
+    return best
+
+
+def _recalibrated(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Prediction:
+    """Platt's scaling, fitted to the trials that are not judged, with a weak pull to no change."""
+    p = prediction.probability[0]
+    logit = np.log(p) - np.log1p(-p)
+    y = observed.overturned[0]
+    used = ~judged & np.isfinite(y)
+    x = np.stack([np.ones(used.sum()), logit[used]], axis=1)
+    prior = np.array([0.0, 1.0])
+    theta = prior.copy()
+    for _ in range(20):
+        q = 1 / (1 + np.exp(-np.clip(x @ theta, -30, 30)))
+        slope = x.T @ (y[used] - q) - (theta - prior) / 4.0
+        hessian = (x * (q * (1 - q))[:, None]).T @ x + np.eye(2) / 4.0
+        theta = theta + np.linalg.solve(hessian, slope)
+    scaled = 1 / (1 + np.exp(-np.clip(theta[0] + theta[1] * logit, -30, 30)))
+    scaled = np.clip(scaled, 1e-3, 1 - 1e-3)
+    return Prediction(scaled[None], prediction.centre, prediction.deviation)
+
+
+def resampled_means(
+    values: Array, motion: NDArray[np.int64], *, replicates: int = 2000, seed: int = 0
+) -> Array:
+    """Means over trials under a bootstrap of motions, values (k, trials), shape (replicates, k)."""
+    from vsr2.campaign import motion_resamples
+
+    counts = motion_resamples(motion, replicates, seed)
+    return np.asarray((counts @ values.T) / counts.sum(axis=1)[:, None], dtype=np.float64)
+
+
+def interval(value: float, draws: Array) -> Interval:
+    """The 2.5 and 97.5 % quantiles around an estimate."""
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return Interval(value, float(low), float(high))

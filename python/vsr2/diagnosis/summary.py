@@ -1,0 +1,344 @@
+"""Puts the parts of a diagnosis together as `diagnosis.json`."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.design import Screening
+from vsr2.diagnosis.evidence import Data, posterior, tabulate
+from vsr2.diagnosis.inference import Inference, Prepared
+from vsr2.diagnosis.library import NONE, Entry, free_parameters
+from vsr2.diagnosis.observations import Observations
+from vsr2.diagnosis.result import SCHEMA, Diagnosis
+from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
+from vsr2.diagnosis.simulator import quasi_random
+from vsr2.diagnosis.verdict import Findings, Verdict
+from vsr2.diagnosis.where import Place
+
+Array = NDArray[np.float64]
+
+FEW_TRIALS = 100
+FEW_MOTIONS = 10
+_FINE_NODES = 101
+_PLACES = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that was concluded."""
+
+    verdict: Verdict
+    findings: Findings
+    classes: list[list[str]]
+    where: list[Place]
+    shrinkage: Shrinkage
+    next_measurement: dict[str, Any] | None
+
+
+def compose(
+    seen: Observations,
+    screening: Screening,
+    prepared: Prepared,
+    found: Inference,
+    evidence: Evidence,
+    layers: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> Diagnosis:
+    """The diagnosis as data."""
+    whole = _Whole(seen, screening, prepared, evidence.shrinkage)
+    closure = whole.closure("after")
+    placebo = whole.closure("placebo")
+    recalibration = whole.closure("recalibrated")
+    probability = dict(zip(found.labels, found.probability, strict=True))
+    class_of = {name: group[0] for group in evidence.classes for name in group}
+    observed = Data(seen.overturned[None, screening.kept], seen.features[None, screening.kept])
+    effects = [
+        {
+            "name": name,
+            "probability": float(probability[name]),
+            "class": class_of[name],
+            "parameters": _parameters(prepared, name, observed),
+            "closure": whole.closure(name),
+        }
+        for name in sorted(class_of, key=lambda name: -probability[name])
+    ]
+    verdict = evidence.verdict
+    findings = evidence.findings
+    pick = evidence.shrinkage.chosen["placebo"]
+    content: dict[str, Any] = {
+        "schema": SCHEMA,
+        "campaign": {
+            "name": seen.campaign.name,
+            "trials": len(seen),
+            "tier": seen.tier,
+            "motions": int(seen.motion.max() + 1),
+            "sessions": int(seen.session.max() + 1),
+            "uncertain_trials": int(screening.kept.size - screening.guard.size),
+            "guard_trials": int(screening.guard.size),
+        },
+        "gap": {
+            "before": whole.mean("before"),
+            "floor": whole.mean("floor"),
+            "after": whole.mean("after"),
+            "closure": closure,
+            "excess": whole.excess("before", findings.gap_low),
+            "excess_after": whole.excess("after"),
+            "headline": whole.headline(),
+            "p_size": findings.gap_p,
+            "p_direction": findings.direction_p,
+            "layers": dict(layers),
+        },
+        "where": [
+            {
+                "place": place.place,
+                "axis": place.axis,
+                "effect_size": place.effect_size,
+                "p_familywise": place.p_familywise,
+            }
+            for place in evidence.where[:_PLACES]
+        ],
+        "verdict": {
+            "kind": verdict.kind,
+            "effects": list(verdict.effects),
+            "probability": float(verdict.probability),
+            "reasons": list(verdict.reasons),
+        },
+        "effects": effects,
+        "none_probability": float(probability[NONE]),
+        "conformal_set_90": list(found.conformal["both"]),
+        "placebo": {
+            "effect": max(set(pick), key=pick.count) if pick else None,
+            "closure": placebo,
+            "recalibration": recalibration,
+            "loss": whole.mean("placebo"),
+            "recalibration_loss": whole.mean("recalibrated"),
+        },
+        "unknown": {
+            "novelty_p": findings.novelty_p,
+            "excess_after_low": findings.after_low,
+        },
+        "routes": {
+            "likelihood": _top(found.labels, np.exp(found.likelihood)),
+            "classifier": _top(found.labels, np.exp(found.classifier)),
+            "exponents": list(prepared.calibration.exponents),
+        },
+        "next_measurement": evidence.next_measurement,
+        "limits": _limits(seen, screening, prepared, layers, provenance),
+        "provenance": {
+            "versions": _versions(),
+            **provenance,
+            "calibration_campaigns": int(prepared.calibration.truth.size),
+        },
+    }
+    return Diagnosis(content, tuple(whole.rows()))
+
+
+class _Whole:
+    """Losses of all trials, those that screening dropped included."""
+
+    def __init__(
+        self, seen: Observations, screening: Screening, prepared: Prepared, shrinkage: Shrinkage
+    ) -> None:
+        self._seen = seen
+        self._kept = screening.kept
+        p = screening.probability
+        y = seen.overturned
+        loss = -np.where(y > 0.5, np.log(p), np.log1p(-p))
+        entropy = -(p * np.log(p) + (1 - p) * np.log1p(-p))
+        self._losses: dict[str, Array] = {}
+        parts = {
+            "before": shrinkage.before,
+            "after": shrinkage.after,
+            "placebo": shrinkage.placebo,
+            "recalibrated": shrinkage.recalibrated,
+            **shrinkage.each,
+        }
+        for name, values in parts.items():
+            full = loss.copy()
+            full[self._kept] = values
+            self._losses[name] = full
+        floor = entropy.copy()
+        floor[self._kept] = prepared.calibration.floor
+        self._losses["floor"] = floor
+        self._names = list(self._losses)
+        values = np.stack([self._losses[name] for name in self._names])
+        self._means = values.mean(axis=1)
+        self._draws = resampled_means(values, seen.motion)
+        self._before, self._after = p.copy(), p.copy()
+        self._before[self._kept] = shrinkage.predicted_before
+        self._after[self._kept] = shrinkage.predicted_after
+
+    def _column(self, name: str) -> tuple[float, Array]:
+        k = self._names.index(name)
+        return float(self._means[k]), self._draws[:, k]
+
+    def mean(self, name: str) -> dict[str, Any]:
+        """Mean loss."""
+        return _estimate(*self._column(name))
+
+    def excess(self, name: str, low: float | None = None) -> dict[str, Any]:
+        """Mean loss over the floor; `low`: of uncertain trials, where another bound is wider."""
+        value, draws = self._column(name)
+        floor, floors = self._column("floor")
+        out = _estimate(value - floor, draws - floors)
+        if low is not None:
+            out["ci95"][0] = min(out["ci95"][0], low * self._kept.size / len(self._seen))
+        return out
+
+    def closure(self, name: str) -> dict[str, Any]:
+        """(before - model) / (before - floor); nothing where the gap's interval touches zero."""
+        before, befores = self._column("before")
+        floor, floors = self._column("floor")
+        if np.quantile(befores - floors, 0.025) <= 0 or before <= floor:
+            return {"value": None, "ci95": None}
+        value, draws = self._column(name)
+        ratio = (befores - draws) / np.maximum(befores - floors, 1e-9)
+        return _estimate((before - value) / (before - floor), ratio)
+
+    def headline(self) -> dict[str, Any]:
+        """Closure minus the better placebo's."""
+        before, befores = self._column("before")
+        floor, floors = self._column("floor")
+        if np.quantile(befores - floors, 0.025) <= 0 or before <= floor:
+            return {"value": None, "ci95": None}
+        after, afters = self._column("after")
+        options = [self._column(name) for name in ("placebo", "recalibrated")]
+        best, bests = min(options, key=lambda option: option[0])
+        ratio = (bests - afters) / np.maximum(befores - floors, 1e-9)
+        return _estimate((best - after) / (before - floor), ratio)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row a trial."""
+        seen = self._seen
+        kept = np.isin(np.arange(len(seen)), self._kept)
+        return [
+            {
+                "trial": trial.trial,
+                "motion": trial.motion,
+                "session": trial.session,
+                "order": trial.order,
+                "log_pga": float(seen.log_pga[i]),
+                "log_ratio": float(seen.log_ratio[i]),
+                "overturned": int(seen.overturned[i]),
+                "uncertain": int(kept[i]),
+                "before": float(self._before[i]),
+                "after": float(self._after[i]),
+                "loss_before": float(self._losses["before"][i]),
+                "loss_after": float(self._losses["after"][i]),
+                "floor": float(self._losses["floor"][i]),
+            }
+            for i, trial in enumerate(seen.campaign.trials)
+        ]
+
+
+def _estimate(value: float, draws: Array) -> dict[str, Any]:
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return {"value": value, "ci95": [float(low), float(high)]}
+
+
+def _parameters(prepared: Prepared, name: str, observed: Data) -> dict[str, Any]:
+    """Posterior means and central 95 % intervals on a fine grid of the prior."""
+    entry: Entry = prepared.emulator.library[name]
+    free = free_parameters(entry)
+    if len(free) == 1:
+        nodes = ((np.arange(_FINE_NODES) + 0.5) / _FINE_NODES)[:, None]
+    else:
+        nodes = np.array([quasi_random(2, len(free), i + 1) for i in range(3 * _FINE_NODES)])
+    weight = np.exp(posterior(tabulate(prepared.emulator, name, nodes), observed).nodes[0])
+    out = {}
+    for j, parameter in enumerate(free):
+        values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
+        order = np.argsort(values)
+        total = np.cumsum(weight[order])
+        low, high = (float(np.interp(q * total[-1], total, values[order])) for q in (0.025, 0.975))
+        mean = float(weight @ values / weight.sum())
+        out[parameter.name] = {"mean": mean, "ci95": [low, high], "unit": parameter.unit}
+    return out
+
+
+def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
+    order = np.argsort(-probability)[:5]
+    return {labels[i]: float(probability[i]) for i in order}
+
+
+def _limits(
+    seen: Observations,
+    screening: Screening,
+    prepared: Prepared,
+    layers: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> list[str]:
+    """What these data, and this budget, cannot support."""
+    out = []
+    motions = int(seen.motion.max() + 1)
+    if len(seen) < FEW_TRIALS:
+        out.append(
+            f"{len(seen)} trials: effects near the noise floor stay undetected, and classes are "
+            "wide; single effects need some hundred trials"
+        )
+    if motions < FEW_MOTIONS:
+        out.append(
+            f"{motions} ground motions: intervals over motions are rough, and held-out motions few"
+        )
+    if seen.tier == "B":
+        out.append(
+            "outcomes alone: what changes the response without changing who overturns cannot be "
+            "seen; the largest tilt of each trial would say much more"
+        )
+    if seen.session.max() == 0:
+        out.append("one session: a change between sessions cannot be told from a trend")
+    uncertain = int(screening.kept.size - screening.guard.size)
+    if uncertain < 20:
+        out.append(
+            f"only {uncertain} trials are uncertain under the library's effects: choose motions "
+            "nearer to the verge of overturning"
+        )
+    blind = [
+        name for name, table in prepared.tables.items() if name != NONE and _unseen(prepared, name)
+    ]
+    if blind:
+        out.append(
+            "this campaign hardly responds to " + ", ".join(blind) + ": nothing is said about them"
+        )
+    if provenance["budget"]["limited"]:
+        out.append("the budget ended before the answer stood on two doublings of the simulations")
+    if layers.get("physical") is None:
+        out.append("no repeats: the physical noise floor is unknown")
+    if not np.isfinite(seen.log_pga).all():
+        out.append("some trials have no intensity measures and are left out of the conditions")
+    return out
+
+
+def _unseen(prepared: Prepared, name: str) -> bool:
+    """Whether even large values of an effect move no more than two outcomes."""
+    table, plain = prepared.tables[name], prepared.tables[NONE]
+    p = 1 / (1 + np.exp(-table.logit))
+    q = 1 / (1 + np.exp(-plain.logit))
+    moved = np.abs(p - q).sum(axis=1).max()
+    tilts = [
+        np.abs(centre - own) / np.sqrt(variance)
+        for centre, own, variance in zip(table.centre, plain.centre, table.variance, strict=True)
+    ]
+    shifted = max((float((t**2).sum(axis=1).max()) for t in tilts), default=0.0)
+    return bool(moved < 2.0 and shifted < 4.0)
+
+
+def _versions() -> dict[str, str]:
+    import scipy
+    import sklearn
+
+    from vsr2.results.provenance import base_provenance
+
+    return {
+        "vsr2": str(base_provenance()["vsr2"]),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "scikit-learn": sklearn.__version__,
+    }

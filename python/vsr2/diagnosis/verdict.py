@@ -1,0 +1,126 @@
+"""The verdict: what the numbers allow one to say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
+
+GAP_LEVEL = 0.025
+"""Of each of the two tests for a gap: 0.05 together."""
+NOVELTY_LEVEL = 0.05
+LEAST_PROBABILITY = 0.5
+"""Of a class that is named."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict and why.
+
+    Attributes:
+        kind: none, effect, class, pair, unknown or unresolved.
+        effects: named, the most probable first; empty for none and unknown.
+        probability: of what is said.
+        reasons: sentences that lead to it.
+    """
+
+    kind: Kind
+    effects: tuple[str, ...]
+    probability: float
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What the verdict rests on.
+
+    Attributes:
+        gap_low: lower end of the gap's interval.
+        gap_p, direction_p: against gap-free campaigns (see `Inference`).
+        none_probability: calibrated.
+        leading: the leading class, most probable effect first.
+        class_probability: of it, given that something is missing.
+        agreement: None, or why the routes disagree.
+        novelty_p: of the best single effect's misfit.
+        after_low: lower end of the interval of the gap that the best effect leaves.
+        pair: the pair, if its held-out gain over one effect has a lower bound above zero.
+        stable: whether the previous, smaller budget led to an overlapping answer.
+    """
+
+    gap_low: float
+    gap_p: float
+    direction_p: float
+    none_probability: float
+    leading: tuple[str, ...]
+    class_probability: float
+    agreement: str | None
+    novelty_p: float
+    after_low: float
+    pair: tuple[str, str] | None
+    stable: bool
+
+
+def decide(f: Findings) -> Verdict:
+    """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
+    gap = f.gap_low > 0 and f.gap_p <= 2 * GAP_LEVEL
+    if not gap and f.direction_p > GAP_LEVEL:
+        reason = (
+            "no gap beyond noise: the loss is no larger than in campaigns simulated without any "
+            f"effect (p = {f.gap_p:.2g}), and none of the effects is favoured beyond what such "
+            f"campaigns show (p = {f.direction_p:.2g})"
+        )
+        return Verdict("none", (), f.none_probability, (reason,))
+    reasons = [
+        f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
+        "direction, against campaigns simulated without any effect"
+    ]
+    unexplained = f.novelty_p <= NOVELTY_LEVEL and f.after_low > 0
+    if unexplained and f.pair is None:
+        reasons.append(
+            "the best effect leaves a gap above the floor on motions that it did not see, and fits "
+            f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
+        )
+        return Verdict("unknown", (), 1 - f.novelty_p, tuple(reasons))
+    if f.agreement is not None:
+        return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
+    if not f.stable:
+        reasons.append("half the simulations led to another answer: spend a larger budget")
+        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+    if f.class_probability < LEAST_PROBABILITY:
+        reasons.append(
+            f"no class of effects reaches a probability of {LEAST_PROBABILITY}: the data do not "
+            "decide between several"
+        )
+        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+    if f.pair is not None:
+        reasons.append("a second effect improves the score on motions that the choice did not see")
+        return Verdict("pair", f.pair, f.class_probability, tuple(reasons))
+    if len(f.leading) > 1:
+        reasons.append("this campaign cannot tell these effects apart")
+        return Verdict("class", f.leading, f.class_probability, tuple(reasons))
+    return Verdict("effect", f.leading, f.class_probability, tuple(reasons))
+
+
+def disagreement(
+    leading: tuple[str, ...],
+    likelihood_best: str,
+    classifier_best: str,
+    likelihood_set: tuple[str, ...],
+    classifier_set: tuple[str, ...],
+) -> str | None:
+    """Why two routes contradict each other; None: they do not.
+
+    They agree if the leading class has a member in either route's 90 % set, and the best label of
+    each route is in the leading class or in the other route's set.
+    """
+    for route, labels in (("likelihood", likelihood_set), ("classifier", classifier_set)):
+        if not set(leading) & set(labels):
+            return f"the {route}'s 90 % set holds none of {', '.join(leading)}"
+    for route, best, other in (
+        ("likelihood", likelihood_best, classifier_set),
+        ("classifier", classifier_best, likelihood_set),
+    ):
+        if best not in leading and best not in other:
+            return f"the {route} favours {best}, which the other route rules out"
+    return None

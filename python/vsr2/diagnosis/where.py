@@ -1,0 +1,185 @@
+"""WHERE: places in which residuals are too large, with control over the whole family of places.
+
+The score of a place is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of a trial against the
+cross-fitted model without effects, v its variance, w the place's weights (1 inside, 0 outside; a
+centred trend; a step). The nulls are
+
+- for every place: campaigns simulated without effect, nuisances drawn;
+- for places over the order of execution besides: block permutations of the observed residuals, in
+  which whole sessions, or whole runs of one motion, change places (sessions themselves: runs of one
+  motion). Residuals that hang together within a session look like a trend; permuting single trials
+  would take that for significant. The larger p value counts.
+
+Each score is divided by its null deviation; the family's p value is that of the largest score
+(P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.evidence import Data, Prediction
+
+Array = NDArray[np.float64]
+
+NULLS = 999
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of the family and what was found there.
+
+    Attributes:
+        place: name.
+        axis: conditions, order, session, specimen, or the response's channel.
+        effect_size: mean residual inside over its noise, in standard deviations of one trial.
+        p_familywise: of the largest score of the whole family.
+        low, high: bounds of ln PGA and ln PGV/PGA, or of order, where it has some.
+    """
+
+    place: str
+    axis: str
+    effect_size: float
+    p_familywise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What places are made of, one value a trial."""
+
+    log_pga: Array
+    log_ratio: Array
+    order: Array
+    session: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    specimen: NDArray[np.int64]
+
+
+def residuals(prediction: Prediction, data: Data) -> tuple[Array, Array]:
+    """Residuals and variances of outcomes and features, shape (campaigns, channels, trials)."""
+    p, y = prediction.probability, data.overturned
+    known = np.isfinite(y)
+    parts = [np.where(known, y - p, 0.0)]
+    variances = [np.where(known, p * (1 - p), 0.0)]
+    for k in range(data.features.shape[-1]):
+        gap = (data.features[..., k] - prediction.centre[..., k]) / prediction.deviation[..., k]
+        seen = np.isfinite(gap)
+        parts.append(np.clip(np.where(seen, gap, 0.0), -4, 4))
+        variances.append(seen.astype(np.float64))
+    return np.stack(parts, axis=1), np.stack(variances, axis=1)
+
+
+def scan(
+    observed: tuple[Array, Array],
+    null: tuple[Array, Array],
+    conditions: Conditions,
+    channels: tuple[str, ...],
+    *,
+    seed: int = 0,
+) -> list[Place]:
+    """Scan all places.
+
+    Args:
+        observed: residuals and variances, shape (1, channels, trials).
+        null: the same of campaigns simulated without effect, shape (campaigns, channels, trials).
+        conditions: of the trials.
+        channels: names, the outcome first.
+        seed: of permutations.
+
+    Returns:
+        All places, most significant first.
+    """
+    names, axes, weights = _places(conditions)
+    by_order = np.array([axis == "order" for axis in axes])
+    by_session = np.array([axis == "session" for axis in axes])
+    residual, variance = observed[0][0], observed[1][0]
+    rng = np.random.default_rng([seed, 5])
+    score = _scores(residual[None], variance[None], weights)[0]
+    rows = rng.integers(0, len(null[0]), NULLS)
+    p_value = _family_p(score, _scores(null[0], null[1], weights)[rows])
+    for inside, labels in (
+        (by_order, (conditions.session, conditions.motion)),
+        (by_session, (conditions.motion,)),
+    ):
+        if inside.any():
+            moved = np.empty((NULLS, len(channels), int(inside.sum())))
+            for b in range(NULLS):
+                order = _permutation(labels[b % len(labels)], rng)
+                moved[b] = _scores(
+                    residual[None][..., order], variance[None][..., order], weights[inside]
+                )[0]
+            p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
+    out = []
+    for c, channel in enumerate(channels):
+        for j, name in enumerate(names):
+            inside = np.abs(weights[j]) > 0
+            count = max(int(np.count_nonzero(variance[c] * inside)), 1)
+            label = name if channel == "outcome" else f"{channel}: {name}"
+            axis = axes[j] if channel == "outcome" else f"{channel}, {axes[j]}"
+            size = float(score[c, j] / np.sqrt(count))
+            out.append(Place(label, axis, size, float(p_value[c, j])))
+    return sorted(out, key=lambda place: (place.p_familywise, -abs(place.effect_size)))
+
+
+def _scores(residual: Array, variance: Array, weights: Array) -> Array:
+    """Shape (campaigns, channels, places)."""
+    top = residual @ weights.T
+    return np.asarray(top / np.sqrt(variance @ (weights**2).T + 1e-3), dtype=np.float64)
+
+
+def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
+    names: list[str] = ["all trials"]
+    axes: list[str] = ["conditions"]
+    weights: list[Array] = [np.ones(conditions.order.size)]
+
+    def add(name: str, axis: str, weight: Array) -> None:
+        if np.count_nonzero(weight) >= 3:
+            names.append(name)
+            axes.append(axis)
+            weights.append(weight.astype(np.float64))
+
+    regions = {}
+    for label, value in (("PGA", conditions.log_pga), ("PGV/PGA", conditions.log_ratio)):
+        known = np.isfinite(value)
+        if known.sum() < 9:
+            continue
+        edges = np.quantile(value[known], [1 / 3, 2 / 3])
+        part = np.where(known, np.digitize(value, edges), -1)
+        regions[label] = part
+        for k, word in enumerate(("low", "middle", "high")):
+            add(f"{word} {label}", "conditions", part == k)
+    if len(regions) == 2:
+        for i, first in enumerate(("low", "middle", "high")):
+            for k, second in enumerate(("low", "middle", "high")):
+                inside = (regions["PGA"] == i) & (regions["PGV/PGA"] == k)
+                add(f"{first} PGA, {second} PGV/PGA", "conditions", inside)
+    add("trend", "order", conditions.order - conditions.order.mean())
+    for s in range(1, int(conditions.session.max()) + 1):
+        after = conditions.session >= s
+        add(f"change before session {s + 1}", "order", after - after.mean())
+    for s in range(int(conditions.session.max()) + 1):
+        if conditions.session.max() > 0:
+            add(f"session {s + 1}", "session", conditions.session == s)
+    if conditions.specimen.max() > 0:
+        for s in range(int(conditions.specimen.max()) + 1):
+            add(f"specimen {s + 1}", "specimen", conditions.specimen == s)
+    return names, axes, np.stack(weights)
+
+
+def _family_p(score: Array, null: Array) -> Array:
+    """P value of each score among the largest of the family, shape (channels, places)."""
+    deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5)
+    largest = np.abs(null / deviation).reshape(len(null), -1).max(axis=1)
+    own = np.abs(score / deviation)
+    above = (largest[:, None, None] >= own[None]).sum(axis=0)
+    return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
+
+
+def _permutation(label: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Trials after whole runs of one label changed places in the order, shape (trials,)."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(label) != 0]))
+    ends = np.append(starts[1:], label.size)
+    return np.concatenate([np.arange(starts[k], ends[k]) for k in rng.permutation(starts.size)])

@@ -1,0 +1,617 @@
+"""Effects on what the table does with the motion it is given."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from vsr2.config.study import Filter
+from vsr2.effects.effect import Bench, Check, Effect
+from vsr2.effects.geometry import mass_height, uplift_acceleration
+from vsr2.effects.oscillator import (
+    Path,
+    base_excited,
+    limited,
+    low_passed,
+    respond,
+    ringing_samples,
+)
+from vsr2.effects.parameter import Parameter
+from vsr2.effects.setup import Setup
+from vsr2.errors import MotionError
+from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass, build_recorded_motion
+from vsr2.motion.motion import SIDES
+from vsr2.motion.processing import differentiate
+from vsr2.motion.resample import resample
+
+LOW_PASS_DAMPING = math.sqrt(0.5)
+"""Of the actuator's low-pass: Butterworth's."""
+LOOP_FREQUENCY = 3.0
+"""At which a saturated table comes back to its command [Hz]."""
+FILTER_ORDER = 3
+
+
+def _path(motion: Motion) -> Path:
+    return Path(motion.displacement, motion.velocity, motion.acceleration)
+
+
+def _driven(setup: Setup, path: Path, note: str, **sides: SideMotion | None) -> Setup:
+    """The setup under another path, brought to rest at its last sample."""
+    motion = setup.motion
+    samples = [path.displacement - path.displacement[0], path.velocity, path.acceleration]
+    if any(signal[-1] != 0 for signal in samples[1:]):
+        samples = [
+            np.append(signal, last)
+            for signal, last in zip(samples, (samples[0][-1], 0.0, 0.0), strict=True)
+        ]
+    kept: dict[str, Any] = {}
+    for name in SIDES:
+        side = sides.get(name, getattr(motion, name))
+        missing = 0 if side is None else samples[0].size - side.displacement.size
+        if side is not None and missing > 0:
+            side = SideMotion(
+                np.append(side.displacement, np.full(missing, side.displacement[-1])),
+                np.append(side.velocity, np.zeros(missing)),
+            )
+        kept[name] = side
+    return replace(
+        setup,
+        motion=replace(
+            motion,
+            displacement=samples[0],
+            velocity=samples[1],
+            acceleration=samples[2],
+            source=f"{motion.source}; {note}",
+            **kept,
+        ),
+    )
+
+
+class TimeScale(Effect):
+    """Time runs slower or faster."""
+
+    name = "time_scale"
+    meaning = "The motion is played slower (change > 0) or faster than recorded"
+    parameters = (
+        Parameter(
+            "change", "1", 0.0, -0.03, 0.03, "uniform", "relative change of all times",
+            limits=(-0.3, 0.5),
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("inertia",)
+    source = "sampling interval misread; accelerations change by 1 / (1 + change)^2"
+    stage = "actuation"
+    rank = 0
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        motion, factor = setup.motion, 1.0 + values["change"]
+        step = motion.time_step
+
+        def stretched(signal: Any) -> Any:
+            return resample(signal, step * factor, step, name=motion.name)
+
+        sides = {}
+        for name in SIDES:
+            side = getattr(motion, name)
+            if side is not None:
+                slow = stretched(side.displacement)
+                sides[name] = SideMotion(slow.displacement, slow.velocity)
+        slow = stretched(motion.displacement)
+        path = Path(slow.displacement, slow.velocity, slow.acceleration)
+        return _driven(setup, path, f"time times {factor:.12g}", **sides)
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup = replace(bench.block(), motion=bench.pulse(2.0, 2.0))
+        slow = self.change(setup, {"change": 0.03}).motion
+        return [
+            Check("PGV of a pulse, over 1.03 [m/s]", slow.pgv, setup.motion.pgv / 1.03, 1e-4),
+            Check(
+                "PGA inside the pulse, over 1.03^2 [m/s^2]",
+                float(np.abs(slow.acceleration[100:-100]).max()), 2.0 / 1.03**2, 2e-3,
+            ),
+            Check("duration, times 1.03 [s]", slow.duration, 0.5 * 1.03, 2e-3),
+        ]  # fmt: skip
+
+
+class InputFilter(Effect):
+    """How the recorded motion is turned into the driven one."""
+
+    name = "input_filter"
+    meaning = (
+        "The motion is low-passed on its way into the simulation, or comes from another channel"
+    )
+    parameters = (
+        Parameter(
+            "corner", "Hz", math.inf, 5.0, 40.0, "loguniform",
+            "of the zero-phase low-pass; none given: no filter", limits=(1.0, 400.0),
+        ),
+        Parameter(
+            "input", "1", 0.0, 0.0, 3.0, "fixed",
+            "channel of the record: `study`: as the study has it",
+            choices=("study", "displacement", "acceleration", "fused"),
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("table_bandwidth",)
+    source = "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2); docs/motions.md on fusion"
+    stage = "actuation"
+    rank = 1
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        if values["input"] != 0:
+            setup = self._from_channel(setup, int(values["input"]))
+        corner = values["corner"]
+        if not math.isfinite(corner):
+            return setup
+        motion = setup.motion
+        # Amid rest, so that the filter rings out on both sides.
+        pad = math.ceil(2.0 / corner / motion.time_step)
+        amid = np.concatenate(
+            [np.zeros(pad), motion.displacement, np.full(pad, motion.displacement[-1])]
+        )
+        smooth = band_pass(amid, motion.time_step, Filter(low=0.0, high=corner, order=FILTER_ORDER))
+        found = differentiate(smooth, motion.time_step)
+        path = Path(found.displacement, found.velocity, found.acceleration)
+        sides = {
+            name: None if side is None else SideMotion(
+                np.concatenate(
+                    [np.zeros(pad), side.displacement, np.full(pad, side.displacement[-1])]
+                ),
+                np.concatenate([np.zeros(pad), side.velocity, np.zeros(pad)]),
+            )
+            for name in SIDES
+            for side in (getattr(motion, name),)
+        }  # fmt: skip
+        return _driven(setup, path, f"low-pass {corner:g} Hz", **sides)
+
+    def _from_channel(self, setup: Setup, choice: int) -> Setup:
+        motion = setup.motion
+        channel: Any = self.parameter("input").choices[choice]
+        recording = motion.recording
+        if recording is None:
+            raise MotionError(
+                f"effects.input_filter.input: {channel} needs a recorded motion, and "
+                f"{motion.name!r} is none; leave it at `study`"
+            )
+        built = build_recorded_motion(
+            recording.record,
+            motion.time_step,
+            channel=channel,
+            baseline=recording.baseline,
+            filter=recording.filter or (Filter() if channel == "acceleration" else None),
+            scale=recording.scale,
+            name=motion.name,
+        )
+        return replace(setup, motion=built)
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        corner = 5.0
+        setup = bench.block()
+        step = setup.engine.time_step
+        checks = []
+        for frequency in (2.0, 5.0, 8.0):
+            time = np.arange(round(6.0 / step)) * step
+            envelope = np.sin(np.pi * time / time[-1]) ** 2
+            x = 0.01 * envelope * np.sin(2 * np.pi * frequency * time)
+            found = differentiate(x, step)
+            motion = replace(
+                setup.motion, displacement=x - x[0], velocity=found.velocity,
+                acceleration=found.acceleration,
+            )  # fmt: skip
+            passed = self.change(
+                replace(setup, motion=motion), {"corner": corner, "input": 0.0}
+            ).motion
+            expected = 1 / (1 + (frequency / corner) ** (2 * FILTER_ORDER))
+            checks.append(
+                Check(
+                    f"gain at {frequency:g} Hz, 1 / (1 + (f / fc)^6) [1]",
+                    float(np.abs(passed.displacement).max() / np.abs(x).max()),
+                    expected,
+                    0.02,
+                )
+            )
+        return checks
+
+
+class TableGain(Effect):
+    """A table that does more or less than it is told."""
+
+    name = "table_gain"
+    meaning = "The table moves by 1 + change times what was recorded"
+    parameters = (
+        Parameter(
+            "change", "1", 0.0, -0.15, 0.15, "uniform", "relative change of the motion",
+            limits=(-0.9, 5.0),
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("slenderness", "edge_rounding", "table_pitch")
+    source = "calibration of transducers; rocking depends on a / (g alpha) only"
+    stage = "actuation"
+    rank = 2
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        motion = setup.motion
+        return replace(setup, motion=motion.scaled(1.0 + values["change"], name=motion.name))
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        from vsr2.effects.geometry import half_widths
+
+        setup, change = bench.block(), 0.15
+        _, b = half_widths(setup)
+        expected = setup.engine.gravity * b / mass_height(setup) / (1 + change)
+        return [
+            Check(
+                "uplift at a commanded a = g b / h / (1 + change) [m/s^2]",
+                uplift_acceleration(bench, setup, self, {"change": change}, expected),
+                expected,
+                0.01 * expected,
+            )
+        ]
+
+
+class TableBandwidth(Effect):
+    """An actuator too slow for the motion."""
+
+    name = "table_bandwidth"
+    meaning = "The table follows through a low-pass of second order, and late"
+    parameters = (
+        Parameter(
+            "corner", "Hz", math.inf, 3.0, 25.0, "loguniform",
+            "of the low-pass (damping 0.707); none given: no low-pass", limits=(0.5, 400.0),
+        ),
+        Parameter("delay", "s", 0.0, 0.0, 0.020, "uniform", "of the table", limits=(0.0, 1.0)),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("input_filter",)
+    source = (
+        "closed-loop model of servo-hydraulic tables; Trombetti & Conte (2002), J. Earthq. Eng."
+    )
+    stage = "actuation"
+    rank = 3
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        motion, corner = setup.motion, values["corner"]
+        step = motion.time_step
+        path = _path(motion)
+        late = round(values["delay"] / step)
+        if late:
+            path = Path(*(np.concatenate([np.zeros(late), signal]) for signal in _signals(path)))
+        if math.isfinite(corner):
+            path = low_passed(
+                path.held(ringing_samples(corner, LOW_PASS_DAMPING, step)),
+                corner, LOW_PASS_DAMPING, step,
+            )  # fmt: skip
+        sides = {
+            name: SideMotion(
+                np.concatenate([np.zeros(late), side.displacement]),
+                np.concatenate([np.zeros(late), side.velocity]),
+            )
+            for name in SIDES
+            if (side := getattr(motion, name)) is not None
+        }
+        return _driven(setup, path, f"low-pass {corner:g} Hz, {late} samples late", **sides)
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        corner = 3.0
+        gain = 1 / math.sqrt(2)
+        return [
+            _sine_check(self, bench, {"corner": corner, "delay": 0.0}, corner, gain),
+            _sine_check(
+                self, bench, {"corner": corner, "delay": 0.0}, 6.0, 1 / math.sqrt(1 + 2.0**4)
+            ),
+            self._late(bench),
+        ]
+
+    def _late(self, bench: Bench) -> Check:
+        setup = replace(bench.block(), motion=bench.pulse(2.0, 2.0))
+        late = self.change(setup, {"corner": math.inf, "delay": 0.02}).motion
+        off = np.abs(late.displacement[20 : 20 + 400] - setup.motion.displacement[:400]).max()
+        return Check("delay of 20 ms at 1 kHz, difference after 20 samples [m]", float(off), 0, 0)
+
+
+def _signals(path: Path) -> tuple[Any, Any, Any]:
+    return path.displacement, path.velocity, path.acceleration
+
+
+def _sine_check(
+    effect: Effect, bench: Bench, values: Mapping[str, float], frequency: float, expected: float
+) -> Check:
+    """Steady gain for a sine against the transfer function's."""
+    setup = bench.block()
+    step = setup.engine.time_step
+    time = np.arange(round(4.0 / step)) * step
+    omega = 2 * math.pi * frequency
+    blend = np.clip(time, 0, 1) ** 2 * (3 - 2 * np.clip(time, 0, 1))
+    x = 0.01 * blend * np.sin(omega * time)
+    found = differentiate(x, step)
+    motion = replace(
+        setup.motion, displacement=x, velocity=found.velocity, acceleration=found.acceleration
+    )
+    driven = effect.change(replace(setup, motion=motion), values).motion
+    steady = slice(round(2.5 / step), round(3.9 / step))
+    return Check(
+        f"gain of a sine of {frequency:g} Hz, from the transfer function [1]",
+        float(np.abs(driven.displacement[steady]).max() / 0.01),
+        expected,
+        0.01 * expected,
+    )
+
+
+class TableSaturation(Effect):
+    """A table at its limits."""
+
+    name = "table_saturation"
+    meaning = "Speed and acceleration of the table are capped; it comes back to its command later"
+    parameters = (
+        Parameter(
+            "velocity", "m/s", math.inf, 0.15, 1.5, "loguniform",
+            "greatest speed; none given: no cap", limits=(1e-3, 100.0),
+        ),
+        Parameter(
+            "acceleration", "m/s^2", math.inf, 2.0, 20.0, "loguniform",
+            "greatest acceleration; none given: no cap", limits=(1e-2, 1e4),
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("table_bandwidth",)
+    source = "limits of pump and force of servo-hydraulic tables"
+    stage = "actuation"
+    rank = 4
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        motion = setup.motion
+        velocity, acceleration = values["velocity"], values["acceleration"]
+        if motion.pgv <= velocity and motion.pga <= acceleration:
+            return setup
+        rest = round(2.0 / motion.time_step)
+        path = limited(
+            _path(motion).held(rest), velocity, acceleration, motion.time_step, loop=LOOP_FREQUENCY
+        )
+        return _driven(setup, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup = replace(bench.block(), motion=bench.pulse(3.0, 1.0))
+        cap, most = 0.3, 2.0
+        driven = self.change(setup, {"velocity": cap, "acceleration": most}).motion
+        v, step = driven.velocity, driven.time_step
+        return [
+            Check("greatest speed [m/s]", float(np.abs(v).max()), cap, 1e-9),
+            Check("greatest acceleration [m/s^2]", driven.pga, most, 1e-9),
+            Check(
+                "where it ends, against the command [m]",
+                float(driven.displacement[-1]), float(setup.motion.displacement[-1]), 1e-4,
+            ),
+            Check(
+                "displacement against the integral of the speed [m]",
+                float(np.abs(
+                    np.cumsum(0.5 * (v[1:] + v[:-1])) * step - driven.displacement[1:]
+                ).max()), 0.0, 1e-4,
+            ),
+        ]  # fmt: skip
+
+
+class TableResonance(Effect):
+    """A soft table."""
+
+    name = "table_resonance"
+    meaning = "Between actuator and rock the table is a mass on a spring and a dashpot"
+    parameters = (
+        Parameter(
+            "amplification", "1", 1.0, 1.0, 2.0, "uniform", "of a sine at the frequency",
+            limits=(1.0, 50.0),
+        ),
+        Parameter(
+            "frequency", "Hz", 12.0, 8.0, 20.0, "uniform", "without damping", limits=(1.0, 200.0),
+            secondary=True,
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("table_pitch",)
+    source = "transmissibility sqrt(1 + 1 / (4 zeta^2)) at the frequency; den Hartog (1956)"
+    stage = "actuation"
+    rank = 5
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        motion, frequency = setup.motion, values["frequency"]
+        ratio = 0.5 / math.sqrt(values["amplification"] ** 2 - 1)
+        step = motion.time_step
+        path = _path(motion).held(ringing_samples(frequency, ratio, step))
+        path = base_excited(path, frequency, ratio, step)
+        return _driven(setup, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        values = {"frequency": 12.0, "amplification": 2.0}
+        zeta = 0.5 / math.sqrt(3.0)
+
+        def gain(r: float) -> float:
+            a = (2 * zeta * r) ** 2
+            return math.sqrt((1 + a) / ((1 - r**2) ** 2 + a))
+
+        return [
+            _sine_check(self, bench, values, frequency, gain(frequency / 12.0))
+            for frequency in (4.0, 12.0, 24.0)
+        ]
+
+
+class OffAxisMotion(Effect):
+    """The table moves across its axis, too."""
+
+    name = "off_axis_motion"
+    meaning = "The table moves across the shaking in proportion to it"
+    parameters = (
+        Parameter(
+            "share", "1", 0.0, 0.0, 0.20, "uniform", "of the motion along x", limits=(-2.0, 2.0)
+        ),
+    )
+    channels = ("motion", "yaw", "tilt")
+    confounded_with = ("spin_friction", "placement")
+    source = "cross-coupling of a table's axes"
+    stage = "actuation"
+    rank = 6
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        return _beside(setup, "transverse", values["share"])
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        from vsr2.effects.geometry import half_widths
+
+        setup, share = bench.block(), 0.75
+        _, b = half_widths(setup)
+        # Stiff friction and no slip: the mass centre is carried along y as along x.
+        held = replace(
+            setup, motion=bench.push(0.5 * setup.engine.gravity * b / mass_height(setup))
+        )
+        response = bench.run(held, self, {"share": share})
+        moved = response.position[-1] - response.position[0]
+        expected = share * float(response.pedestal[-1])
+        return [Check("travel of a rock that stands, across [m]", float(moved[1]), expected, 1e-3)]
+
+
+class VerticalMotion(Effect):
+    """The table moves up and down, too."""
+
+    name = "vertical_motion"
+    meaning = "The table moves vertically in proportion to the motion along x"
+    parameters = (
+        Parameter(
+            "share", "1", 0.0, 0.0, 0.5, "uniform", "of the motion along x", limits=(-2.0, 2.0)
+        ),
+    )
+    channels = ("motion", "tilt")
+    confounded_with = ()
+    source = "rocking under both components; Makris & Kampas (2016), Bull. Seismol. Soc. Am. 106(4)"
+    stage = "actuation"
+    rank = 7
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        return _beside(setup, "vertical", values["share"])
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        from vsr2.effects.geometry import half_widths
+
+        setup, share = bench.block(), 0.5
+        _, b = half_widths(setup)
+        slope = b / mass_height(setup)
+        # a h = (g + share a) b at uplift.
+        expected = setup.engine.gravity * slope / (1 - share * slope)
+        return [
+            Check(
+                "uplift at a = g (b / h) / (1 - share b / h) [m/s^2]",
+                uplift_acceleration(bench, setup, self, {"share": share}, expected),
+                expected,
+                0.01 * expected,
+            )
+        ]
+
+
+def _beside(setup: Setup, name: str, share: float) -> Setup:
+    motion = setup.motion
+    side: SideMotion | None = getattr(motion, name)
+    displacement, velocity = share * motion.displacement, share * motion.velocity
+    if side is not None:
+        displacement, velocity = displacement + side.displacement, velocity + side.velocity
+    sides: dict[str, Any] = {name: SideMotion(displacement, velocity)}
+    return replace(
+        setup,
+        motion=replace(motion, source=f"{motion.source}; {name} {share:.12g} of it", **sides),
+    )
+
+
+class TablePitch(Effect):
+    """A table that pitches."""
+
+    name = "table_pitch"
+    meaning = (
+        "A sprung joint under the pedestal lets it pitch: an oscillator driven by the table's "
+        "acceleration, leaning back as the table accelerates"
+    )
+    parameters = (
+        Parameter(
+            "compliance", "rad/g", 0.0, 0.0, 0.02, "uniform",
+            "pitch under a constant acceleration", limits=(-0.2, 0.2),
+        ),
+        Parameter(
+            "frequency", "Hz", 10.0, 5.0, 20.0, "uniform", "of the pitching", limits=(1.0, 200.0),
+            secondary=True,
+        ),
+        Parameter(
+            "damping", "1", 0.1, 0.02, 1.0, "fixed", "damping ratio of the pitching",
+            limits=(0.001, 10.0), secondary=True,
+        ),
+        Parameter(
+            "depth", "m", 0.5, 0.0, 2.0, "fixed", "of the joint below the pedestal's top",
+            limits=(0.0, 20.0), secondary=True,
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("table_gain",)
+    source = "pitch'' + 2 zeta w pitch' + w^2 pitch = -w^2 compliance a / g"
+    stage = "actuation"
+    rank = 8
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        motion, frequency, ratio = setup.motion, values["frequency"], values["damping"]
+        step = motion.time_step
+        path = _path(motion).held(ringing_samples(frequency, ratio, step))
+        drive = -values["compliance"] / STANDARD_GRAVITY * (2 * math.pi * frequency) ** 2
+        # The first sample holds no state: the table is at rest before the motion.
+        acceleration = np.concatenate([[0.0], path.acceleration])
+        pitch, rate = respond(0.0, drive, frequency, ratio, acceleration, step)
+        pitch, rate = pitch[1:], rate[1:]
+        rate[0] = 0.0
+        pitch = pitch - pitch[0]
+        pedestal = replace(setup.pedestal, pitch_pivot=setup.pedestal.top - values["depth"])
+        return _driven(
+            replace(setup, pedestal=pedestal),
+            path,
+            f"pitch {values['compliance']:.12g} rad/g at {frequency:g} Hz",
+            pitch=SideMotion(pitch, rate),
+        )
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        compliance, zeta, frequency = 0.02, 0.1, 10.0
+        values = {
+            "compliance": compliance, "frequency": frequency, "damping": zeta, "depth": 0.5,
+        }  # fmt: skip
+        setup = bench.block()
+        a = 1.0
+        step = self.change(replace(setup, motion=bench.push(a, duration=4.0)), values).motion
+        pitched = step.pitch
+        assert pitched is not None
+        settled = float(pitched.displacement[round(3.5 / step.time_step)])
+        end = int(np.flatnonzero(step.acceleration)[-1]) + 1
+        free = pitched.displacement[end:]
+        crossings = np.flatnonzero(np.diff(np.sign(free)) != 0)[:9]
+        period = 2 * float(np.diff(crossings).mean()) * step.time_step
+        damped = frequency * math.sqrt(1 - zeta**2)
+        return [
+            Check(
+                "pitch under a constant acceleration, -compliance a / g [rad]",
+                settled, -compliance * a / STANDARD_GRAVITY, 1e-5,
+            ),
+            Check("frequency of free pitching [Hz]", 1 / period, damped, 0.01 * damped),
+            self._carried(bench, values),
+        ]  # fmt: skip
+
+    def _carried(self, bench: Bench, values: Mapping[str, float]) -> Check:
+        # A rock that stands turns with the pedestal.
+        motion = bench.push(1.0, duration=2.0)
+        response = bench.run(replace(bench.block(), motion=motion), self, values)
+        return Check(
+            "tilt of a rock that stands on the pitched pedestal [rad]",
+            float(response.tilt[np.searchsorted(response.time, motion.times[-1] - 0.3)]),
+            values["compliance"] / STANDARD_GRAVITY,
+            1e-4,
+        )
+
+
+ACTUATION: tuple[Effect, ...] = (
+    TimeScale(), InputFilter(), TableGain(), TableBandwidth(), TableSaturation(), TableResonance(),
+    OffAxisMotion(), VerticalMotion(), TablePitch(),
+)  # fmt: skip

@@ -1,0 +1,227 @@
+"""The effect: what every entry of the library is, and what a user's own effect derives from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.effects.parameter import Parameter, near
+from vsr2.effects.setup import Circumstances, Observation, Setup
+from vsr2.errors import ConfigError
+from vsr2.motion import Motion
+
+Array = NDArray[np.float64]
+Stage = Literal[
+    "geometry", "order", "inertia", "contact", "mechanism", "actuation", "start",     "outcome",
+]  # fmt: skip
+STAGES: tuple[Stage, ...] = (
+    "geometry", "order", "inertia", "contact", "mechanism", "actuation", "start",     "outcome",
+)  # fmt: skip
+"""In the order of application."""
+Channel = Literal["motion", "tilt", "yaw", "slip", "rest pose", "label"]
+
+
+class Response(Protocol):
+    """What a bench measures in a trial; rows in time, from the start of the motion."""
+
+    time: Array
+    """Shape (n,) [s]."""
+    tilt: Array
+    """Away from the settled pose, shape (n,) [rad]."""
+    position: Array
+    """Mass centre p_WB, shape (n, 3) [m]."""
+    velocity: Array
+    """Of the mass centre, shape (n, 3) [m/s]."""
+    angular_velocity: Array
+    """In the world, shape (n, 3) [rad/s]."""
+    pedestal: Array
+    """Displacement of the pedestal along x, shape (n,) [m]."""
+    observation: Observation
+    """What is written down, after effects on the outcome."""
+
+
+class Bench(Protocol):
+    """Where effects are checked: a nominal block and a scan-like rock, and a way to run them."""
+
+    def block(self) -> Setup:
+        """A homogeneous block, 0.4 m x 0.6 m x 1.2 m, on an even pedestal, at rest."""
+
+    def scan(self) -> Setup:
+        """A rock with the irregular hull of a scan."""
+
+    def push(self, acceleration: float, *, duration: float = 0.2) -> Motion:
+        """A motion that reaches a constant acceleration [m/s^2] smoothly and holds it [s]."""
+
+    def pulse(self, pga: float, frequency: float) -> Motion:
+        """A cosine pulse, x = A (1 - cos 2 pi F t); PGA [m/s^2], F [Hz]."""
+
+    def run(
+        self,
+        setup: Setup,
+        effect: Effect | None = None,
+        values: Mapping[str, float] | None = None,
+        *,
+        tail: float = 0.0,
+    ) -> Response:
+        """One trial of `setup` with the effect, settled first; `tail` [s] after the motion."""
+
+    def release(self, setup: Setup, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
+        """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
+
+        The spin is about the vertical [rad/s]; tilts are told from upright.
+        """
+
+
+@dataclass(frozen=True)
+class Check:
+    """A number that an effect gives against what theory says.
+
+    Attributes:
+        what: in words, with its source.
+        measured, expected, tolerance: of the same unit.
+    """
+
+    what: str
+    measured: float
+    expected: float
+    tolerance: float
+
+    @property
+    def good(self) -> bool:
+        """Whether they agree within the tolerance."""
+        return abs(self.measured - self.expected) <= self.tolerance
+
+
+class Effect:
+    """An effect that a simulation may lack.
+
+    Derive a class, fill in the attributes and write `change` (or `observe`). The values that a hook
+    gets hold every parameter. The same instance serves all trials: keep no state in it.
+
+    Attributes:
+        name: as a study writes it.
+        meaning: one sentence.
+        parameters: see :class:`Parameter`.
+        channels: of the response that it touches.
+        confounded_with: names of effects that look alike.
+        source: where it is described.
+        stage: what it changes; fixes the order of application (`STAGES`).
+        rank: order within the stage, smallest first; then by name.
+    """
+
+    name: ClassVar[str]
+    meaning: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    channels: ClassVar[tuple[Channel, ...]] = ("tilt",)
+    confounded_with: ClassVar[tuple[str, ...]] = ()
+    source: ClassVar[str] = ""
+    stage: ClassVar[Stage]
+    rank: ClassVar[int] = 0
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        """The setup with the effect. Called only where `values` are not null.
+
+        A function of its arguments alone: equal setups and values share one result. In the stages
+        before "actuation" it must look at neither motion nor outcome.
+        """
+        return setup
+
+    def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
+        """The values in force in one trial: where order, session or chance come in."""
+        return values
+
+    def observe(self, observation: Observation, values: Mapping[str, float]) -> Observation:
+        """What is written down instead, with the values of `at`; for the stage "outcome".
+
+        Called only where `values` are not null.
+        """
+        return observation
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        """Closed forms, conservation laws or independent computations that it must meet."""
+        return ()
+
+    def apply(
+        self, setup: Setup, values: Mapping[str, float], circumstances: Circumstances
+    ) -> Setup:
+        """The setup of one trial with the effect; itself (`is`) where the values are null."""
+        here = self.at(self.complete(values), circumstances)
+        return setup if self.is_null(here) else self.change(setup, here)
+
+    def parameter(self, name: str) -> Parameter:
+        """One of its parameters.
+
+        Raises:
+            ConfigError: there is none of this name; names the nearest.
+        """
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        known = [parameter.name for parameter in self.parameters]
+        raise ConfigError(f"effects.{self.name}: has no parameter {name!r}; {near(name, known)}")
+
+    def null(self) -> dict[str, float]:
+        """Null values of all parameters."""
+        return {parameter.name: parameter.null for parameter in self.parameters}
+
+    def extreme(self) -> dict[str, float]:
+        """Parameters at their prior's end farther from null; secondary ones at null."""
+        return {
+            parameter.name: parameter.null if parameter.secondary else parameter.extreme
+            for parameter in self.parameters
+        }
+
+    def complete(self, values: Mapping[str, float]) -> dict[str, float]:
+        """All parameters, null where `values` has none."""
+        return self.null() | dict(values)
+
+    def is_null(self, values: Mapping[str, float]) -> bool:
+        """Whether values leave everything as it is."""
+        return all(
+            parameter.is_null(values[parameter.name])
+            for parameter in self.parameters
+            if not parameter.secondary and parameter.name in values
+        )
+
+    def accept(self, given: Mapping[str, float | str]) -> dict[str, float]:
+        """Values as a study writes them, checked and completed.
+
+        Raises:
+            ConfigError: an unknown parameter, or a value that cannot be used.
+        """
+        for name in given:
+            self.parameter(name)
+        return {
+            parameter.name: parameter.accept(
+                given.get(parameter.name, parameter.null), f"effects.{self.name}.{parameter.name}"
+            )
+            for parameter in self.parameters
+        }
+
+
+@dataclass(frozen=True)
+class Applied:
+    """An effect as it is in one trial.
+
+    Attributes:
+        effect: of the library.
+        given: values as asked for, the same in all trials.
+        values: in force in the trial.
+    """
+
+    effect: Effect
+    given: tuple[tuple[str, float], ...]
+    values: tuple[tuple[str, float], ...]
+
+    @property
+    def key(self) -> str:
+        """Text that tells it from others."""
+        return f"{self.effect.name}{self.values!r}"
+
+    def observe(self, observation: Observation) -> Observation:
+        """What is written down of the trial."""
+        return self.effect.observe(observation, dict(self.values))

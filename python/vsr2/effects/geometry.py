@@ -1,0 +1,439 @@
+"""Effects on the shape of rock and pedestal, and on where the mass centre lies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.effects.effect import Bench, Check, Effect
+from vsr2.effects.parameter import Parameter
+from vsr2.effects.rounding import rounded_hull
+from vsr2.effects.setup import Setup, restand
+from vsr2.scene import Box, Hull, PedestalBody, Pose, Triangles, start_support
+from vsr2.scene.rotation import (
+    matrix_from_quaternion,
+    multiply,
+    quaternion_from_matrix,
+    yaw_quaternion,
+)
+from vsr2.scene.shapes import box_corners, part_points
+
+Array = NDArray[np.float64]
+
+AZIMUTH = Parameter(
+    "azimuth", "degree", 0.0, 0.0, 360.0, "uniform",
+    "direction in plan, anticlockwise from x", limits=(-360.0, 360.0), secondary=True,
+)  # fmt: skip
+
+
+def direction(azimuth: float) -> Array:
+    """Unit vector in plan at `azimuth` [degree], shape (3,)."""
+    return np.array([math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)), 0.0])
+
+
+def with_mass_center(setup: Setup, shift: Array) -> Setup:
+    """The setup with the rock's mass centre moved by `shift`, in the world at the start [m]."""
+    rock = setup.rock
+    rotation = matrix_from_quaternion(setup.start.orientation)
+    moved = rotation.T @ shift
+    if not rock.inertia_from_aabb:
+        mass = replace(rock.mass, mass_center=rock.mass.mass_center + moved)
+        return replace(setup, rock=replace(rock, mass=mass))
+    # Here the mass centre is the model's origin, so the shape moves the other way.
+    parts = tuple(
+        Hull(part.points - moved)
+        if isinstance(part, Hull)
+        else replace(part, center=_triple(np.asarray(part.center) - moved))
+        for part in rock.parts
+    )
+    start = Pose(_triple(np.asarray(setup.start.position) + shift), setup.start.orientation)
+    surface = rock.surface
+    if surface is not None:
+        surface = Triangles(surface.vertices - moved, surface.faces)
+    return replace(setup, rock=replace(rock, parts=parts, surface=surface), start=start)
+
+
+def mass_height(setup: Setup) -> float:
+    """Height of the mass centre above the support at the start [m]."""
+    return start_support(setup.body).height
+
+
+def half_widths(setup: Setup) -> tuple[float, float]:
+    """Distances along x from the mass centre to the ends of the support, towards -x and +x [m]."""
+    polygon = start_support(setup.body).polygon
+    return float(-polygon[:, 0].min()), float(polygon[:, 0].max())
+
+
+def uplift_acceleration(
+    bench: Bench, setup: Setup, effect: Effect | None, values: Mapping[str, float], guess: float
+) -> float:
+    """Least constant acceleration of the pedestal that tips a block, by bisection [m/s^2].
+
+    Tipped: the tilt passes 1e-3 rad while the push lasts. The bracket shrinks to 1 % of the guess;
+    its middle is told. Just above the threshold a tilt grows by about g alpha p^2 t^2 / 2 times the
+    relative excess, so a push of 0.6 s tells an excess of 0.3 %.
+    """
+    low, high = 0.75 * guess, 1.25 * guess
+    while high - low > 0.01 * guess:
+        middle = 0.5 * (low + high)
+        response = bench.run(replace(setup, motion=bench.push(middle)), effect, values)
+        if float(response.tilt.max()) > 1e-3:
+            high = middle
+        else:
+            low = middle
+    return 0.5 * (low + high)
+
+
+def _triple(vector: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in vector)
+    return (x, y, z)
+
+
+class Slenderness(Effect):
+    """The mass centre raised or lowered."""
+
+    name = "slenderness"
+    meaning = (
+        "The mass centre lies lower (change > 0) or higher than in the model: tan(alpha) = b / h "
+        "is multiplied by 1 + change"
+    )
+    parameters = (
+        Parameter(
+            "change", "1", 0.0, -0.06, 0.06, "uniform",
+            "relative change of the tangent of the slenderness angle", limits=(-0.5, 1.0),
+        ),
+    )  # fmt: skip
+    channels = ("tilt",)
+    confounded_with = ("table_gain", "edge_rounding")
+    source = "Housner (1963), Bull. Seismol. Soc. Am. 53(2)"
+    stage = "geometry"
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        height = mass_height(setup)
+        lift = height / (1.0 + values["change"]) - height
+        return with_mass_center(setup, np.array([0.0, 0.0, lift]))
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup = bench.block()
+        change = 0.06
+        _, b = half_widths(setup)
+        expected = setup.engine.gravity * b / mass_height(setup) * (1 + change)
+        return [
+            Check(
+                "uplift at a = g (1 + change) b / h [m/s^2]",
+                uplift_acceleration(bench, setup, self, {"change": change}, expected),
+                expected,
+                0.01 * expected,
+            )
+        ]
+
+
+class ComOffset(Effect):
+    """The mass centre beside the middle."""
+
+    name = "com_offset"
+    meaning = "The mass centre lies beside that of the model (density not uniform, hollows)"
+    parameters = (
+        Parameter(
+            "distance", "m", 0.0, 0.0, 0.015, "uniform", "of the shift in plan", limits=(0.0, 0.2)
+        ),
+        AZIMUTH,
+    )
+    channels = ("tilt", "yaw")
+    confounded_with = ("base_slope",)
+    source = "statics of a block; Purvance, Anooshehpoor & Brune (2008), EESD 37(7)"
+    stage = "geometry"
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        return with_mass_center(setup, values["distance"] * direction(values["azimuth"]))
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup, distance = bench.block(), 0.015
+        b, _ = half_widths(setup)
+        expected = setup.engine.gravity * (b - distance) / mass_height(setup)
+        return [
+            Check(
+                "uplift towards the shift at a = g (b - d) / h [m/s^2]",
+                uplift_acceleration(
+                    bench, setup, self, {"distance": distance, "azimuth": 180.0}, expected
+                ),
+                expected,
+                0.01 * expected,
+            )
+        ]
+
+
+class EdgeRounding(Effect):
+    """Round contact edges."""
+
+    name = "edge_rounding"
+    meaning = "The contact edges are round: the base is narrower and the rock rolls over its edge"
+    parameters = (
+        Parameter("radius", "m", 0.0, 0.0, 0.015, "uniform", "of the rounding", limits=(0.0, 0.5)),
+    )
+    channels = ("tilt",)
+    confounded_with = ("table_gain", "slenderness")
+    source = (
+        "opening of the hull by a ball; rocking on round edges: Wittich & Hutchinson (2015), EESD "
+        "44(15)"
+    )
+    stage = "geometry"
+    rank = 1
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        rotation = matrix_from_quaternion(setup.start.orientation)
+        down = -rotation[2]
+        radius, margin = values["radius"], setup.engine.collision_margin
+        parts: list[Hull | Box] = []
+        for part, points in zip(setup.rock.parts, part_points(setup.rock.parts), strict=True):
+            # The engine's margin lies inside a box and around a hull.
+            if isinstance(part, Box):
+                erosion = max(radius, margin)
+                hull = rounded_hull(points, erosion, down, ball=erosion - margin)
+            else:
+                hull = rounded_hull(points, radius, down)
+            parts.append(Hull(hull))
+        kept = tuple(parts)
+        return replace(setup, rock=replace(setup.rock, parts=kept), start=restand(setup, kept))
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup, radius = bench.block(), 0.015
+        _, b = half_widths(setup)
+        expected = setup.engine.gravity * (b - radius) / mass_height(setup)
+        return [
+            Check(
+                "uplift at a = g (b - r) / h [m/s^2]",
+                uplift_acceleration(bench, setup, self, {"radius": radius}, expected),
+                expected,
+                0.01 * expected,
+            ),
+            self._rolling(bench, radius),
+        ]
+
+    def _rolling(self, bench: Bench, radius: float) -> Check:
+        setup = bench.block()
+        _, b = half_widths(setup)
+        h = mass_height(setup)
+        tilt = 0.15
+        started = self.change(setup, {"radius": radius})
+        response = bench.release(started, tilt, 0.15)
+        mass, inertia = setup.rock.mass.mass, float(setup.rock.mass.principal_inertia[1])
+        # Rolling on the arc about its centre, r above the ground and b - r beside the mass
+        # centre: potential energy m g (h cos t + (b - r) sin t + r (1 - cos t)).
+        g = setup.engine.gravity
+        last = int(np.flatnonzero(response.tilt > 0.03)[-1])
+        kinetic = 0.5 * mass * float((response.velocity[last] ** 2).sum()) + 0.5 * inertia * float(
+            (response.angular_velocity[last] ** 2).sum()
+        )
+
+        def potential(t: float) -> float:
+            raised = h * math.cos(t) + (b - radius) * math.sin(t) + radius * (1 - math.cos(t))
+            return mass * g * raised
+
+        expected = potential(tilt) - potential(float(response.tilt[last]))
+        return Check(
+            "kinetic energy of free rolling on the round edge from 0.15 rad, by conservation [J]",
+            kinetic,
+            expected,
+            0.03 * expected,
+        )
+
+
+class BaseAsperity(Effect):
+    """Bumps under the base."""
+
+    name = "base_asperity"
+    meaning = (
+        "Four equal bumps under the base: the rock stands and first rocks on them, and on its "
+        "edges from a small tilt on"
+    )
+    parameters = (
+        Parameter(
+            "height", "m", 0.0, 0.0, 0.002, "uniform", "of the bumps", limits=(0.0, 0.05)
+        ),
+        Parameter(
+            "reach", "1", 0.7, 0.4, 0.9, "uniform",
+            "distance of the bumps from the mass centre's projection, relative to the edge's",
+            limits=(0.1, 0.99), secondary=True,
+        ),
+    )  # fmt: skip
+    channels = ("tilt", "yaw", "rest pose")
+    confounded_with = ("restitution", "edge_rounding")
+    source = "statics; ElGawady et al. (2011), EESD 40(12), on the role of the interface"
+    stage = "geometry"
+    rank = 2
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        rotation = matrix_from_quaternion(setup.start.orientation)
+        center = rotation @ setup.rock.mass.mass_center + np.asarray(setup.start.position)
+        support = start_support(setup.body)
+        tips = np.column_stack(
+            [
+                center[:2] + values["reach"] * bump_places(support.polygon),
+                np.full(4, center[2] - support.height - values["height"]),
+            ]
+        )
+        in_model = (tips - np.asarray(setup.start.position)) @ rotation
+        points = part_points(setup.rock.parts)
+        parts: tuple[Hull | Box, ...]
+        if len(setup.rock.parts) == 1:
+            # On an even top a body touches with its convex hull only.
+            old = setup.rock.parts[0]
+            corners = points[0] if isinstance(old, Hull) else _within_margin(old, setup)
+            parts = (Hull(np.vstack([corners, in_model + self._lift(old, setup, rotation)])),)
+        else:
+            up = rotation[2]
+            parts = setup.rock.parts + tuple(_bump(tip, up, values["height"]) for tip in in_model)
+        return replace(setup, rock=replace(setup.rock, parts=parts), start=restand(setup, parts))
+
+    @staticmethod
+    def _lift(part: Hull | Box, setup: Setup, rotation: Array) -> Array:
+        margin = setup.engine.collision_margin if isinstance(part, Box) else 0.0
+        lift: Array = margin * rotation[2]
+        return lift
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup, values = bench.block(), {"height": 0.002, "reach": 0.7}
+        support = start_support(setup.body)
+        reach = 0.7 * float(bump_places(support.polygon)[:, 0].max())
+        expected = setup.engine.gravity * reach / (support.height + 0.002)
+        return [
+            Check(
+                "uplift about the bumps at a = g x / (h + height) [m/s^2]",
+                uplift_acceleration(bench, setup, self, values, expected),
+                expected,
+                0.03 * expected,
+            )
+        ]
+
+
+def bump_places(polygon: Array) -> Array:
+    """Where diagonals in plan leave a polygon around the origin, shape (4, 2) [m]."""
+    half = np.ptp(polygon, axis=0)
+    places = []
+    for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
+        along = np.array([x * half[0], y * half[1]]) / float(np.hypot(*half))
+        following = np.roll(polygon, -1, axis=0) - polygon
+        normal = np.column_stack([following[:, 1], -following[:, 0]])
+        offset, slope = (normal * polygon).sum(axis=1), normal @ along
+        ahead = slope > 1e-12
+        places.append(along * float((offset[ahead] / slope[ahead]).min()))
+    return np.asarray(places)
+
+
+def _within_margin(box: Box, setup: Setup) -> Array:
+    """Corners of a box drawn in by the margin that the engine puts around a hull."""
+    margin = setup.engine.collision_margin
+    x, y, z = (edge - 2 * margin for edge in box.size)
+    return box_corners(replace(box, size=(x, y, z)))
+
+
+def _bump(tip: Array, up: Array, height: float) -> Hull:
+    """A cone on its tip, twice as wide as high, whose rim lies inside the rock."""
+    side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    other = np.cross(up, side)
+    rim = tip + 2 * height * up
+    return Hull(
+        np.vstack([tip, *(rim + 2 * height * (c * side + s * other) for c, s in _QUARTERS)])
+    )
+
+
+_QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+
+
+class BaseSlope(Effect):
+    """A pedestal that is not level."""
+
+    name = "base_slope"
+    meaning = "The pedestal's top is not level; it falls towards the azimuth"
+    parameters = (
+        Parameter("angle", "degree", 0.0, 0.0, 1.5, "uniform", "of the slope", limits=(0.0, 20.0)),
+        AZIMUTH,
+    )
+    channels = ("tilt", "slip", "rest pose")
+    confounded_with = ("com_offset",)
+    source = "statics of a block on an incline"
+    stage = "geometry"
+    rank = 3
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        turn = slope_rotation(values["angle"], values["azimuth"])
+        rotation = matrix_from_quaternion(setup.start.orientation)
+        position = np.asarray(setup.start.position)
+        foot = rotation @ setup.rock.mass.mass_center + position
+        foot[2] -= mass_height(setup)
+        start = Pose(
+            _triple(turn @ (position - foot) + foot),
+            multiply(quaternion_from_matrix(turn), setup.start.orientation),
+        )
+        return replace(setup, pedestal=_turned(setup.pedestal, turn, foot), start=start)
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup, angle = bench.block(), 1.5
+        b, _ = half_widths(setup)
+        alpha = math.atan2(b, mass_height(setup))
+        expected = setup.engine.gravity * math.tan(alpha - math.radians(angle))
+        return [
+            Check(
+                "uplift downhill at a = g tan(alpha - slope) [m/s^2]",
+                uplift_acceleration(
+                    bench, setup, self, {"angle": angle, "azimuth": 180.0}, expected
+                ),
+                expected,
+                0.01 * expected,
+            )
+        ]
+
+
+def slope_rotation(angle: float, azimuth: float) -> Array:
+    """Rotation that tilts a level top so that it falls towards `azimuth`, both [degree]."""
+    t = math.radians(angle)
+    about_y = np.array(
+        [[math.cos(t), 0.0, math.sin(t)], [0.0, 1.0, 0.0], [-math.sin(t), 0.0, math.cos(t)]]
+    )
+    heading = matrix_from_quaternion(yaw_quaternion(math.radians(azimuth)))
+    turn: Array = heading @ about_y @ heading.T
+    return turn
+
+
+def _turned(pedestal: PedestalBody, turn: Array, about: Array) -> PedestalBody:
+    """The pedestal turned about a point of the world; its frame keeps the world's axes."""
+    origin = np.asarray(pedestal.origin)
+    quaternion = quaternion_from_matrix(turn)
+
+    def moved(points: Array) -> Array:
+        placed: Array = (points + origin - about) @ turn.T + about - origin
+        return placed
+
+    parts: list[Hull | Box | Triangles] = []
+    highest = []
+    for part in pedestal.parts:
+        if isinstance(part, Box):
+            center = _triple(moved(np.asarray([part.center]))[0])
+            box = replace(part, center=center, orientation=multiply(quaternion, part.orientation))
+            parts.append(box)
+            highest.append(float(box_corners(box)[:, 2].max()))
+        elif isinstance(part, Hull):
+            parts.append(Hull(moved(part.points)))
+            highest.append(float(moved(part.points)[:, 2].max()))
+        else:
+            parts.append(Triangles(moved(part.vertices), part.faces))
+            highest.append(float(moved(part.vertices)[:, 2].max()))
+    surface = pedestal.surface
+    return replace(
+        pedestal,
+        parts=tuple(parts),
+        top=float(origin[2]) + max(highest),
+        surface=None if surface is None else Triangles(moved(surface.vertices), surface.faces),
+        pitch_pivot=pedestal.top if pedestal.pitch_pivot is None else pedestal.pitch_pivot,
+    )
+
+
+GEOMETRY: tuple[Effect, ...] = (
+    Slenderness(), ComOffset(), EdgeRounding(), BaseAsperity(), BaseSlope()
+)  # fmt: skip

@@ -1,0 +1,147 @@
+"""Effects that come in over a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from vsr2.effects.effect import Bench, Check, Effect
+from vsr2.effects.geometry import GEOMETRY, Slenderness, half_widths, mass_height
+from vsr2.effects.parameter import Parameter
+from vsr2.effects.setup import Circumstances, Setup
+
+WEAR_STEPS = 32
+"""Wear advances in this many equal steps, so that trials share scenes."""
+
+
+class Wear(Effect):
+    """Slenderness lost with every trial."""
+
+    name = "wear"
+    meaning = (
+        "Edges wear: tan(alpha) falls in proportion to the order of execution, by `loss` at the "
+        f"end, in {WEAR_STEPS} equal steps"
+    )
+    parameters = (
+        Parameter(
+            "loss", "1", 0.0, 0.0, 0.15, "uniform", "of slenderness at the campaign's end",
+            limits=(-0.5, 0.9),
+        ),
+    )  # fmt: skip
+    channels = ("tilt",)
+    confounded_with = ("change_point",)
+    source = "chipping of edges in repeated tests"
+    stage = "order"
+
+    def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
+        worn = round(circumstances.order * WEAR_STEPS) / WEAR_STEPS
+        return {"loss": values["loss"] * worn}
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        return Slenderness().change(setup, {"change": -values["loss"]})
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup = bench.block()
+        _, b = half_widths(setup)
+        before = b / mass_height(setup)
+        checks = []
+        for order in (0.0, 0.5, 1.0):
+            worn = self.apply(setup, {"loss": 0.15}, circumstances_at(order))
+            checks.append(
+                Check(
+                    f"tan(alpha) at order {order:g}, 1 - loss order of the first [1]",
+                    b / mass_height(worn) / before,
+                    1 - 0.15 * order,
+                    1e-9,
+                )
+            )
+        return checks
+
+
+def circumstances_at(
+    order: float, session: str = "1", sessions: Sequence[str] = ("1",)
+) -> Circumstances:
+    """Circumstances of a trial for checks."""
+    import numpy as np
+
+    return Circumstances(order, session, tuple(sessions), np.random.default_rng(0))
+
+
+def _renamed() -> tuple[Parameter, ...]:
+    """Parameters of all geometric effects under names of both."""
+    found = []
+    for effect in GEOMETRY:
+        for parameter in effect.parameters:
+            drawn = (effect.name, parameter.name) == ("slenderness", "change")
+            found.append(
+                replace(
+                    parameter,
+                    name=f"{effect.name}_{parameter.name}",
+                    prior=parameter.prior if drawn else "fixed",
+                    lower=-0.15 if drawn else parameter.lower,
+                    upper=0.15 if drawn else parameter.upper,
+                    meaning=f"`{parameter.name}` of `{effect.name}` after the change",
+                )
+            )
+    return tuple(found)
+
+
+class ChangePoint(Effect):
+    """A step of the geometry between two sessions."""
+
+    name = "change_point"
+    meaning = "From one session on the geometry is another: an edge broke, a base was repaired"
+    parameters = (
+        Parameter(
+            "at", "1", 0.5, 0.1, 0.9, "uniform",
+            "where the change lies in the campaign, 0 to 1: it comes with the session that begins "
+            "nearest; with one session, with the trial",
+            limits=(0.0, 1.0), secondary=True,
+        ),
+        *_renamed(),
+    )  # fmt: skip
+    channels = ("tilt",)
+    confounded_with = ("wear",)
+    source = "damage between sessions"
+    stage = "order"
+    rank = 1
+
+    def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
+        sessions = circumstances.sessions
+        if len(sessions) < 2:
+            after = circumstances.order >= values["at"]
+        else:
+            first = min(max(1, round(values["at"] * len(sessions))), len(sessions) - 1)
+            after = sessions.index(circumstances.session) >= first
+        return values if after else self.null()
+
+    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        for effect in sorted(GEOMETRY, key=lambda effect: effect.rank):
+            own = {
+                parameter.name: values[f"{effect.name}_{parameter.name}"]
+                for parameter in effect.parameters
+            }
+            if not effect.is_null(own):
+                setup = effect.change(setup, own)
+        return setup
+
+    def verify(self, bench: Bench) -> Sequence[Check]:
+        setup = bench.block()
+        _, b = half_widths(setup)
+        before = b / mass_height(setup)
+        values = {"at": 0.6, "slenderness_change": -0.1}
+        checks = []
+        for session, expected in (("a", 1.0), ("b", 1.0), ("c", 1.0), ("d", 0.9), ("e", 0.9)):
+            then = self.apply(setup, values, circumstances_at(0.0, session, "abcde"))
+            checks.append(
+                Check(
+                    f"tan(alpha) in session {session} of five, over the first [1]",
+                    b / mass_height(then) / before,
+                    expected,
+                    1e-9,
+                )
+            )
+        return checks
+
+
+ORDER: tuple[Effect, ...] = (Wear(), ChangePoint())

@@ -1,0 +1,148 @@
+"""Linear second-order systems driven by a motion, and a table with limits.
+
+The systems are solved exactly for an input that runs linearly between samples, so displacement,
+velocity and acceleration belong to one solution whatever the time step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RINGING = 1e-6
+"""Share to which free oscillations decay before a motion is taken to be at rest."""
+MAX_RINGING = 5.0
+"""Longest time appended for that [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Displacement, velocity and acceleration, each of shape (n,), in SI units."""
+
+    displacement: Array
+    velocity: Array
+    acceleration: Array
+
+    def held(self, count: int) -> Path:
+        """The same with the last displacement held for `count` more samples, at rest."""
+        return Path(
+            np.concatenate([self.displacement, np.full(count, self.displacement[-1])]),
+            np.concatenate([self.velocity, np.zeros(count)]),
+            np.concatenate([self.acceleration, np.zeros(count)]),
+        )
+
+
+def ringing_samples(frequency: float, ratio: float, time_step: float) -> int:
+    """Samples until free oscillations have decayed to `RINGING`, at most `MAX_RINGING`."""
+    omega = 2 * math.pi * frequency
+    # Overdamped systems decay with the smaller root.
+    rate = ratio * omega if ratio <= 1 else omega * (ratio - math.sqrt(ratio**2 - 1))
+    return math.ceil(min(-math.log(RINGING) / rate, MAX_RINGING) / time_step)
+
+
+def respond(
+    rate_gain: float, gain: float, frequency: float, ratio: float, signal: Array, step: float
+) -> tuple[Array, Array]:
+    """Output of y'' + 2 zeta w y' + w^2 y = rate_gain u' + gain u from rest, and its rate.
+
+    Args:
+        rate_gain: factor on the input's rate.
+        gain: factor on the input.
+        frequency: w / (2 pi) [Hz].
+        ratio: zeta.
+        signal: u, shape (n,); before it there is rest at u[0].
+        step: sampling interval [s].
+
+    Returns:
+        y and y', each of shape (n,).
+    """
+    omega = 2 * math.pi * frequency
+    z, rate, second = _states(omega, ratio, signal - signal[0], step)
+    y = rate_gain * rate + gain * z + signal[0] * gain / omega**2
+    return y, rate_gain * second + gain * rate
+
+
+def _states(omega: float, ratio: float, signal: Array, step: float) -> tuple[Array, Array, Array]:
+    """z, z' and z'' of z'' + 2 zeta w z' + w^2 z = u from rest."""
+    from scipy.linalg import expm
+    from scipy.signal import lfilter
+
+    # The state (z, z') with an input linear over the step: exponential of the augmented matrix
+    # (van Loan 1978, IEEE Trans. Autom. Control 23(3)).
+    system = np.zeros((4, 4))
+    system[0, 1] = step
+    system[1, 0], system[1, 1] = -(omega**2) * step, -2 * ratio * omega * step
+    system[1, 2] = step
+    system[2, 3] = 1.0
+    exponential = expm(system)
+    a, now, change = exponential[:2, :2], exponential[:2, 2], exponential[:2, 3]
+    trace, det = a[0, 0] + a[1, 1], a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    # x[k+1] = A x[k] + (now - change) u[k] + change u[k+1], as one recursion for each component.
+    old = now - change
+    out = []
+    for row in range(2):
+        other = 1 - row
+        lead = change[row]
+        first = old[row] - a[other, other] * change[row] + a[row, other] * change[other]
+        second = a[row, other] * old[other] - a[other, other] * old[row]
+        out.append(lfilter([lead, first, second], [1.0, -trace, det], signal))
+    z, rate = out
+    return z, rate, signal - 2 * ratio * omega * rate - omega**2 * z
+
+
+def low_passed(path: Path, frequency: float, ratio: float, step: float) -> Path:
+    """The path behind y'' + 2 zeta w y' + w^2 y = w^2 x."""
+    omega = 2 * math.pi * frequency
+    y, rate = respond(0.0, omega**2, frequency, ratio, path.displacement, step)
+    acceleration = omega**2 * (path.displacement - y) - 2 * ratio * omega * rate
+    return Path(y, rate, acceleration)
+
+
+def base_excited(path: Path, frequency: float, ratio: float, step: float) -> Path:
+    """The path behind y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0."""
+    omega = 2 * math.pi * frequency
+    y, rate = respond(2 * ratio * omega, omega**2, frequency, ratio, path.displacement, step)
+    acceleration = omega**2 * (path.displacement - y) + 2 * ratio * omega * (path.velocity - rate)
+    return Path(y, rate, acceleration)
+
+
+def limited(path: Path, velocity: float, acceleration: float, step: float, *, loop: float) -> Path:
+    """A table with limits that follows a path: clipped, integrated again, and brought back.
+
+    Where the command is within the limits and the table is on it, it follows exactly. Beyond, its
+    acceleration is that of the command plus a critically damped correction of frequency `loop`,
+    clipped to `acceleration` and so that the speed stays below `velocity`.
+
+    Args:
+        path: the command; at rest at its end.
+        velocity: greatest speed [m/s].
+        acceleration: greatest acceleration [m/s^2].
+        step: sampling interval [s].
+        loop: frequency of the loop that brings the table back [Hz].
+    """
+    x, v = path.displacement.copy(), path.velocity.copy()
+    a = path.acceleration.copy()
+    over = (np.abs(path.velocity) > velocity) | (np.abs(path.acceleration) > acceleration)
+    if not over.any():
+        return path
+    omega = 2 * math.pi * loop
+    begin = int(np.argmax(over))
+    position, speed = (float(x[begin - 1]), float(v[begin - 1])) if begin else (0.0, 0.0)
+    targets = (path.displacement.tolist(), path.velocity.tolist(), path.acceleration.tolist())
+    for k in range(begin, x.size):
+        wanted = (
+            targets[2][k]
+            + 2 * omega * (targets[1][k] - speed - targets[2][k] * step)
+            + omega**2 * (targets[0][k] - position - targets[1][k] * step)
+        )
+        push = min(max(wanted, -acceleration), acceleration)
+        new = min(max(speed + push * step, -velocity), velocity)
+        position += 0.5 * (speed + new) * step
+        a[k], speed = (new - speed) / step, new
+        x[k], v[k] = position, speed
+    return Path(x, v, a)

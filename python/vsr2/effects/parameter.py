@@ -1,0 +1,156 @@
+"""Parameters of effects: unit, null value, prior, accepted range."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+from vsr2.errors import ConfigError
+
+
+class EffectRangeWarning(UserWarning):
+    """A value outside its parameter's prior, though it can be simulated."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes:
+        name: as a study writes it.
+        unit: "1" for a number without one.
+        null: value without effect, or, of a `secondary` one, the value where none is given. NaN
+            stands for "as the study has it".
+        lower, upper: ends of the prior.
+        prior: "uniform" and "loguniform" between the ends; "normal" about their middle, with a
+            quarter of their distance as standard deviation, cut at the ends; "fixed" at `null`.
+        meaning: for people.
+        limits: range in which it can be simulated; by default the prior's. Outside the prior a
+            study is warned, outside the limits refused.
+        secondary: without effect on its own (an azimuth, a frequency); whether an effect is null
+            is told by the others.
+        choices: words a study may write, in the order of their values 0, 1, 2, ...
+    """
+
+    name: str
+    unit: str
+    null: float
+    lower: float
+    upper: float
+    prior: Literal["uniform", "loguniform", "normal", "fixed"]
+    meaning: str
+    limits: tuple[float, float] | None = None
+    secondary: bool = False
+    choices: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lower) and self.lower <= self.upper < math.inf):
+            raise ConfigError(
+                f"parameter {self.name!r}: lower ({self.lower}) and upper ({self.upper}) must be "
+                "finite and not decrease"
+            )
+        if self.prior == "loguniform" and self.lower <= 0:
+            raise ConfigError(
+                f"parameter {self.name!r}: a loguniform prior needs a positive lower end, it is "
+                f"{self.lower}"
+            )
+
+    def ppf(self, u: float) -> float:
+        """Quantile of the prior at `u`, 0 to 1.
+
+        Raises:
+            ConfigError: `u` is outside 0 to 1.
+        """
+        if not 0 <= u <= 1:
+            raise ConfigError(f"parameter {self.name!r}: quantile at {u}, which is not in 0 to 1")
+        if self.prior == "fixed":
+            return self.null
+        if self.prior == "loguniform":
+            # The ends are themselves, whatever the rounding.
+            value = math.exp(math.log(self.lower) * (1 - u) + math.log(self.upper) * u)
+        elif self.prior == "normal":
+            from scipy.stats import norm
+
+            low, high = norm.cdf(-2.0), norm.cdf(2.0)
+            middle, width = 0.5 * (self.lower + self.upper), self.upper - self.lower
+            value = middle + 0.25 * width * float(norm.ppf(low + u * (high - low)))
+        else:
+            value = self.lower * (1 - u) + self.upper * u
+        return min(max(value, self.lower), self.upper)
+
+    @property
+    def extreme(self) -> float:
+        """The end of the prior that is farther from the null value; `null` where it is fixed."""
+        if self.prior == "fixed":
+            return self.null
+        if not math.isfinite(self.null):
+            return self.lower
+        if self.prior == "loguniform" and self.null > 0:
+            far = math.log(self.upper / self.null) >= math.log(self.null / self.lower)
+        else:
+            far = self.upper - self.null >= self.null - self.lower
+        return self.upper if far else self.lower
+
+    def is_null(self, value: float) -> bool:
+        """Whether `value` is the null value."""
+        return value == self.null or (math.isnan(value) and math.isnan(self.null))
+
+    def accept(self, value: float | str, where: str) -> float:
+        """The value as a number.
+
+        Args:
+            value: a number, or one of the `choices`.
+            where: key in front of errors and warnings.
+
+        Raises:
+            ConfigError: no such word, no number, or outside the limits.
+        """
+        if isinstance(value, str):
+            if value in self.choices:
+                return float(self.choices.index(value))
+            wanted = f"one of {', '.join(self.choices)}" if self.choices else "a number"
+            raise ConfigError(f"{where}: must be {wanted} (is {value!r})")
+        number = float(value)
+        if self.is_null(number):
+            return number
+        low, high = self.limits or (self.lower, self.upper)
+        if self.choices and number not in range(len(self.choices)):
+            raise ConfigError(f"{where}: must be one of {', '.join(self.choices)} (is {value})")
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        # Ends of priors come out of rounding functions.
+        slack = 1e-9 * max(abs(low), abs(high))
+        if not low - slack <= number <= high + slack:
+            raise ConfigError(
+                f"{where}: {number:g}{unit} is outside {low:g} to {high:g}{unit}; check the unit"
+            )
+        slack = 1e-9 * max(abs(self.lower), abs(self.upper))
+        inside = self.lower - slack <= number <= self.upper + slack
+        if not inside and self.prior != "fixed":
+            warnings.warn(
+                f"{where}: {number:g}{unit} is outside the prior, {self.lower:g} to "
+                f"{self.upper:g}{unit}",
+                EffectRangeWarning,
+                stacklevel=3,
+            )
+        return number
+
+    @property
+    def range_text(self) -> str:
+        """The prior for people, with its unit."""
+        if self.choices:
+            return ", ".join(self.choices)
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.prior == "fixed":
+            return f"fixed at {self.null:g}{unit}"
+        return f"{self.prior} {self.lower:g} to {self.upper:g}{unit}"
+
+
+def near(word: str, known: list[str]) -> str:
+    """A remedy that names what `word` was probably meant to be."""
+    close = difflib.get_close_matches(word, known, n=3, cutoff=0.55)
+    if close:
+        return f"did you mean {' or '.join(f'`{name}`' for name in close)}?"
+    return f"known are {', '.join(sorted(known))}"

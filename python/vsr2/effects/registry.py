@@ -1,0 +1,170 @@
+"""The library: the effects that come with VSR2 and those of other packages."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+
+from vsr2.effects.actuation import ACTUATION
+from vsr2.effects.contact import CONTACT
+from vsr2.effects.effect import STAGES, Effect
+from vsr2.effects.geometry import GEOMETRY
+from vsr2.effects.inertia import INERTIA
+from vsr2.effects.mechanism import MECHANISM
+from vsr2.effects.order import ORDER
+from vsr2.effects.outcome import OUTCOME
+from vsr2.effects.parameter import near
+from vsr2.effects.start import START
+from vsr2.errors import ConfigError
+
+GROUP = "vsr2.effects"
+"""Entry-point group of other packages: each entry names a class derived from `Effect`."""
+BUILT_IN: tuple[Effect, ...] = (
+    *GEOMETRY,
+    *INERTIA,
+    *CONTACT,
+    *MECHANISM,
+    *ACTUATION,
+    *START,
+    *ORDER,
+    *OUTCOME,
+)
+_registered: dict[str, Effect] = {}
+
+
+def library() -> Mapping[str, Effect]:
+    """All effects by name: built in, from entry points, registered."""
+    return MappingProxyType({effect.name: effect for effect in BUILT_IN} | _found() | _registered)
+
+
+def effect(name: str) -> Effect:
+    """One effect.
+
+    Raises:
+        ConfigError: there is none of this name; names the nearest.
+    """
+    known = library()
+    if name not in known:
+        raise ConfigError(f"effects: there is no effect {name!r}; {near(name, list(known))}")
+    return known[name]
+
+
+def register(own: Effect | type[Effect]) -> Effect:
+    """Add an effect to the library of this process.
+
+    Raises:
+        ConfigError: it lacks an attribute, or its name is taken by another class.
+    """
+    made = _checked(own, "register")
+    present = library().get(made.name)
+    if present is not None and type(present).__qualname__ != type(made).__qualname__:
+        raise ConfigError(f"effect {made.name!r}: the name is taken; choose another")
+    _registered[made.name] = made
+    return made
+
+
+def module_effects(module: str) -> list[Effect]:
+    """The effects that a module defines, registered.
+
+    Args:
+        module: importable name, or path of a `.py` file.
+
+    Raises:
+        ConfigError: it cannot be imported, or defines none.
+    """
+    loaded = _load(module)
+    own = [
+        value
+        for value in vars(loaded).values()
+        if isinstance(value, type)
+        and issubclass(value, Effect)
+        and value.__module__ == loaded.__name__
+        and "name" in vars(value)
+    ]
+    if not own:
+        raise ConfigError(f"{module}: defines no class derived from vsr2.effects.Effect")
+    return [register(found) for found in own]
+
+
+def chosen(given: Mapping[str, Mapping[str, float | str]]) -> list[tuple[Effect, dict[str, float]]]:
+    """Effects with their values as a study writes them, in the order of application.
+
+    Raises:
+        ConfigError: an unknown effect or parameter, or a value that cannot be used.
+    """
+    picked = [(effect(name), values) for name, values in given.items()]
+    picked.sort(key=lambda pair: _place(pair[0]))
+    return [(one, one.accept(values)) for one, values in picked]
+
+
+def in_order(effects: Mapping[str, Effect]) -> list[Effect]:
+    """Effects in the order of application: by stage, rank, name."""
+    return sorted(effects.values(), key=_place)
+
+
+def _place(one: Effect) -> tuple[int, int, str]:
+    return STAGES.index(one.stage), one.rank, one.name
+
+
+@cache
+def _found() -> dict[str, Effect]:
+    found: dict[str, Effect] = {}
+    built_in = {effect.name for effect in BUILT_IN}
+    for entry in entry_points(group=GROUP):
+        try:
+            own = _checked(entry.load(), f"entry point {entry.value}")
+        except (ImportError, AttributeError) as error:
+            raise ConfigError(
+                f"entry point {entry.value} of the group {GROUP}: cannot be loaded ({error}); "
+                "correct or remove the package"
+            ) from error
+        if own.name in built_in or own.name in found:
+            raise ConfigError(
+                f"entry point {entry.value}: the name {own.name!r} is taken; choose another"
+            )
+        found[own.name] = own
+    return found
+
+
+def _checked(own: object, where: str) -> Effect:
+    if isinstance(own, type) and issubclass(own, Effect):
+        own = own()
+    if not isinstance(own, Effect):
+        raise ConfigError(f"{where}: {own!r} is no class derived from vsr2.effects.Effect")
+    label = f"{where}: {type(own).__name__}"
+    for key in ("name", "meaning", "parameters", "stage"):
+        if not hasattr(own, key):
+            raise ConfigError(f"{label}: lacks the attribute `{key}`")
+    if not own.name.isidentifier():
+        raise ConfigError(f"{label}: {own.name!r} is no name: letters, digits and _")
+    if own.stage not in STAGES:
+        raise ConfigError(f"{label}: stage {own.stage!r} is not one of {', '.join(STAGES)}")
+    if not own.parameters or all(parameter.secondary for parameter in own.parameters):
+        raise ConfigError(f"{label}: needs a parameter that is not secondary")
+    return own
+
+
+def _load(module: str) -> ModuleType:
+    try:
+        if not module.endswith(".py"):
+            return importlib.import_module(module)
+        path = Path(module)
+        spec = importlib.util.spec_from_file_location(f"vsr2_own_{path.stem}", path)
+        if spec is None or spec.loader is None or not path.is_file():
+            raise ConfigError(f"{module}: no such file")
+        loaded = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = loaded
+        spec.loader.exec_module(loaded)
+    except ConfigError:
+        raise
+    except Exception as error:
+        raise ConfigError(
+            f"{module}: cannot be imported ({type(error).__name__}: {error})"
+        ) from error
+    return loaded

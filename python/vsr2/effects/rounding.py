@@ -1,0 +1,149 @@
+"""Rounded edges: the opening of a convex body by a ball, as points of a hull.
+
+Opening a body K by a ball of radius r (erosion, then dilation, both by the ball; Serra 1982, *Image
+Analysis and Mathematical Morphology*) leaves the union of all balls of radius r inside K: plane
+faces stay, every edge and corner becomes round with radius r. For a convex polyhedron erosion moves
+the planes of its faces inwards by r; dilation puts a piece of sphere on every vertex of what is
+left.
+
+Only the underside is rounded, up to the equator of the body in its start orientation: what lies
+above meets the pedestal after overturning only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.errors import GeometryError
+
+Array = NDArray[np.float64]
+
+FINE_STEP = math.radians(4.0)
+"""Spacing of directions on the pieces of sphere that meet the pedestal while rocking."""
+COARSE_STEP = math.radians(12.0)
+FINE_REACH = math.radians(44.0)
+"""Tilt up to which the spacing is fine."""
+_SAME = 1e-9
+
+
+def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | None = None) -> Array:
+    """Points whose hull is the hull of `points`, its underside opened by a ball.
+
+    Args:
+        points: shape (k, 3) [m].
+        radius: of the ball [m].
+        down: unit vector towards the pedestal, in the frame of the points, shape (3,).
+        ball: radius of the dilation [m], where the engine dilates by the rest (its collision
+            margin); by default `radius`.
+
+    Raises:
+        GeometryError: no ball of this radius fits into the body.
+    """
+    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+
+    grown = radius if ball is None else ball
+    hull = ConvexHull(points)
+    planes = _distinct(hull.equations)
+    normals, offsets = planes[:, :3], planes[:, 3]
+    center = _deep_point(normals, offsets)
+    depth = float((-(normals @ center) - offsets).min())
+    if depth <= radius * (1 + 1e-6):
+        raise GeometryError(
+            f"edge_rounding: a ball of radius {radius:g} m does not fit into the rock (at most "
+            f"{depth:.3g} m); lower the radius"
+        )
+    try:
+        eroded = HalfspaceIntersection(np.column_stack([normals, offsets + radius]), center)
+    except QhullError as error:
+        raise GeometryError(
+            f"edge_rounding: eroding the rock by {radius:g} m fails; change the radius slightly"
+        ) from error
+    vertices = _merged(eroded.intersections)
+    scale = float(np.ptp(points, axis=0).max())
+    # How far each eroded vertex lies inside each moved plane.
+    inside = -(vertices @ normals.T) - (offsets + radius)
+    vertex, face = np.nonzero((inside < 1e-7 * scale) & (normals @ down > -_SAME))
+    pieces = [vertices[vertex] + grown * normals[face]]
+    directions = _directions(down)
+    reach = vertices @ directions.T
+    # All vertices that share the farthest reach, so that an edge across the tilt stays whole.
+    tied, towards = np.nonzero(reach > reach.max(axis=0) - 1e-9 * scale)
+    pieces.append(vertices[tied] + grown * directions[towards])
+    shrunk = radius - grown
+    above = _above(hull, points, down)
+    if shrunk > 0 and len(above):
+        # The engine dilates all of the hull, the part above included.
+        whole = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
+        above = whole.intersections[(whole.intersections - center) @ down < 0]
+    pieces.append(above)
+    return _outline(np.vstack(pieces))
+
+
+def _outline(points: Array) -> Array:
+    from scipy.spatial import ConvexHull
+
+    distinct = _merged(np.unique(points, axis=0))
+    return distinct[np.sort(ConvexHull(distinct).vertices)]
+
+
+def _above(hull: object, points: Array, down: Array) -> Array:
+    """Hull vertices all of whose faces look up."""
+    simplices = hull.simplices  # type: ignore[attr-defined]
+    looks_down = hull.equations[:, :3] @ down > -_SAME  # type: ignore[attr-defined]
+    touched = np.unique(simplices[looks_down])
+    return points[np.setdiff1d(hull.vertices, touched)]  # type: ignore[attr-defined]
+
+
+def _distinct(equations: Array) -> Array:
+    """Planes of a hull; Qhull gives one for each triangle of a face."""
+    order = np.lexsort(np.round(equations, 9).T)
+    kept: list[Array] = []
+    for plane in equations[order]:
+        if not kept or np.abs(np.asarray(kept[-1]) - plane).max() > 1e-8:
+            kept.append(plane)
+    return np.asarray(kept)
+
+
+def _deep_point(normals: Array, offsets: Array) -> Array:
+    """Centre of the largest ball inside (Chebyshev centre)."""
+    from scipy.optimize import linprog
+
+    count = len(normals)
+    found = linprog(
+        [0.0, 0.0, 0.0, -1.0],
+        A_ub=np.column_stack([normals, np.ones(count)]),
+        b_ub=-offsets,
+        bounds=[(None, None)] * 3 + [(0, None)],
+    )
+    return np.asarray(found.x[:3])
+
+
+def _merged(points: Array, tolerance: float = 1e-7) -> Array:
+    """Points without near copies; the first of each cluster in a grid stays."""
+    _, first = np.unique(np.round(points / tolerance), axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def _directions(down: Array) -> Array:
+    """Directions of the lower half of a sphere about `down`, rings through four meridians."""
+    helper = np.array([1.0, 0.0, 0.0]) if abs(down[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    first = helper - (helper @ down) * down
+    first /= np.linalg.norm(first)
+    second = np.cross(down, first)
+    rows = [down[None, :]]
+    polar = 0.0
+    while polar < 0.5 * math.pi - 1e-9:
+        step = FINE_STEP if polar < FINE_REACH - 1e-9 else COARSE_STEP
+        polar = min(polar + step, 0.5 * math.pi)
+        # A multiple of 4, so that the directions of the frame's own axes are among them.
+        count = 4 * math.ceil(0.5 * math.pi * math.sin(polar) / step)
+        azimuth = 2.0 * math.pi * np.arange(count) / count
+        rows.append(
+            math.cos(polar) * down
+            + math.sin(polar)
+            * (np.cos(azimuth)[:, None] * first + np.sin(azimuth)[:, None] * second)
+        )
+    return np.vstack(rows)

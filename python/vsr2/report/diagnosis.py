@@ -1,0 +1,276 @@
+"""A diagnosis for people: a few lines of text, and one self-contained page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from vsr2.diagnosis import Diagnosis
+from vsr2.report.diagnosis_figures import (
+    bars_figure,
+    map_figure,
+    order_figure,
+    posterior_figure,
+    reliability_figure,
+)
+from vsr2.results.atomic import write_atomic
+
+PAGE_FILE = "index.html"
+_LEVEL = 0.05
+
+_STYLE = """
+:root{color-scheme:light;--ink:#1c2430;--soft:#5b6675;--line:#dde2e8;--a:#1f6f8b;--b:#c8553d}
+*{box-sizing:border-box}body{margin:0;font:16px/1.55 system-ui,sans-serif;color:var(--ink);
+background:#f6f7f9}main{max-width:1120px;margin:0 auto;padding:1.2rem}
+h1{font-size:1.15rem;color:var(--soft);font-weight:600;margin:.3rem 0}
+h2{font-size:1.15rem;margin:.1rem 0 .5rem}
+section,.verdict{background:#fff;border:1px solid var(--line);border-radius:10px;
+padding:1rem 1.2rem;margin:0 0 1rem}
+.verdict p.big{font-size:1.5rem;line-height:1.3;font-weight:650;margin:.2rem 0 .6rem}
+.two{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,430px),1fr));gap:0 1rem}
+svg{width:100%;height:auto;display:block}svg text{font:12px system-ui,sans-serif;fill:var(--ink)}
+svg .tick{fill:var(--soft);font-size:11px}svg .label{fill:var(--soft)}.grid{stroke:#edf0f3}
+p.note{color:var(--soft);font-size:.92rem;margin:.4rem 0 0}.wide{overflow-x:auto}
+table{border-collapse:collapse;width:100%;font-size:.93rem}th,td{text-align:left;padding:.3rem .6rem
+.3rem 0;border-bottom:1px solid var(--line);vertical-align:top}th{color:var(--soft);font-weight:600}
+td.n{font-variant-numeric:tabular-nums;white-space:nowrap}li{margin:.15rem 0}
+.key span{display:inline-block;margin-right:1.1rem}.key i{display:inline-block;width:.8em;
+height:.8em;border-radius:50%;margin-right:.35em}details pre{white-space:pre-wrap;font-size:.8rem;
+overflow-wrap:anywhere}
+"""
+
+
+def verdict_sentence(content: Mapping[str, Any]) -> str:
+    """The verdict in one sentence."""
+    verdict = content["verdict"]
+    names = [str(name).replace("_", " ") for name in verdict["effects"]]
+    chance = f"{verdict['probability']:.0%}"
+    match verdict["kind"]:
+        case "none":
+            return "No gap beyond noise: this campaign gives no reason to change the model."
+        case "effect":
+            return f"The gap is most likely caused by {names[0]} (probability {chance})."
+        case "class":
+            return (
+                f"The gap is caused by one of {_listed(names)} (probability {chance} together); "
+                "this campaign cannot tell them apart."
+            )
+        case "pair":
+            return f"The gap is most likely caused by {_listed(names, 'and')} together ({chance})."
+        case "unknown":
+            return "There is a gap, and no effect of the library, nor a pair, explains it."
+    return (
+        f"There is a gap, but its cause is not resolved; {_listed(names)} leads with {chance}."
+        if names
+        else "There is a gap, but its cause is not resolved."
+    )
+
+
+def format_diagnosis(found: Diagnosis) -> str:
+    """The verdict, the gap and the leading effects, for a terminal."""
+    content = found.content
+    gap = content["gap"]
+    lines = [
+        f"{content['campaign']['name']}: {content['campaign']['trials']} trials, "
+        f"tier {content['campaign']['tier']}",
+        verdict_sentence(content),
+        f"loss a trial: before {_interval(gap['before'])}, after {_interval(gap['after'])}, "
+        f"floor {_interval(gap['floor'])}",
+        f"closure {_interval(gap['closure'])}, of a wrong effect "
+        f"{_interval(content['placebo']['closure'])}, headline {_interval(gap['headline'])}",
+    ]
+    for row in content["effects"][:6]:
+        values = ", ".join(
+            f"{name} {p['mean']:.3g} [{p['ci95'][0]:.3g}, {p['ci95'][1]:.3g}] {p['unit']}"
+            for name, p in row["parameters"].items()
+        )
+        lines.append(f"  {row['probability']:5.2f}  {row['name']:<20} {values}")
+    if content["next_measurement"]:
+        lines.append(f"next: {content['next_measurement']['what']}")
+    lines += [f"limit: {text}" for text in content["limits"]]
+    return "\n".join(lines)
+
+
+def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
+    """Write the page into a folder.
+
+    Raises:
+        ResultError: it cannot be written.
+    """
+    path = Path(folder) / PAGE_FILE
+    data = diagnosis_page(found).encode()
+    write_atomic(path, lambda file: file.write(data))
+    return path
+
+
+def diagnosis_page(found: Diagnosis) -> str:
+    """One HTML page that needs no other file and no network."""
+    content = found.content
+    title = f"Diagnosis of {content['campaign']['name']}"
+    campaign = content["campaign"]
+    body = [
+        f"<h1>{escape(title)}: {campaign['trials']} trials of {campaign['motions']} motions in "
+        f"{campaign['sessions']} sessions, tier {campaign['tier']}</h1>",
+        _verdict(content),
+        '<div class="two">',
+        _card(
+            "Which effect",
+            posterior_figure(content),
+            "Probability of each hypothesis. Effects of one colour cannot be told apart by this "
+            "campaign; hollow bars lie outside the 90 % set.",
+        ),
+        _card(
+            "How far the gap shrinks",
+            bars_figure(content),
+            "Mean loss a trial on motions that neither fit nor choice saw, with 95 % intervals "
+            "over motions. The placebo is the best effect of a wrong class; recalibration bends "
+            "the probabilities without any physics. " + _closure_note(content),
+        ),
+        _card(
+            "Where: the conditions",
+            map_figure(found.trials),
+            "One mark a trial. Filled: overturned, ring: stood. Red: the model without effects was "
+            "surprised (loss above the floor), grey: it was not.",
+        ),
+        _card(
+            "Where: the order of execution",
+            order_figure(found.trials),
+            "Observed minus predicted outcome of each uncertain trial, and the mean of each "
+            "session. A trend or a step speaks for wear or a change of the set-up.",
+        ),
+        _card(
+            "Predicted against observed",
+            reliability_figure(found.trials),
+            "Share overturned among trials with similar predictions, before and after; on the "
+            "diagonal the prediction is right.",
+        ),
+        _next(content),
+        "</div>",
+        _where_table(content["where"]),
+        _effects_table(content["effects"]),
+        _limits(content["limits"]),
+        _provenance(content),
+    ]
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
+        f'content="width=device-width,initial-scale=1"><title>{escape(title)}</title><style>'
+        f"{_STYLE}</style></head><body><main>{''.join(body)}</main></body></html>\n"
+    )
+
+
+def _verdict(content: Mapping[str, Any]) -> str:
+    reasons = "".join(f"<li>{escape(text)}</li>" for text in content["verdict"]["reasons"])
+    names = ", ".join(content["conformal_set_90"])
+    return (
+        f'<div class="verdict"><p class="big">{escape(verdict_sentence(content))}</p>'
+        f'<ul>{reasons}</ul><p class="note">90 % set: {escape(names)}.</p></div>'
+    )
+
+
+def _card(title: str, figure: str, note: str) -> str:
+    return f'<section><h2>{escape(title)}</h2>{figure}<p class="note">{escape(note)}</p></section>'
+
+
+def _closure_note(content: Mapping[str, Any]) -> str:
+    gap, placebo = content["gap"], content["placebo"]
+    if gap["closure"]["value"] is None:
+        return "No closure is given, because the gap's interval touches the floor."
+    return (
+        f"Closure {_interval(gap['closure'])}; placebo {_interval(placebo['closure'])} "
+        f"({str(placebo['effect']).replace('_', ' ')}); recalibration "
+        f"{_interval(placebo['recalibration'])}. Headline, closure minus the better of these: "
+        f"{_interval(gap['headline'])}."
+    )
+
+
+def _next(content: Mapping[str, Any]) -> str:
+    measure = content["next_measurement"]
+    if not measure:
+        text = "<p>Nothing: there is no gap to explain.</p>"
+    else:
+        text = f"<p>{escape(measure['what'][:1].upper() + measure['what'][1:])}.</p>"
+        if measure.get("trial"):
+            repeats = measure.get("repeats")
+            often = "no number of repeats" if repeats is None else f"about {repeats} repeats"
+            text += (
+                f'<p class="note">Without new instruments: repeat trial {escape(measure["trial"])}'
+                f", where {escape(_listed(measure['splits'], 'and'))} differ most; {often} would "
+                "separate them.</p>"
+            )
+    return f"<section><h2>What to measure next</h2>{text}</section>"
+
+
+def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    shown = [row for row in rows if row["p_familywise"] <= _LEVEL] or list(rows[:5])
+    found = any(row["p_familywise"] <= _LEVEL for row in rows)
+    lead = (
+        "Places whose residuals are larger than chance, noise and nuisances allow, corrected for "
+        "all places that were looked at."
+        if found
+        else "No place stands out once all places that were looked at are accounted for; the five "
+        "largest are:"
+    )
+    body = "".join(
+        f"<tr><td>{escape(row['place'])}</td><td>{escape(row['axis'])}</td>"
+        f'<td class="n">{row["effect_size"]:+.2f}</td><td class="n">{row["p_familywise"]:.3f}</td>'
+        "</tr>"
+        for row in shown
+    )
+    return (
+        f"<section><h2>Where: places, phases and channels</h2><p>{lead}</p>"
+        "<div class='wide'><table><tr><th>place</th><th>axis</th><th>effect size (above 0: more than predicted)</th>"
+        f"<th>family-wise p</th></tr>{body}</table></div></section>"
+    )
+
+
+def _effects_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    body = ""
+    for row in rows:
+        values = "<br>".join(
+            escape(f"{name} {p['mean']:.3g} [{p['ci95'][0]:.3g}, {p['ci95'][1]:.3g}] {p['unit']}")
+            for name, p in row["parameters"].items()
+        )
+        body += (
+            f"<tr><td>{escape(row['name'])}</td><td class='n'>{row['probability']:.3f}</td>"
+            f"<td>{escape(row['class'])}</td><td class='n'>{values}</td>"
+            f"<td class='n'>{_interval(row['closure'])}</td></tr>"
+        )
+    return (
+        "<section><h2>All effects</h2><div class='wide'><table><tr><th>effect</th>"
+        "<th>probability</th><th>class of</th><th>parameters if it is the cause [95 %]</th>"
+        f"<th>closure</th></tr>{body}</table></div></section>"
+    )
+
+
+def _limits(texts: Sequence[str]) -> str:
+    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f"<section><h2>What these data cannot support</h2><ul>{items}</ul></section>"
+
+
+def _provenance(content: Mapping[str, Any]) -> str:
+    import json
+
+    from vsr2.diagnosis.result import finite
+
+    layers = content["gap"]["layers"]
+    text = json.dumps(finite({"noise_floor": layers, **content["provenance"]}), indent=1)
+    return (
+        "<section><details><summary>Provenance and noise floor</summary>"
+        f"<pre>{escape(text)}</pre></details></section>"
+    )
+
+
+def _listed(names: Sequence[str], last: str = "or") -> str:
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def _interval(estimate: Mapping[str, Any]) -> str:
+    value, bounds = estimate["value"], estimate["ci95"]
+    if value is None or not math.isfinite(value):
+        return "not given"
+    return f"{value:.2f} [{bounds[0]:.2f}, {bounds[1]:.2f}]"

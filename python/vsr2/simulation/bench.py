@@ -1,0 +1,273 @@
+"""The bench on which effects are checked: two rocks, motions, trials with their series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.config.study import (
+    BoxRock,
+    Contact,
+    Engine,
+    Outcome,
+    Output,
+    PrismPedestal,
+    Settling,
+    YawStart,
+)
+from vsr2.effects import Effect, Observation, Setup
+from vsr2.motion import Motion, cosine_motion
+from vsr2.results import STATE_COLUMNS, TrialLog
+from vsr2.scene import (
+    Box,
+    Hull,
+    MassProperties,
+    Pose,
+    RockBody,
+    build_pedestal,
+    build_rock,
+    height_above,
+    mesh_mass_properties,
+    start_pose,
+)
+from vsr2.scene.rotation import multiply
+from vsr2.scene.shapes import hull_surface
+from vsr2.simulation.batch import Trial, run_batch
+from vsr2.simulation.effects import with_effects
+from vsr2.simulation.scene import Scene, make_scene
+from vsr2.simulation.simulation import Simulation
+
+Array = NDArray[np.float64]
+
+BLOCK = (0.4, 0.6, 1.2)
+"""Edge lengths of the block [m]."""
+DENSITY = 2700.0
+RAMP = 0.1
+"""Time over which a push comes and goes [s]."""
+TOUCH = 1e-6
+"""Gap at which a body is released [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class BenchResponse:
+    """See :class:`vsr2.effects.Response`."""
+
+    time: Array
+    tilt: Array
+    position: Array
+    velocity: Array
+    angular_velocity: Array
+    pedestal: Array
+    observation: Observation
+
+
+def trial_of(setup: Setup, *, tail: float = 0.0, log_every: int = 1, name: str = "") -> Trial:
+    """A trial of a setup, with a native scene of its own."""
+    outcome = setup.outcome.model_copy(update={"tail": max(tail, setup.engine.time_step)})
+    scene = make_scene(
+        replace(setup.rock, start=setup.start),
+        setup.pedestal,
+        setup.engine,
+        setup.contact,
+        setup.mechanisms,
+    )
+    return Trial(
+        scene=scene,
+        motion=setup.motion,
+        drive=setup.drive,
+        start=setup.start,
+        name=name,
+        settling=Settling(),
+        outcome=outcome,
+        output=Output(log_every=log_every),
+    )
+
+
+class EffectBench:
+    """The bench of :class:`vsr2.effects.Bench`.
+
+    The engine is `exact`, without Bullet's damping of velocities, so that laws of conservation
+    hold.
+    """
+
+    def __init__(self) -> None:
+        self._engine = Engine(mode="exact", linear_damping=0.0, angular_damping=0.0)
+
+    def block(self) -> Setup:
+        """A homogeneous block, 0.4 m x 0.6 m x 1.2 m, on an even pedestal, at rest."""
+        return self._block
+
+    @cached_property
+    def _block(self) -> Setup:
+        pedestal = build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
+        rock = build_rock(
+            BoxRock(shape="box", size=BLOCK, density=DENSITY),
+            pedestal,
+            clearance=2.0 * self._engine.collision_margin,
+        )
+        return self._setup(rock)
+
+    def scan(self) -> Setup:
+        """A rock with the irregular hull of a scan."""
+        return self._scan
+
+    @cached_property
+    def _scan(self) -> Setup:
+        return self._setup(boulder(2.0 * self._engine.collision_margin))
+
+    def _setup(self, rock: RockBody) -> Setup:
+        return Setup(
+            rock=rock,
+            pedestal=build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5))),
+            engine=self._engine,
+            contact=Contact(),
+            motion=self.pulse(2.0, 2.0),
+            start=rock.start,
+            outcome=Outcome(tail=1.0),
+        )
+
+    def push(self, acceleration: float, *, duration: float = 0.6) -> Motion:
+        """A motion that reaches a constant acceleration [m/s^2] smoothly and holds it [s].
+
+        Then it ends as smoothly, and the pedestal stops at once: look before that.
+        """
+        step = self._engine.time_step
+        time = np.arange(round((duration + 2 * RAMP) / step) + 1) * step
+        s = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
+        a = acceleration * s**2 * (3 - 2 * s)
+        v = np.concatenate([[0.0], np.cumsum(0.5 * (a[1:] + a[:-1]) * step)])
+        x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)])
+        return Motion(f"push_{acceleration:g}", step, x, v, a, "recording")
+
+    def pulse(self, pga: float, frequency: float) -> Motion:
+        """A cosine pulse, x = A (1 - cos 2 pi F t); PGA [m/s^2], F [Hz]."""
+        amplitude = pga / (2 * math.pi * frequency) ** 2
+        return cosine_motion(amplitude, frequency, self._engine.time_step)
+
+    def run(
+        self,
+        setup: Setup,
+        effect: Effect | None = None,
+        values: Mapping[str, float] | None = None,
+        *,
+        tail: float = 0.0,
+    ) -> BenchResponse:
+        """One trial of `setup` with the effect, settled first; `tail` [s] after the motion."""
+        trial = trial_of(setup, tail=tail)
+        if effect is not None:
+            trial = with_effects([trial], [(effect, effect.complete(values or {}))])[0]
+        result = run_batch([trial], threads=1)
+        if str(result["status"][0]) not in ("ok", "tail_timeout"):
+            raise RuntimeError(f"bench: {result['status'][0]}: {result['message'][0]}")
+        log = result.logs[0]
+        assert log is not None
+        return _response(log, _observation(result, 0))
+
+    def release(
+        self, setup: Setup, tilt: float, duration: float, *, spin: float = 0.0
+    ) -> BenchResponse:
+        """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
+
+        The spin is about the vertical [rad/s]; tilts are told from upright.
+        """
+        margin = 0.0 if isinstance(setup.rock.parts[0], Box) else setup.engine.collision_margin
+        turn = (0.0, math.sin(0.5 * tilt), 0.0, math.cos(0.5 * tilt))
+        pose = Pose(setup.start.position, multiply(turn, setup.start.orientation))
+        gap = height_above(setup.rock.parts, pose, setup.pedestal)
+        assert gap is not None
+        x, y, z = pose.position
+        pose = Pose((x, y, z - gap + margin + TOUCH), pose.orientation)
+        scene = make_scene(
+            setup.rock, setup.pedestal, setup.engine, setup.contact, setup.mechanisms
+        )
+        simulation = Simulation(scene, spawn=False)
+        simulation.spawn(pose)
+        if spin:
+            simulation.set_rock_velocity((0.0, 0.0, 0.0), (0.0, 0.0, spin))
+        upright = scene.body_pose(setup.start).orientation
+        rows = []
+        for _ in range(round(duration / simulation.time_step)):
+            state = simulation.step(0.0)
+            assert state is not None
+            rows.append(state)
+        orientation = np.array([state.body_orientation for state in rows])
+        tilts = np.array([_tilt(upright, q) for q in orientation])
+        return BenchResponse(
+            time=np.array([state.time for state in rows]),
+            tilt=tilts,
+            position=np.array([state.position for state in rows]),
+            velocity=np.array([state.velocity for state in rows]),
+            angular_velocity=np.array([state.angular_velocity for state in rows]),
+            pedestal=np.zeros(len(rows)),
+            observation=Observation("rocked", float(tilts.max()), float(tilts[-1]), 0.0, 0.0),
+        )
+
+
+def _tilt(rest: Sequence[float], q: Array) -> float:
+    conjugate = (-rest[0], -rest[1], -rest[2], rest[3])
+    x, y, _, _ = multiply((q[0], q[1], q[2], q[3]), conjugate)
+    return 2.0 * math.asin(min(1.0, math.hypot(x, y)))
+
+
+def _observation(result: object, i: int) -> Observation:
+    row = {
+        key: result[key][i]  # type: ignore[index]
+        for key in ("outcome", "peak_tilt", "final_tilt", "final_slip", "final_yaw")
+    }
+    return Observation(str(row.pop("outcome")), **{key: float(value) for key, value in row.items()})
+
+
+def _response(log: TrialLog, observation: Observation) -> BenchResponse:
+    shaken = log.time >= 0
+    return BenchResponse(
+        time=log.time[shaken],
+        tilt=log.tilt[shaken],
+        position=log.position[shaken],
+        velocity=_columns(log, "rock_v", shaken),
+        angular_velocity=_columns(log, "rock_w", shaken),
+        pedestal=log.state[shaken, STATE_COLUMNS.index("pedestal_position")],
+        observation=observation,
+    )
+
+
+def _columns(log: TrialLog, prefix: str, rows: Array) -> Array:
+    places = [STATE_COLUMNS.index(f"{prefix}{axis}") for axis in "xyz"]
+    found: Array = log.state[rows][:, places]
+    return found
+
+
+def boulder(clearance: float) -> RockBody:
+    """A made rock with the irregular hull of a scan: 0.5 m wide, 1.2 m high, some 340 kg.
+
+    Points of an ellipsoid at golden-section angles, their radii varied by a fixed random draw, cut
+    off to a base. The hull is the solid.
+    """
+    import trimesh
+
+    rng = np.random.default_rng(20231)
+    count = 700
+    height = 1 - 2 * (np.arange(count) + 0.5) / count
+    around = np.pi * (3 - math.sqrt(5)) * np.arange(count)
+    level = np.sqrt(1 - height**2)
+    unit = np.column_stack([level * np.cos(around), level * np.sin(around), height])
+    points = unit * np.array([0.27, 0.33, 0.75]) * (1 + 0.02 * rng.standard_normal((count, 1)))
+    # Points below the cut become the base, uneven by a millimetre.
+    low = points[:, 2] < -0.52
+    points[low, 2] = -0.52 + 0.001 * rng.uniform(-1, 1, int(low.sum()))
+    hull = hull_surface(points)
+    mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
+    mass: MassProperties = mesh_mass_properties(mesh, density=DENSITY, source="boulder")
+    parts = (Hull(hull.vertices),)
+    pedestal = build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
+    start = start_pose(YawStart(yaw=20.0), parts, mass, pedestal, clearance=clearance)
+    return RockBody(parts=parts, mass=mass, start=start, surface=hull, source="boulder")
+
+
+def fast_violation(scene: Scene) -> str:
+    """Why the engine `fast` does not take a scene; empty if it does."""
+    return str(scene.native.fast_domain_violation)
