@@ -19,12 +19,14 @@ from blind_samples import QuickEngine, diagnosis
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.baselines import BASELINES, baseline_scores
 from vsr2.blind.diagnose import at_tier
+from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import FloorMeter
 from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
+from vsr2.blind.shake import Shake
 from vsr2.blind.verdict import DIAGNOSIS_FILE
 from vsr2.campaign import check_campaign, load_campaign
 from vsr2.cli.main import main
-from vsr2.config import load_study
+from vsr2.config import Study, load_study
 from vsr2.errors import BlindError, CampaignError
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
@@ -388,9 +390,48 @@ def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> N
     assert "scored once" in capsys.readouterr().err
 
 
-def test_the_engine_that_is_not_there_says_so(study, tmp_path) -> None:
-    with pytest.raises(BlindError, match="bullet"):
-        make_pack(study, tmp_path, tmp_path / "key", PackSettings(engines=("bullet",)))
+def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    turned = study.model_dump(mode="json", exclude_unset=True)
+    turned["rock"]["start"] = {"mode": "pose", "position": [0.0, 0.0, 3.0]}
+    with pytest.raises(BlindError, match="mode yaw"):
+        build_engine("bullet", Study.model_validate(turned))
+    with pytest.raises(BlindError, match="not known"):
+        build_engine("ode", study)
+    assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)
+
+
+def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
+    # Rocking in a single pulse, before responses diverge: largest tilts within 5 %.
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
+    shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    found = {
+        name: [seen.peak_tilt for seen in build_engine(name, study).run(shakes, 0.02)]
+        for name in ("mujoco", "bullet")
+    }
+    assert max(found["mujoco"][0], found["bullet"][0]) < 1e-3
+    np.testing.assert_allclose(found["mujoco"][1:], found["bullet"][1:], rtol=0.05)
+
+
+def test_the_library_is_drawn_from(study) -> None:
+    effects = build_engine("bullet", study).effects
+    assert effects["restitution"].strength.null == 1.0
+    assert effects["table_bandwidth"].strength.reciprocal
+    assert effects["wear"].drifts
+    assert [name for name, _, _ in effects["base_slope"].others] == ["azimuth"]
+    assert effects["change_point"].strength.name == "slenderness_change"
+    # Names and units of strengths are the same on both engines, so that one verdict fits both.
+    both = build_engine("mujoco", study).effects
+    for name in set(effects) & set(both):
+        if name != "table_saturation":
+            assert effects[name].strength.name == both[name].strength.name, name
+            assert effects[name].strength.unit.replace("1", "") in (
+                both[name].strength.unit.replace("1", ""),
+                "",
+            ), name
 
 
 def test_scores_need_another_pack_to_train(small, tmp_path) -> None:

@@ -129,6 +129,7 @@ def test_magnitudes_closure_and_places(scores) -> None:
     assert figure(scores, "magnitude: median relative error") == (pytest.approx(0.925), 2)
     assert figure(scores, "magnitude: interval coverage") == (0.5, 2)
     assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
+    assert figure(scores, "where: axis named (single)") == (0.25, 4)
     assert figure(scores, "where: median mass inside") == (pytest.approx(0.75), 1)
 
 
@@ -262,6 +263,14 @@ def test_a_bare_verdict_is_enough() -> None:
     )
     assert verdict.probabilities == {"none": 0.7}
     assert verdict.closure is None
+
+
+def test_none_and_novelty_may_be_told_apart_from_the_effects() -> None:
+    content = VERDICTS["b"] | {"none_probability": 0.0, "unknown": {"novelty_p": 0.25}}
+    verdict = verdict_of(content, "x")
+    assert verdict.probabilities["none"] == 0.0
+    assert verdict.novelty == 0.75
+    assert verdict_of(VERDICTS["b"], "x").novelty == 0.1
 
 
 def test_broken_json_is_named(tmp_path) -> None:

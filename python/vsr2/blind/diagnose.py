@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,7 +83,7 @@ def diagnose_pack(
         say: gets a line for each campaign.
 
     Raises:
-        BlindError: no pack, a campaign or tier that it does not have, or no diagnosis installed.
+        BlindError: no pack, or a campaign or tier that it does not have.
     """
     pack = read_pack(data)
     listed = {entry["id"]: tuple(entry.get("exclude", ())) for entry in pack["campaigns"]}
@@ -98,7 +97,9 @@ def diagnose_pack(
     if beyond:
         raise BlindError(f"{data}: has no tier {beyond[0]}; it has {', '.join(offered)}")
     if diagnose is None:
-        diagnose = _installed()
+        from vsr2.diagnosis import diagnose as installed
+
+        diagnose = installed
     _same_submission(out, pack, {"budget_minutes": budget_minutes, "seed": seed})
     done, failed = 0, []
     for name in chosen:
@@ -130,17 +131,6 @@ def diagnose_pack(
                 say(f"{name} {tier}: {read_verdict(folder).kind}")
             done += 1
     return Progress(done, tuple(failed))
-
-
-def _installed() -> Diagnose:
-    try:
-        found: Any = importlib.import_module("vsr2.diagnosis")
-    except ImportError as error:
-        raise BlindError(
-            f"no diagnosis is installed ({error}); install a version with it"
-        ) from None
-    diagnose: Diagnose = found.diagnose
-    return diagnose
 
 
 def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> None:

@@ -122,6 +122,13 @@ def where_mass(case: Case) -> float | None:
     return math.fsum(w for n, w in zip(names, weights, strict=True) if n in inside) / total
 
 
+def axis_named(case: Case) -> bool:
+    """Whether a place at p <= 0.05 lies on the axis along which the effect acts."""
+    wanted = ("order", "session") if case.where["axis"] == "order" else ("conditions",)
+    named = [f.axis for f in case.verdict.where if f.p <= SIGNIFICANT]
+    return any(axis in name for name in named for axis in wanted)
+
+
 def score_cases(cases: Sequence[Case]) -> dict[tuple[str, str], Scores]:
     """Scores by tier and group, each with its 95 % interval.
 
@@ -167,6 +174,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     out["closure over oracle: median"] = resampled(ratios, _median)
     masses = [m for case in single if (m := where_mass(case)) is not None]
     out["where: median mass inside"] = resampled(masses, _median)
+    out["where: axis named (single)"] = share(axis_named, single)
     out["where: false places (none)"] = share(
         lambda c: any(f.p <= SIGNIFICANT for f in c.verdict.where), none
     )
@@ -177,8 +185,7 @@ def _unknown_scores(unknown: Sequence[Case], others: Sequence[Case]) -> Scores:
     if not (unknown and others):
         return {}
     rows = np.array(
-        [(c.verdict.probabilities.get(UNKNOWN, 0.0), 1.0) for c in unknown]
-        + [(c.verdict.probabilities.get(UNKNOWN, 0.0), 0.0) for c in others]
+        [(c.verdict.novelty, 1.0) for c in unknown] + [(c.verdict.novelty, 0.0) for c in others]
     )
     # The least threshold that at most 5 % of the others exceed.
     other = np.sort(rows[rows[:, 1] == 0, 0])[::-1]

@@ -56,6 +56,7 @@ class Verdict:
         closure: of the verdict; None: no ratio.
         closures: by effect, where told.
         where: places of the gap.
+        novelty: how much the campaign looks like none of the library's, 0 to 1.
         failed: why there is no diagnosis; then all else says `unresolved`.
     """
 
@@ -68,6 +69,7 @@ class Verdict:
     closure: float | None = None
     closures: Mapping[str, float] = field(default_factory=dict)
     where: tuple[Found, ...] = ()
+    novelty: float = 0.0
     failed: str = ""
 
 
@@ -120,13 +122,21 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
         closure = reader.value(entry.get("closure"), f"{place}.closure")
         if closure is not None:
             closures[name] = closure
-    for label_, wanted in ((NONE, "none"), (UNKNOWN, "unknown")):
-        if label_ not in probabilities and kind == wanted:
-            probabilities[label_] = probability
+    if content.get("none_probability") is not None and NONE not in probabilities:
+        probabilities[NONE] = reader.probability(content["none_probability"], "none_probability")
+    for name in (NONE, UNKNOWN):
+        if name not in probabilities and kind == name:
+            # What the verdict says of itself is not said twice.
+            rest = 1.0 - sum(probabilities.values())
+            probabilities[name] = max(0.0, min(probability, rest))
     total = sum(probabilities.values())
     if total > 1.0 + 1e-6:
         raise reader.error("effects", f"{total:.4g}", "probabilities that sum to at most 1")
     gap = content.get("gap") or {}
+    novelty_p = (content.get("unknown") or {}).get("novelty_p")
+    novelty = probabilities.get(UNKNOWN, 0.0)
+    if novelty_p is not None:
+        novelty = 1.0 - reader.probability(novelty_p, "unknown.novelty_p")
     return Verdict(
         kind=str(kind),
         effects=tuple(
@@ -144,6 +154,7 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
             reader.found(entry, f"where[{i}]")
             for i, entry in enumerate(reader.sequence(content, "where"))
         ),
+        novelty=novelty,
     )
 
 

@@ -18,6 +18,8 @@ from vsr2.motion import Record
 Array = NDArray[np.float64]
 
 SPECIMEN = "rock"
+RANGE = 1.2
+"""Of the camera [rad]: what fell is seen as far as this, whichever engine simulated it."""
 
 
 def written_campaign(
@@ -59,7 +61,7 @@ def written_campaign(
             displacement=np.round(moved + sizes[0] * draws[0], 8),
             acceleration=np.round(felt + sizes[1] * draws[1], 5),
         )
-        peak = one.peak_tilt + tolerances.peak_tilt_noise * rng.standard_normal()
+        peak = min(one.peak_tilt, RANGE) + tolerances.peak_tilt_noise * rng.standard_normal()
         speed = np.abs(np.gradient(motion.displacement, motion.interval)).max()
         trials.append(
             CampaignTrial(
@@ -95,11 +97,12 @@ def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 def _series(one: Observed, settings: PackSettings, rng: np.random.Generator) -> Series:
     tolerances = settings.tolerances
-    rows = one.time.size
+    beyond = np.flatnonzero(one.tilt > RANGE)
+    rows = max(1, int(beyond[0])) if beyond.size else one.time.size
     draws = rng.standard_normal((rows, 7))
     half = 0.5 * tolerances.orientation_noise * draws[:, 4:7]
     x, y, z = half.T
-    a, b, c, d = one.orientation.T
+    a, b, c, d = one.orientation[:rows].T
     # small rotation times orientation, x, y, z, w
     turned = np.stack(
         [
@@ -111,8 +114,8 @@ def _series(one: Observed, settings: PackSettings, rng: np.random.Generator) -> 
         axis=1,
     )
     return Series(
-        time=np.round(one.time, 6),
-        tilt=np.round(one.tilt + tolerances.tilt_noise * draws[:, 0], 6),
-        position=np.round(one.position + tolerances.position_noise * draws[:, 1:4], 6),
+        time=np.round(one.time[:rows], 6),
+        tilt=np.round(one.tilt[:rows] + tolerances.tilt_noise * draws[:, 0], 6),
+        position=np.round(one.position[:rows] + tolerances.position_noise * draws[:, 1:4], 6),
         orientation=np.round(turned / np.linalg.norm(turned, axis=1, keepdims=True), 7),
     )
