@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -88,12 +88,22 @@ def baseline_scores(
     names, counts = np.unique(labels, return_counts=True)
     common = names[counts.argmax()]
     out["commonest class"] = proportion(int((truth == common).sum()), len(truth))
-    for name, features in BASELINES.items():
-        x = np.array([features(load_campaign(folder), folder) for folder, _ in training])
-        z = np.array([features(load_campaign(folder), folder) for folder, _ in judged])
-        guess = _guess(x, labels, z) if names.size > 1 else np.full(len(truth), common)
+    x, z = _features(training), _features(judged)
+    for name in BASELINES:
+        guess = np.full(len(truth), common)
+        if names.size > 1:
+            guess = _guess(x[name], labels, z[name])
         out[name] = proportion(int((guess == truth).sum()), len(truth))
     return out
+
+
+def _features(campaigns: Sequence[tuple[Path, str]]) -> dict[str, Array]:
+    rows: dict[str, list[list[float]]] = {name: [] for name in BASELINES}
+    for folder, _ in campaigns:
+        campaign = load_campaign(folder)
+        for name, features in BASELINES.items():
+            rows[name].append(features(campaign, folder))
+    return {name: np.array(values) for name, values in rows.items()}
 
 
 def _guess(x: Array, labels: NDArray[np.str_], z: Array) -> NDArray[np.str_]:
