@@ -31,5 +31,9 @@ class CampaignError(Vsr2Error):
     """A campaign of trials that cannot be used (names file, row, column, value and remedy)."""
 
 
+class BlindError(Vsr2Error):
+    """A blind pack, its key or its verdicts that cannot be used (names file, key and remedy)."""
+
+
 class DiagnosisError(Vsr2Error):
     """A diagnosis that cannot be made as asked (names campaign, scene or option, and remedy)."""

@@ -27,6 +27,7 @@ HEAVY = {
     "cma",
     "distributed",
     "dask",
+    "mujoco",
 }
 
 

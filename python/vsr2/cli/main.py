@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from vsr2.cli import (
+    blind,
     bodies,
     calibration,
     campaign,
@@ -49,6 +50,7 @@ def build_parser() -> argparse.ArgumentParser:
         fragility,
         effects,
         diagnosis,
+        blind,
         configuration,
     ):
         room.add_verbs(verbs)

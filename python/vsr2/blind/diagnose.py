@@ -1,0 +1,150 @@
+"""Runs a diagnosis over a pack, campaign by campaign, from the data alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from vsr2.blind.seal import read_json, read_pack, write_json
+from vsr2.blind.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
+from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.errors import BlindError, Vsr2Error
+
+TIERS: tuple[Tier, ...] = ("B", "M", "T")
+
+
+class Saved(Protocol):
+    """What a diagnosis returns."""
+
+    def save(self, folder: Path, /) -> object:
+        """Write `diagnosis.json` and what else there is."""
+        ...
+
+
+Diagnose = Callable[..., Saved]
+"""As :func:`vsr2.diagnosis.diagnose`: campaign, scene and keywords."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What came of a run over a pack.
+
+    Attributes:
+        done: diagnoses that are there now.
+        failed: campaigns and tiers without one.
+    """
+
+    done: int
+    failed: tuple[str, ...]
+
+
+def at_tier(campaign: Campaign, tier: Tier) -> Campaign:
+    """The campaign with nothing beyond a tier: what is left out cannot be used by accident."""
+    if tier == "T":
+        return campaign
+    noise = replace(campaign.noise, tilt=None, position=None, orientation=None)
+    if tier == "B":
+        noise = replace(noise, peak_tilt=None)
+    trials = tuple(
+        replace(t, series=None, peak_tilt=t.peak_tilt if tier == "M" else None)
+        for t in campaign.trials
+    )
+    return replace(campaign, trials=trials, noise=noise)
+
+
+def diagnose_pack(
+    data: Path,
+    out: Path,
+    *,
+    tiers: Sequence[Tier] | None = None,
+    campaigns: Sequence[str] | None = None,
+    budget_minutes: float = 10.0,
+    threads: int | None = None,
+    seed: int = 0,
+    diagnose: Diagnose | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Progress:
+    """Diagnose the campaigns of a pack; what is there already is kept.
+
+    Results go to `out/<campaign>/<tier>/`. Only the data folder is read. A campaign whose diagnosis
+    ends with an error of ours gets a `failed.json`, and is tried again by the next run.
+
+    Args:
+        data: a pack's data folder.
+        out: gets the diagnoses.
+        tiers: information to use; None: all that the pack has.
+        campaigns: ids; None: all.
+        budget_minutes: as in the diagnosis.
+        threads: as in the diagnosis.
+        seed: as in the diagnosis.
+        diagnose: stands in for :func:`vsr2.diagnosis.diagnose`.
+        say: gets a line for each campaign.
+
+    Raises:
+        BlindError: no pack, or a campaign or tier that it does not have.
+    """
+    pack = read_pack(data)
+    listed = {entry["id"]: tuple(entry.get("exclude", ())) for entry in pack["campaigns"]}
+    chosen = list(listed) if campaigns is None else list(campaigns)
+    unknown = set(chosen) - set(listed)
+    if unknown:
+        raise BlindError(f"{data}: has no campaign {min(unknown)!r}")
+    offered = [tier for tier in TIERS if tier in pack.get("tiers", TIERS)]
+    wanted = offered if tiers is None else list(tiers)
+    beyond = [tier for tier in wanted if tier not in offered]
+    if beyond:
+        raise BlindError(f"{data}: has no tier {beyond[0]}; it has {', '.join(offered)}")
+    if diagnose is None:
+        from vsr2.diagnosis import diagnose as installed
+
+        diagnose = installed
+    _same_submission(out, pack, {"budget_minutes": budget_minutes, "seed": seed})
+    done, failed = 0, []
+    for name in chosen:
+        campaign: Campaign | None = None
+        for tier in wanted:
+            folder = out / name / tier
+            if not (folder / DIAGNOSIS_FILE).exists():
+                campaign = load_campaign(data / name) if campaign is None else campaign
+                folder.mkdir(parents=True, exist_ok=True)
+                try:
+                    result = diagnose(
+                        at_tier(campaign, tier),
+                        data / pack["scene"],
+                        tier=tier,
+                        budget_minutes=budget_minutes,
+                        threads=threads,
+                        exclude=listed[name],
+                        seed=seed,
+                    )
+                    result.save(folder)
+                    read_verdict(folder)
+                except Vsr2Error as error:
+                    (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
+                    write_json(folder / FAILED_FILE, {"error": str(error)})
+                    failed.append(f"{name} {tier}")
+                    say(f"{name} {tier}: failed: {error}")
+                    continue
+                (folder / FAILED_FILE).unlink(missing_ok=True)
+                say(f"{name} {tier}: {read_verdict(folder).kind}")
+            done += 1
+    return Progress(done, tuple(failed))
+
+
+def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> None:
+    """Note which pack the diagnoses are of, and refuse to mix two."""
+    path = out / "submission.json"
+    mine = {"schema": "vsr2.blind-submission/1", "pack": pack["commitment"]["sha256"], **how}
+    if path.exists():
+        there = read_json(path)
+        differs = [key for key in mine if there.get(key) != mine[key]]
+        if differs:
+            raise BlindError(
+                f"{path}: was begun with {differs[0]} {there.get(differs[0])!r}, not "
+                f"{mine[differs[0]]!r}; continue with the same, or choose another folder"
+            )
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(path, mine)

@@ -1,0 +1,213 @@
+"""The detection floor: how strong an effect must be before a campaign can show it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.design import Row, draw_design
+from vsr2.blind.mujoco import GroundMotion
+from vsr2.blind.settings import PackSettings
+from vsr2.blind.shake import Drawable, Engine, Nuisances, Shake
+
+Array = NDArray[np.float64]
+
+DETECTED = 3.0
+"""Signal over noise at the floor."""
+_SMALL = 0.05
+"""Standard deviation of ln tilt beyond what replicates show."""
+_TRIES = 5
+_TILTS = (0.005, 1.0)
+
+
+def observations(overturned: Sequence[bool], peak_tilt: Sequence[float]) -> Array:
+    """Outcome and logarithm of the largest tilt (clipped to 0.005 to 1 rad), shape (2 n,)."""
+    tilt = np.log(np.clip(np.asarray(peak_tilt, dtype=np.float64), *_TILTS))
+    return np.concatenate([np.asarray(overturned, dtype=np.float64), tilt])
+
+
+def draw_nuisances(rng: np.random.Generator, settings: PackSettings) -> Nuisances:
+    """Of one campaign: normal, cut at three standard deviations."""
+    names = ("width", "depth", "height", "energy_ratio", "friction")
+    draws = np.clip(rng.standard_normal(len(names)), -3, 3)
+    factors = {
+        name: float(1 + getattr(settings.tolerances, name) * draw)
+        for name, draw in zip(names, draws, strict=True)
+    }
+    return Nuisances(**factors)
+
+
+def draw_start(
+    rng: np.random.Generator, settings: PackSettings
+) -> tuple[float, tuple[float, float]]:
+    """Yaw [rad] and offset [m] of one trial's start."""
+    yaw, x, y = rng.standard_normal(3)
+    tolerances = settings.tolerances
+    return float(tolerances.yaw * yaw), (
+        float(tolerances.offset * x),
+        float(tolerances.offset * y),
+    )
+
+
+@dataclass(frozen=True)
+class Floor:
+    """Of one effect on one side of its null.
+
+    Attributes:
+        magnitude: distance of the strength from its null at which signal over noise is 3, in the
+            strength's scale; infinity where its range does not reach it.
+        signal: (magnitude, signal over noise) as measured.
+    """
+
+    magnitude: float
+    signal: tuple[tuple[float, float], ...]
+
+
+class FloorMeter:
+    """Measures floors on one engine, scene and design with common random numbers.
+
+    The null campaign is simulated with R draws of nuisances and starts, half of them again under
+    the effect. With d the mean change of the observations (outcomes and ln largest tilts), S their
+    covariance over the null replicates (half of it its diagonal alone, for R is small) and N the
+    campaign's trials, signal over noise is (d' S^-1 d)^(1/2), what Monte Carlo error adds to the
+    form taken off, scaled by (N / trials of the design)^(1/2): how far a campaign under the effect
+    lies from the nominal one where nuisances are unknown.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        motions: Sequence[GroundMotion],
+        thresholds: Sequence[float],
+        settings: PackSettings,
+        seed: int,
+    ) -> None:
+        self._engine = engine
+        self._motions = motions
+        self._settings = settings
+        self._seed = seed
+        count = min(settings.floor_trials, settings.trials)
+        self._design = draw_design(
+            np.random.default_rng([seed, 202]),
+            thresholds,
+            count,
+            min(settings.motions, count),
+            min(settings.sessions, count),
+        )
+        self._null = np.stack([self._run(r, {}) for r in range(settings.replicates)])
+        centered = self._null - self._null.mean(axis=0)
+        sample = centered.T @ centered / (settings.replicates - 1)
+        # Few replicates do not tell that an outcome is certain: Laplace's rule of succession.
+        outcomes = len(self._design)
+        chance = (self._null[:, :outcomes].sum(axis=0) + 1) / (settings.replicates + 2)
+        beyond = np.concatenate([chance * (1 - chance), np.full(outcomes, _SMALL**2)])
+        half = 0.5 * sample + np.diag(0.5 * np.diag(sample) + beyond)
+        self._inverse = np.linalg.inv(half)
+
+    def _run(self, replicate: int, effects: dict[str, dict[str, float]]) -> Array:
+        settings = self._settings
+        rng = np.random.default_rng([self._seed, 203, replicate])
+        nuisances = draw_nuisances(rng, settings)
+        shakes = [
+            shake_of(
+                self._motions,
+                row,
+                i,
+                len(self._design),
+                settings.sessions,
+                nuisances,
+                draw_start(rng, settings),
+                effects,
+                (self._seed + replicate, 1000 * replicate + i),
+            )
+            for i, row in enumerate(self._design)
+        ]
+        seen = list(self._engine.run(shakes, 1.0))
+        return observations([s.overturned for s in seen], [s.peak_tilt for s in seen])
+
+    def signal(self, effect: Drawable, magnitude: float) -> float:
+        """Signal over noise of an effect at a signed distance from its null."""
+        count = self._settings.replicates // 2
+        changes = []
+        for r in range(count):
+            quantiles = np.random.default_rng([self._seed, 204, r]).random(len(effect.others))
+            values = effect.values(magnitude, [float(q) for q in quantiles])
+            changes.append(self._run(r, {effect.name: values}) - self._null[r])
+        change = np.stack(changes)
+        mean = change.mean(axis=0)
+        noise = change.var(axis=0, ddof=1) / count
+        square = float(mean @ self._inverse @ mean - np.diag(self._inverse) @ noise)
+        scale = self._settings.trials / len(self._design)
+        return math.sqrt(max(square, 0.0) * scale)
+
+    def floor(self, effect: Drawable, sign: int) -> Floor:
+        """Where signal over noise is 3, by at most five simulated magnitudes.
+
+        Signals grow about as the magnitude, which gives the next one to try, within what is known
+        to be above and below.
+        """
+        low, high = effect.strength.reach()[sign]
+        least = max(low, 0.001 * high)
+        found: dict[float, float] = {}
+        below, above = 0.0, math.inf
+        magnitude = max(least, 0.3 * high)
+        for _ in range(_TRIES):
+            ratio = self.signal(effect, sign * magnitude) / DETECTED
+            found[magnitude] = ratio * DETECTED
+            if ratio >= 1:
+                above = min(above, magnitude)
+            else:
+                below = max(below, magnitude)
+            if 0.85 < ratio < 1.2:
+                break
+            after = magnitude / min(max(ratio, 0.1), 10.0)
+            if below > 0 and above < math.inf and not below < after < above:
+                after = math.sqrt(below * above)
+            magnitude = min(high, max(least, after))
+            if magnitude in found:
+                break
+        measured = tuple(sorted(found.items()))
+        return Floor(_crossing(measured, least, high), measured)
+
+
+def shake_of(
+    motions: Sequence[GroundMotion],
+    row: Row,
+    place: int,
+    trials: int,
+    sessions: int,
+    nuisances: Nuisances,
+    start: tuple[float, tuple[float, float]],
+    effects: dict[str, dict[str, float]],
+    seeds: tuple[int, int],
+) -> Shake:
+    """A row of a design as an order to an engine."""
+    motion = motions[row.motion]
+    return Shake(
+        interval=motion.interval,
+        displacement=motion.displacement * row.pga,
+        effects=effects,
+        nuisances=nuisances,
+        yaw=start[0],
+        offset=start[1],
+        order=place / max(1, trials - 1),
+        session=row.session / sessions,
+        campaign_seed=seeds[0],
+        trial_seed=seeds[1],
+    )
+
+
+def _crossing(measured: Sequence[tuple[float, float]], least: float, high: float) -> float:
+    """The magnitude at the detection level, from the measured one that is nearest to it."""
+    heard = [(m, s) for m, s in measured if s > 0]
+    if not heard or max(s for _, s in heard) < 0.85 * DETECTED:
+        return math.inf
+    m, s = min(heard, key=lambda pair: abs(math.log(pair[1] / DETECTED)))
+    if m == least and s > DETECTED:
+        # Strong wherever it acts: the floor lies below the range.
+        return m * DETECTED / s
+    return min(high, m * min(max(DETECTED / s, 0.5), 2.0))

@@ -1,0 +1,380 @@
+"""The custodian: draws, simulates and seals a pack of campaigns."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+import secrets
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsr2.blind.design import catalogue, draw_design, overturning_pga
+from vsr2.blind.engines import build_engine
+from vsr2.blind.floor import Floor, FloorMeter, draw_nuisances, draw_start, shake_of
+from vsr2.blind.mujoco import GroundMotion
+from vsr2.blind.plan import Drawn, Planned, audible, draw_plan
+from vsr2.blind.seal import (
+    KEY_FILE,
+    KEY_SCHEMA,
+    PACK_FILE,
+    PACK_SCHEMA,
+    SALT_BYTES,
+    canonical,
+    commitment,
+    folder_sha256,
+    read_json,
+    set_time_stamps,
+    write_json,
+)
+from vsr2.blind.settings import PackSettings
+from vsr2.blind.shake import Engine, Observed, Shake
+from vsr2.blind.write import written_campaign
+from vsr2.campaign import save_campaign
+from vsr2.config import Study
+from vsr2.errors import BlindError
+
+SCENE_FILE = "scene.yaml"
+_STATE = "custodian.json"
+_FLOORS = "floors.json"
+_ENTRIES = "entries"
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A finished pack.
+
+    Attributes:
+        campaigns: number of them.
+        commitment: SHA-256 that is published with the data.
+        inaudible: effects, by engine, that no magnitude in their range brings to the floor: they
+            were not drawn.
+    """
+
+    campaigns: int
+    commitment: str
+    inaudible: dict[str, list[str]]
+
+
+def make_pack(
+    study: Study,
+    pack: Path,
+    key: Path,
+    settings: PackSettings,
+    *,
+    seed: int | None = None,
+    say: Say = lambda text: None,
+) -> Made:
+    """Make a pack, or continue one that was interrupted.
+
+    `pack/data` gets the campaigns under random ids, the scene, and last of all `pack.json` with
+    the hash of salt and key; `key` gets the answer and is readable by its owner alone. What
+    is drawn depends on the seed, the settings and the scene alone, so that a pack that was killed
+    and continued is the same, bit for bit, as one that was not.
+
+    Args:
+        study: the nominal scene: rock, contact; its motion is not used.
+        pack: folder of the pack.
+        key: another folder, not within it.
+        settings: of the pack.
+        seed: of everything; None: from the operating system, kept in the key folder.
+        say: gets a line of progress now and then.
+
+    Raises:
+        BlindError: the folders hold another pack, lie within each other, or an engine cannot
+            simulate the scene.
+    """
+    data = pack / "data"
+    if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
+        raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
+    engines = {name: build_engine(name, study) for name in settings.engines}
+    effects = {name: _allowed(engine, settings) for name, engine in engines.items()}
+    state = _begin(study, data, key, settings, seed)
+    number = int(state["seed"])
+    motions = catalogue(number, settings.catalogue)
+    known = read_json(key / _FLOORS) if (key / _FLOORS).exists() else {}
+    thresholds = _thresholds(engines, motions, known, key, say)
+    floors = _floors(engines, effects, motions, thresholds, settings, number, known, key, say)
+    plan = draw_plan(number, settings, effects, floors)
+    (key / _ENTRIES).mkdir(exist_ok=True)
+    for done, planned in enumerate(plan):
+        file = key / _ENTRIES / f"{planned.id}.json"
+        if file.exists() and (data / planned.id).is_dir():
+            continue
+        engine = engines[planned.engine]
+        entry = _campaign(
+            data, planned, engine, motions, thresholds[planned.engine], settings, number
+        )
+        write_json(file, entry, private=True)
+        say(f"campaign {done + 1} of {len(plan)}")
+    entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
+    sealed = _seal(data, key, state, settings, engines, floors, entries)
+    inaudible = {
+        name: sorted(set(effects[name]) - {effect for effect, _ in audible(floors, name)})
+        for name in engines
+    }
+    return Made(len(plan), sealed, inaudible)
+
+
+def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
+    unknown = set(settings.effects) - set(engine.effects)
+    if unknown:
+        raise BlindError(
+            f"engine {engine.name} has no effect {min(unknown)!r}; it has "
+            f"{', '.join(engine.effects)}"
+        )
+    return {
+        name: effect
+        for name, effect in engine.effects.items()
+        if not settings.effects or name in settings.effects
+    }
+
+
+def _begin(
+    study: Study, data: Path, key: Path, settings: PackSettings, seed: int | None
+) -> dict[str, Any]:
+    """The custodian's state: read where the pack was begun, else drawn and written."""
+    scene = _scene(study)
+    asked = {
+        "settings": settings.to_json(),
+        "scene_sha256": hashlib.sha256(canonical(scene)).hexdigest(),
+    }
+    # Through JSON, so that tuples compare as the lists that a file holds.
+    asked = dict(read_back(asked))
+    path = key / _STATE
+    if path.exists():
+        state = read_json(path)
+        differs = [name for name in asked if state.get(name) != asked[name]]
+        if differs or seed not in (None, int(state["seed"])):
+            raise BlindError(
+                f"{path}: was begun with another {differs[0] if differs else 'seed'}; continue it "
+                "with the same, or choose other folders"
+            )
+        if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
+            raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
+        return state
+    for folder in (data, key):
+        if folder.exists() and any(folder.iterdir()):
+            raise BlindError(
+                f"{folder}: is not empty and holds no pack of this key; choose another"
+            )
+    data.mkdir(parents=True, exist_ok=True)
+    key.mkdir(parents=True, exist_ok=True)
+    key.chmod(0o700)
+    state = asked | {
+        "seed": str(secrets.randbits(63) if seed is None else seed),
+        "salt": secrets.token_hex(SALT_BYTES)
+        if seed is None
+        else hashlib.sha256(f"salt {seed}".encode()).hexdigest(),
+    }
+    _write_scene(study, data)
+    write_json(path, state, private=True)
+    return state
+
+
+def read_back(content: Any) -> Any:
+    """As it is after JSON."""
+    import json
+
+    return json.loads(json.dumps(content))
+
+
+def _scene(study: Study) -> dict[str, Any]:
+    """The nominal scene as plain data; the motion is a mere placeholder."""
+    content = study.model_dump(mode="json", exclude_unset=True)
+    content["name"] = "blind"
+    content["motion"] = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1.0}
+    content.pop("output", None)
+    if "file" in content["rock"]:
+        content["rock"]["file"] = f"model{Path(content['rock']['file']).suffix.lower()}"
+    return content
+
+
+def _write_scene(study: Study, data: Path) -> None:
+    import yaml
+
+    (data / SCENE_FILE).write_text(yaml.safe_dump(_scene(study), sort_keys=False))
+    file = getattr(study.rock, "file", None)
+    if file is not None:
+        shutil.copyfile(file, data / f"model{Path(file).suffix.lower()}")
+
+
+def _thresholds(
+    engines: Mapping[str, Engine],
+    motions: list[GroundMotion],
+    known: dict[str, Any],
+    key: Path,
+    say: Say,
+) -> dict[str, list[float]]:
+    found: dict[str, list[float]] = known.setdefault("overturning_pga", {})
+    for name, engine in engines.items():
+        if name not in found:
+            say(f"{name}: amplitudes of {len(motions)} motions")
+            found[name] = [overturning_pga(engine, motion) for motion in motions]
+            write_json(key / _FLOORS, known, private=True)
+    return found
+
+
+def _floors(
+    engines: Mapping[str, Engine],
+    effects: Mapping[str, Mapping[str, Any]],
+    motions: list[GroundMotion],
+    thresholds: Mapping[str, list[float]],
+    settings: PackSettings,
+    seed: int,
+    known: dict[str, Any],
+    key: Path,
+    say: Say,
+) -> dict[tuple[str, str, int], Floor]:
+    stored: dict[str, Any] = known.setdefault("floors", {})
+    out: dict[tuple[str, str, int], Floor] = {}
+    for name, engine in engines.items():
+        meter: FloorMeter | None = None
+        for effect in effects[name].values():
+            for sign in effect.strength.reach():
+                label = f"{name} {effect.name} {sign:+d}"
+                if label not in stored:
+                    if meter is None:
+                        meter = FloorMeter(engine, motions, thresholds[name], settings, seed)
+                    floor = meter.floor(effect, sign)
+                    finite = math.isfinite(floor.magnitude)
+                    stored[label] = {
+                        "magnitude": floor.magnitude if finite else None,
+                        "signal": [list(pair) for pair in floor.signal],
+                    }
+                    write_json(key / _FLOORS, known, private=True)
+                    say(f"floor of {label}: {floor.magnitude:.3g}")
+                entry = stored[label]
+                magnitude = math.inf if entry["magnitude"] is None else entry["magnitude"]
+                pairs = tuple((float(m), float(s)) for m, s in entry["signal"])
+                out[name, effect.name, sign] = Floor(magnitude, pairs)
+    return out
+
+
+def _campaign(
+    data: Path,
+    planned: Planned,
+    engine: Engine,
+    motions: list[GroundMotion],
+    thresholds: list[float],
+    settings: PackSettings,
+    seed: int,
+) -> dict[str, Any]:
+    """Simulate and write one campaign; returns its entry of the key."""
+    rng = np.random.default_rng([seed, 401, planned.index])
+    rows = draw_design(rng, thresholds, settings.trials, settings.motions, settings.sessions)
+    nuisances = draw_nuisances(rng, settings)
+    starts = [draw_start(rng, settings) for _ in rows]
+    seeds = rng.integers(0, 2**31, size=len(rows) + 1)
+
+    def shakes(effects: dict[str, dict[str, float]]) -> list[Shake]:
+        return [
+            shake_of(
+                motions,
+                row,
+                i,
+                len(rows),
+                settings.sessions,
+                nuisances,
+                starts[i],
+                effects,
+                (int(seeds[-1]), int(seeds[i])),
+            )
+            for i, row in enumerate(rows)
+        ]
+
+    acting = {effect.name: effect.values for effect in planned.effects}
+    interval = settings.series_interval or 1.0
+    seen = list(engine.run(shakes(acting), interval))
+    weights: list[float] = []
+    if acting:
+        # The same campaign without the effect, all else equal: where the effect acts.
+        plain = list(engine.run(shakes({}), 1.0))
+        weights = [_change(a, b) for a, b in zip(seen, plain, strict=True)]
+    campaign = written_campaign(planned.id, rows, motions, seen, settings, rng)
+    folder = data / planned.id
+    if folder.exists():
+        shutil.rmtree(folder)
+    save_campaign(campaign, folder)
+    set_time_stamps(folder)
+    entry: dict[str, Any] = read_back(
+        {
+            "kind": planned.kind,
+            "engine": planned.engine,
+            "effects": [asdict(effect) for effect in planned.effects],
+            "exclude": list(planned.exclude),
+            "nuisances": asdict(nuisances),
+            "where": {"axis": _axis(planned.effects), "weights": weights},
+            "data_sha256": folder_sha256(folder),
+        }
+    )
+    return entry
+
+
+def _change(a: Observed, b: Observed) -> float:
+    tilts = [min(max(x.peak_tilt, 1e-3), 1.2) for x in (a, b)]
+    return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
+
+
+def _axis(effects: tuple[Drawn, ...]) -> str:
+    if not effects:
+        return "none"
+    return "order" if any(effect.drifts for effect in effects) else "conditions"
+
+
+def _seal(
+    data: Path,
+    key: Path,
+    state: Mapping[str, Any],
+    settings: PackSettings,
+    engines: Mapping[str, Engine],
+    floors: Mapping[tuple[str, str, int], Floor],
+    entries: dict[str, Any],
+) -> str:
+    versions = {"numpy": np.__version__, "python": platform.python_version()}
+    for engine in engines.values():
+        versions |= dict(engine.versions)
+    content = read_back(
+        {
+            "campaigns": entries,
+            "settings": settings.to_json(),
+            "scene_sha256": state["scene_sha256"],
+            "seed": state["seed"],
+            "versions": versions,
+            "floors": {
+                f"{engine} {name} {sign:+d}": floor.magnitude
+                if math.isfinite(floor.magnitude)
+                else None
+                for (engine, name, sign), floor in floors.items()
+            },
+        }
+    )
+    sealed = commitment(state["salt"], content)
+    write_json(
+        key / KEY_FILE,
+        {"schema": KEY_SCHEMA, "salt": state["salt"], "key": content},
+        private=True,
+    )
+    tolerances = asdict(settings.tolerances)
+    published = {
+        "schema": PACK_SCHEMA,
+        "development": settings.development,
+        "scene": SCENE_FILE,
+        "tiers": ["B", "M", "T"] if settings.series_interval else ["B", "M"],
+        "classes": settings.classes,
+        "tolerances": tolerances,
+        "campaigns": [
+            {"id": name, "exclude": entries[name]["exclude"]} for name in sorted(entries)
+        ],
+        "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
+    }
+    write_json(data / PACK_FILE, read_back(published))
+    set_time_stamps(data)
+    return sealed

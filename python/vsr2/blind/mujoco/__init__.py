@@ -1,0 +1,33 @@
+"""A second, independent simulation of a rock on a shaking table, on MuJoCo.
+
+It shares nothing with the rest of VSR2: own bodies, own ground motions, own resampling in time, own
+implementation of every effect. A diagnosis that was built on VSR2's core is examined on its data
+without meeting its own equations again.
+"""
+
+from vsr2.blind.mujoco.body import Body, block, read_hull
+from vsr2.blind.mujoco.effects import EFFECTS, Effect, Parameter, Place, observe, with_effects
+from vsr2.blind.mujoco.ground import GroundMotion, ground_motion
+from vsr2.blind.mujoco.situation import Situation
+from vsr2.blind.mujoco.table import Channel, TableMotion, drive
+from vsr2.blind.mujoco.trial import Response, run_trial
+
+__all__ = [
+    "EFFECTS",
+    "Body",
+    "Channel",
+    "Effect",
+    "GroundMotion",
+    "Parameter",
+    "Place",
+    "Response",
+    "Situation",
+    "TableMotion",
+    "block",
+    "drive",
+    "ground_motion",
+    "observe",
+    "read_hull",
+    "run_trial",
+    "with_effects",
+]

@@ -1,0 +1,159 @@
+"""Bodies that stand freely on the table: a block, or a convex hull."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body with its base in the plane z = 0 of its own frame, x along the shaking.
+
+    Attributes:
+        points: where it can touch the table, shape (n, 3) [m].
+        inward: from each point into the body along x and y, shape (n, 2): how its centre moves per
+            metre of rounding, so that flat faces beside it keep their place.
+        mass: [kg].
+        center: mass centre, shape (3,) [m].
+        inertia: about the mass centre, shape (3, 3) [kg m^2].
+    """
+
+    points: Array
+    inward: Array
+    mass: float
+    center: Array
+    inertia: Array
+
+    @property
+    def half_width(self) -> float:
+        """Least horizontal distance along x from the mass centre to the base's edges [m]."""
+        base = self.points[self.points[:, 2] < 1e-3 * self.center[2]]
+        offset = base[:, 0] - self.center[0]
+        return float(min(offset.max(), -offset.min()))
+
+    @property
+    def slenderness_angle(self) -> float:
+        """Angle atan(half width / height of the mass centre), alpha [rad]."""
+        return math.atan2(self.half_width, float(self.center[2]))
+
+    @property
+    def radius(self) -> float:
+        """From the edge of the base to the mass centre, R [m]."""
+        return math.hypot(self.half_width, float(self.center[2]))
+
+    @property
+    def base_area(self) -> float:
+        """Of the rectangle around the base [m^2]."""
+        base = self.points[self.points[:, 2] < 1e-3 * self.center[2]]
+        return float(np.prod(np.ptp(base[:, :2], axis=0)))
+
+    @property
+    def pivot_inertia(self) -> float:
+        """About the edge of the base along y, I_O [kg m^2]."""
+        return float(self.inertia[1, 1]) + self.mass * self.radius**2
+
+    @property
+    def housner_ratio(self) -> float:
+        """Kinetic energy after over before an impact (Housner 1963), for this inertia.
+
+        Angular momentum about the new edge is kept: r = (1 - 2 m b^2 / I_O)^2 for equal half
+        widths b; for a block (1 - 3/2 sin^2 alpha)^2.
+        """
+        return (1 - 2 * self.mass * self.half_width**2 / self.pivot_inertia) ** 2
+
+    def with_center_height(self, factor: float) -> Body:
+        """Height of the mass centre times `factor`."""
+        center = self.center * np.array([1.0, 1.0, factor])
+        return replace(self, center=center)
+
+    def with_center_offset(self, x: float, y: float) -> Body:
+        """Mass centre moved horizontally [m]."""
+        return replace(self, center=self.center + np.array([x, y, 0.0]))
+
+    def with_width(self, factor: float) -> Body:
+        """The base narrower or wider along x about the mass centre; mass properties kept."""
+        points = self.points.copy()
+        points[:, 0] = self.center[0] + factor * (points[:, 0] - self.center[0])
+        return replace(self, points=points)
+
+
+def block(width: float, depth: float, height: float, density: float) -> Body:
+    """A homogeneous block, `width` along x.
+
+    Only its base can touch the table: a trial ends before a side does.
+
+    Args:
+        width: along x [m].
+        depth: along y [m].
+        height: along z [m].
+        density: [kg/m^3].
+    """
+    half = np.array([width, depth, height]) / 2
+    signs = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    points = np.column_stack([signs * half[:2], np.zeros(4)])
+    mass = density * width * depth * height
+    squares = (2 * half) ** 2
+    inertia = np.diag(mass / 12 * (squares.sum() - squares))
+    return Body(points, -signs, mass, np.array([0.0, 0.0, half[2]]), inertia)
+
+
+def read_hull(path: Path, density: float, *, flat: float = 1e-3) -> Body:
+    """The convex hull of an OBJ file's vertices [m], standing as the file has it.
+
+    Points within `flat` of the lowest are the base and are brought to z = 0; of the others those
+    below half the height can touch the table.
+
+    Args:
+        path: an OBJ file in metres, z up.
+        density: [kg/m^3]; mass and inertia are the hull's.
+        flat: [m].
+
+    Raises:
+        ValueError: fewer than four vertices, or a base of fewer than three.
+    """
+    from scipy.spatial import ConvexHull
+
+    rows = [line.split()[1:4] for line in path.read_text().splitlines() if line.startswith("v ")]
+    vertices = np.array(rows, dtype=np.float64)
+    if len(vertices) < 4:
+        raise ValueError(f"{path}: has {len(vertices)} vertices; a hull needs 4 or more")
+    hull = ConvexHull(vertices)
+    inside = vertices[hull.vertices].mean(axis=0)
+    volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
+    for simplex in hull.simplices:
+        # Tetrahedra over the hull's triangles; second moments of a tetrahedron with one corner
+        # at the origin: V/20 (sum of outer products + outer product of the sum).
+        corners = vertices[simplex] - inside
+        part = abs(np.linalg.det(corners)) / 6
+        total = corners.sum(axis=0)
+        volume += part
+        first += part * total / 4
+        second += part / 20 * (corners.T @ corners + np.outer(total, total))
+    shift = first / volume
+    second -= volume * np.outer(shift, shift)
+    center = inside + shift
+    lowest = vertices[:, 2].min()
+    outer = vertices[hull.vertices]
+    base = outer[:, 2] < lowest + flat
+    if base.sum() < 3:
+        raise ValueError(f"{path}: its base has {base.sum()} vertices; level it, or raise `flat`")
+    height = np.ptp(vertices[:, 2])
+    kept = outer[outer[:, 2] < lowest + 0.5 * height]
+    origin = np.array([center[0], center[1], lowest])
+    points = kept - origin
+    points[points[:, 2] < flat, 2] = 0.0
+    inward = -points[:, :2] / np.maximum(np.linalg.norm(points[:, :2], axis=1), 1e-9)[:, None]
+    return Body(
+        points,
+        inward,
+        density * volume,
+        center - origin,
+        density * (np.trace(second) * np.eye(3) - second),
+    )

@@ -1,0 +1,377 @@
+"""Unmodelled effects by their canonical names, implemented here and nowhere else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.mujoco.body import Body
+from vsr2.blind.mujoco.situation import Situation
+from vsr2.blind.mujoco.table import (
+    TableMotion,
+    low_passed,
+    pitched,
+    resonated,
+    saturated,
+    stretched,
+)
+from vsr2.blind.mujoco.trial import Response
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a trial stands in its campaign.
+
+    Attributes:
+        order: 0 at the first trial, 1 at the last.
+        session: the same for the trial's session.
+        campaign_seed: of what is drawn once for a campaign.
+        trial_seed: of what is drawn for this trial.
+    """
+
+    order: float = 0.0
+    session: float = 0.0
+    campaign_seed: int = 0
+    trial_seed: int = 0
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        name: of it.
+        unit: of it.
+        null: value at which the effect does nothing.
+        low, high: least and greatest value.
+        scale: in which an effect grows: "linear" in value - null, or "reciprocal" in 1 / value,
+            with a null of infinity.
+    """
+
+    name: str
+    unit: str
+    null: float
+    low: float
+    high: float
+    scale: Literal["linear", "reciprocal"] = "linear"
+
+    def value(self, magnitude: float) -> float:
+        """The value at a signed distance from the null, in the parameter's scale."""
+        if self.scale == "reciprocal":
+            return 1 / magnitude if magnitude else math.inf
+        return self.null + magnitude
+
+    def magnitudes(self) -> tuple[float, float]:
+        """Signed distances of the range's ends from the null, the lesser first."""
+        if self.scale == "reciprocal":
+            return 1 / self.high, 1 / self.low
+        return self.low - self.null, self.high - self.null
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An entry.
+
+    Attributes:
+        name: canonical.
+        parameters: the first says how strong the effect is, the others its kind.
+        apply: the situation under the effect; the first value at its null leaves it as it is.
+        drifts: whether it changes over the campaign.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    apply: Callable[[Situation, Values, Place], Situation]
+    drifts: bool = False
+
+    @property
+    def strength(self) -> Parameter:
+        """The parameter that says how strong the effect is."""
+        return self.parameters[0]
+
+
+def with_effects(
+    situation: Situation, effects: Mapping[str, Values], place: Place | None = None
+) -> Situation:
+    """The situation under effects, applied in the order of :data:`EFFECTS`.
+
+    Raises:
+        KeyError: an effect, or a parameter, that is not known or not given.
+    """
+    place = Place() if place is None else place
+    unknown = set(effects) - set(EFFECTS)
+    if unknown:
+        raise KeyError(f"no effect {min(unknown)!r}; there are {', '.join(EFFECTS)}")
+    for name, effect in EFFECTS.items():
+        if name in effects and effects[name][effect.strength.name] != effect.strength.null:
+            situation = effect.apply(situation, effects[name], place)
+    return situation
+
+
+def observe(
+    response: Response, effects: Mapping[str, Values], place: Place | None = None
+) -> Response:
+    """What is written down of a response: `outcome_rule` labels it by its own rule."""
+    if "outcome_rule" not in effects:
+        return response
+    values = effects["outcome_rule"]
+    fallen = response.overturned or response.peak_tilt >= values["tilt"]
+    rng = _rng(0 if place is None else place.trial_seed, "flip")
+    if rng.random() < values["flips"]:
+        fallen = not fallen
+    return replace(response, overturned=fallen)
+
+
+def _rng(seed: int, what: str) -> np.random.Generator:
+    return np.random.default_rng([seed, *what.encode()])
+
+
+# --- body ---------------------------------------------------------------------------------------
+
+
+def _with_slenderness(body: Body, factor: float) -> Body:
+    """Base over height of the mass centre times `factor`, by that height."""
+    return body.with_center_height(1 / factor)
+
+
+def _slenderness(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, body=_with_slenderness(s.body, 1 + v["change"]))
+
+
+def _wear(s: Situation, v: Values, p: Place) -> Situation:
+    return replace(s, body=_with_slenderness(s.body, 1 - v["loss"] * p.order))
+
+
+def _change_point(s: Situation, v: Values, p: Place) -> Situation:
+    if p.session < v["at"]:
+        return s
+    return replace(s, body=_with_slenderness(s.body, 1 + v["slenderness_change"]))
+
+
+def _polar(length: float, azimuth: float) -> tuple[float, float]:
+    """Along x and y; the azimuth from x to y [degree]."""
+    angle = math.radians(azimuth)
+    return length * math.cos(angle), length * math.sin(angle)
+
+
+def _com_offset(s: Situation, v: Values, _: Place) -> Situation:
+    x, y = _polar(v["distance"], v["azimuth"])
+    return replace(s, body=s.body.with_center_offset(x, y))
+
+
+def _inertia(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, body=replace(s.body, inertia=s.body.inertia * (1 + v["change"])))
+
+
+def _edge_rounding(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, rounding=s.rounding + v["radius"])
+
+
+def _base_asperity(s: Situation, v: Values, p: Place) -> Situation:
+    rng = _rng(p.campaign_seed, "bumps")
+    base = s.body.points[s.body.points[:, 2] == 0][:, :2]
+    middle = base.mean(axis=0)
+    weights = rng.dirichlet(np.full(len(base), 0.4), size=8)
+    places = middle + 0.9 * (weights @ base - middle)
+    heights = v["height"] * rng.uniform(0.3, 1.0, size=8)
+    return replace(
+        s,
+        bumps=tuple(
+            (float(x), float(y), float(h)) for (x, y), h in zip(places, heights, strict=True)
+        ),
+    )
+
+
+# --- contact ------------------------------------------------------------------------------------
+
+
+def _friction(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, friction=s.friction * v["factor"])
+
+
+def _friction_rate(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, friction_ratio=v["ratio"], friction_speed=v["speed"])
+
+
+def _spin_friction(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, spin_friction=v["coefficient"])
+
+
+def _rolling_resistance(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, rolling_resistance=v["arm"])
+
+
+def _contact_stiffness(s: Situation, v: Values, _: Place) -> Situation:
+    # A contact's time constant is (m / k)^(1/2).
+    return replace(s, contact_time=s.contact_time * 10 ** (-0.5 * v["decades"]))
+
+
+def _restitution(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, impact_energy_ratio=s.impact_energy_ratio * v["energy_ratio"])
+
+
+def _rocking_damping(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, rocking_damping=v["ratio"])
+
+
+def _adhesion(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, adhesion=1000 * v["strength"])
+
+
+def _catch(s: Situation, v: Values, _: Place) -> Situation:
+    return replace(s, catch_slack=math.radians(v["slack"]))
+
+
+# --- table --------------------------------------------------------------------------------------
+
+
+def _moved(s: Situation, x: Array) -> Situation:
+    if s.table.others:
+        raise ValueError("effects of the table's x come before those of its other channels")
+    return replace(s, table=replace(s.table, x=x))
+
+
+def _with_channel(s: Situation, channel: Literal["y", "z", "pitch"], samples: Array) -> Situation:
+    others = {**s.table.others, channel: samples}
+    return replace(s, table=TableMotion(s.table.interval, s.table.x, others, s.table.pivot))
+
+
+def _table_gain(s: Situation, v: Values, _: Place) -> Situation:
+    return _moved(s, s.table.x * (1 + v["change"]))
+
+
+def _time_scale(s: Situation, v: Values, _: Place) -> Situation:
+    return _moved(s, stretched(s.table.x, 1 + v["change"]))
+
+
+def _table_bandwidth(s: Situation, v: Values, _: Place) -> Situation:
+    return _moved(s, low_passed(s.table.x, s.table.interval, v["corner"], v["delay"]))
+
+
+def _table_resonance(s: Situation, v: Values, _: Place) -> Situation:
+    moved = resonated(s.table.x, s.table.interval, v["frequency"], v["amplification"])
+    return _moved(s, moved)
+
+
+def _table_saturation(s: Situation, v: Values, _: Place) -> Situation:
+    return _moved(s, saturated(s.table.x, s.table.interval, math.inf, v["acceleration"]))
+
+
+def _table_pitch(s: Situation, v: Values, _: Place) -> Situation:
+    turned = pitched(s.table.acceleration, s.table.interval, v["compliance"], v["frequency"])
+    return _with_channel(s, "pitch", turned)
+
+
+def _off_axis_motion(s: Situation, v: Values, _: Place) -> Situation:
+    return _with_channel(s, "y", v["share"] * s.table.x)
+
+
+def _vertical_motion(s: Situation, v: Values, _: Place) -> Situation:
+    return _with_channel(s, "z", v["share"] * s.table.x)
+
+
+# --- start --------------------------------------------------------------------------------------
+
+
+def _base_slope(s: Situation, v: Values, _: Place) -> Situation:
+    x, y = _polar(math.radians(v["angle"]), v["azimuth"])
+    return replace(s, slope=(s.slope[0] + x, s.slope[1] + y))
+
+
+def _placement(s: Situation, v: Values, p: Place) -> Situation:
+    turn, share, azimuth = _rng(p.trial_seed, "placement").random(3)
+    # uniform over a disc
+    x, y = _polar(v["offset"] * math.sqrt(share), 360.0 * azimuth)
+    return replace(
+        s,
+        yaw=s.yaw + math.radians(v["yaw"]) * (2 * turn - 1),
+        offset=(s.offset[0] + x, s.offset[1] + y),
+    )
+
+
+def _outcome_rule(s: Situation, v: Values, _: Place) -> Situation:
+    return s
+
+
+_AZIMUTH = Parameter("azimuth", "degree", 0.0, 0.0, 360.0)
+
+
+def _entries() -> list[Effect]:
+    p = Parameter
+    return [
+        Effect("slenderness", (p("change", "1", 0.0, -0.06, 0.06),), _slenderness),
+        Effect("wear", (p("loss", "1", 0.0, 0.0, 0.15),), _wear, drifts=True),
+        Effect(
+            "change_point",
+            (p("slenderness_change", "1", 0.0, -0.15, 0.15), p("at", "1", 1.0, 0.1, 0.9)),
+            _change_point,
+            drifts=True,
+        ),
+        Effect("com_offset", (p("distance", "m", 0.0, 0.0, 0.015), _AZIMUTH), _com_offset),
+        Effect("inertia", (p("change", "1", 0.0, -0.15, 0.15),), _inertia),
+        Effect("edge_rounding", (p("radius", "m", 0.0, 0.0, 0.015),), _edge_rounding),
+        Effect("base_asperity", (p("height", "m", 0.0, 0.0, 0.002),), _base_asperity),
+        Effect("friction", (p("factor", "1", 1.0, 0.306, 1.633),), _friction),
+        Effect(
+            "friction_rate",
+            (p("ratio", "1", 1.0, 1.0, 1.6), p("speed", "m/s", 0.0, 0.005, 0.05)),
+            _friction_rate,
+        ),
+        Effect("spin_friction", (p("coefficient", "m", 0.0, 0.0, 0.3),), _spin_friction),
+        Effect("rolling_resistance", (p("arm", "m", 0.0, 0.0, 0.01),), _rolling_resistance),
+        Effect("contact_stiffness", (p("decades", "1", 0.0, -2.5, 0.0),), _contact_stiffness),
+        Effect("restitution", (p("energy_ratio", "1", 1.0, 0.65, 1.1),), _restitution),
+        Effect("rocking_damping", (p("ratio", "1", 0.0, 0.0, 0.05),), _rocking_damping),
+        Effect("adhesion", (p("strength", "kPa", 0.0, 0.0, 50.0),), _adhesion),
+        Effect("catch", (p("slack", "degree", math.inf, 5.0, 25.0, "reciprocal"),), _catch),
+        Effect("table_gain", (p("change", "1", 0.0, -0.15, 0.15),), _table_gain),
+        Effect("time_scale", (p("change", "1", 0.0, -0.03, 0.03),), _time_scale),
+        Effect(
+            "table_bandwidth",
+            (p("corner", "Hz", math.inf, 3.0, 25.0, "reciprocal"), p("delay", "s", 0.0, 0.0, 0.02)),
+            _table_bandwidth,
+        ),
+        Effect(
+            "table_resonance",
+            (p("amplification", "1", 1.0, 1.0, 2.0), p("frequency", "Hz", 0.0, 8.0, 20.0)),
+            _table_resonance,
+        ),
+        Effect(
+            "table_saturation",
+            (p("acceleration", "m/s^2", math.inf, 2.0, 20.0, "reciprocal"),),
+            _table_saturation,
+        ),
+        Effect(
+            "table_pitch",
+            (p("compliance", "rad/g", 0.0, 0.0, 0.02), p("frequency", "Hz", 0.0, 5.0, 20.0)),
+            _table_pitch,
+        ),
+        Effect("off_axis_motion", (p("share", "1", 0.0, 0.0, 0.2),), _off_axis_motion),
+        Effect("vertical_motion", (p("share", "1", 0.0, 0.0, 0.5),), _vertical_motion),
+        Effect("base_slope", (p("angle", "degree", 0.0, 0.0, 1.5), _AZIMUTH), _base_slope),
+        Effect(
+            "placement",
+            (p("yaw", "degree", 0.0, 0.0, 10.0), p("offset", "m", 0.0, 0.0, 0.02)),
+            _placement,
+        ),
+        Effect(
+            "outcome_rule",
+            (
+                p("tilt", "rad", math.inf, 0.1, 1.0, "reciprocal"),
+                p("flips", "1", 0.0, 0.0, 0.03),
+            ),
+            _outcome_rule,
+        ),
+    ]
+
+
+EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _entries()}
+"""By canonical name, in the order in which they are applied."""

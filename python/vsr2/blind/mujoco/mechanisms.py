@@ -1,0 +1,211 @@
+"""Mechanics that MuJoCo does not have, added between its steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.mujoco.situation import Situation
+
+Array = NDArray[np.float64]
+Action = Callable[[int], None]
+
+_APART = 5
+"""Steps without contact after which a touch is an impact."""
+_IMPACT = 3
+"""Steps that an impact takes."""
+_FULL = 0.7
+"""Share of Housner's loss from which an impact is a full one."""
+_UPLIFTED = 1e-3
+"""Tilt from which a body rocks [rad]."""
+CATCH_STIFFNESS = 40.0
+"""Of the tether, in m g R per radian: it holds a body within 1/40 rad."""
+
+
+def step_actions(
+    situation: Situation, model: Any, data: Any, joints: int, used: list[Any], step: float
+) -> list[Action]:
+    """What acts around each step of a situation; called with its number before, -1 after."""
+    moving = _Motion(data, joints, used, situation.table.pivot)
+    out: list[Action] = []
+    if situation.impact_energy_ratio != 1:
+        out.append(_Impacts(situation, data, moving))
+    if situation.rocking_damping > 0:
+        out.append(_Damping(situation, moving, step))
+    if situation.catch_slack is not None:
+        out.append(_Catch(situation, data, moving, situation.catch_slack))
+    if situation.friction_ratio != 1:
+        out.append(_Friction(situation, model, moving))
+    return out
+
+
+class _Motion:
+    """The body's velocity relative to the table, as a rigid body that moves on with it."""
+
+    def __init__(self, data: Any, joints: int, used: list[Any], pivot: float) -> None:
+        self.pose = data.qpos[joints:]
+        self.speed = data.qvel[joints:]
+        self._table_q, self._table_v = data.qpos[:joints], data.qvel[:joints]
+        self._places = [
+            (i, "xyz".index(channel)) for i, channel in enumerate(used) if channel != "pitch"
+        ]
+        self._pitch = joints - 1 if "pitch" in used else None
+        self._pivot = pivot
+
+    def table(self) -> Array:
+        """Velocity of the table's rigid motion at the mass centre; turning in body axes."""
+        out = np.zeros(6)
+        for i, axis in self._places:
+            out[axis] = self._table_v[i]
+        if self._pitch is not None:
+            rate = float(self._table_v[self._pitch])
+            out[0] += rate * (self.pose[2] + self._pivot)
+            out[2] -= rate * (self.pose[0] - self._table_q[0])
+            w, x, y, z = self.pose[3:]
+            # second row of the rotation matrix: the world's y axis in body axes
+            out[3:] = rate * np.array(
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
+            )
+        return out
+
+    def tilt(self) -> float:
+        return 2 * math.asin(min(1.0, math.hypot(self.pose[4], self.pose[5])))
+
+
+class _Impacts:
+    """Scales the body's velocity after each impact.
+
+    An impact begins when a point touches that was off the table, and lasts a few steps. Where the
+    body lost the share L of its kinetic energy and a full impact takes L_H (Housner's), the energy
+    is then multiplied by ratio^min(1, L / (0.7 L_H)): the whole ratio for a full impact, of which a
+    part may come after these steps, next to nothing for the touch of one corner after the other.
+    """
+
+    def __init__(self, situation: Situation, data: Any, motion: _Motion) -> None:
+        self._data = data
+        self._motion = motion
+        self._ratio = situation.impact_energy_ratio
+        body = situation.body
+        self._full = 1 - body.housner_ratio
+        self._mass, self._inertia = body.mass, body.inertia
+        self._left: dict[int, int] = {}
+        self._touching: frozenset[int] = frozenset()
+        self._before = np.zeros(6)
+        self._step = 0
+        self._due: tuple[int, float] | None = None
+
+    def _energy(self, speed: Array) -> float:
+        v, w = speed[:3], speed[3:]
+        return 0.5 * float(self._mass * v @ v + w @ self._inertia @ w)
+
+    def __call__(self, step: int) -> None:
+        if step >= 0:
+            self._step = step
+            self._before[:] = self._motion.speed
+            return
+        now = self._step
+        count = self._data.ncon
+        if count != len(self._touching) or count < 4:
+            touching = frozenset(self._data.contact.geom.max(axis=1).tolist())
+            if touching != self._touching:
+                for geom in self._touching - touching:
+                    self._left[geom] = now
+                fresh = touching - self._touching
+                self._touching = touching
+                if self._due is None and any(
+                    now - self._left.get(geom, now) > _APART for geom in fresh
+                ):
+                    energy = self._energy(self._before - self._motion.table())
+                    # slower than 3 mm/s: at rest as far as anybody can see
+                    if energy > 0.5e-5 * self._mass:
+                        self._due = (now + _IMPACT, energy)
+        if self._due is not None and now >= self._due[0]:
+            carried = self._motion.table()
+            relative = self._motion.speed - carried
+            lost = 1 - self._energy(relative) / self._due[1]
+            share = min(1.0, max(0.0, lost / (_FULL * self._full)))
+            self._motion.speed[:] = carried + self._ratio ** (0.5 * share) * relative
+            self._due = None
+
+
+class _Damping:
+    """Takes 2 zeta p of the relative velocity a second while the body rocks; p^2 = m g R / I_O."""
+
+    def __init__(self, situation: Situation, motion: _Motion, step: float) -> None:
+        body = situation.body
+        frequency = math.sqrt(body.mass * 9.80665 * body.radius / body.pivot_inertia)
+        self._factor = math.exp(-2 * situation.rocking_damping * frequency * step)
+        self._motion = motion
+
+    def __call__(self, step: int) -> None:
+        if step < 0 and self._motion.tilt() > _UPLIFTED:
+            carried = self._motion.table()
+            self._motion.speed[:] = carried + self._factor * (self._motion.speed - carried)
+
+
+class _Catch:
+    """A tether that turns the body back beyond its slack, sprung and critically damped."""
+
+    def __init__(self, situation: Situation, data: Any, motion: _Motion, slack: float) -> None:
+        body = situation.body
+        self._stiffness = CATCH_STIFFNESS * body.mass * 9.80665 * body.radius
+        self._damping = 2 * math.sqrt(self._stiffness * body.pivot_inertia)
+        self._torque = data.xfrc_applied[2, 3:]
+        self._motion = motion
+        self._slack = slack
+
+    def __call__(self, step: int) -> None:
+        if step < 0:
+            return
+        tilt = self._motion.tilt()
+        if tilt <= self._slack:
+            self._torque[:] = 0
+            return
+        w, x, y, z = self._motion.pose[3:]
+        # the axis about which the body's vertical leans: world z cross body z
+        axis = np.array([-2 * (y * z - w * x), 2 * (x * z + w * y), 0.0])
+        axis /= np.linalg.norm(axis)
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        rate = float(axis @ turn @ self._motion.speed[3:])
+        pull = self._stiffness * (tilt - self._slack) + self._damping * max(rate, 0.0)
+        self._torque[:] = -pull * axis
+
+
+class _Friction:
+    """Friction that falls from static to kinetic with the slip of the lowest point."""
+
+    def __init__(self, situation: Situation, model: Any, motion: _Motion) -> None:
+        self._slide = model.geom_friction[:, 0]
+        self._kinetic = situation.friction
+        self._excess = situation.friction * (situation.friction_ratio - 1)
+        self._speed = situation.friction_speed
+        self._points = situation.body.points - situation.body.center
+        self._motion = motion
+
+    def __call__(self, step: int) -> None:
+        if step < 0:
+            return
+        relative = self._motion.speed - self._motion.table()
+        w, x, y, z = self._motion.pose[3:]
+        turn = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        arms = self._points @ turn.T
+        arm = arms[arms[:, 2].argmin()]
+        slip = relative[:3] + np.cross(turn @ relative[3:], arm)
+        speed = math.hypot(slip[0], slip[1])
+        self._slide[:] = self._kinetic + self._excess * math.exp(-speed / self._speed)

@@ -1,0 +1,92 @@
+"""The MuJoCo model of a situation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vsr2.blind.mujoco.situation import Situation
+from vsr2.blind.mujoco.table import CHANNELS
+
+GRAVITY = 9.80665
+"""[m/s^2]"""
+TABLE_MASS = 1e7
+"""So large that contact does not move the table within a step [kg and kg m^2]."""
+BUMP_RADIUS = 0.005
+"""Of the bodies under a rough base [m]."""
+TABLE_HALF = 3.0
+"""Half the side of the table [m]: nothing falls off it."""
+
+_AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1", "pitch": "0 1 0"}
+
+
+def build_model(situation: Situation, step: float) -> Any:
+    """Compile the model.
+
+    The table is a box on one slide a channel and a hinge for the pitch; each step sets their
+    positions and velocities. The body touches it with spheres of the radius `rounding` whose
+    centres lie that far inside its corners, so that it rolls on a rounded edge. Gravity stands
+    for the slope. Contacts are critically damped: the energy kept in an impact is then within a few
+    per cent of the rigid body's (Housner 1963).
+
+    Args:
+        situation: the trial.
+        step: time step [s].
+
+    Returns:
+        A `mujoco.MjModel` with geom 0 the table and body 2 the body.
+    """
+    import math
+
+    import mujoco
+
+    body = situation.body
+    about_y, about_x = situation.slope
+    gx, gy = GRAVITY * math.sin(about_y), GRAVITY * math.sin(about_x)
+    gz = -math.sqrt(GRAVITY**2 - gx**2 - gy**2)
+    dimensions = 3
+    if situation.spin_friction > 0:
+        dimensions = 4
+    if situation.rolling_resistance > 0:
+        dimensions = 6
+    friction = (
+        f"{situation.friction!r} {situation.spin_friction!r} {situation.rolling_resistance!r}"
+    )
+    used = [c for c in CHANNELS if c == "x" or c in situation.table.others]
+    joints = "".join(
+        f'<joint type="{"hinge" if c == "pitch" else "slide"}" axis="{_AXES[c]}" '
+        f'pos="0 0 {-situation.table.pivot!r}"/>'
+        for c in used
+    )
+    centers = body.points.copy()
+    centers[:, :2] += situation.rounding * body.inward
+    centers[:, 2] += situation.rounding
+    spheres = [(center, situation.rounding) for center in centers - body.center]
+    for x, y, height in situation.bumps:
+        place = (x - body.center[0], y - body.center[1], BUMP_RADIUS - height - body.center[2])
+        spheres.append((place, BUMP_RADIUS))
+    geoms = "".join(
+        f'<geom type="sphere" size="{radius!r}" pos="{_numbers(place)}" contype="0" '
+        'conaffinity="1"/>'
+        for place, radius in spheres
+    )
+    i = body.inertia
+    full = _numbers((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))
+    return mujoco.MjModel.from_xml_string(f"""
+<mujoco>
+<compiler autolimits="true"/>
+<option timestep="{step!r}" cone="elliptic" gravity="{_numbers((gx, gy, gz))}" iterations="50"
+ tolerance="1e-10" impratio="10"/>
+<default><geom friction="{friction}" condim="{dimensions}" solref="{situation.contact_time!r} 1"
+ solimp="0.95 0.999 0.0005"/></default>
+<worldbody>
+<body><inertial pos="0 0 0" mass="{TABLE_MASS}"
+ diaginertia="{TABLE_MASS} {TABLE_MASS} {TABLE_MASS}"/>{joints}
+<geom type="box" size="{TABLE_HALF} {TABLE_HALF} 0.5" pos="0 0 -0.5" contype="1"
+ conaffinity="0"/></body>
+<body><freejoint/><inertial pos="0 0 0" mass="{body.mass!r}" fullinertia="{full}"/>{geoms}</body>
+</worldbody>
+</mujoco>""")
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,143 @@
+"""The table: how a sampled motion is driven, and what stands between the two."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Channel = Literal["x", "y", "z", "pitch"]
+CHANNELS: tuple[Channel, ...] = ("x", "y", "z", "pitch")
+
+
+@dataclass(frozen=True, eq=False)
+class TableMotion:
+    """What the table does, sampled.
+
+    Attributes:
+        interval: [s].
+        x: displacement along the shaking, shape (n,) [m].
+        others: displacement along y and z [m] and pitch about y [rad], each of shape (n,).
+        pivot: height of the axis of the pitch below the table's surface [m].
+    """
+
+    interval: float
+    x: Array
+    others: dict[Channel, Array] = field(default_factory=dict)
+    pivot: float = 0.5
+
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return (self.x.size - 1) * self.interval
+
+    @property
+    def acceleration(self) -> Array:
+        """Along x at the samples [m/s^2]."""
+        from vsr2.blind.mujoco.ground import acceleration_of
+
+        return acceleration_of(self.x, self.interval)
+
+
+def drive(samples: Array, interval: float, step: float) -> tuple[Array, Array, Array]:
+    """Position, velocity and acceleration every `step` by a cubic spline, clamped at both ends."""
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(np.arange(samples.size) * interval, samples, bc_type="clamped")
+    time = np.arange(int((samples.size - 1) * interval / step + 1e-9) + 1) * step
+    return spline(time), spline(time, 1), spline(time, 2)
+
+
+def low_passed(samples: Array, interval: float, corner: float, delay: float = 0.0) -> Array:
+    """A critically damped second-order lag, in time, and a delay.
+
+    |H| = 1 / (1 + (f / f_c)^2), with f_c its natural frequency: -6 dB at the corner.
+
+    Args:
+        samples: shape (n,).
+        interval: [s].
+        corner: f_c [Hz].
+        delay: [s].
+    """
+    return _second_order(_delayed(samples, interval, delay), interval, corner, 1.0)
+
+
+def resonated(
+    samples: Array, interval: float, frequency: float, amplification: float, damping: float = 0.05
+) -> Array:
+    """The motion plus a mode of the rock's base on the actuator.
+
+    H = 1 + 2 zeta (A^2 - 1)^(1/2) (H_1 - 1), H_1 = 1 / (1 - r^2 + 2 i zeta r), r = f / `frequency`:
+    at r = 1, where H_1 = -i / (2 zeta), |H| is A to the order of zeta.
+
+    Args:
+        samples: shape (n,).
+        interval: [s].
+        frequency: of the mode [Hz].
+        amplification: A, 1 or more [1].
+        damping: zeta [1].
+    """
+    relative = _second_order(samples, interval, frequency, damping) - samples
+    moved: Array = samples + 2 * damping * (amplification**2 - 1) ** 0.5 * relative
+    return moved
+
+
+def saturated(samples: Array, interval: float, velocity: float, acceleration: float) -> Array:
+    """Velocity and acceleration clipped, then integrated; ends at rest, maybe displaced.
+
+    Args:
+        samples: displacement, shape (n,) [m].
+        interval: [s].
+        velocity: cap [m/s]; `inf`: none.
+        acceleration: cap [m/s^2]; `inf`: none.
+    """
+    speed = np.clip(np.diff(samples, prepend=samples[0]) / interval, -velocity, velocity)
+    rate = np.clip(np.diff(speed, prepend=0.0) / interval, -acceleration, acceleration)
+    # What clipping took from the velocity's end is given back evenly, so that the table stops.
+    rate = rate - rate.sum() * np.abs(rate) / max(float(np.abs(rate).sum()), 1e-300)
+    moved: Array = samples[0] + np.cumsum(np.cumsum(rate)) * interval**2
+    return moved
+
+
+def stretched(samples: Array, factor: float) -> Array:
+    """The same path, time multiplied by `factor`; the sampling interval is kept."""
+    from scipy.interpolate import CubicSpline
+
+    place = np.arange(samples.size, dtype=np.float64)
+    count = round((samples.size - 1) * factor) + 1
+    at = np.minimum(np.arange(count) / factor, samples.size - 1.0)
+    moved: Array = CubicSpline(place, samples, bc_type="clamped")(at)
+    return moved
+
+
+def pitched(acceleration: Array, interval: float, gain: float, frequency: float) -> Array:
+    """Rotation of a sprung table, which leans back as it accelerates, behind a second-order lag.
+
+    Args:
+        acceleration: shape (n,) [m/s^2].
+        interval: [s].
+        gain: [rad per g].
+        frequency: of the pitching mode [Hz]; its damping ratio is 0.1.
+    """
+    return -gain / 9.80665 * _second_order(acceleration, interval, frequency, 0.1)
+
+
+def _delayed(samples: Array, interval: float, delay: float) -> Array:
+    if delay == 0:
+        return samples
+    time = np.arange(samples.size) * interval
+    moved: Array = np.interp(time - delay, time, samples)
+    return moved
+
+
+def _second_order(samples: Array, interval: float, frequency: float, damping: float) -> Array:
+    """Solves y'' + 2 zeta w y' + w^2 y = w^2 u, exactly for u linear between samples."""
+    from scipy.signal import cont2discrete, lfilter
+
+    w = 2 * np.pi * frequency
+    over, under, _ = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), interval, "foh")
+    moved: Array = lfilter(np.ravel(over), under, samples - samples[0]) + samples[0]
+    return moved

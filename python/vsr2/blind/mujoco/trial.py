@@ -1,0 +1,213 @@
+"""One trial: the body settles, the table moves, the body stands or overturns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.mujoco.mechanisms import step_actions
+from vsr2.blind.mujoco.model import GRAVITY, TABLE_MASS, build_model
+from vsr2.blind.mujoco.situation import Situation
+from vsr2.blind.mujoco.table import CHANNELS, drive
+
+Array = NDArray[np.float64]
+
+STEP = 0.001
+"""[s]"""
+FALLEN = 1.2
+"""Tilt at which a trial ends [rad]."""
+TAIL = 5.0
+"""Longest time after the motion [s]."""
+_SETTLING = 300
+_LOOK = 50
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What a trial gave.
+
+    Attributes:
+        overturned: it fell, or leant beyond half its slenderness angle at the end.
+        peak_tilt: [rad]; of a trial that fell, `FALLEN` or a little more.
+        time: of the series, shape (n,) [s]; 0 is the motion's first sample.
+        tilt: between the body's vertical at rest and the vertical, shape (n,) [rad].
+        position: travel of the mass centre, shape (n, 3) [m].
+        orientation: away from the rest, quaternions x, y, z, w, shape (n, 4).
+    """
+
+    overturned: bool
+    peak_tilt: float
+    time: Array
+    tilt: Array
+    position: Array
+    orientation: Array
+
+
+def run_trial(
+    situation: Situation, *, series_interval: float = 0.02, step: float = STEP
+) -> Response:
+    """Simulate one trial.
+
+    Args:
+        situation: the body and the table's motion.
+        series_interval: of the series [s], a multiple of `step`.
+        step: time step [s].
+    """
+    import mujoco
+
+    model = build_model(situation, step)
+    data = mujoco.MjData(model)
+    used = [c for c in CHANNELS if c == "x" or c in situation.table.others]
+    path = [
+        drive(
+            situation.table.x if c == "x" else situation.table.others[c],
+            situation.table.interval,
+            step,
+        )
+        for c in used
+    ]
+    positions, velocities, accelerations = (
+        np.ascontiguousarray(np.stack(kind, axis=1)) for kind in zip(*path, strict=True)
+    )
+    tail = round(TAIL / step)
+    moving = len(positions)
+    joints = len(used)
+    _settle(mujoco, model, data, situation, positions[0])
+    rest = data.qpos[joints:].copy()
+    first = _release(situation, accelerations[:, 0])
+    if first:
+        data.qpos[joints : joints + 3] += _shift(used, positions[min(first, moving - 1)])
+        data.qvel[joints : joints + 3] = _shift(used, velocities[min(first, moving - 1)])
+    rows = np.empty((moving + tail, 7))
+    rows[:first] = rest
+    rows[: min(first, moving), :3] += _shift(used, positions[: min(first, moving)])
+    last = _shake(
+        mujoco,
+        model,
+        data,
+        (positions, velocities, accelerations * TABLE_MASS),
+        rows,
+        first,
+        step_actions(situation, model, data, joints, used, step),
+    )
+    return _judged(rows[:last], rest, situation, round(series_interval / step), step)
+
+
+def _settle(mujoco: Any, model: Any, data: Any, situation: Situation, table: Array) -> None:
+    joints = len(table)
+    lift = max((height for _, _, height in situation.bumps), default=0.0)
+    data.qpos[:joints] = table
+    half = situation.yaw / 2
+    x, y = situation.offset
+    height = float(situation.body.center[2]) + lift
+    data.qpos[joints:] = [x, y, height, math.cos(half), 0, 0, math.sin(half)]
+    for _ in range(_SETTLING):
+        mujoco.mj_step(model, data)
+        data.qpos[:joints] = table
+        data.qvel[:joints] = 0
+        data.qvel *= 0.95
+    data.qvel[:] = 0
+
+
+def _release(situation: Situation, acceleration: Array) -> int:
+    """Step at which the bond under the base breaks; 0: there is none.
+
+    The bond holds until the base lifts as a whole about its edge: at the moment
+    (N + strength A) w / 2 for a rectangular base of width w and area A, N the weight.
+    """
+    if situation.adhesion <= 0:
+        return 0
+    body = situation.body
+    held = body.mass * GRAVITY + situation.adhesion * body.base_area
+    moment = held * body.half_width
+    over = np.flatnonzero(np.abs(acceleration) * body.mass * body.center[2] > moment)
+    return int(over[0]) if over.size else len(acceleration)
+
+
+def _shift(used: list[Any], values: Array) -> Array:
+    out = np.zeros((*values.shape[:-1], 3))
+    for i, channel in enumerate(used):
+        if channel != "pitch":
+            out[..., "xyz".index(channel)] = values[..., i]
+    return out
+
+
+def _shake(
+    mujoco: Any,
+    model: Any,
+    data: Any,
+    path: tuple[Array, Array, Array],
+    rows: Array,
+    first: int,
+    actions: list[Callable[[int], None]],
+) -> int:
+    """Fill `rows` with the body's poses; returns how many."""
+    positions, velocities, forces = path
+    moving, joints = positions.shape
+    table_q, table_v = data.qpos[:joints], data.qvel[:joints]
+    table_f = data.qfrc_applied[:joints]
+    pose, speed = data.qpos[joints:], data.qvel[joints:]
+    advance = mujoco.mj_step
+    hold = positions[-1].copy()
+    for i in range(first, len(rows)):
+        if i < moving:
+            table_q[:] = positions[i]
+            table_v[:] = velocities[i]
+            table_f[:] = forces[i]
+        else:
+            table_q[:] = hold
+            table_v[:] = 0.0
+            table_f[:] = 0.0
+        rows[i] = pose
+        for action in actions:
+            action(i)
+        advance(model, data)
+        for action in actions:
+            action(-1)
+        if i % _LOOK == 0:
+            # z component of the body's own vertical
+            if 1 - 2 * (pose[4] ** 2 + pose[5] ** 2) < math.cos(FALLEN):
+                return i + 1
+            if i > moving and np.abs(speed).max() < 3e-3:
+                return i + 1
+    return len(rows)
+
+
+def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: float) -> Response:
+    orientation = _away(rows[:, 3:], rest[3:])
+    tilt: Array = np.arccos(
+        np.clip(1 - 2 * (orientation[:, 0] ** 2 + orientation[:, 1] ** 2), -1.0, 1.0)
+    )
+    peak = float(tilt.max())
+    fallen = peak >= FALLEN or tilt[-1] > 0.5 * situation.body.slenderness_angle
+    kept = slice(None, None, every)
+    return Response(
+        overturned=bool(fallen),
+        peak_tilt=peak,
+        time=np.arange(len(rows), dtype=np.float64)[kept] * step,
+        tilt=tilt[kept],
+        position=(rows[:, :3] - rest[:3])[kept],
+        orientation=orientation[kept],
+    )
+
+
+def _away(turned: Array, rest: Array) -> Array:
+    """Turn away from the rest, q q0* of MuJoCo's w, x, y, z, as x, y, z, w."""
+    w, x, y, z = turned.T
+    a, b, c, d = rest[0], -rest[1], -rest[2], -rest[3]
+    out = np.stack(
+        [
+            w * b + x * a + y * d - z * c,
+            w * c - x * d + y * a + z * b,
+            w * d + x * c - y * b + z * a,
+            w * a - x * b - y * c - z * d,
+        ],
+        axis=1,
+    )
+    unit: Array = out / np.linalg.norm(out, axis=1, keepdims=True)
+    return unit

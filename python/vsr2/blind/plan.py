@@ -1,0 +1,208 @@
+"""What the custodian draws: kinds, effects, magnitudes, what the diagnosis may not use."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vsr2.blind.floor import Floor
+from vsr2.blind.settings import KINDS, Kind, PackSettings
+from vsr2.blind.shake import Drawable
+from vsr2.errors import BlindError
+
+RELATIVE = (0.5, 6.0)
+"""Range of the magnitude over the detection floor, log-uniform."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One effect of one campaign.
+
+    Attributes:
+        name: canonical.
+        values: by parameter.
+        strength: name of the parameter that is judged.
+        unit: of it.
+        null: value of the strength without effect; None: infinity.
+        relative: magnitude over the detection floor.
+        drifts: whether it changes over the campaign.
+    """
+
+    name: str
+    values: dict[str, float]
+    strength: str
+    unit: str
+    null: float | None
+    relative: float
+    drifts: bool
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One campaign.
+
+    Attributes:
+        index: from which all its draws are seeded.
+        id: random; says nothing.
+        kind, engine: drawn.
+        effects: none, one or two.
+        exclude: effects that the diagnosis may not use, a whole class: of the true effect where
+            the kind is `unknown`, of a decoy elsewhere.
+    """
+
+    index: int
+    id: str
+    kind: Kind
+    engine: str
+    effects: tuple[Drawn, ...] = ()
+    exclude: tuple[str, ...] = field(default_factory=tuple)
+
+
+Floors = Mapping[tuple[str, str, int], Floor]
+"""By engine, effect and sign."""
+
+
+def audible(floors: Floors, engine: str) -> list[tuple[str, int]]:
+    """Effects and signs whose range reaches the floor on an engine."""
+    return [
+        (name, sign)
+        for (on, name, sign), floor in sorted(floors.items())
+        if on == engine and math.isfinite(floor.magnitude)
+    ]
+
+
+def draw_plan(
+    seed: int,
+    settings: PackSettings,
+    effects: Mapping[str, Mapping[str, Drawable]],
+    floors: Floors,
+) -> list[Planned]:
+    """All campaigns of a pack.
+
+    Effects come from a shuffled list that is dealt again when it is used up, so that each is drawn
+    about as often. Magnitudes are log-uniform from 0.5 to 6 times the floor, within the range of
+    the strength.
+
+    Args:
+        seed: of everything.
+        settings: of the pack.
+        effects: that may be drawn, by engine and name.
+        floors: of them.
+
+    Raises:
+        BlindError: no effect of an engine reaches its floor, or a pair needs a second class.
+    """
+    rng = np.random.default_rng([seed, 301])
+    decks = {engine: _Deck(rng, engine, settings, floors) for engine in settings.engines}
+    asked: list[tuple[Kind, str, list[tuple[str, int]]]] = []
+    for kind in KINDS:
+        for number in range(settings.counts[kind]):
+            engine = settings.engines[number % len(settings.engines)]
+            asked.append((kind, engine, decks[engine].deal({"none": 0, "pair": 2}.get(kind, 1))))
+    for engine, deck in decks.items():
+        for _ in range(settings.leave_one_out):
+            asked += [("unknown", engine, [chosen]) for chosen in deck.each()]
+    ids = _ids(rng, len(asked))
+    places = rng.permutation(len(asked))
+    out: list[Planned] = []
+    for place, (kind, engine, chosen) in zip(places, asked, strict=True):
+        drawn = tuple(
+            _magnitude(rng, effects[engine][name], sign, floors[engine, name, sign])
+            for name, sign in chosen
+        )
+        names = [name for name, _ in chosen]
+        hidden = names[0] if kind == "unknown" else decks[engine].decoy(names)
+        out.append(
+            Planned(
+                index=int(place),
+                id=ids[place],
+                kind=kind,
+                engine=engine,
+                effects=drawn,
+                exclude=() if hidden is None else tuple(sorted(settings.class_of(hidden))),
+            )
+        )
+    return sorted(out, key=lambda planned: planned.index)
+
+
+def _ids(rng: np.random.Generator, count: int) -> list[str]:
+    ids: dict[str, None] = {}
+    while len(ids) < count:
+        ids["c" + rng.bytes(6).hex()] = None
+    return list(ids)
+
+
+class _Deck:
+    """Deals effects evenly, at random."""
+
+    def __init__(
+        self, rng: np.random.Generator, engine: str, settings: PackSettings, floors: Floors
+    ) -> None:
+        self._rng = rng
+        self._settings = settings
+        self._engine = engine
+        self._signs: dict[str, list[int]] = {}
+        for name, sign in audible(floors, engine):
+            self._signs.setdefault(name, []).append(sign)
+        needed = 1 + (settings.pair > 0)
+        if len({settings.class_of(name) for name in self._signs}) < needed and (
+            settings.single + settings.pair + settings.unknown + settings.leave_one_out
+        ):
+            raise BlindError(
+                f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
+                f"for this pack; raise trials ({settings.trials}), or allow more effects"
+            )
+        self._rest: list[str] = []
+
+    def _next(self) -> str:
+        if not self._rest:
+            names = sorted(self._signs)
+            self._rest = [names[i] for i in self._rng.permutation(len(names))]
+        return self._rest.pop()
+
+    def deal(self, count: int) -> list[tuple[str, int]]:
+        out: list[tuple[str, int]] = []
+        taken: set[tuple[str, ...]] = set()
+        while len(out) < count:
+            name = self._next()
+            if self._settings.class_of(name) in taken:
+                continue
+            taken.add(self._settings.class_of(name))
+            out.append((name, self._sign(name)))
+        return out
+
+    def each(self) -> list[tuple[str, int]]:
+        """Every effect once."""
+        return [(name, self._sign(name)) for name in sorted(self._signs)]
+
+    def _sign(self, name: str) -> int:
+        return self._signs[name][int(self._rng.integers(len(self._signs[name])))]
+
+    def decoy(self, names: list[str]) -> str | None:
+        """An effect of another class; drawn whether the campaign has an effect or not."""
+        own = {self._settings.class_of(name) for name in names}
+        others = [n for n in sorted(self._signs) if self._settings.class_of(n) not in own]
+        return others[int(self._rng.integers(len(others)))] if others else None
+
+
+def _magnitude(rng: np.random.Generator, effect: Drawable, sign: int, floor: Floor) -> Drawn:
+    low, high = effect.strength.reach()[sign]
+    least = max(RELATIVE[0] * floor.magnitude, low)
+    most = min(RELATIVE[1] * floor.magnitude, high)
+    if most <= least:
+        # Strong wherever it acts at all, as a tether.
+        most = min(2 * least, high)
+    magnitude = least * (most / least) ** float(rng.random())
+    values = effect.values(sign * magnitude, [float(q) for q in rng.random(len(effect.others))])
+    return Drawn(
+        effect.name,
+        {name: float(f"{value:.6g}") for name, value in values.items()},
+        effect.strength.name,
+        effect.strength.unit,
+        effect.strength.null if math.isfinite(effect.strength.null) else None,
+        float(f"{magnitude / floor.magnitude:.4g}"),
+        effect.drifts,
+    )

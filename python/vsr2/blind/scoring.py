@@ -1,0 +1,206 @@
+"""Opens the key of a pack once, scores the diagnoses and writes the tables."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsr2.blind.baselines import baseline_scores
+from vsr2.blind.cases import Case, read_cases
+from vsr2.blind.intervals import Score, reliability
+from vsr2.blind.score import Scores, is_alarm, score_cases, top_one
+from vsr2.blind.seal import canonical, folder_sha256, open_key, read_pack, write_json
+from vsr2.blind.verdict import NONE, UNKNOWN
+from vsr2.errors import BlindError
+
+RECEIPT = "receipt.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """What scoring a pack gave.
+
+    Attributes:
+        scores: by tier and group.
+        baselines: top-1 class of trivial baselines.
+        cases: one a campaign and tier.
+        development: whether the pack is open.
+    """
+
+    scores: Mapping[tuple[str, str], Scores]
+    baselines: Mapping[str, Score]
+    cases: Sequence[Case]
+    development: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data; single campaigns of an open pack only."""
+        out: dict[str, Any] = {
+            "scores": [
+                {"tier": tier, "group": group, "score": name, **_plain(score)}
+                for (tier, group), scores in self.scores.items()
+                for name, score in scores.items()
+            ],
+            "baselines": [
+                {"baseline": name, **_plain(score)} for name, score in self.baselines.items()
+            ],
+        }
+        if self.development:
+            out["campaigns"] = [
+                {
+                    "id": case.id,
+                    "tier": case.tier,
+                    "kind": case.kind,
+                    "engine": case.engine,
+                    "truth": [dict(effect) for effect in case.effects],
+                    "verdict": case.verdict.kind,
+                    "effects": list(case.verdict.effects),
+                    "failed": case.verdict.failed,
+                    "right": top_one(case),
+                    "alarm": is_alarm(case),
+                }
+                for case in self.cases
+            ]
+        return out
+
+
+def score_pack(
+    data: Path,
+    key: Path,
+    diagnoses: Path,
+    out: Path,
+    *,
+    training: tuple[Path, Path] | None = None,
+) -> Scored:
+    """Score the diagnoses of a pack and write `scores.json`, `scores.md` and `reliability.png`.
+
+    Hashes of key and data are verified first. A pack is scored once: the key folder gets a
+    receipt with the scores, and another scoring is refused. Open packs (development) have none.
+
+    Args:
+        data: the pack's data folder.
+        key: its key folder.
+        diagnoses: what `vsr2 blind diagnose` wrote.
+        out: gets the scores.
+        training: data and key folder of a development pack that trains the trivial baselines;
+            None: there are none.
+
+    Raises:
+        BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, or the pack has
+            been scored.
+    """
+    pack = read_pack(data)
+    open_pack = bool(pack.get("development"))
+    receipt = key / RECEIPT
+    if receipt.exists() and not open_pack:
+        raise BlindError(
+            f"{receipt}: the pack was scored on {json.loads(receipt.read_text())['scored']}; a "
+            "pack is scored once: make a new one"
+        )
+    opened = open_key(data, key)
+    if training is not None and training[0].resolve() == data.resolve():
+        raise BlindError(f"{data}: trains the baselines and is scored; give another pack to train")
+    cases = read_cases(data, opened, diagnoses)
+    baselines = (
+        {} if training is None else baseline_scores(data, opened, training[0], open_key(*training))
+    )
+    scored = Scored(score_cases(cases), baselines, cases, open_pack)
+    content = scored.to_json() | {
+        "pack": pack["commitment"]["sha256"],
+        "submission": folder_sha256(diagnoses),
+        "development": open_pack,
+    }
+    canonical(content)
+    if not open_pack:
+        _leave_receipt(receipt, content)
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / "scores.json", content)
+    (out / "scores.md").write_text(format_scores(scored), encoding="utf-8")
+    _draw(scored, out / "reliability.png")
+    return scored
+
+
+def _leave_receipt(path: Path, content: Mapping[str, Any]) -> None:
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    text = json.dumps({"scored": today, **content}, indent=1, sort_keys=True)
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except OSError as error:
+        raise BlindError(
+            f"{path}: the receipt cannot be written ({error.strerror}), so nothing is scored"
+        ) from None
+    with os.fdopen(descriptor, "w") as file:
+        file.write(text + "\n")
+
+
+def _plain(score: Score) -> dict[str, float | int | None]:
+    def finite(value: float) -> float | None:
+        return round(float(value), 6) if math.isfinite(value) else None
+
+    return {
+        "value": finite(score.value),
+        "low": finite(score.low),
+        "high": finite(score.high),
+        "campaigns": score.count,
+    }
+
+
+def format_scores(scored: Scored) -> str:
+    """The scores as Markdown: one table a group, tiers side by side."""
+    tiers = sorted({tier for tier, _ in scored.scores})
+    lines: list[str] = []
+    for group in dict.fromkeys(group for _, group in scored.scores):
+        found = {tier: scored.scores.get((tier, group), {}) for tier in tiers}
+        lines += ["", f"### {group}", "", "| score | " + " | ".join(tiers) + " |"]
+        lines.append("| --- |" + " --- |" * len(tiers))
+        for name in dict.fromkeys(name for scores in found.values() for name in scores):
+            cells = [_cell(found[tier].get(name)) for tier in tiers]
+            lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    if scored.baselines:
+        lines += ["", "### trivial baselines, top-1 class (single)", ""]
+        lines += ["| baseline | top-1 |", "| --- | --- |"]
+        lines += [f"| {name} | {_cell(score)} |" for name, score in scored.baselines.items()]
+    return "\n".join(lines).lstrip() + "\n"
+
+
+def _cell(score: Score | None) -> str:
+    if score is None or not math.isfinite(score.value):
+        return ""
+    span = f" [{score.low:.2f}, {score.high:.2f}]" if math.isfinite(score.low) else ""
+    return f"{score.value:.2f}{span} ({score.count})"
+
+
+def _draw(scored: Scored, path: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.5, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color="0.7", linewidth=1)
+    for tier in sorted({case.tier for case in scored.cases}):
+        told = [c for c in scored.cases if c.tier == tier and c.kind in ("single", NONE, UNKNOWN)]
+        if told:
+            rows = np.array([(min(c.first[1], 1.0), c.first[0] in c.truth) for c in told])
+            bins = reliability(rows.astype(np.float64), 10)
+            axes.plot(
+                [stated for _, stated, _, _ in bins],
+                [true for _, _, true, _ in bins],
+                "o-",
+                markersize=4,
+                label=f"tier {tier} ({len(told)})",
+            )
+    axes.set_xlabel("stated probability of the first class")
+    axes.set_ylabel("share in which it was true")
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, 1)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left")
+    figure.savefig(path, dpi=120)

@@ -1,0 +1,153 @@
+"""What a pack is made of."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, Literal
+
+from vsr2.errors import BlindError
+
+Kind = Literal["single", "none", "pair", "unknown"]
+ENGINES = ("mujoco", "bullet")
+KINDS: tuple[Kind, ...] = ("single", "none", "pair", "unknown")
+
+CLASSES: tuple[tuple[str, ...], ...] = (
+    ("table_gain", "slenderness", "table_pitch"),
+    ("com_offset", "base_slope"),
+    ("wear", "change_point"),
+)
+"""Effects that outcomes cannot tell apart: a planar block feels the table's acceleration only
+through a / (g tan alpha); an offset of the mass centre and a slope turn the same angle into both
+uplift thresholds; a step is a steep trend. All other effects are classes of their own."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Standard deviations of the nuisances, published with a pack.
+
+    Attributes:
+        width, depth, height: relative.
+        energy_ratio: relative.
+        friction: relative.
+        yaw: of each trial's start [rad].
+        offset: of each trial's start, x and y [m].
+        displacement_noise: least and greatest standard error of the recorded displacement [m].
+        acceleration_noise: the same of the acceleration [m/s^2].
+        peak_tilt_noise: standard error of the largest tilt [rad].
+        tilt_noise, position_noise, orientation_noise: of the series [rad], [m], [rad].
+    """
+
+    width: float = 0.01
+    depth: float = 0.01
+    height: float = 0.01
+    energy_ratio: float = 0.01
+    friction: float = 0.05
+    yaw: float = 0.017
+    offset: float = 0.002
+    displacement_noise: tuple[float, float] = (2e-6, 2e-5)
+    acceleration_noise: tuple[float, float] = (0.005, 0.05)
+    peak_tilt_noise: float = 0.0005
+    tilt_noise: float = 0.0005
+    position_noise: float = 0.0003
+    orientation_noise: float = 0.0005
+
+
+@dataclass(frozen=True)
+class PackSettings:
+    """How many campaigns of what.
+
+    Attributes:
+        engines: that simulate; the campaigns of each kind are dealt to them in turn.
+        single, none, pair, unknown: numbers of campaigns by kind.
+        leave_one_out: campaigns of kind unknown for each effect that reaches its floor, beside the
+            numbers above.
+        trials, motions, sessions: of each campaign.
+        catalogue: ground motions of the pack, of which a campaign draws its own.
+        series_interval: [s]; 0: no series, so that the pack ends at tier M.
+        effects: that may be drawn; empty: all that the engine has.
+        classes: equivalence classes that verdicts are judged by.
+        replicates: simulations of each trial in measuring the floor.
+        floor_trials: trials of the design on which the floor is measured.
+        development: the pack is open: it may be scored any number of times, campaign by campaign.
+        tolerances: of the nuisances.
+    """
+
+    engines: tuple[str, ...] = ("mujoco",)
+    single: int = 6
+    none: int = 3
+    pair: int = 1
+    unknown: int = 2
+    leave_one_out: int = 0
+    trials: int = 150
+    motions: int = 15
+    sessions: int = 8
+    catalogue: int = 20
+    series_interval: float = 0.02
+    effects: tuple[str, ...] = ()
+    classes: tuple[tuple[str, ...], ...] = CLASSES
+    replicates: int = 8
+    floor_trials: int = 30
+    development: bool = False
+    tolerances: Tolerances = field(default_factory=Tolerances)
+
+    def __post_init__(self) -> None:
+        strange = set(self.engines) - set(ENGINES)
+        if strange or not self.engines:
+            raise BlindError(
+                f"engines are {', '.join(self.engines) or 'none'}; choose from {', '.join(ENGINES)}"
+            )
+        for name in KINDS:
+            if getattr(self, name) < 0:
+                raise BlindError(f"{name} is {getattr(self, name)}; give 0 or more campaigns")
+        if self.leave_one_out < 0:
+            raise BlindError(f"leave_one_out is {self.leave_one_out}; give 0 or more campaigns")
+        if sum(self.counts.values()) + self.leave_one_out == 0:
+            raise BlindError("no campaign asked for; give a kind a number above 0")
+        if not 1 <= self.motions <= min(self.catalogue, self.trials):
+            raise BlindError(
+                f"motions is {self.motions}; it must lie from 1 to the catalogue's "
+                f"{self.catalogue} and the campaign's {self.trials} trials"
+            )
+        if not 1 <= self.sessions <= self.trials:
+            raise BlindError(
+                f"sessions is {self.sessions}; it must lie from 1 to the {self.trials} trials"
+            )
+        if self.replicates < 4 or self.floor_trials < 1:
+            raise BlindError(
+                f"replicates is {self.replicates} and floor_trials {self.floor_trials}; the floor "
+                "needs at least 4 and 1"
+            )
+        if (
+            self.series_interval < 0
+            or abs(self.series_interval * 1000 - round(self.series_interval * 1000)) > 1e-6
+        ):
+            raise BlindError(
+                f"series_interval is {self.series_interval} s; give a multiple of 0.001, or 0"
+            )
+
+    @property
+    def counts(self) -> dict[Kind, int]:
+        """Campaigns by kind."""
+        return {kind: getattr(self, kind) for kind in KINDS}
+
+    def class_of(self, effect: str) -> tuple[str, ...]:
+        """The equivalence class that holds an effect."""
+        return next((c for c in self.classes if effect in c), (effect,))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: dict[str, Any]) -> PackSettings:
+        """What :meth:`to_json` gave."""
+        known = {f.name for f in fields(cls)}
+        values = {key: value for key, value in data.items() if key in known}
+        tolerances: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in values.pop("tolerances").items()
+        }
+        values["engines"] = tuple(values["engines"])
+        values["effects"] = tuple(values["effects"])
+        values["classes"] = tuple(tuple(c) for c in values["classes"])
+        return cls(**values, tolerances=Tolerances(**tolerances))

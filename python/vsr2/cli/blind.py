@@ -1,0 +1,196 @@
+"""`vsr2 blind`: make, diagnose and score packs of campaigns whose effect is withheld."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+
+def add_verbs(verbs: Any) -> None:
+    """Add `blind` with its own verbs."""
+    blind = verbs.add_parser(
+        "blind",
+        help="check the diagnosis on campaigns whose effect is withheld",
+        description="A custodian makes a pack and seals the answer; the diagnosis gets the data "
+        "alone; scoring opens the key. docs/blind.md describes the forms and the duties.",
+    )
+    own = blind.add_subparsers(dest="blind_verb", metavar="VERB", required=True)
+    _add_make(own)
+    _add_diagnose(own)
+    _add_score(own)
+
+
+def _add_make(verbs: Any) -> None:
+    from vsr2.blind.settings import ENGINES, PackSettings
+
+    defaults = {f.name: f.default for f in fields(PackSettings)}
+    make = verbs.add_parser(
+        "make",
+        help="draw, simulate and seal a pack",
+        description="Writes PACK/data and the key folder. Stopped, the same command continues.",
+    )
+    make.add_argument("scene", metavar="SCENE.yaml", type=Path, help="study with the nominal scene")
+    make.add_argument("pack", metavar="PACK", type=Path)
+    make.add_argument("--key", type=Path, help="folder of the key (default: PACK/key)")
+    make.add_argument(
+        "--engine",
+        action="append",
+        choices=ENGINES,
+        help="may be repeated: campaigns are dealt to the engines in turn (default mujoco)",
+    )
+    for name, what in (
+        ("single", "campaigns with one effect"),
+        ("none", "campaigns without any"),
+        ("pair", "campaigns with two effects"),
+        ("unknown", "campaigns whose effect the diagnosis may not use"),
+        ("trials", "trials a campaign"),
+        ("motions", "ground motions a campaign"),
+        ("sessions", "sessions a campaign"),
+        ("catalogue", "ground motions of the pack"),
+        ("replicates", "simulations of each trial in measuring the floor"),
+        ("floor_trials", "trials on which the floor is measured"),
+    ):
+        make.add_argument(
+            f"--{name.replace('_', '-')}",
+            type=int,
+            default=defaults[name],
+            metavar="N",
+            help=f"{what} (default {defaults[name]})",
+        )
+    make.add_argument(
+        "--leave-one-out",
+        type=int,
+        metavar="N",
+        help="instead of the kinds above: N campaigns of kind unknown for every effect that "
+        "reaches its floor",
+    )
+    make.add_argument(
+        "--series-interval",
+        type=float,
+        default=defaults["series_interval"],
+        metavar="S",
+        help=f"of the series [s]; 0: none, tiers B and M alone "
+        f"(default {defaults['series_interval']})",
+    )
+    make.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="draw only this effect (may be repeated; default: all)",
+    )
+    make.add_argument(
+        "--development", action="store_true", help="an open pack: scored as often as you like"
+    )
+    make.add_argument("--seed", type=int, help="default: from the operating system")
+    make.add_argument("--quiet", action="store_true")
+    make.set_defaults(run=_make)
+
+
+def _add_diagnose(verbs: Any) -> None:
+    diagnose = verbs.add_parser(
+        "diagnose",
+        help="run the diagnosis over a pack's data folder",
+        description="Reads the data folder alone. Stopped, the same command continues.",
+    )
+    diagnose.add_argument("data", metavar="DATA", type=Path, help="a pack's data folder")
+    diagnose.add_argument("--out", type=Path, required=True, metavar="DIR")
+    diagnose.add_argument(
+        "--tier", action="append", choices=["B", "M", "T"], help="may be repeated (default: all)"
+    )
+    diagnose.add_argument(
+        "--campaign", action="append", metavar="ID", help="may be repeated (default: all)"
+    )
+    diagnose.add_argument(
+        "--budget-minutes", type=float, default=10.0, help="of each diagnosis (default 10)"
+    )
+    diagnose.add_argument("--threads", type=int, help="default: all this process may use")
+    diagnose.add_argument("--seed", type=int, default=0, help="of each diagnosis (default 0)")
+    diagnose.add_argument("--quiet", action="store_true")
+    diagnose.set_defaults(run=_diagnose)
+
+
+def _add_score(verbs: Any) -> None:
+    score = verbs.add_parser(
+        "score",
+        help="open the key and score the diagnoses, once",
+        description="Verifies the hashes of key and data, writes scores.json, scores.md and "
+        "reliability.png, and leaves a receipt in the key folder: a pack is scored once.",
+    )
+    score.add_argument("data", metavar="DATA", type=Path, help="a pack's data folder")
+    score.add_argument("key", metavar="KEY", type=Path, help="its key folder")
+    score.add_argument("diagnoses", metavar="DIAGNOSES", type=Path)
+    score.add_argument("--out", type=Path, required=True, metavar="DIR")
+    score.add_argument(
+        "--train",
+        nargs=2,
+        type=Path,
+        metavar=("DATA", "KEY"),
+        help="a development pack that trains the trivial baselines",
+    )
+    score.set_defaults(run=_score)
+
+
+def _make(options: argparse.Namespace) -> int:
+    from vsr2.blind import PackSettings, make_pack
+    from vsr2.config import load_study
+
+    names = ["single", "none", "pair", "unknown", "trials", "motions", "sessions", "catalogue"]
+    names += ["replicates", "floor_trials", "series_interval", "development"]
+    chosen = {name: getattr(options, name) for name in names}
+    if options.leave_one_out is not None:
+        chosen |= {"single": 0, "none": 0, "pair": 0, "unknown": 0}
+        chosen["leave_one_out"] = options.leave_one_out
+    settings = PackSettings(
+        engines=tuple(dict.fromkeys(options.engine or ["mujoco"])),
+        effects=tuple(options.effect),
+        **chosen,
+    )
+    made = make_pack(
+        load_study(options.scene),
+        options.pack,
+        options.key or options.pack / "key",
+        settings,
+        seed=options.seed,
+        say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
+    )
+    print(f"{options.pack / 'data'}: {made.campaigns} campaigns, sealed as {made.commitment}")
+    for engine, effects in made.inaudible.items():
+        if effects:
+            print(f"{engine}: below their detection floor, not drawn: {', '.join(effects)}")
+    return 0
+
+
+def _diagnose(options: argparse.Namespace) -> int:
+    from vsr2.blind import diagnose_pack
+
+    progress = diagnose_pack(
+        options.data,
+        options.out,
+        tiers=options.tier,
+        campaigns=options.campaign,
+        budget_minutes=options.budget_minutes,
+        threads=options.threads,
+        seed=options.seed,
+        say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
+    )
+    print(f"{options.out}: {progress.done} diagnoses, {len(progress.failed)} failed")
+    return 1 if progress.failed else 0
+
+
+def _score(options: argparse.Namespace) -> int:
+    from vsr2.blind import score_pack
+    from vsr2.blind.scoring import format_scores
+
+    scored = score_pack(
+        options.data,
+        options.key,
+        options.diagnoses,
+        options.out,
+        training=None if options.train is None else tuple(options.train),
+    )
+    print(format_scores(scored), end="")
+    print(f"wrote {options.out}")
+    return 0

@@ -1,0 +1,123 @@
+"""A quick engine, hand-made packs and verdicts for tests of the blind check."""
+
+import json
+
+import numpy as np
+
+from vsr2.blind.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
+from vsr2.blind.settings import PackSettings
+from vsr2.blind.shake import Drawable, Observed, Strength
+
+
+class QuickEngine:
+    """Answers at once: tilt grows with the motion's peak acceleration, as effects scale it."""
+
+    name = "mujoco"
+    versions = {"quick": "1"}  # noqa: RUF012
+    static_pga = 4.0
+    effects = {  # noqa: RUF012
+        name: Drawable(name, Strength("change", "1", 0.0, -0.3 if signed else 0.0, 0.3), (), drifts)
+        for name, signed, drifts in (
+            ("table_gain", True, False),
+            ("slenderness", True, False),
+            ("wear", False, True),
+            ("restitution", True, False),
+            ("friction", True, False),
+            ("inertia", True, False),
+        )
+    }
+
+    def __init__(self, study=None):
+        self.shaken = 0
+
+    def run(self, shakes, series_interval):
+        for shake in shakes:
+            self.shaken += 1
+            peak = np.abs(np.diff(shake.displacement, 2)).max() / shake.interval**2
+            n = shake.nuisances
+            level = peak / 6.0 * n.height / n.width * (1 + 0.1 * shake.yaw)
+            for i, (name, values) in enumerate(sorted(shake.effects.items())):
+                part = shake.order if name == "wear" else 1.0
+                level *= 1 + part * values["change"] * (1 + 0.1 * i)
+            tilt = min(1.25, 0.05 * level**3)
+            time = np.arange(0.0, 1.0, series_interval)
+            yield Observed(
+                bool(level > 1.6),
+                float(tilt),
+                time,
+                tilt * np.sin(np.pi * time),
+                np.zeros((time.size, 3)),
+                np.tile([0.0, 0.0, 0.0, 1.0], (time.size, 1)),
+            )
+
+
+def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
+    """Content of a `diagnosis.json`."""
+    entries = [{"name": n, "probability": p, "parameters": {}} for n, p in probabilities.items()]
+    for entry in entries:
+        entry |= more.get(entry["name"], {})
+    return {
+        "schema": "vsr2.diagnosis/1",
+        "campaign": {"name": "c", "trials": 3, "tier": "M"},
+        "gap": {"closure": {"value": more.get("closure"), "ci95": [0.0, 1.0]}},
+        "where": more.get("where", []),
+        "verdict": {"kind": kind, "effects": list(effects), "probability": 0.5},
+        "effects": entries,
+        "conformal_set_90": list(conformal),
+    }
+
+
+def effect(name, value=0.1, relative=3.0, null=0.0):
+    """An effect of a key."""
+    return {
+        "name": name,
+        "values": {"change": value},
+        "strength": "change",
+        "unit": "1",
+        "null": null,
+        "relative": relative,
+        "drifts": name == "wear",
+    }
+
+
+def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
+    """A pack, its key and diagnoses without any simulation.
+
+    `campaigns`: kind and effects by id; `verdicts`: content of diagnosis.json by id.
+    """
+    data, key, out = folder / "data", folder / "key", folder / "out"
+    entries = {}
+    for name, (kind, effects) in campaigns.items():
+        (data / name).mkdir(parents=True)
+        (data / name / "trials.csv").write_text(name)
+        entries[name] = {
+            "kind": kind,
+            "engine": "mujoco",
+            "effects": list(effects),
+            "exclude": [e["name"] for e in effects] if kind == "unknown" else [],
+            "nuisances": {},
+            "where": {"axis": "conditions", "weights": [1.0, 3.0, 0.0] if effects else []},
+            "data_sha256": folder_sha256(data / name),
+        }
+    settings = json.loads(json.dumps(PackSettings(development=development).to_json()))
+    content = {"campaigns": entries, "settings": settings}
+    sealed = commitment("00ff", content)
+    key.mkdir()
+    write_json(key / "key.json", {"schema": KEY_SCHEMA, "salt": "00ff", "key": content})
+    write_json(
+        data / "pack.json",
+        {
+            "schema": PACK_SCHEMA,
+            "development": development,
+            "scene": "scene.yaml",
+            "tiers": list(tiers),
+            "campaigns": [{"id": n, "exclude": entries[n]["exclude"]} for n in sorted(entries)],
+            "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
+        },
+    )
+    for name, content in verdicts.items():
+        for tier in tiers:
+            (out / name / tier).mkdir(parents=True)
+            write_json(out / name / tier / "diagnosis.json", content)
+    write_json(out / "submission.json", {"pack": sealed})
+    return data, key, out

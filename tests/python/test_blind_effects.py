@@ -1,0 +1,380 @@
+"""Every effect of the independent engine: neutral at its null, alive at its end, right."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+
+from test_blind_mujoco import (
+    BLOCK,
+    INTERVAL,
+    G,
+    burst,
+    energy,
+    free_rocking,
+    lifts,
+    peaks,
+    situation,
+)
+from vsr2.blind.mujoco import (
+    EFFECTS,
+    Place,
+    TableMotion,
+    block,
+    drive,
+    observe,
+    run_trial,
+    with_effects,
+)
+from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.blind.mujoco.model import build_model
+
+THRESHOLD = G * math.tan(BLOCK.slenderness_angle)
+
+
+def middle(name, strength=None):
+    """Values of an effect with its other parameters mid-range."""
+    effect = EFFECTS[name]
+    values = {p.name: (p.low + p.high) / 2 for p in effect.parameters}
+    if strength is not None:
+        values[effect.strength.name] = strength
+    return values
+
+
+def under(name, base, place=None, **values):
+    return with_effects(base, {name: middle(name) | values}, place)
+
+
+def lifts_at(factor, name, place=None, **values):
+    """Whether the block lifts at a multiple of its own static threshold, under an effect."""
+    changed = under(name, situation(factor * THRESHOLD), place, **values)
+    return run_trial(changed).peak_tilt > 5e-5
+
+
+def assert_threshold(expected, name, place=None, **values):
+    """The static threshold over the block's own is `expected`, within 2 %."""
+    assert not lifts_at(0.98 * expected, name, place, **values)
+    assert lifts_at(1.03 * expected, name, place, **values)
+
+
+def test_there_are_the_canonical_names() -> None:
+    canonical = {
+        "table_gain", "edge_rounding", "table_pitch", "table_bandwidth", "table_resonance",
+        "table_saturation", "base_slope", "com_offset", "slenderness", "inertia", "restitution",
+        "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance", "friction",
+        "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "time_scale",
+        "placement", "wear", "change_point", "catch", "outcome_rule", "adhesion",
+    }  # fmt: skip
+    assert set(EFFECTS) == canonical
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_at_its_null_changes_nothing(name: str) -> None:
+    base = situation(6.0)
+    null = EFFECTS[name].strength.null
+    assert with_effects(base, {name: middle(name, null)}, Place(0.7, 0.9, 3, 4)) is base
+
+
+def strongest(name):
+    strength = EFFECTS[name].strength
+    if strength.scale == "reciprocal":
+        return strength.low
+    return max(strength.low, strength.high, key=lambda v: abs(v - strength.null))
+
+
+@pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"spin_friction", "outcome_rule"}))
+def test_an_effect_at_its_end_changes_the_response(name: str) -> None:
+    # A motion that slides and rocks about a corner, so that each mechanism has its part. Its start
+    # moved by a micrometre changes the largest tilt by less than 1e-3 of itself.
+    table = TableMotion(INTERVAL, burst(0.8) * 6.0)
+    base = situation(yaw=0.2, friction=0.4, table=table)
+    place = Place(order=1.0, session=1.0, campaign_seed=1, trial_seed=2)
+    plain = run_trial(base)
+    moved = run_trial(replace(base, offset=(1e-6, 0.0)))
+    floor = abs(moved.peak_tilt - plain.peak_tilt)
+    values = {name: middle(name, strongest(name))}
+    changed = observe(run_trial(with_effects(base, values, place)), values, place)
+    assert floor < 1e-3 * plain.peak_tilt
+    assert abs(changed.peak_tilt - plain.peak_tilt) > 5 * floor + 1e-3 * plain.peak_tilt
+
+
+def test_effects_have_one_order() -> None:
+    base = situation(6.0)
+    both = {"table_gain": {"change": 0.1}, "slenderness": {"change": 0.05}}
+    one, two = (with_effects(base, dict(order)) for order in (both.items(), [*both.items()][::-1]))
+    np.testing.assert_array_equal(one.table.x, two.table.x)
+    np.testing.assert_array_equal(one.body.center, two.body.center)
+
+
+def test_an_unknown_effect_is_refused() -> None:
+    with pytest.raises(KeyError, match="gravity"):
+        with_effects(situation(), {"gravity": {"change": 1.0}})
+
+
+# --- body ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("change", [-0.06, 0.06])
+def test_slenderness_scales_the_threshold(change: float) -> None:
+    assert_threshold(1 + change, "slenderness", change=change)
+
+
+@pytest.mark.parametrize("order", [0.0, 0.5, 1.0])
+def test_wear_takes_slenderness_in_proportion_to_the_order(order: float) -> None:
+    assert_threshold(1 - 0.15 * order, "wear", Place(order=order), loss=0.15)
+
+
+@pytest.mark.parametrize(("session", "expected"), [(0.4, 1.0), (0.5, 0.9)])
+def test_a_change_point_is_a_step(session: float, expected: float) -> None:
+    assert_threshold(
+        expected, "change_point", Place(session=session), slenderness_change=-0.1, at=0.5
+    )
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 60.0])
+def test_an_offset_of_the_mass_centre_lowers_the_threshold(azimuth: float) -> None:
+    along = 0.015 * math.cos(math.radians(azimuth))
+    assert_threshold(1 - along / 0.2, "com_offset", distance=0.015, azimuth=azimuth)
+
+
+def test_a_slope_lowers_the_threshold() -> None:
+    alpha, slope = BLOCK.slenderness_angle, math.radians(1.5)
+    # Moments about the lower edge: a h = g (b cos s - h sin s).
+    expected = math.cos(slope) * math.tan(alpha) - math.sin(slope)
+    assert_threshold(expected / math.tan(alpha), "base_slope", angle=1.5, azimuth=0.0)
+
+
+def test_a_rounded_edge_lowers_the_threshold() -> None:
+    assert_threshold((0.2 - 0.015) / 0.2, "edge_rounding", radius=0.015)
+
+
+def test_inertia_changes_the_energy_of_an_impact() -> None:
+    base = situation()
+    changed = under("inertia", base, change=0.15)
+    expected = changed.body.housner_ratio
+    assert expected > BLOCK.housner_ratio
+    response = free_rocking(body=changed.body)
+    kept = energy(response.tilt[peaks(response)][:3])
+    np.testing.assert_allclose(kept[1:] / kept[:-1], expected, rtol=0.04)
+
+
+def test_asperities_lift_the_block_and_stand_under_it() -> None:
+    base = under("base_asperity", situation(), Place(campaign_seed=5), height=0.002)
+    places = np.array(base.bumps)
+    assert np.all(np.abs(places[:, :2]) <= [0.2, 0.275])
+    assert np.all((places[:, 2] >= 0.0006) & (places[:, 2] <= 0.002))
+    again = under("base_asperity", situation(), Place(campaign_seed=5, trial_seed=9), height=0.002)
+    assert again.bumps == base.bumps
+    other = under("base_asperity", situation(), Place(campaign_seed=6), height=0.002)
+    assert other.bumps != base.bumps
+
+
+# --- contact ------------------------------------------------------------------------------------
+
+STOUT = block(1.0, 1.0, 0.4, 2700.0)
+
+
+def slid(pga, name, **values):
+    base = under(name, situation(pga, body=STOUT, friction=0.3), **values)
+    return abs(run_trial(base).position[-1, 0] - base.table.x[-1]) > 1e-3
+
+
+def test_friction_moves_the_onset_of_sliding() -> None:
+    assert not slid(0.95 * 0.45 * G, "friction", factor=1.5)
+    assert slid(1.4 * 0.45 * G, "friction", factor=1.5)
+
+
+def test_static_friction_moves_the_onset_of_sliding() -> None:
+    assert not slid(0.95 * 0.45 * G, "friction_rate", ratio=1.5, speed=0.02)
+    assert slid(1.4 * 0.45 * G, "friction_rate", ratio=1.5, speed=0.02)
+
+
+def test_spin_friction_brakes_a_turning_block() -> None:
+    import mujoco
+
+    base = under("spin_friction", situation(friction=1e-4), coefficient=0.02)
+    model = build_model(base, 0.001)
+    data = mujoco.MjData(model)
+    data.qpos[3] = BLOCK.center[2]
+    mujoco.mj_step(model, data, nstep=300)
+    data.qvel[6] = 2.0
+    mujoco.mj_step(model, data, nstep=100)
+    # The moment c N over all contacts, N the weight.
+    expected = 2.0 - 0.1 * 0.02 * BLOCK.mass * G / BLOCK.inertia[2, 2]
+    assert data.qvel[6] == pytest.approx(expected, rel=0.02)
+
+
+def planar_peak(start, damping=0.0, arm=0.0):
+    """Next largest tilt of a block let go at `start`, by its own equation of motion."""
+    from scipy.integrate import solve_ivp
+
+    alpha = BLOCK.slenderness_angle
+    p2 = BLOCK.mass * G * BLOCK.radius / BLOCK.pivot_inertia
+
+    def rate(_, y):
+        braked = 2 * damping * math.sqrt(p2) * y[1] + p2 * arm / BLOCK.radius * np.sign(y[1])
+        return [y[1], -p2 * math.sin(alpha - y[0]) - braked]
+
+    def down(_, y):
+        return y[0]
+
+    def turned(_, y):
+        return y[1]
+
+    down.terminal = turned.terminal = True
+    turned.direction = -1
+    fall = solve_ivp(rate, (0, 9), [start, -1e-9], events=down, rtol=1e-9, atol=1e-12)
+    speed = -fall.y[1, -1] * math.sqrt(BLOCK.housner_ratio)
+    rise = solve_ivp(rate, (0, 9), [0.0, speed], events=turned, rtol=1e-9, atol=1e-12)
+    return rise.y[0, -1]
+
+
+def next_peaks(**changes):
+    response = free_rocking(**changes)
+    return response.tilt[peaks(response)][:2]
+
+
+def test_the_equation_of_motion_is_the_engines() -> None:
+    first, second = next_peaks()
+    assert planar_peak(first) == pytest.approx(second, rel=0.04)
+
+
+def test_rocking_damping_is_that_of_the_equation_of_motion() -> None:
+    first, second = next_peaks(rocking_damping=0.05)
+    assert planar_peak(first, damping=0.05) == pytest.approx(second, rel=0.04)
+    assert planar_peak(first) > 1.05 * second
+
+
+def test_rolling_resistance_is_that_of_the_equation_of_motion() -> None:
+    first, second = next_peaks(rolling_resistance=0.005)
+    assert planar_peak(first, arm=0.005) == pytest.approx(second, rel=0.06)
+    assert planar_peak(first) > 1.05 * second
+
+
+def test_restitution_multiplies_the_ratio_that_is_there() -> None:
+    base = situation(impact_energy_ratio=0.98)
+    assert under("restitution", base, energy_ratio=0.8).impact_energy_ratio == pytest.approx(0.784)
+
+
+def test_a_softer_contact_sinks_further() -> None:
+    import mujoco
+
+    depths = []
+    for decades in (0.0, -1.0):
+        model = build_model(under("contact_stiffness", situation(), decades=decades), 0.001)
+        data = mujoco.MjData(model)
+        data.qpos[3] = BLOCK.center[2]
+        mujoco.mj_step(model, data, nstep=500)
+        depths.append(BLOCK.center[2] - data.qpos[3])
+    assert depths[1] == pytest.approx(10 * depths[0], rel=0.15)
+
+
+def test_a_bond_holds_until_its_strength() -> None:
+    # (m g + strength A) b = m a h
+    pressure = BLOCK.mass * G / BLOCK.base_area
+    expected = 1 + 5000.0 / pressure
+    base = situation(0.98 * expected * THRESHOLD)
+    assert run_trial(under("adhesion", base, strength=5.0)).peak_tilt < 1e-9
+    base = situation(1.03 * expected * THRESHOLD)
+    assert run_trial(under("adhesion", base, strength=5.0)).peak_tilt > 1e-3
+
+
+def test_a_tether_catches_the_block() -> None:
+    base = situation(table=TableMotion(INTERVAL, burst(0.8) * 8.0))
+    assert run_trial(base).overturned
+    for slack in (10.0, 25.0):
+        response = run_trial(under("catch", base, slack=slack))
+        assert math.radians(slack) < response.peak_tilt < math.radians(slack) + 0.1
+    # Tilts within the slack are free.
+    small = situation(5.0)
+    plain = run_trial(small)
+    held = run_trial(under("catch", small, slack=25.0))
+    np.testing.assert_array_equal(plain.tilt, held.tilt)
+
+
+# --- table --------------------------------------------------------------------------------------
+
+
+def test_the_gain_scales_the_threshold() -> None:
+    assert_threshold(1 / 1.15, "table_gain", change=0.15)
+
+
+def test_time_scales_the_threshold_by_its_square() -> None:
+    assert_threshold(1.03**2, "time_scale", change=0.03)
+
+
+def test_vertical_motion_changes_the_weight() -> None:
+    # Downwards as it pulls to one side: a h = (g - s a) b.
+    slope = math.tan(BLOCK.slenderness_angle)
+    assert_threshold(1 / (1 + 0.5 * slope), "vertical_motion", share=0.5)
+
+
+def test_off_axis_motion_is_a_share() -> None:
+    base = under("off_axis_motion", situation(5.0), share=0.2)
+    np.testing.assert_array_equal(base.table.others["y"], 0.2 * base.table.x)
+    response = run_trial(base)
+    np.testing.assert_allclose(response.position[:5, 1], base.table.others["y"][:20:4], atol=1e-6)
+
+
+def test_pitch_joins_the_acceleration() -> None:
+    # In axes that move with the table: the base accelerates by a + (p + h) pitch'' at the mass
+    # centre, the body must turn with it, and weight leans by the pitch.
+    base = under("table_pitch", situation(1.0), compliance=0.02, frequency=20.0)
+    pitch = base.table.others["pitch"]
+    turning = acceleration_of(pitch, INTERVAL)
+    h, inertia = BLOCK.center[2], BLOCK.inertia[1, 1]
+    arm = base.table.pivot + h + inertia / (BLOCK.mass * h)
+    felt = base.table.acceleration + arm * turning - G * pitch
+    expected = THRESHOLD / np.abs(felt).max()
+    assert expected < 0.95 * THRESHOLD
+    for factor, up in ((0.98, False), (1.03, True)):
+        shaken = under("table_pitch", situation(factor * expected), compliance=0.02, frequency=20.0)
+        response = run_trial(shaken, series_interval=0.001)
+        lean = np.abs(drive(shaken.table.others["pitch"], INTERVAL, 0.001)[0])
+        rows = min(len(lean), len(response.tilt))
+        assert (np.abs(response.tilt[:rows] - lean[:rows]).max() > 1e-4) == up
+
+
+def test_filters_of_the_table_reach_the_table() -> None:
+    base = situation(5.0)
+    for name, values in (
+        ("table_bandwidth", {"corner": 3.0, "delay": 0.01}),
+        ("table_resonance", {"amplification": 1.8, "frequency": 8.0}),
+        ("table_saturation", {"acceleration": 3.0}),
+    ):
+        assert not np.allclose(under(name, base, **values).table.x, base.table.x)
+    assert not lifts_at(1.4, "table_saturation", acceleration=0.9 * THRESHOLD)
+    assert lifts(1.4 * THRESHOLD)
+
+
+# --- start and outcome ---------------------------------------------------------------------------
+
+
+def test_placement_is_drawn_for_each_trial() -> None:
+    starts = [
+        under("placement", situation(), Place(trial_seed=i), yaw=10.0, offset=0.02)
+        for i in range(200)
+    ]
+    yaw = np.degrees([s.yaw for s in starts])
+    assert np.abs(yaw).max() <= 10.0
+    # Uniform: a standard deviation of 10 / 3^(1/2), its standard error about 4 %.
+    assert np.std(yaw) == pytest.approx(10 / math.sqrt(3), rel=0.15)
+    assert max(math.hypot(*s.offset) for s in starts) <= 0.02
+    again = under("placement", situation(), Place(trial_seed=7), yaw=10.0, offset=0.02)
+    assert (again.yaw, again.offset) == (starts[7].yaw, starts[7].offset)
+
+
+def test_an_outcome_rule_labels_and_flips() -> None:
+    response = run_trial(situation(4.6))
+    assert not response.overturned
+    low = {"outcome_rule": {"tilt": response.peak_tilt / 2, "flips": 0.0}}
+    assert observe(response, low).overturned
+    high = {"outcome_rule": {"tilt": response.peak_tilt * 2, "flips": 0.0}}
+    assert not observe(response, high).overturned
+    flips = {"outcome_rule": {"tilt": 1.0, "flips": 0.03}}
+    seen = [observe(response, flips, Place(trial_seed=i)).overturned for i in range(2000)]
+    # A binomial's standard deviation is 8 of 60.
+    assert abs(sum(seen) - 60) < 32

@@ -1,0 +1,227 @@
+"""The independent engine against closed forms of the rigid block."""
+
+import ast
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+
+import vsr2.blind.mujoco as package
+from vsr2.blind.mujoco import (
+    Situation,
+    TableMotion,
+    block,
+    drive,
+    ground_motion,
+    read_hull,
+    run_trial,
+)
+from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.blind.mujoco.table import low_passed, pitched, resonated, saturated, stretched
+
+G = 9.80665
+BLOCK = block(0.4, 0.55, 0.95, 2700.0)
+INTERVAL = 0.005
+
+
+def burst(frequency=1.5, cycles=3, rest=0.2):
+    """A smooth burst per unit of peak acceleration, which is towards -x: bodies tip to +x."""
+    time = np.arange(0.0, cycles / frequency, INTERVAL)
+    middle = time - 0.5 * cycles / frequency
+    wave = np.cos(np.pi * middle * frequency / cycles) ** 4
+    wave *= np.cos(2 * np.pi * frequency * middle)
+    quiet = np.zeros(round(rest / INTERVAL))
+    moved = np.concatenate([quiet, wave, quiet])
+    return moved / np.abs(acceleration_of(moved, INTERVAL)).max()
+
+
+def situation(pga=0.0, **changes):
+    return replace(Situation(BLOCK, TableMotion(INTERVAL, burst() * pga)), **changes)
+
+
+def lifts(pga, **changes):
+    # Below the threshold contacts give by some 1e-6 rad.
+    return run_trial(situation(pga, **changes)).peak_tilt > 5e-5
+
+
+def peaks(response):
+    """Largest tilts between impacts of a free decay, and the slenderness's potential at them."""
+    tilt = response.tilt
+    inner = (tilt[1:-1] > tilt[:-2]) & (tilt[1:-1] >= tilt[2:]) & (tilt[1:-1] > 0.005)
+    return np.flatnonzero(inner) + 1
+
+
+def energy(tilt, body=BLOCK):
+    """Potential energy over m g R of a block that rocks about its edge."""
+    alpha = body.slenderness_angle
+    return np.cos(alpha - tilt) - math.cos(alpha)
+
+
+def free_rocking(**changes):
+    """Tilt of a block that a short strong pulse set rocking, once the table rests."""
+    table = TableMotion(INTERVAL, burst(0.8, 1.0, 0.05) * 6.0)
+    shaken = situation(friction=2.0, **changes)
+    response = run_trial(replace(shaken, table=table), series_interval=0.001)
+    after = response.time > table.duration + 0.01
+    return replace(response, time=response.time[after], tilt=response.tilt[after])
+
+
+def kept(response, count=2):
+    """Energy after over before of the first impacts of a free decay."""
+    found = energy(response.tilt[peaks(response)][: count + 1])
+    assert len(found) == count + 1
+    return found[1:] / found[:-1]
+
+
+def test_it_shares_nothing_with_the_rest() -> None:
+    for path in Path(package.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert not name.startswith("vsr2") or name.startswith("vsr2.blind.mujoco"), path
+
+
+def test_the_block_has_its_closed_form_mass_properties() -> None:
+    alpha = math.atan(0.4 / 0.95)
+    assert BLOCK.slenderness_angle == pytest.approx(alpha)
+    assert BLOCK.pivot_inertia == pytest.approx(4 / 3 * BLOCK.mass * BLOCK.radius**2)
+    assert BLOCK.housner_ratio == pytest.approx((1 - 1.5 * math.sin(alpha) ** 2) ** 2)
+
+
+def test_a_hull_is_the_block_it_is_the_hull_of(tmp_path: Path) -> None:
+    corners = [(x, y, z) for x in (0, 0.4) for y in (0, 0.55) for z in (1, 1.95)]
+    (tmp_path / "block.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners))
+    hull = read_hull(tmp_path / "block.obj", 2700.0)
+    assert hull.mass == pytest.approx(BLOCK.mass)
+    np.testing.assert_allclose(hull.inertia, BLOCK.inertia, atol=1e-9 * BLOCK.mass)
+    np.testing.assert_allclose(hull.center, BLOCK.center, atol=1e-12)
+    assert {tuple(p) for p in hull.points.round(9)} == {tuple(p) for p in BLOCK.points.round(9)}
+
+
+def test_it_lifts_at_the_static_threshold() -> None:
+    threshold = G * math.tan(BLOCK.slenderness_angle)
+    assert not lifts(0.97 * threshold)
+    assert lifts(1.03 * threshold)
+
+
+def test_impacts_keep_the_energy_that_housner_says() -> None:
+    # Contacts take about 4 ms, in which gravity acts on: some per cent.
+    np.testing.assert_allclose(kept(free_rocking()), BLOCK.housner_ratio, rtol=0.04)
+
+
+@pytest.mark.parametrize("ratio", [0.7, 0.9, 1.08])
+def test_the_impact_ratio_scales_that_energy(ratio: float) -> None:
+    # Contacts give a little back after the velocity was scaled: 4 % at a ratio of 0.7.
+    found = kept(free_rocking(impact_energy_ratio=ratio), 1)
+    np.testing.assert_allclose(found, ratio * BLOCK.housner_ratio, rtol=0.05)
+
+
+def test_small_blocks_slide_at_the_friction_angle() -> None:
+    stout = block(1.0, 1.0, 0.4, 2700.0)
+
+    def slid(pga):
+        base = situation(pga, body=stout, friction=0.3)
+        end = run_trial(base).position[-1, 0] - base.table.x[-1]
+        return abs(end) > 1e-3
+
+    # A burst that slides both ways ends near where it began, hence the margin above.
+    assert not slid(0.95 * 0.3 * G)
+    assert slid(1.4 * 0.3 * G)
+
+
+def test_a_series_is_told_from_the_rest_before() -> None:
+    response = run_trial(situation(6.0, yaw=0.3, offset=(0.01, -0.02)))
+    np.testing.assert_allclose(response.orientation[0], [0, 0, 0, 1], atol=1e-12)
+    np.testing.assert_array_equal(response.position[0], 0.0)
+    assert response.tilt[0] == 0
+    assert response.tilt.max() <= response.peak_tilt
+
+
+def test_a_fallen_block_ends_the_trial() -> None:
+    response = run_trial(situation(table=TableMotion(INTERVAL, burst(0.8) * 8.0)))
+    assert response.overturned
+    assert response.peak_tilt >= 1.2
+
+
+def test_a_trial_repeats_bit_for_bit() -> None:
+    one, two = (run_trial(situation(7.0, impact_energy_ratio=0.9)) for _ in range(2))
+    np.testing.assert_array_equal(one.position, two.position)
+
+
+# --- table --------------------------------------------------------------------------------------
+
+
+def test_the_table_is_driven_through_its_samples() -> None:
+    time = np.arange(0, 1.0001, INTERVAL)
+    wave = np.sin(np.pi * time) ** 4
+    position, velocity, acceleration = drive(wave, INTERVAL, 0.001)
+    fine = np.arange(len(position)) * 0.001
+    np.testing.assert_allclose(position, np.sin(np.pi * fine) ** 4, atol=1e-6)
+    slope = 4 * np.pi * np.sin(np.pi * fine) ** 3 * np.cos(np.pi * fine)
+    np.testing.assert_allclose(velocity, slope, atol=2e-3)
+    np.testing.assert_allclose(velocity, np.gradient(position, 0.001), atol=0.05)
+    assert np.abs(acceleration - np.gradient(velocity, 0.001)).max() < 0.5
+
+
+def sine(frequency, seconds=6.0):
+    time = np.arange(0, seconds, INTERVAL)
+    return np.sin(2 * np.pi * frequency * time)
+
+
+def amplitude(samples):
+    return np.abs(samples[len(samples) // 2 :]).max()
+
+
+@pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
+def test_the_lag_has_its_transfer_function(frequency: float) -> None:
+    moved = low_passed(sine(frequency), INTERVAL, corner=5.0)
+    assert amplitude(moved) == pytest.approx(1 / (1 + (frequency / 5.0) ** 2), abs=0.01)
+
+
+def test_a_delay_moves_the_motion() -> None:
+    moved = low_passed(sine(1.0), INTERVAL, corner=1e3, delay=0.02)
+    np.testing.assert_allclose(moved[20:], sine(1.0)[16:-4], atol=2e-3)
+
+
+@pytest.mark.parametrize("amplification", [1.2, 1.8])
+def test_a_mode_amplifies_at_its_frequency(amplification: float) -> None:
+    moved = resonated(sine(8.0), INTERVAL, 8.0, amplification)
+    # |H|^2 = (1 - c)^2 + A^2 - 1 with c = 2 zeta (A^2 - 1)^(1/2)
+    c = 0.1 * math.sqrt(amplification**2 - 1)
+    exact = math.sqrt((1 - c) ** 2 + amplification**2 - 1)
+    assert amplitude(moved) == pytest.approx(exact, rel=0.02)
+    assert amplitude(resonated(sine(0.5), INTERVAL, 8.0, amplification)) == pytest.approx(
+        1, abs=0.01
+    )
+
+
+def test_saturation_caps_the_acceleration() -> None:
+    moved = burst() * 8.0
+    capped = saturated(moved, INTERVAL, math.inf, 4.0)
+    assert np.abs(np.diff(capped, 2)).max() / INTERVAL**2 <= 4.0 * 1.05
+    free = saturated(moved, INTERVAL, math.inf, math.inf)
+    np.testing.assert_allclose(free, moved, atol=1e-12)
+
+
+def test_stretching_scales_the_acceleration() -> None:
+    moved = stretched(burst(), 1.1)
+    assert np.abs(acceleration_of(moved, INTERVAL)).max() == pytest.approx(1 / 1.21, rel=0.01)
+
+
+def test_the_table_leans_back_in_proportion_to_its_acceleration() -> None:
+    steady = np.concatenate([np.zeros(100), np.full(1000, 2.0)])
+    assert pitched(steady, INTERVAL, 0.02, 8.0)[-1] == pytest.approx(-0.02 * 2.0 / G, rel=1e-3)
+
+
+def test_ground_motions_are_at_rest_at_both_ends() -> None:
+    for seed in range(8):
+        motion = ground_motion("m", np.random.default_rng(seed))
+        felt = acceleration_of(motion.displacement, motion.interval)
+        assert np.abs(felt).max() == pytest.approx(1.0)
+        assert np.ptp(motion.displacement[:30]) == 0 == np.ptp(motion.displacement[-30:])
+        assert motion.displacement[0] == 0 == motion.displacement[-1]

@@ -1,0 +1,441 @@
+"""The custodian: what it draws, seals and does not leak; the diagnosis from the data alone."""
+
+import csv
+import json
+import math
+import shutil
+import subprocess
+import sys
+import textwrap
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vsr2.blind.make as make_module
+from blind_samples import QuickEngine, diagnosis
+from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind.baselines import BASELINES, baseline_scores
+from vsr2.blind.diagnose import at_tier
+from vsr2.blind.engines import build_engine
+from vsr2.blind.floor import FloorMeter
+from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
+from vsr2.blind.shake import Shake
+from vsr2.blind.verdict import DIAGNOSIS_FILE
+from vsr2.campaign import check_campaign, load_campaign
+from vsr2.cli.main import main
+from vsr2.config import Study, load_study
+from vsr2.errors import BlindError, CampaignError
+
+SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
+SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5, "floor_trials": 8}
+
+
+@pytest.fixture(scope="module")
+def study():
+    return load_study(SCENE)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(make_module, "build_engine", lambda name, study: QuickEngine())
+
+
+def make(study, folder, seed=1, **changes):
+    settings = PackSettings(**(SMALL | {"single": 6, "none": 3, "pair": 2, "unknown": 3} | changes))
+    return make_pack(study, folder, folder / "key", settings, seed=seed)
+
+
+def same_folders(one, two):
+    return folder_sha256(one) == folder_sha256(two)
+
+
+# --- sealing ------------------------------------------------------------------------------------
+
+
+def test_a_commitment_is_the_hash_of_salt_and_key() -> None:
+    import hashlib
+
+    text = b'\x0a\xff{"a":[1,2.5],"b":"c"}'
+    assert commitment("0aff", {"b": "c", "a": [1, 2.5]}) == hashlib.sha256(text).hexdigest()
+    assert canonical({"b": 1, "a": 2}) == canonical({"a": 2, "b": 1})
+    with pytest.raises(BlindError, match="finite"):
+        canonical({"a": math.nan})
+
+
+def test_a_pack_is_what_was_asked(quick, study, tmp_path) -> None:
+    made = make(study, tmp_path)
+    data = tmp_path / "data"
+    key = open_key(data, tmp_path / "key")
+    kinds = Counter(entry["kind"] for entry in key["campaigns"].values())
+    assert kinds == {"single": 6, "none": 3, "pair": 2, "unknown": 3}
+    assert made.campaigns == 14
+    assert made.commitment == read_json(data / "pack.json")["commitment"]["sha256"]
+    for name, entry in key["campaigns"].items():
+        assert check_campaign(data / name) == []
+        assert len(entry["effects"]) == {"none": 0, "pair": 2}.get(entry["kind"], 1)
+        for effect in entry["effects"]:
+            assert 0.499 <= effect["relative"] <= 6.001
+    # A load and a diagnosis need the nominal scene, without the folder that it came from.
+    assert load_study(data / "scene.yaml").rock == study.rock
+
+
+def test_the_key_is_its_owners(quick, study, tmp_path) -> None:
+    make(study, tmp_path)
+    assert (tmp_path / "key").stat().st_mode & 0o077 == 0
+    for path in (tmp_path / "key").rglob("*.json"):
+        assert path.stat().st_mode & 0o077 == 0
+
+
+def test_the_key_may_not_lie_in_the_data(quick, study, tmp_path) -> None:
+    with pytest.raises(BlindError, match="keep the key apart"):
+        make_pack(study, tmp_path, tmp_path / "data" / "key", PackSettings(**SMALL))
+
+
+def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None:
+    whole = make(study, tmp_path / "whole")
+    write, calls = make_module.save_campaign, []
+
+    def stopped(*args):
+        calls.append(args)
+        if len(calls) == 5:
+            raise KeyboardInterrupt
+        return write(*args)
+
+    monkeypatch.setattr(make_module, "save_campaign", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        make(study, tmp_path / "parts")
+    assert not (tmp_path / "parts" / "data" / "pack.json").exists()
+    with pytest.raises(BlindError, match="continue it"):
+        make(study, tmp_path / "parts", single=5)
+    with pytest.raises(BlindError, match="another seed"):
+        make(study, tmp_path / "parts", seed=2)
+    continued = make(study, tmp_path / "parts")
+    assert len(calls) == 5 + 10
+    assert continued.commitment == whole.commitment
+    assert same_folders(tmp_path / "whole" / "data", tmp_path / "parts" / "data")
+
+
+def test_a_seed_of_the_system_is_kept_and_new_each_time(quick, study, tmp_path) -> None:
+    settings = PackSettings(**SMALL, single=1, none=0, pair=0, unknown=0)
+    packs = [make_pack(study, tmp_path / n, tmp_path / n / "key", settings) for n in "ab"]
+    assert packs[0].commitment != packs[1].commitment
+    again = make_pack(study, tmp_path / "a", tmp_path / "a" / "key", settings)
+    assert again.commitment == packs[0].commitment
+
+
+def test_the_unknowns_class_is_excluded_and_so_is_a_decoys(quick, study, tmp_path) -> None:
+    make(study, tmp_path, single=10, unknown=8)
+    key = open_key(tmp_path / "data", tmp_path / "key")
+    for entry in key["campaigns"].values():
+        names = {effect["name"] for effect in entry["effects"]}
+        assert entry["exclude"]
+        assert names <= set(entry["exclude"]) if entry["kind"] == "unknown" else True
+        if entry["kind"] != "unknown":
+            assert not names & set(entry["exclude"])
+    hidden = [e for e in key["campaigns"].values() if "table_gain" in e["exclude"]]
+    assert all(e["exclude"] == ["slenderness", "table_gain", "table_pitch"] for e in hidden)
+
+
+def test_each_effect_is_left_out_in_turn(quick, study, tmp_path) -> None:
+    make(study, tmp_path, single=0, none=0, pair=0, unknown=0, leave_one_out=2)
+    key = open_key(tmp_path / "data", tmp_path / "key")
+    names = Counter(entry["effects"][0]["name"] for entry in key["campaigns"].values())
+    assert names == dict.fromkeys(QuickEngine.effects, 2)
+    assert {entry["kind"] for entry in key["campaigns"].values()} == {"unknown"}
+
+
+def test_the_floor_is_where_signal_over_noise_is_three(study) -> None:
+    settings = PackSettings(**SMALL)
+    motions = make_module.catalogue(3, 5)
+    meter = FloorMeter(QuickEngine(), motions, [6.0] * 5, settings, 3)
+    effect = QuickEngine.effects["table_gain"]
+    floor = meter.floor(effect, 1)
+    assert meter.signal(effect, floor.magnitude) == pytest.approx(3.0, rel=0.3)
+    assert meter.signal(effect, 0.0) == 0.0
+    assert meter.signal(effect, 4 * floor.magnitude) > 6.0
+
+
+class DeafEngine(QuickEngine):
+    def run(self, shakes, series_interval):
+        for shake in shakes:
+            yield from super().run([replace(shake, effects={})], series_interval)
+
+
+def test_an_effect_that_nobody_can_see_has_no_floor(study) -> None:
+    meter = FloorMeter(
+        DeafEngine(), make_module.catalogue(3, 5), [6.0] * 5, PackSettings(**SMALL), 3
+    )
+    assert meter.floor(QuickEngine.effects["wear"], 1).magnitude == math.inf
+
+
+def test_settings_are_checked() -> None:
+    for change, message in (
+        ({"engines": ("ode",)}, "engines are ode"),
+        ({"single": -1}, "single is -1"),
+        ({"motions": 30}, "motions is 30"),
+        ({"sessions": 0}, "sessions is 0"),
+        ({"replicates": 1}, "replicates is 1"),
+        ({"series_interval": 0.0015}, "series_interval"),
+        ({"single": 0, "none": 0, "pair": 0, "unknown": 0}, "no campaign"),
+    ):
+        with pytest.raises(BlindError, match=message):
+            PackSettings(**change)
+    settings = PackSettings(effects=("wear",), engines=("bullet",))
+    assert PackSettings.from_json(json.loads(json.dumps(settings.to_json()))) == settings
+
+
+# --- leaks --------------------------------------------------------------------------------------
+
+
+def decimals(text):
+    return len(text.partition(".")[2])
+
+
+def structure(folder):
+    """All that a campaign's files say apart from what was measured."""
+    files = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*"))
+    stamps = {p.stat().st_mtime for p in [folder, *folder.rglob("*")]}
+    lines = (folder / "campaign.yaml").read_text().splitlines()
+    with open(folder / "trials.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    arrays = {}
+    for path in sorted(folder.rglob("*.npz")):
+        with np.load(path) as content:
+            arrays[path.parent.name] = sorted((k, v.dtype.str, v.ndim) for k, v in content.items())
+    fixed = [
+        [row[k] for k in ("trial", "order", "specimen", "motion_file", "session")] for row in rows
+    ]
+    return {
+        "files": files,
+        "stamps": stamps,
+        "keys": [line.split(":")[0] for line in lines],
+        "columns": list(rows[0]),
+        "fixed": fixed,
+        "arrays": arrays,
+    }
+
+
+def test_campaigns_differ_in_what_was_measured_alone(quick, study, tmp_path) -> None:
+    make(study, tmp_path)
+    data = tmp_path / "data"
+    key = open_key(data, tmp_path / "key")
+    shapes = {name: structure(data / name) for name in key["campaigns"]}
+    first = next(iter(shapes.values()))
+    assert all(shape == first for shape in shapes.values())
+    assert len(first["stamps"]) == 1
+    for name in key["campaigns"]:
+        campaign = load_campaign(data / name)
+        assert campaign.name == name
+        assert not campaign.provenance
+        assert not campaign.description
+        assert all(not trial.note and trial.date is None for trial in campaign.trials)
+        for trial in campaign.trials:
+            assert decimals(repr(trial.peak_tilt)) <= 5
+            assert np.ptp(np.round(trial.series.tilt, 6) - trial.series.tilt) == 0
+            record = campaign.record(trial)
+            assert np.ptp(np.round(record.displacement, 8) - record.displacement) == 0
+
+
+def test_ids_tell_neither_kind_nor_order(quick, study, tmp_path) -> None:
+    make(study, tmp_path, single=8, none=8, pair=0, unknown=0)
+    key = open_key(tmp_path / "data", tmp_path / "key")
+    kinds = [key["campaigns"][name]["kind"] for name in sorted(key["campaigns"])]
+    # Sorted by kind is 1 of 6435 arrangements.
+    assert kinds not in (sorted(kinds), sorted(kinds, reverse=True))
+    text = (tmp_path / "data" / "pack.json").read_text()
+    assert "single" not in text
+    assert "seed" not in text
+
+
+def test_what_the_files_say_beside_the_response_tells_nothing(quick, study, tmp_path) -> None:
+    effects = ("table_gain", "wear", "restitution", "friction")
+    counts = {"single": 24, "none": 0, "pair": 0, "unknown": 0, "effects": effects}
+    packs = []
+    for seed in (1, 2):
+        make(study, tmp_path / str(seed), seed=seed, **counts, series_interval=0.0)
+        data = tmp_path / str(seed) / "data"
+        packs += [data, open_key(data, tmp_path / str(seed) / "key")]
+    scores = baseline_scores(packs[2], packs[3], packs[0], packs[1])
+    assert set(scores) == {*BASELINES, "commonest class"}
+    # Chance is 6 of 24; 14 or more happen by chance in 1 of 1000 packs.
+    assert scores["metadata only"].value * 24 < 14
+
+
+# --- diagnosing ---------------------------------------------------------------------------------
+
+
+class Stub:
+    """A diagnosis that guesses by the overturn rate."""
+
+    calls: list = []  # noqa: RUF012
+
+    def __init__(self, campaign, scene, **how):
+        assert Path(scene).exists()
+        Stub.calls.append((campaign, how))
+        rate = float(np.nanmean(campaign.overturned))
+        kind = "none" if rate < 0.5 else "effect"
+        self.content = diagnosis(kind, {"none": 1 - rate, "table_gain": rate}, ["table_gain"])
+
+    def save(self, folder):
+        (folder / DIAGNOSIS_FILE).write_text(json.dumps(self.content))
+
+
+@pytest.fixture
+def small(quick, study, tmp_path):
+    make(study, tmp_path, single=2, none=1, pair=0, unknown=1)
+    Stub.calls = []
+    return tmp_path / "data"
+
+
+def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
+    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, budget_minutes=1)
+    assert progress.done == 12
+    assert progress.failed == ()
+    excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
+    for campaign, how in Stub.calls:
+        assert campaign.tier == how["tier"]
+        assert list(how["exclude"]) == excluded[campaign.name]
+        assert (how["seed"], how["budget_minutes"]) == (7, 1)
+        if how["tier"] == "B":
+            assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
+            assert campaign.noise.peak_tilt is None
+        assert how["tier"] == "T" or campaign.noise.tilt is None
+    whole = load_campaign(small / Stub.calls[0][0].name)
+    assert at_tier(whole, "T") is whole
+
+
+def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
+    def failing(campaign, scene, **how):
+        if len(Stub.calls) == 2:
+            Stub.calls.append(None)
+            raise CampaignError("no motion")
+        return Stub(campaign, scene, **how)
+
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=failing)
+    assert (progress.done, len(progress.failed)) == (3, 1)
+    name, tier = progress.failed[0].split()
+    failed = tmp_path / "out" / name / tier / "failed.json"
+    assert read_json(failed) == {"error": "no motion"}
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Stub)
+    assert (progress.done, len(Stub.calls)) == (4, 5)
+    assert not failed.exists()
+    with pytest.raises(BlindError, match="seed 0, not 1"):
+        diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=1)
+
+
+def test_what_is_not_there_is_refused(small, tmp_path) -> None:
+    with pytest.raises(BlindError, match="no campaign 'c0'"):
+        diagnose_pack(small, tmp_path / "out", campaigns=["c0"], diagnose=Stub)
+    with pytest.raises(BlindError, match="finished pack"):
+        diagnose_pack(tmp_path, tmp_path / "out", diagnose=Stub)
+
+
+WATCHED = """
+import sys
+from pathlib import Path
+key = {key!r}
+def watch(event, arguments):
+    if event in ("open", "os.listdir", "os.scandir") and key in str(arguments[0]):
+        raise PermissionError(f"{{event}} of {{arguments[0]}}")
+sys.addaudithook(watch)
+sys.path.insert(0, {tests!r})
+from test_blind_pack import Stub
+from vsr2.blind import diagnose_pack
+try:
+    open(key + "/key.json")
+except PermissionError:
+    print(diagnose_pack(Path({data!r}), Path({out!r}), diagnose=Stub).done)
+"""
+
+
+def test_the_diagnosis_never_looks_at_the_key(small, tmp_path) -> None:
+    key = tmp_path / "key"
+    code = WATCHED.format(
+        key=str(key), tests=str(Path(__file__).parent), data=str(small), out=str(tmp_path / "out")
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "12"
+    moved = tmp_path / "elsewhere"
+    shutil.copytree(small, moved)
+    shutil.rmtree(key)
+    assert diagnose_pack(moved, tmp_path / "out2", diagnose=Stub).done == 12
+
+
+# --- from end to end ----------------------------------------------------------------------------
+
+
+def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    counts = ["--single", "6", "--none", "3", "--pair", "1", "--unknown", "2", "--trials", "6"]
+    design = ["--motions", "3", "--catalogue", "3", "--sessions", "2", "--floor-trials", "4"]
+    effects = [v for n in ("table_gain", "wear", "restitution") for v in ("--effect", n)]
+    pack, key, out = tmp_path / "pack", tmp_path / "key", tmp_path / "out"
+    command = ["blind", "make", str(SCENE), str(pack), "--key", str(key), "--seed", "4"]
+    more = ["--replicates", "4", "--quiet"]
+    assert main([*command, *counts, *design, *effects, *more]) == 0
+    assert "12 campaigns, sealed as" in capsys.readouterr().out
+    for name in open_key(pack / "data", key)["campaigns"]:
+        assert check_campaign(pack / "data" / name) == []
+        assert load_campaign(pack / "data" / name).tier == "T"
+    diagnose_pack(pack / "data", out, diagnose=Stub)
+    score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
+    assert main(score) == 0
+    assert "top-1 class (single)" in capsys.readouterr().out
+    assert main(score) == 2
+    assert "scored once" in capsys.readouterr().err
+
+
+def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    turned = study.model_dump(mode="json", exclude_unset=True)
+    turned["rock"]["start"] = {"mode": "pose", "position": [0.0, 0.0, 3.0]}
+    with pytest.raises(BlindError, match="mode yaw"):
+        build_engine("bullet", Study.model_validate(turned))
+    with pytest.raises(BlindError, match="not known"):
+        build_engine("ode", study)
+    assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)
+
+
+def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
+    # Rocking in a single pulse, before responses diverge: largest tilts within 5 %.
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
+    shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    found = {
+        name: [seen.peak_tilt for seen in build_engine(name, study).run(shakes, 0.02)]
+        for name in ("mujoco", "bullet")
+    }
+    assert max(found["mujoco"][0], found["bullet"][0]) < 1e-3
+    np.testing.assert_allclose(found["mujoco"][1:], found["bullet"][1:], rtol=0.05)
+
+
+def test_the_library_is_drawn_from(study) -> None:
+    effects = build_engine("bullet", study).effects
+    assert effects["restitution"].strength.null == 1.0
+    assert effects["table_bandwidth"].strength.reciprocal
+    assert effects["wear"].drifts
+    assert [name for name, _, _ in effects["base_slope"].others] == ["azimuth"]
+    assert effects["change_point"].strength.name == "slenderness_change"
+    # Names and units of strengths are the same on both engines, so that one verdict fits both.
+    both = build_engine("mujoco", study).effects
+    for name in set(effects) & set(both):
+        if name != "table_saturation":
+            assert effects[name].strength.name == both[name].strength.name, name
+            assert effects[name].strength.unit.replace("1", "") in (
+                both[name].strength.unit.replace("1", ""),
+                "",
+            ), name
+
+
+def test_scores_need_another_pack_to_train(small, tmp_path) -> None:
+    diagnose_pack(small, tmp_path / "out", diagnose=Stub)
+    key = tmp_path / "key"
+    with pytest.raises(BlindError, match="another pack"):
+        score_pack(small, key, tmp_path / "out", tmp_path / "s", training=(small, key))

@@ -1,0 +1,279 @@
+"""Scores of hand-made verdicts, computed by hand."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from blind_samples import diagnosis, effect, hand_made
+from vsr2.blind import score_pack
+from vsr2.blind.intervals import area_under_roc, calibration_error, proportion, resampled
+from vsr2.blind.verdict import read_verdict, verdict_of
+from vsr2.errors import BlindError
+
+TOLD = {"change": {"mean": 0.12, "ci95": [0.08, 0.16], "unit": "1"}}
+
+CAMPAIGNS = {
+    # right, by its class: slenderness for table_gain
+    "a": ("single", [effect("table_gain", 0.1, 3.0)]),
+    # right, magnitude told: |0.12 - 0.16| / 0.16 = 0.25, its interval holds 0.16
+    "b": ("single", [effect("restitution", 0.16, 5.0)]),
+    # wrong, second in the list
+    "c": ("single", [effect("friction", -0.2, 2.5)]),
+    # missed: weak
+    "d": ("single", [effect("inertia", 0.05, 0.7)]),
+    "e": ("none", []),
+    "f": ("none", []),
+    "g": ("unknown", [effect("catch")]),
+    "h": ("unknown", [effect("wear")]),
+    "i": ("pair", [effect("wear"), effect("friction")]),
+}
+VERDICTS = {
+    "a": diagnosis(
+        "class",
+        {"slenderness": 0.5, "table_gain": 0.3, "friction": 0.1, "unknown": 0.05},
+        ["slenderness", "table_gain"],
+        ["slenderness", "table_gain"],
+        closure=0.6,
+        table_gain={"closure": 0.8},
+        where=[{"place": "x", "axis": "conditions", "p_familywise": 0.01, "trials": ["T2"]}],
+    ),
+    "b": diagnosis(
+        "effect",
+        {"restitution": 0.9, "unknown": 0.1},
+        ["restitution"],
+        ["restitution", "rocking_damping"],
+        restitution={"parameters": TOLD},
+    ),
+    "c": diagnosis(
+        "effect",
+        {"restitution": 0.6, "friction": 0.3, "unknown": 0.1},
+        ["restitution"],
+        ["restitution", "friction", "wear"],
+        friction={"parameters": TOLD},
+    ),
+    "d": diagnosis("none", {"none": 0.8, "inertia": 0.1}, [], ["none"]),
+    "e": diagnosis("none", {"none": 0.9}, [], ["none"]),
+    "f": diagnosis(
+        "effect",
+        {"none": 0.2, "wear": 0.8},
+        ["wear"],
+        ["wear"],
+        where=[{"place": "x", "axis": "order", "p_familywise": 0.04}],
+    ),
+    "g": diagnosis("unknown", {"unknown": 0.7, "wear": 0.2}, [], ["unknown"]),
+    "h": diagnosis("unresolved", {"unknown": 0.1, "friction": 0.1}, [], ["friction"]),
+    "i": diagnosis("pair", {"wear": 0.4, "friction": 0.4}, ["friction", "wear"], ["wear"]),
+}
+
+
+@pytest.fixture
+def pack(tmp_path):
+    return hand_made(tmp_path, CAMPAIGNS, VERDICTS)
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scores")
+    return score_pack(*hand_made(folder, CAMPAIGNS, VERDICTS), folder / "scores").scores["M", "all"]
+
+
+def figure(scores, name):
+    return scores[name].value, scores[name].count
+
+
+def test_hits_are_counted_by_class(scores) -> None:
+    assert figure(scores, "top-1 class (single)") == (0.5, 4)
+    assert figure(scores, "top-3 class (single)") == (1.0, 4)
+    assert figure(scores, "detected (single)") == (0.75, 4)
+    assert figure(scores, "false alarms (none)") == (0.5, 2)
+    assert figure(scores, "unknown named (unknown)") == (0.5, 2)
+    assert figure(scores, "pair found (pair)") == (1.0, 1)
+    assert figure(scores, "failed or unresolved") == (1 / 9, 9)
+    assert figure(scores, "where: false places (none)") == (0.5, 2)
+
+
+def test_sets_are_judged_by_class(scores) -> None:
+    # a, b, c, e, g hold the truth; d, f, h do not. Sizes: 1, 2, 3, 1, 1, 1, 1, 1.
+    assert figure(scores, "90 % set: coverage") == (5 / 8, 8)
+    assert figure(scores, "90 % set: median size") == (1.0, 8)
+
+
+def test_the_log_score_is_that_of_the_true_class(scores) -> None:
+    told = [0.8, 0.9, 0.3, 0.1, 0.9, 0.2, 0.7, 0.1]
+    losses = [-math.log(p) for p in told]
+    assert scores["log score"].value == pytest.approx(np.mean(losses))
+    # hypotheses, with none and unknown: a gain class, friction; b restitution; ...
+    numbers = [4, 3, 4, 3, 2, 3, 3, 3]
+    uniform = np.mean(np.log(numbers))
+    assert scores["log score below uniform"].value == pytest.approx(1 - np.mean(losses) / uniform)
+
+
+def test_calibration_is_of_the_first_class(scores) -> None:
+    rows = [(0.8, 1), (0.9, 1), (0.6, 0), (0.8, 0), (0.9, 1), (0.8, 0), (0.7, 1), (0.1, 0)]
+    # bins 0.1: |0.1 - 0|; 0.6: 0.6; 0.7: 0.3; 0.8: 3 |0.8 - 1/3|; 0.9: 2 * 0.1
+    expected = (0.1 + 0.6 + 0.3 + 3 * (0.8 - 1 / 3) + 0.2) / 8
+    assert calibration_error(np.array([rows], float))[0] == pytest.approx(expected)
+    assert scores["calibration error"].value == pytest.approx(expected)
+
+
+def test_unknowns_are_told_by_their_probability(scores) -> None:
+    # 0.7 and 0.1 against 0.05, 0.1, 0.1, 0, 0, 0, 0: 0.7 above all; 0.1 above five, level with two.
+    assert scores["unknown: AUROC"].value == pytest.approx((7 + 5 + 2 * 0.5) / 14)
+    assert figure(scores, "unknown: rate at 5 % false alarms") == (0.5, 2)
+
+
+def test_magnitudes_closure_and_places(scores) -> None:
+    # b: 0.25 and inside; c: |0.12 + 0.2| / 0.2 = 1.6 and outside
+    assert figure(scores, "magnitude: median relative error") == (pytest.approx(0.925), 2)
+    assert figure(scores, "magnitude: interval coverage") == (0.5, 2)
+    assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
+    assert figure(scores, "where: axis named (single)") == (0.25, 4)
+    assert figure(scores, "where: median mass inside") == (pytest.approx(0.75), 1)
+
+
+def test_groups_by_magnitude(pack, tmp_path) -> None:
+    scored = score_pack(*pack, tmp_path / "scores")
+    assert scored.scores["M", "floor x 2+"]["top-1 class (single)"].count == 3
+    assert scored.scores["M", "floor x 2+"]["top-1 class (single)"].value == pytest.approx(2 / 3)
+    assert scored.scores["M", "floor x 0-1"]["top-1 class (single)"].value == 0
+    assert scored.scores["M", "floor x 4+"]["top-1 class (single)"].value == 1
+    assert scored.scores["M", "engine mujoco"].keys() == scored.scores["M", "all"].keys()
+    assert (tmp_path / "scores" / "reliability.png").stat().st_size > 1000
+    table = (tmp_path / "scores" / "scores.md").read_text()
+    assert "| top-1 class (single) | 0.50 [0.07, 0.93] (4) |" in table
+
+
+def test_intervals_are_exact() -> None:
+    # Clopper and Pearson: 0 of 10 ends at 1 - 0.025^(1/10), 10 of 10 begins at 0.025^(1/10).
+    none, every, some = proportion(0, 10), proportion(10, 10), proportion(8, 10)
+    assert (none.low, none.high) == (0.0, pytest.approx(1 - 0.025**0.1))
+    assert (every.low, every.high) == (pytest.approx(0.025**0.1), 1.0)
+    # their published table: 8 of 10 is 0.444 to 0.975
+    assert (some.low, some.high) == (
+        pytest.approx(0.4439, abs=1e-4),
+        pytest.approx(0.9748, abs=1e-4),
+    )
+    assert math.isnan(proportion(0, 0).value)
+
+
+def test_the_bootstrap_covers_a_mean() -> None:
+    rng = np.random.default_rng(0)
+    inside = 0
+    for i in range(60):
+        score = resampled(rng.normal(size=60), lambda samples: samples.mean(axis=1), seed=i)
+        inside += score.low <= 0 <= score.high
+    # binomial of 0.95: 60 draws fall below 51 in about 1 of 1000 cases
+    assert inside >= 51
+
+
+def test_roc_area_needs_both_kinds() -> None:
+    assert np.isnan(area_under_roc(np.array([[[0.3, 1.0]]])))[0]
+
+
+# --- once, and only with the right key -----------------------------------------------------------
+
+
+def test_a_pack_is_scored_once(pack, tmp_path) -> None:
+    score_pack(*pack, tmp_path / "scores")
+    receipt = json.loads((pack[1] / "receipt.json").read_text())
+    assert receipt["scores"]
+    assert "campaigns" not in receipt
+    with pytest.raises(BlindError, match="scored once"):
+        score_pack(*pack, tmp_path / "again")
+
+
+def test_an_open_pack_shows_its_campaigns_and_is_scored_again(tmp_path) -> None:
+    pack = hand_made(tmp_path, CAMPAIGNS, VERDICTS, development=True)
+    score_pack(*pack, tmp_path / "scores")
+    score_pack(*pack, tmp_path / "again")
+    content = json.loads((tmp_path / "again" / "scores.json").read_text())
+    assert {c["id"] for c in content["campaigns"] if c["right"]} == {"a", "b", "e", "g", "i"}
+
+
+def test_a_changed_key_is_refused(pack, tmp_path) -> None:
+    path = pack[1] / "key.json"
+    path.write_text(path.read_text().replace('"friction"', '"restitution"', 1))
+    with pytest.raises(BlindError, match="was changed"):
+        score_pack(*pack, tmp_path / "scores")
+    assert not (pack[1] / "receipt.json").exists()
+
+
+def test_changed_data_are_refused(pack, tmp_path) -> None:
+    (pack[0] / "c" / "trials.csv").write_text("other")
+    with pytest.raises(BlindError, match="sealed data"):
+        score_pack(*pack, tmp_path / "scores")
+
+
+def test_a_changed_exclusion_is_refused(pack, tmp_path) -> None:
+    path = pack[0] / "pack.json"
+    path.write_text(path.read_text().replace('"catch"', '"wear"'))
+    with pytest.raises(BlindError, match="exclude"):
+        score_pack(*pack, tmp_path / "scores")
+
+
+def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> None:
+    (pack[2] / "d" / "M" / "diagnosis.json").unlink()
+    with pytest.raises(BlindError, match=r"diagnosis\.json: no such file"):
+        score_pack(*pack, tmp_path / "scores")
+    assert not (pack[1] / "receipt.json").exists()
+    (pack[2] / "d" / "M" / "failed.json").write_text('{"error": "no motion"}')
+    scores = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
+    assert scores["failed or unresolved"].value == pytest.approx(2 / 9)
+
+
+def test_diagnoses_of_another_pack_are_refused(pack, tmp_path) -> None:
+    (pack[2] / "submission.json").write_text('{"pack": "abc"}')
+    with pytest.raises(BlindError, match="another pack"):
+        score_pack(*pack, tmp_path / "scores")
+
+
+# --- diagnosis.json -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "other"}, "schema is 'other'"),
+        ({"verdict": {"kind": "maybe"}}, r"verdict\.kind is 'maybe'"),
+        ({"effects": [{"name": "a", "probability": 1.5}]}, "a probability"),
+        (
+            {"effects": [{"name": "a", "probability": 0.7}, {"name": "b", "probability": 0.7}]},
+            "sum",
+        ),
+        ({"effects": [{"name": "a", "probability": 0.1}] * 2}, "once"),
+        ({"effects": [{"probability": 0.1}]}, r"effects\[0\]\.name"),
+        ({"conformal_set_90": "a"}, "a list"),
+        ({"where": [{"axis": "order"}]}, "p_familywise"),
+        (
+            {"effects": [{"name": "a", "probability": 0.1, "parameters": {"x": {"mean": 1}}}]},
+            r"parameters\.x\.ci95",
+        ),
+    ],
+)
+def test_a_wrong_diagnosis_is_named(change, message, tmp_path) -> None:
+    with pytest.raises(BlindError, match=message):
+        verdict_of(VERDICTS["a"] | change, "diagnosis.json")
+
+
+def test_a_bare_verdict_is_enough() -> None:
+    verdict = verdict_of(
+        {"schema": "vsr2.diagnosis/1", "verdict": {"kind": "none", "probability": 0.7}}, "x"
+    )
+    assert verdict.probabilities == {"none": 0.7}
+    assert verdict.closure is None
+
+
+def test_none_and_novelty_may_be_told_apart_from_the_effects() -> None:
+    content = VERDICTS["b"] | {"none_probability": 0.0, "unknown": {"novelty_p": 0.25}}
+    verdict = verdict_of(content, "x")
+    assert verdict.probabilities["none"] == 0.0
+    assert verdict.novelty == 0.75
+    assert verdict_of(VERDICTS["b"], "x").novelty == 0.1
+
+
+def test_broken_json_is_named(tmp_path) -> None:
+    (tmp_path / "diagnosis.json").write_text("{")
+    with pytest.raises(BlindError, match="is no JSON"):
+        read_verdict(tmp_path)
