@@ -1,8 +1,8 @@
 """Microseconds a step of every engine, of PyBullet and of MuJoCo, interleaved in one run.
 
     pip install '.[benchmark]'
-    python benchmarks/engine_speed.py [--mesh MESH --mass KG] [--orientation X Y Z W] [--rounds N] [--steps N]
-                                      [--out CSV]
+    python benchmarks/engine_speed.py [--mesh MESH --mass KG] [--orientation X Y Z W]
+                                      [--rounds N] [--steps N] [--out CSV]
 
 All drive the same rock through the same record (embedded: configs/motions/synthetic_07.csv) on the
 same prism. CPU time of the stepping loop alone, one round of each engine after the other, so that
@@ -174,7 +174,7 @@ def mujoco_loop(rock: MeshRock, motion: Motion) -> Callable[[], float]:
         <body name="pedestal" mocap="true" pos="0 0 2.25"><geom type="box" size="5 5 0.25"/></body>
         <body name="rock" pos="{" ".join(map(str, start.position))}" quat="{w} {x} {y} {z}">
           <freejoint/>
-          <inertial pos="0 0 0" mass="{scene.rock.mass.mass}" diaginertia="{" ".join(map(str, inertia))}"/>
+          <inertial pos="0 0 0" mass="{scene.rock.mass.mass}" diaginertia="{inertia}"/>
           <geom type="mesh" mesh="rock" friction="0.7 0.005 0.0001" condim="4"/>
         </body>
       </worldbody>

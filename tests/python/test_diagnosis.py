@@ -43,9 +43,7 @@ class Bench:
         self.library = {name: PLANAR_LIBRARY[name] for name in names}
         self.campaign = shaken_campaign(12, 8, duration=3.5, pga=(0.55, 1.15), session_size=12)
         self.truth = PlanarSimulator(self.campaign, series=tier == "T", seed=99)
-        own = PlanarSimulator(
-            self.campaign, library=self.library, series=tier == "T", seed=1
-        )
+        own = PlanarSimulator(self.campaign, library=self.library, series=tier == "T", seed=1)
         seen = observe_campaign(self.planted())
         self.bank = Bank(own)
         self.screening = screen(self.bank, seen, runs=20, most=60)
@@ -334,8 +332,7 @@ def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, ca
     save_campaign(observed, tmp_path / "campaign")
     scene = tmp_path / "scene.yaml"
     scene.write_text("rock: {shape: box, size: [1, 1, 1]}\n")
-    code = main(
-        ["diagnose", str(tmp_path / "campaign"), "--scene", str(scene), "--out", str(tmp_path / "x")]
-    )
+    out = str(tmp_path / "x")
+    code = main(["diagnose", str(tmp_path / "campaign"), "--scene", str(scene), "--out", out])
     assert code == 2
     assert "scene.yaml" in capsys.readouterr().err

@@ -70,9 +70,9 @@ def screen(
     """Tell certain trials from uncertain ones.
 
     Every trial is simulated `SCREENING_NONE` times without effect and with effects in turn, all
-    with nuisances. It is certain if all draws overturn, or none does. From tier M on a standing trial is
-    uncertain too if its largest tilt rises above the noise in half the draws. A random tenth of the
-    certain trials is kept as a guard.
+    with nuisances. It is certain if all draws overturn, or none does. From tier M on a standing
+    trial is uncertain too if its largest tilt rises above the noise in half the draws. A random
+    tenth of the certain trials is kept as a guard.
 
     Args:
         bank: of simulations.

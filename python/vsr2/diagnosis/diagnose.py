@@ -89,9 +89,7 @@ def diagnose_with(
             progress=lambda n, m: tell("screening", n / m, {}),
         )
         schedule.fit(screening.kept.size)
-        layers = noise_floor(
-            store, seen, screening.kept, most=schedule.floor_trials, seed=seed
-        )
+        layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(store, seen, screening, schedule, seed, tell)
         last = rounds[-1]
         tell("judging", 0.0, _leading(last.inference))

@@ -159,14 +159,14 @@ class SceneSimulator:
         return hashlib.sha256(content.encode()).hexdigest()
 
     def _refusal(self, effect: Effect) -> str | None:
-        from vsr2.simulation.batch import native_specifications
+        from vsr2.simulation.batch import check_trials
         from vsr2.simulation.effects import with_effects
 
         try:
             trials = with_effects(
                 self._trials[:1], [(effect, effect.extreme())], orders=[1.0], sessions=["1"]
             )
-            native_specifications(trials)
+            check_trials(trials)
         except Vsr2Error as error:
             return str(error)
         return None
