@@ -38,14 +38,14 @@ PULSE = (5.5, 1.6)
 """PGA [m/s^2] and frequency [Hz] of the response on the left."""
 OWN_PULSE = {
     "friction": (9.0, 3.0), "friction_rate": (16.0, 4.0), "spin_friction": (16.0, 4.0),
-    "catch": (6.5, 1.6), "adhesion": (6.5, 1.6),
+    "catch": (6.5, 1.6),
 }  # fmt: skip
 """Of effects that show elsewhere only: where the rock slides, or is about to overturn."""
 TURNED = ("spin_friction", "placement", "off_axis_motion")
 """Effects shown on a block that stands at 30 degrees."""
 MILD = {
     "friction": {"factor": 0.75},
-    "adhesion": {"strength": 5.0},
+    "adhesion": {"strength": 15.0},
     "catch": {"slack": 15.0},
     "table_saturation": {"velocity": 0.45, "acceleration": 20.0},
     "table_pitch": {"compliance": 0.005},
@@ -130,7 +130,7 @@ def draw(
     if one.name == "outcome_rule":
         threshold = math.degrees(values_of(one)["tilt"])
         left.axhline(threshold, color="C3", ls="--", lw=0.8)
-        left.text(0.02, threshold, "overturned from here", fontsize=6, va="bottom", color="C3")
+        left.text(1.2, threshold, "overturned from here", fontsize=6, va="bottom", color="C3")
     left.legend(frameon=False, fontsize=7, ncols=2, loc="upper right")
     # Each trial is a cell of its own; nothing is smoothed.
     right.pcolormesh(

@@ -248,8 +248,8 @@ def test_low_swings_keep_their_energy_too(ratio: float, mode: Literal["exact", "
     tilts = peaks(bench.release(setup, 0.7 * alpha, 3.0).tilt, 0.01)
     energy = np.cos(alpha - tilts) - math.cos(alpha)
     assert len(energy) >= 4
-    # A step of 1 ms leaves the time of an impact open: 1 % of the speed at 0.01 rad.
-    np.testing.assert_allclose(energy[1:] / energy[:-1], share, rtol=0.015)
+    # A step of 1 ms leaves open when an impact is, by up to 1 % of the speed at 0.01 rad.
+    np.testing.assert_allclose(energy[1:] / energy[:-1], share, rtol=0.02)
 
 
 def test_each_contact_has_the_friction_of_its_own_slip() -> None:
