@@ -4,7 +4,7 @@ Alive: change of the response over the noise floor, at the prior's end far from 
 other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
 `exact` and `fast` over the first 0.3 s of shaking; and, over 24 trials whose starts lie some tenths
 of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `fast` less that of
-`exact`, with its standard error (paired). Run from the repository's root (about five minutes on
+`exact`, with its standard error (paired). Run from the repository's root (about 130 s on
 one core); docs/effects.md shows the table, `vsr2.effects.page` writes that:
 
     python studies/effect_checks.py

@@ -2,7 +2,7 @@
 
 Left: the tilt of a block with and without the effect under one pulse. Right: the overturning
 diagram: where in the plane of PGV/PGA and PGA a cosine pulse overturns the block, for both. Run
-from the repository's root (two to three minutes on one core):
+from the repository's root (about 95 s on one core):
 
     python studies/figure_effects.py [NAME ...]
 """

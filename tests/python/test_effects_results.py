@@ -74,7 +74,7 @@ def test_a_journal_with_other_effects_is_refused(tmp_path: Path) -> None:
         {"edge_rounding": {"radius": 0.007}},
         {"table_pitch": {"compliance": 0.006}},
         {"placement": {"yaw": 5.1}},
-        {"outcome_rule": {"flips": 0.02}},
+        {"outcome_rule": {"tilt": 0.3}},
         {"adhesion": {"strength": 1.0}},
     ):
         with pytest.raises(ResultError, match="other trials"):

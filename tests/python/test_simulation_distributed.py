@@ -169,7 +169,7 @@ def test_a_cluster_carries_effects(client: Any, trials: list[Trial]) -> None:
     here, there = run_batch(changed, threads=1), run_batch(changed, client=client)
     assert_same(here, there)
     assert there.provenance["effects"] == here.provenance["effects"]
-    assert list(here["outcome"]) != list(run_batch(trials[::8], threads=1)["outcome"])
+    np.testing.assert_array_equal(here["outcome"] == "overturned", here["peak_tilt"] >= 0.1)
 
 
 def test_a_killed_worker_loses_nothing(

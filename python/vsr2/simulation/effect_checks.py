@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Rock = Literal["block", "scan"]
 ROCKS: tuple[Rock, ...] = ("block", "scan")
 
-PULSES = ((1.55, 2.0), (1.85, 2.3), (2.75, 3.3))
+PULSES = ((1.55, 2.0), (1.9, 2.1), (2.75, 3.3))
 """PGA over that of uplift, and frequency [Hz], of motions under which effects must be alive."""
 SLIDING_PULSE = (25.0, 6.0)
 """PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
