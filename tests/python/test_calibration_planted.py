@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration_samples import KNOWN_YAW, STUDY, write_planted
+from calibration_samples import KNOWN_YAW, STUDY, planted_study, write_planted
 from vsr2.calibration import (
     CalibrationInterrupted,
     Evaluation,
@@ -30,7 +30,7 @@ from vsr2.calibration import (
 )
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.scores import metrics_of
-from vsr2.campaign import Campaign, load_campaign
+from vsr2.campaign import Campaign, load_campaign, simulate_campaign
 from vsr2.cli.calibration import add_verbs
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError
@@ -280,3 +280,29 @@ def test_a_screen_or_judge_that_cannot_be_is_refused(planted, change, message):
     path.write_text("\n".join([*kept, change]) + "\n")
     with pytest.raises(ConfigError, match=message):
         load_calibration(path)
+
+
+def test_effects_act_as_in_the_campaign_they_were_simulated_with(tmp_path):
+    effects = "effects: {wear: {loss: 0.14}, placement: {yaw: 9.0}}"
+    path = write_planted(tmp_path, f"{STUDY}{effects}\n")
+    study = load_calibration(path)
+    plain = load_campaign(tmp_path / "truth")
+    seed = study.study.seed
+    worn = simulate_campaign(
+        planted_study(tmp_path), effects=study.study.effects, threads=1, seed=seed
+    )
+    assert (worn.overturned != plain.overturned).any()
+    values = {"yaw": KNOWN_YAW, "restitution": 0.35}
+    half = np.arange(len(plain)) % 2 == 0
+    for among in (half, None):
+        # What a trial draws does not depend on which others are run.
+        digest = campaign_sha256(plain)
+        with EvaluationStore(tmp_path, digest, len(plain)) as store:
+            evaluator = Evaluator(study, plain, store, tmp_path, threads=1)
+            found = evaluator(values, among=among)
+        chosen = half if among is not None else ~half
+        np.testing.assert_array_equal(found.predicted[chosen], worn.overturned[chosen])
+    other = load_calibration(path, overrides=["seed=9", "effects.wear.loss=0.0"])
+    with EvaluationStore(tmp_path, digest, len(plain)) as store:
+        evaluator = Evaluator(other, plain, store, tmp_path, threads=1)
+        assert evaluator(values).plan != found.plan

@@ -146,6 +146,7 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
         ("start: {yaw: 10.0}", "start: {mode: pose, position: [0, 0, 3]}", "use `mode: yaw`"),
         ("  points: 5", "  point: 5", r"fragility.point: .*did you mean `points`"),
         ("fragility:", "fragilty:", "did you mean `fragility`"),
+        ("outcome:", "effects: {table_gian: {change: 0.1}}\noutcome:", "effects: .*table_gain"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(study, old, new, match):
@@ -203,3 +204,18 @@ def test_a_study_runs_to_tables_figures_and_page_and_resumes(study, tmp_path, ca
     assert code in (0, 1)
     for name in ("plan.csv", "curve_pga_g.csv", "surface.csv", "lognormal.csv"):
         assert (part / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_effects_act_and_measures_stay_those_of_the_motion(study):
+    from vsr2.fragility import run_fragility
+
+    plain = run_fragility(study(), threads=1)
+    gain = ("outcome:", "effects: {table_gain: {change: 0.15}, placement: {yaw: 5.0}}\noutcome:")
+    more = run_fragility(study(gain), threads=1)
+    np.testing.assert_array_equal(more.measures["pga_g"], plain.measures["pga_g"])
+    assert more.overturned.sum() > plain.overturned.sum()
+    # Every replicate draws anew, and more of them leave the earlier ones as they are.
+    third = run_fragility(study(gain, ("replicates: 2", "replicates: 3")), threads=1)
+    kept = np.array([one.replicate < 2 for one in third.planned])
+    for name in ("peak_tilt", "final_tilt"):
+        np.testing.assert_array_equal(third.batch[name][kept], more.batch[name])

@@ -13,7 +13,8 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.problems import shown
-from vsr2.config.study import FilePath, NonNegative, Real, Section
+from vsr2.config.study import FilePath, NonNegative, Real, Section, Study
+from vsr2.effects import chosen
 from vsr2.errors import ConfigError
 
 Value = (
@@ -169,11 +170,13 @@ def load_calibration(
     """
     complete = partial(_with_motions, label=os.fspath(path))
     study = load_extended(path, CalibrationSettings, overrides=overrides, complete=complete)
+    _with_known_effects(study.study, study.label)
     for name, parameter in study.own.parameters.items():
         _check(study, name, parameter)
     for key in study.own.judged_with:
         study.value(key)
-    study.with_values(study.own.judged_with, label=f"{study.label}: judged_with")
+    label = f"{study.label}: judged_with"
+    _with_known_effects(study.with_values(study.own.judged_with, label=label), label)
     return study
 
 
@@ -214,10 +217,16 @@ def _check(study: CalibrationStudy, name: str, parameter: Parameter) -> None:
         )
     tried: Sequence[Plain] = parameter.range or parameter.values or ()
     for value in tried:
-        study.with_values(
-            dict.fromkeys(parameter.keys, value),
-            label=f"{study.label}: parameters.{name} at {shown(value)}",
-        )
+        label = f"{study.label}: parameters.{name} at {shown(value)}"
+        changed = study.with_values(dict.fromkeys(parameter.keys, value), label=label)
+        _with_known_effects(changed, label)
+
+
+def _with_known_effects(study: Study, label: str) -> None:
+    try:
+        chosen(study.effects)
+    except ConfigError as error:
+        raise ConfigError(f"{label}: effects: {error}") from None
 
 
 def start_values(study: CalibrationStudy) -> dict[str, Plain]:

@@ -10,6 +10,7 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, load_extended
 from vsr2.config.study import AllRecordings, Real, Section, SingleRecording
+from vsr2.effects import chosen
 from vsr2.errors import ConfigError
 
 Measure = Literal[
@@ -107,6 +108,10 @@ def load_fragility(
         ConfigError: what is wrong, by file, line and key.
     """
     study = load_extended(path, FragilityKeys, overrides=overrides)
+    try:
+        chosen(study.study.effects)
+    except ConfigError as error:
+        raise ConfigError(f"{study.label}: effects: {error}") from None
     own = study.own.fragility
     if own.target_pga is not None and not isinstance(
         study.study.motion, (SingleRecording, AllRecordings)
