@@ -14,9 +14,9 @@ emulator, and enters every probability drawn from it.
 
 What the features of a campaign have in common beyond that (curvature in z, an effect that changes
 how z acts) would make errors of trials alike where they are taken for independent, and the
-evidence far too sure. The leading principal components of the residuals, those beyond what residuals
-shuffled column by column show (parallel analysis: J. L. Horn, Psychometrika 30, 1965), stand as
-further nuisances of unit variance that act on the features alone.
+evidence far too sure. The leading principal components of the residuals, those beyond what
+residuals shuffled column by column show (parallel analysis: J. L. Horn, Psychometrika 30, 1965),
+stand as further nuisances of unit variance that act on the features alone.
 """
 
 from __future__ import annotations

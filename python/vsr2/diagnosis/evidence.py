@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, design_matrix
-from vsr2.diagnosis.library import NONE, coordinates, free_parameters, is_angle
+from vsr2.diagnosis.library import NONE, Entry, coordinates, free_parameters, is_angle
 from vsr2.diagnosis.simulator import quasi_random
 
 Array = NDArray[np.float64]
@@ -95,6 +95,12 @@ class Table:
     weights: Array
     slope: Array
     response: tuple[Array, ...]
+
+    def nearest(self, entry: Entry, quantiles: Array) -> int:
+        """The fine node nearest to some quantiles of the parameters."""
+        angles = [is_angle(p) for p in free_parameters(entry)]
+        gap = coordinates(self.fine.quantiles, angles) - coordinates(quantiles[None], angles)
+        return int(np.argmin((gap**2).sum(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +200,8 @@ def tabulate_pair(
 
     Args:
         emulator: fitted.
-        first, second: effects.
+        first: an effect.
+        second: another.
         quantiles: nodes of each, combined row by row.
     """
     x, _ = _regressors(emulator, first, quantiles[0])
