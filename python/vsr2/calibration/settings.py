@@ -93,16 +93,19 @@ class Joint(Section):
     profile_points: Annotated[int, Strict(), Field(ge=0, le=200)] = 7
     """Values of each parameter that are tried with all others at their best; 0: none."""
     screen: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 0
-    """Sets of the design that are run on all trials; trials which end alike in all of these are
-    taken to do so in the other sets, too. The chosen sets are run on all trials in the end. 0: all
-    sets are run on all trials."""
+    """The first so many sets, of the design and then of `sets`, are run on all trials; trials which
+    end alike in all of these are taken to do so in the other sets, too. The chosen sets are run on
+    all trials in the end. 0: all sets are run on all trials."""
 
     @model_validator(mode="after")
     def _screen_fits(self) -> Self:
         if self.screen == 1:
             raise ValueError("screen: one set ends like itself; give 2 or more, or 0")
-        if self.screen > self.design:
-            raise ValueError(f"screen ({self.screen}) is more than design ({self.design})")
+        if self.screen > self.design + len(self.sets):
+            raise ValueError(
+                f"screen ({self.screen}) is more than design ({self.design}) and sets "
+                f"({len(self.sets)}) together"
+            )
         return self
 
 
