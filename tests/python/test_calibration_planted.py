@@ -231,7 +231,8 @@ def test_a_campaign_that_tells_nothing_is_refused(planted, tmp_path):
 
 
 def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(planted, tmp_path):
-    text = STUDY.replace("refine: 3, profile_points: 4", "refine: 1, profile_points: 0, screen: 4")
+    method = f"refine: 1, profile_points: 0, screen: 4, sets: [{{yaw: {KNOWN_YAW}}}]"
+    text = STUDY.replace("refine: 3, profile_points: 4", method)
     text = text.replace("folds: 3", "folds: 2").replace("replicates: 200", "replicates: 100")
     path = planted / "screened.yaml"
     path.write_text(text + "judged_with: {engine.mode: exact}\n")
@@ -250,6 +251,9 @@ def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(plant
         assert 0 < screen.certain.sum() < 24
         for step in result.steps:
             assert (step.evaluation.predicted == first[0])[screen.certain].all()
+    # A set of one's own comes after the design, before what is proposed.
+    assert [step.group for step in fresh.steps] == ["design"] * 9 + ["refine"]
+    assert fresh.steps[8].evaluation.values == {"yaw": KNOWN_YAW, "restitution": 0.35}
     later = fresh.steps[-1].evaluation
     np.testing.assert_array_equal(later.known, ~fresh.screen.certain)
     assert [s.evaluation.values for s in known.steps] == [s.evaluation.values for s in fresh.steps]

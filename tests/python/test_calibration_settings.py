@@ -76,6 +76,9 @@ def test_keys_may_lead_into_lists_and_overrides_into_parameters(study):
         ("outcome: {tail: 2.0}", "outcome: {tale: 2.0}", r"outcome.tale: .*did you mean `tail`"),
         ("outcome: {tail: 2.0}", "effects: {edge_ronding: {radius: 0.01}}",
          "study.yaml: effects: .*edge_rounding"),
+        ("refine: 3", "sets: [{}], screen: 10", r"screen \(10\) is more than design \(8\)"),
+        ("refine: 3", "sets: [{jaw: 1.0}]", r"method\.sets\.0\.jaw: is no parameter"),
+        ("refine: 3", "sets: [{}, {yaw: 61.0}]", r"method\.sets\.1\.yaw: 61.* outside"),
         ("folds: 3", "judged_with: {engine.mode: sloppy}", "engine.mode"),
     ],
 )  # fmt: skip

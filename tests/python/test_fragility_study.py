@@ -219,3 +219,30 @@ def test_effects_act_and_measures_stay_those_of_the_motion(study):
     kept = np.array([one.replicate < 2 for one in third.planned])
     for name in ("peak_tilt", "final_tilt"):
         np.testing.assert_array_equal(third.batch[name][kept], more.batch[name])
+
+
+def test_killed_while_drawing_it_resumes_without_simulating(study, tmp_path, monkeypatch):
+    import vsr2.report.fragility as report
+    import vsr2.simulation.batch as batch
+
+    study()
+    path, out = tmp_path / "study.yaml", tmp_path / "out"
+
+    def killed(*_):
+        raise SystemExit(137)
+
+    def none_left(trials, *_, **__):
+        assert not trials
+
+    with monkeypatch.context() as patch:
+        patch.setattr(report, "write_fragility_report", killed)
+        with pytest.raises(SystemExit):
+            run(path, "--out", out, "--threads", 1, "--quiet")
+    assert (out / "lognormal.csv").exists()
+    assert not (out / "report.md").exists()
+    with monkeypatch.context() as patch:
+        patch.setattr(batch, "run_native", none_left)
+        assert run(path, "--out", out, "--resume", "--quiet") in (0, 1)
+    assert (out / "figures" / "surface.png").exists()
+    assert (out / "report.md").exists()
+    assert not (out / JOURNAL_FILE).exists()

@@ -32,7 +32,8 @@ class FragilityResult:
         settings: measures, azimuths, replicates, perturbations.
         batch: one row a trial.
         planned: what sets each trial apart.
-        measures: every intensity measure of each trial's motion as driven, by name, (trials,).
+        measures: every intensity measure of each trial's motion as driven, before effects, by name,
+            shape (trials,).
         used: trials with an outcome and positive measures, shape (trials,).
         curves: for every measure over all azimuths, by name.
         azimuth_curves: the same of each azimuth alone, by (name, azimuth); empty for one azimuth.

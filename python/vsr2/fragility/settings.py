@@ -49,7 +49,7 @@ class FragilitySettings(Section):
     """The section `fragility`."""
 
     measures: Annotated[tuple[Measure, ...], Field(min_length=1, max_length=2)] = ("pga_g",)
-    """Intensity measures, of the motions as driven; two of them: a surface, too."""
+    """Intensity measures, of the motions as driven, before effects; two of them: a surface, too."""
     target_pga: Annotated[tuple[Real, ...], Field(min_length=1, max_length=1000)] | None = None
     """Scale every recording to each of these PGAs [g]; none given: as they are."""
     azimuths: Annotated[tuple[Real, ...], Field(min_length=1, max_length=360)] | None = None
