@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 FEW_TRIALS = 100
 FEW_MOTIONS = 10
 _PLACES = 20
+_SIGNIFICANT = 0.05
+"""Family-wise p value up to which a place lists its trials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,11 @@ def compose(
                 "axis": place.axis,
                 "effect_size": place.effect_size,
                 "p_familywise": place.p_familywise,
+                "trials": [
+                    seen.campaign.trials[int(screening.kept[i])].trial for i in place.trials
+                ]
+                if place.p_familywise <= _SIGNIFICANT
+                else None,
             }
             for place in evidence.where[:_PLACES]
         ],
