@@ -18,6 +18,7 @@ import vsr2.blind.make as make_module
 from blind_samples import QuickEngine, diagnosis
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.baselines import BASELINES, baseline_scores
+from vsr2.blind.design import catalogue, draw_protocol
 from vsr2.blind.diagnose import at_tier
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import FloorMeter
@@ -46,6 +47,11 @@ def quick(monkeypatch):
 def make(study, folder, seed=1, **changes):
     settings = PackSettings(**(SMALL | {"single": 6, "none": 3, "pair": 2, "unknown": 3} | changes))
     return make_pack(study, folder, folder / "key", settings, seed=seed)
+
+
+def protocol(settings):
+    rng = np.random.default_rng(3)
+    return draw_protocol(rng, catalogue(3, settings.catalogue), [6.0] * 5, settings)
 
 
 def same_folders(one, two):
@@ -149,8 +155,7 @@ def test_each_effect_is_left_out_in_turn(quick, study, tmp_path) -> None:
 
 def test_the_floor_is_where_signal_over_noise_is_three(study) -> None:
     settings = PackSettings(**SMALL)
-    motions = make_module.catalogue(3, 5)
-    meter = FloorMeter(QuickEngine(), motions, [6.0] * 5, settings, 3)
+    meter = FloorMeter(QuickEngine(), protocol(settings), settings, 3)
     effect = QuickEngine.effects["table_gain"]
     floor = meter.floor(effect, 1)
     assert meter.signal(effect, floor.magnitude) == pytest.approx(3.0, rel=0.3)
@@ -165,9 +170,8 @@ class DeafEngine(QuickEngine):
 
 
 def test_an_effect_that_nobody_can_see_has_no_floor(study) -> None:
-    meter = FloorMeter(
-        DeafEngine(), make_module.catalogue(3, 5), [6.0] * 5, PackSettings(**SMALL), 3
-    )
+    settings = PackSettings(**SMALL)
+    meter = FloorMeter(DeafEngine(), protocol(settings), settings, 3)
     assert meter.floor(QuickEngine.effects["wear"], 1).magnitude == math.inf
 
 

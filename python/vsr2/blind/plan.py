@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vsr2.blind.floor import Floor
-from vsr2.blind.settings import KINDS, Kind, PackSettings
+from vsr2.blind.settings import Kind, PackSettings
 from vsr2.blind.shake import Drawable
 from vsr2.errors import BlindError
 
@@ -48,6 +48,7 @@ class Planned:
         index: from which all its draws are seeded.
         id: random; says nothing.
         kind, engine: drawn.
+        protocol: by number.
         effects: none, one or two.
         exclude: effects that the diagnosis may not use, a whole class: of the true effect where
             the kind is `unknown`, of a decoy elsewhere.
@@ -57,6 +58,7 @@ class Planned:
     id: str
     kind: Kind
     engine: str
+    protocol: int
     effects: tuple[Drawn, ...] = ()
     exclude: tuple[str, ...] = field(default_factory=tuple)
 
@@ -98,15 +100,15 @@ def draw_plan(
     rng = np.random.default_rng([seed, 301])
     decks = {engine: _Deck(rng, engine, settings, floors) for engine in settings.engines}
     asked: list[tuple[Kind, str, list[tuple[str, int]]]] = []
-    for kind in KINDS:
-        for number in range(settings.counts[kind]):
-            engine = settings.engines[number % len(settings.engines)]
-            asked.append((kind, engine, decks[engine].deal({"none": 0, "pair": 2}.get(kind, 1))))
     for engine, deck in decks.items():
+        for kind, count in settings.counts(engine).items():
+            effects_each = {"none": 0, "pair": 2}.get(kind, 1)
+            asked += [(kind, engine, deck.deal(effects_each)) for _ in range(count)]
         for _ in range(settings.leave_one_out):
             asked += [("unknown", engine, [chosen]) for chosen in deck.each()]
     ids = _ids(rng, len(asked))
     places = rng.permutation(len(asked))
+    protocols = rng.permutation(np.arange(len(asked)) % settings.protocols)
     out: list[Planned] = []
     for place, (kind, engine, chosen) in zip(places, asked, strict=True):
         drawn = tuple(
@@ -121,6 +123,7 @@ def draw_plan(
                 id=ids[place],
                 kind=kind,
                 engine=engine,
+                protocol=int(protocols[place]),
                 effects=drawn,
                 exclude=() if hidden is None else tuple(sorted(settings.class_of(hidden))),
             )
@@ -147,10 +150,10 @@ class _Deck:
         self._signs: dict[str, list[int]] = {}
         for name, sign in audible(floors, engine):
             self._signs.setdefault(name, []).append(sign)
-        needed = 1 + (settings.pair > 0)
-        if len({settings.class_of(name) for name in self._signs}) < needed and (
-            settings.single + settings.pair + settings.unknown + settings.leave_one_out
-        ):
+        counts = settings.counts(engine)
+        needed = 1 + (counts["pair"] > 0)
+        asked = sum(counts.values()) - counts["none"] + settings.leave_one_out
+        if asked and len({settings.class_of(name) for name in self._signs}) < needed:
             raise BlindError(
                 f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
                 f"for this pack; raise trials ({settings.trials}), or allow more effects"

@@ -38,17 +38,28 @@ def _add_make(verbs: Any) -> None:
         "--engine",
         action="append",
         choices=ENGINES,
-        help="may be repeated: campaigns are dealt to the engines in turn (default mujoco)",
+        help="may be repeated (default mujoco)",
     )
     for name, what in (
         ("single", "campaigns with one effect"),
         ("none", "campaigns without any"),
         ("pair", "campaigns with two effects"),
         ("unknown", "campaigns whose effect the diagnosis may not use"),
+    ):
+        make.add_argument(
+            f"--{name}",
+            type=int,
+            nargs="+",
+            default=[defaults[name]],
+            metavar="N",
+            help=f"{what}; for each engine, or one number for all (default {defaults[name]})",
+        )
+    for name, what in (
         ("trials", "trials a campaign"),
         ("motions", "ground motions a campaign"),
         ("sessions", "sessions a campaign"),
         ("catalogue", "ground motions of the pack"),
+        ("protocols", "of the pack: campaigns of one share amplitudes, order and motions"),
         ("replicates", "simulations of each trial in measuring the floor"),
         ("floor_trials", "trials on which the floor is measured"),
     ):
@@ -135,11 +146,15 @@ def _add_score(verbs: Any) -> None:
 
 def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
+    from vsr2.blind.settings import KINDS
     from vsr2.config import load_study
 
-    names = ["single", "none", "pair", "unknown", "trials", "motions", "sessions", "catalogue"]
-    names += ["replicates", "floor_trials", "series_interval", "development"]
+    names = ["trials", "motions", "sessions", "catalogue", "protocols", "replicates"]
+    names += ["floor_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
+    for name in KINDS:
+        given = getattr(options, name)
+        chosen[name] = given[0] if len(given) == 1 else tuple(given)
     if options.leave_one_out is not None:
         chosen |= {"single": 0, "none": 0, "pair": 0, "unknown": 0}
         chosen["leave_one_out"] = options.leave_one_out
