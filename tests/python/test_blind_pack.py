@@ -295,14 +295,14 @@ def small(quick, study, tmp_path):
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, budget_minutes=1)
+    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, draws=9)
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
     for campaign, how in Stub.calls:
         assert campaign.tier == how["tier"]
         assert list(how["exclude"]) == excluded[campaign.name]
-        assert (how["seed"], how["budget_minutes"]) == (7, 1)
+        assert (how["seed"], how["draws"]) == (7, 9)
         if how["tier"] == "B":
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None
@@ -412,6 +412,9 @@ def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
     moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
     peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
     shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    study = study.model_copy(
+        update={"engine": study.engine.model_copy(update={"time_step": 0.001})}
+    )
     found = {
         name: [seen.peak_tilt for seen in build_engine(name, study).run(shakes, 0.02)]
         for name in ("mujoco", "bullet")

@@ -377,7 +377,12 @@ def _seal(
         "classes": settings.classes,
         "tolerances": tolerances,
         "campaigns": [
-            {"id": name, "exclude": entries[name]["exclude"]} for name in sorted(entries)
+            {
+                "id": name,
+                "protocol": entries[name]["protocol"],
+                "exclude": entries[name]["exclude"],
+            }
+            for name in sorted(entries)
         ],
         "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
     }

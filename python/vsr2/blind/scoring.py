@@ -114,7 +114,7 @@ def score_pack(
     scored = Scored(score_cases(cases), baselines, cases, open_pack)
     content = scored.to_json() | {
         "pack": pack["commitment"]["sha256"],
-        "submission": folder_sha256(diagnoses),
+        "submission": folder_sha256(diagnoses, "*.json"),
         "development": open_pack,
     }
     canonical(content)

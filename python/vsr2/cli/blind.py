@@ -101,6 +101,8 @@ def _add_make(verbs: Any) -> None:
 
 
 def _add_diagnose(verbs: Any) -> None:
+    from vsr2.blind.diagnose import DRAWS
+
     diagnose = verbs.add_parser(
         "diagnose",
         help="run the diagnosis over a pack's data folder",
@@ -114,8 +116,20 @@ def _add_diagnose(verbs: Any) -> None:
     diagnose.add_argument(
         "--campaign", action="append", metavar="ID", help="may be repeated (default: all)"
     )
-    diagnose.add_argument(
-        "--budget-minutes", type=float, default=10.0, help="of each diagnosis (default 10)"
+    budget = diagnose.add_mutually_exclusive_group()
+    budget.add_argument(
+        "--draws",
+        type=int,
+        default=DRAWS,
+        metavar="N",
+        help="simulated campaigns of every effect; campaigns of one protocol share them "
+        f"(default {DRAWS})",
+    )
+    budget.add_argument(
+        "--budget-minutes",
+        type=float,
+        metavar="MIN",
+        help="of each diagnosis instead, for packs whose campaigns have motions of their own",
     )
     diagnose.add_argument("--threads", type=int, help="default: all this process may use")
     diagnose.add_argument("--seed", type=int, default=0, help="of each diagnosis (default 0)")
@@ -186,7 +200,8 @@ def _diagnose(options: argparse.Namespace) -> int:
         options.out,
         tiers=options.tier,
         campaigns=options.campaign,
-        budget_minutes=options.budget_minutes,
+        draws=options.draws if options.budget_minutes is None else None,
+        budget_minutes=options.budget_minutes or 10.0,
         threads=options.threads,
         seed=options.seed,
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
