@@ -101,7 +101,9 @@ def make_pack(
     if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
         raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
     engines = {name: build_engine(name, study) for name in settings.engines}
-    effects = {name: _allowed(engine, settings) for name, engine in engines.items()}
+    effects = {
+        name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
+    }
     state = _begin(study, data, key, settings, seed)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
@@ -127,7 +129,7 @@ def make_pack(
     sealed = _seal(data, key, state, settings, engines, floors, entries)
     inaudible = {
         name: sorted(set(effects[name]) - {effect for effect, _ in audible(floors, name)})
-        for name in engines
+        for name in effects
     }
     return Made(len(plan), sealed, inaudible)
 
@@ -241,7 +243,8 @@ def _floors(
 ) -> dict[tuple[str, str, int], Floor]:
     stored: dict[str, Any] = known.setdefault("floors", {})
     out: dict[tuple[str, str, int], Floor] = {}
-    for name, engine in engines.items():
+    for name in effects:
+        engine = engines[name]
         meter: FloorMeter | None = None
         for effect in effects[name].values():
             for sign in effect.strength.reach():

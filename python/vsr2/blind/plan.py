@@ -150,10 +150,9 @@ class _Deck:
         self._signs: dict[str, list[int]] = {}
         for name, sign in audible(floors, engine):
             self._signs.setdefault(name, []).append(sign)
-        counts = settings.counts(engine)
-        needed = 1 + (counts["pair"] > 0)
-        asked = sum(counts.values()) - counts["none"] + settings.leave_one_out
-        if asked and len({settings.class_of(name) for name in self._signs}) < needed:
+        needed = 1 + (settings.counts(engine)["pair"] > 0)
+        classes = {settings.class_of(name) for name in self._signs}
+        if settings.asks(engine) and len(classes) < needed:
             raise BlindError(
                 f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
                 f"for this pack; raise trials ({settings.trials}), or allow more effects"

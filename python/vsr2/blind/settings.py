@@ -145,6 +145,11 @@ class PackSettings:
         """Campaigns of an engine by kind."""
         return {kind: getattr(self, kind)[self.engines.index(engine)] for kind in KINDS}
 
+    def asks(self, engine: str) -> bool:
+        """Whether campaigns with effects are asked of an engine."""
+        counts = self.counts(engine)
+        return sum(counts.values()) - counts["none"] + self.leave_one_out > 0
+
     def class_of(self, effect: str) -> tuple[str, ...]:
         """The equivalence class that holds an effect."""
         return next((c for c in self.classes if effect in c), (effect,))

@@ -37,8 +37,8 @@ def ground_motion(name: str, rng: np.random.Generator) -> GroundMotion:
     Three in four are sums of cosines of random phase (spectral representation, Shinozuka and
     Deodatis 1991) with an omega-square spectrum (Brune 1970) between 0.3 and 18 Hz, corner 0.3 to
     2 Hz, decay kappa 0.05 to 0.3 s, under an envelope of 2.5 to 5 s; the others are a cosine under
-    a bell, a pulse of 1 to 3 cycles (as Mavroeidis and Papageorgiou 2003) of 0.6 to 2.5 Hz. The sums
-    make displacement, which the envelope takes to 0, so that no baseline needs correction.
+    a bell, a pulse of 1 to 3 cycles (as Mavroeidis and Papageorgiou 2003) of 0.6 to 2.5 Hz. The
+    sums make displacement, which the envelope takes to 0, so that no baseline needs correction.
     """
     if rng.random() < 0.75:
         length = rng.uniform(2.5, 5.0)
