@@ -29,7 +29,7 @@ from vsr2.diagnosis.shared import Shared, fingerprint
 from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
-from vsr2.diagnosis.verdict import Findings, decide, disagreement
+from vsr2.diagnosis.verdict import Findings, beyond_noise, decide, disagreement
 from vsr2.diagnosis.where import Conditions, residuals, scan
 
 Array = NDArray[np.float64]
@@ -238,6 +238,8 @@ def conclude(
     motion = seen.motion[kept]
     leading = tuple(groups[0])
     probability = dict(zip(found.labels, found.probability, strict=True))
+    floor = prepared.calibration.floor
+    gap_low = _gap_low(prepared, found, motion, seed)
     shrinkage = judge(
         library,
         prepared.emulator,
@@ -245,14 +247,13 @@ def conclude(
         observed,
         blocks(motion, seen.overturned[kept]),
         leading,
-        pairs=len(library) > 1,
+        pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
-    floor = prepared.calibration.floor
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
     something = max(1 - float(probability[NONE]), 1e-9)
     within = min(sum(float(probability[name]) for name in leading) / something, 1.0)
     findings = Findings(
-        gap_low=_gap_low(prepared, found, motion, seed),
+        gap_low=gap_low,
         gap_p=found.gap_p,
         direction_p=found.direction_p,
         none_probability=float(probability[NONE]),

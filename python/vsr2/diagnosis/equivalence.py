@@ -16,7 +16,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vsr2.diagnosis.evidence import Data, Posterior, Table, posterior
+from vsr2.diagnosis.evidence import Data, Posterior, Table, mode, posterior
 from vsr2.diagnosis.library import NONE
 
 INSEPARABLE = 3.28
@@ -25,13 +25,13 @@ INSEPARABLE = 3.28
 
 def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
     """What a hypothesis at its posterior mode expects, and |z|^2 / 2 there."""
-    node = int(np.argmax(found.nodes[0]))
-    z = found.nuisance[0, node]
-    logit = table.logit[node] + table.factor[node] * (table.slope @ z)
+    node, z = mode(table, found)
+    at = table.fine
+    logit = at.logit[node] + at.factor[node] * (table.slope @ z)
     p = 1 / (1 + np.exp(-np.clip(logit, -30, 30)))
     features = [
         centre[node] + response @ z
-        for centre, response in zip(table.centre, table.response, strict=True)
+        for centre, response in zip(at.centre, table.response, strict=True)
     ]
     shape = (1, p.size, 0)
     stacked = np.stack(features, axis=-1)[None] if features else np.zeros(shape)

@@ -6,7 +6,7 @@ have the planar block's own entries.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -93,7 +93,8 @@ def basis_size(entry: Entry) -> int:
     return int(basis(entry, np.full((1, len(free_parameters(entry))), 0.3)).shape[1])
 
 
-def _is_angle(parameter: Parameter) -> bool:
+def is_angle(parameter: Parameter) -> bool:
+    """Whether the prior spans a full turn."""
     turn = {"degree": 360.0, "rad": 2 * np.pi}.get(parameter.unit)
     return turn is not None and abs(parameter.upper - parameter.lower - turn) < 1e-6 * turn
 
@@ -126,12 +127,21 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     columns += [c[j] * c[k] for j in range(len(c)) for k in range(j, len(c))]
     for j, parameter in enumerate(parameters):
         if parameter.secondary:
-            if _is_angle(parameter):
+            if is_angle(parameter):
                 turn = 2 * np.pi * u[:, j]
                 functions = [np.cos(turn), np.sin(turn)]
             else:
                 functions = [2 * u[:, j] - 1, (2 * u[:, j] - 1) ** 2]
             columns += [one * function for one in linear for function in functions]
+    return np.stack(columns, axis=1)
+
+
+def coordinates(quantiles: Array, angles: Sequence[bool]) -> Array:
+    """Quantiles as points whose distances make sense: full turns lie on a circle."""
+    columns = []
+    for j, turns in enumerate(angles):
+        u = quantiles[:, j]
+        columns += [np.cos(2 * np.pi * u) / np.pi, np.sin(2 * np.pi * u) / np.pi] if turns else [u]
     return np.stack(columns, axis=1)
 
 
