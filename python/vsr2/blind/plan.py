@@ -103,7 +103,10 @@ def draw_plan(
     for engine, deck in decks.items():
         for kind, count in settings.counts(engine).items():
             effects_each = {"none": 0, "pair": 2}.get(kind, 1)
-            asked += [(kind, engine, deck.deal(effects_each)) for _ in range(count)]
+            asked += [
+                (kind, engine, deck.deal(effects_each, hidden=kind == "unknown"))
+                for _ in range(count)
+            ]
         for _ in range(settings.leave_one_out):
             asked += [("unknown", engine, [chosen]) for chosen in deck.each()]
     ids = _ids(rng, len(asked))
@@ -146,30 +149,32 @@ class _Deck:
     ) -> None:
         self._rng = rng
         self._settings = settings
-        self._engine = engine
         self._signs: dict[str, list[int]] = {}
         for name, sign in audible(floors, engine):
             self._signs.setdefault(name, []).append(sign)
         needed = 1 + (settings.counts(engine)["pair"] > 0)
-        classes = {settings.class_of(name) for name in self._signs}
+        classes = sorted({settings.class_of(name) for name in self._signs})
         if settings.asks(engine) and len(classes) < needed:
             raise BlindError(
                 f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
                 f"for this pack; raise trials ({settings.trials}), or allow more effects"
             )
-        self._rest: list[str] = []
+        hidden = [classes[i] for i in rng.permutation(len(classes))[: settings.hidden]]
+        self._hidden = sorted(n for n in self._signs if settings.class_of(n) in hidden)
+        self._rest: dict[bool, list[str]] = {False: [], True: []}
 
-    def _next(self) -> str:
-        if not self._rest:
-            names = sorted(self._signs)
-            self._rest = [names[i] for i in self._rng.permutation(len(names))]
-        return self._rest.pop()
+    def _next(self, hidden: bool) -> str:
+        if not self._rest[hidden]:
+            names = self._hidden if hidden else sorted(self._signs)
+            self._rest[hidden] = [names[i] for i in self._rng.permutation(len(names))]
+        return self._rest[hidden].pop()
 
-    def deal(self, count: int) -> list[tuple[str, int]]:
+    def deal(self, count: int, *, hidden: bool = False) -> list[tuple[str, int]]:
+        """Effects of different classes; `hidden`: of those that may be left out."""
         out: list[tuple[str, int]] = []
         taken: set[tuple[str, ...]] = set()
         while len(out) < count:
-            name = self._next()
+            name = self._next(hidden)
             if self._settings.class_of(name) in taken:
                 continue
             taken.add(self._settings.class_of(name))
@@ -186,7 +191,7 @@ class _Deck:
     def decoy(self, names: list[str]) -> str | None:
         """An effect of another class; drawn whether the campaign has an effect or not."""
         own = {self._settings.class_of(name) for name in names}
-        others = [n for n in sorted(self._signs) if self._settings.class_of(n) not in own]
+        others = [n for n in self._hidden if self._settings.class_of(n) not in own]
         return others[int(self._rng.integers(len(others)))] if others else None
 
 

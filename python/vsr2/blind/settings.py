@@ -71,6 +71,8 @@ class PackSettings:
             recorded motions, so that simulations for one serve all of them.
         series_interval: [s]; 0: no series, so that the pack ends at tier M.
         effects: that may be drawn; empty: all that the engine has.
+        hidden: number of classes that may be left out of the library, of unknown effects and of
+            decoys alike; each costs the diagnosis fits of its own.
         classes: equivalence classes that verdicts are judged by.
         replicates: simulations of each trial in measuring the floor.
         floor_trials: trials of the design on which the floor is measured.
@@ -91,6 +93,7 @@ class PackSettings:
     protocols: int = 1
     series_interval: float = 0.02
     effects: tuple[str, ...] = ()
+    hidden: int = 8
     classes: tuple[tuple[str, ...], ...] = CLASSES
     replicates: int = 6
     floor_trials: int = 24
@@ -112,8 +115,10 @@ class PackSettings:
                     f"{', '.join(self.engines)} or one for all"
                 )
             object.__setattr__(self, name, numbers)
-        if self.protocols < 1:
-            raise BlindError(f"protocols is {self.protocols}; give 1 or more")
+        if self.protocols < 1 or self.hidden < 2:
+            raise BlindError(
+                f"protocols is {self.protocols} and hidden {self.hidden}; give at least 1 and 2"
+            )
         if self.leave_one_out < 0:
             raise BlindError(f"leave_one_out is {self.leave_one_out}; give 0 or more campaigns")
         asked = sum(n for engine in self.engines for n in self.counts(engine).values())

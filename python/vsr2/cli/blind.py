@@ -60,6 +60,7 @@ def _add_make(verbs: Any) -> None:
         ("sessions", "sessions a campaign"),
         ("catalogue", "ground motions of the pack"),
         ("protocols", "of the pack: campaigns of one share amplitudes, order and motions"),
+        ("hidden", "effect classes that may be left out of the library"),
         ("replicates", "simulations of each trial in measuring the floor"),
         ("floor_trials", "trials on which the floor is measured"),
     ):
@@ -163,8 +164,8 @@ def _make(options: argparse.Namespace) -> int:
     from vsr2.blind.settings import KINDS
     from vsr2.config import load_study
 
-    names = ["trials", "motions", "sessions", "catalogue", "protocols", "replicates"]
-    names += ["floor_trials", "series_interval", "development"]
+    names = ["trials", "motions", "sessions", "catalogue", "protocols", "hidden"]
+    names += ["replicates", "floor_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
     for name in KINDS:
         given = getattr(options, name)
