@@ -1,14 +1,17 @@
 """The custodian: what it draws, seals and does not leak; the diagnosis from the data alone."""
 
+import contextlib
 import csv
 import json
 import math
 import shutil
+import sqlite3
 import subprocess
 import sys
 import textwrap
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +31,8 @@ from vsr2.blind.verdict import DIAGNOSIS_FILE
 from vsr2.campaign import check_campaign, load_campaign
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
+from vsr2.diagnosis import diagnose
+from vsr2.effects import library as known_effects
 from vsr2.errors import BlindError, CampaignError
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
@@ -263,9 +268,9 @@ def test_what_the_files_say_beside_the_response_tells_nothing(quick, study, tmp_
         data = tmp_path / str(seed) / "data"
         packs += [data, open_key(data, tmp_path / str(seed) / "key")]
     scores = baseline_scores(packs[2], packs[3], packs[0], packs[1])
-    assert set(scores) == {*BASELINES, "commonest class"}
+    assert set(scores) == {f"{name}: top-1" for name in (*BASELINES, "commonest class")}
     # Chance is 6 of 24; 14 or more happen by chance in 1 of 1000 packs.
-    assert scores["metadata only"].value * 24 < 14
+    assert scores["metadata only: top-1"].value * 24 < 14
 
 
 # --- diagnosing ---------------------------------------------------------------------------------
@@ -373,25 +378,42 @@ def test_the_diagnosis_never_looks_at_the_key(small, tmp_path) -> None:
 # --- from end to end ----------------------------------------------------------------------------
 
 
-def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
+def test_a_small_pack_from_end_to_end(tmp_path, capsys) -> None:
     pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
-    counts = ["--single", "6", "--none", "3", "--pair", "1", "--unknown", "2", "--trials", "6"]
-    design = ["--motions", "3", "--catalogue", "3", "--sessions", "2", "--floor-trials", "4"]
-    effects = [v for n in ("table_gain", "wear", "restitution") for v in ("--effect", n)]
+    names = ("edge_rounding", "restitution", "vertical_motion")
+    counts = ["--single", "6", "0", "--none", "2", "1", "--pair", "1", "0", "--unknown", "2", "0"]
+    design = ["--trials", "40", "--motions", "4", "--catalogue", "4", "--sessions", "2"]
+    floor = ["--floor-trials", "4", "--replicates", "4", "--series-interval", "0", "--quiet"]
+    effects = [v for name in names for v in ("--effect", name)]
     pack, key, out = tmp_path / "pack", tmp_path / "key", tmp_path / "out"
     command = ["blind", "make", str(SCENE), str(pack), "--key", str(key), "--seed", "4"]
-    more = ["--replicates", "4", "--quiet"]
-    assert main([*command, *counts, *design, *effects, *more]) == 0
+    command += ["--engine", "bullet", "--engine", "mujoco"]
+    assert main([*command, *counts, *design, *effects, *floor]) == 0
     assert "12 campaigns, sealed as" in capsys.readouterr().out
-    for name in open_key(pack / "data", key)["campaigns"]:
-        assert check_campaign(pack / "data" / name) == []
-        assert load_campaign(pack / "data" / name).tier == "T"
-    diagnose_pack(pack / "data", out, diagnose=Stub)
+    shutil.move(key, tmp_path / "away")
+    library = {name: known_effects()[name] for name in names}
+    progress = diagnose_pack(
+        pack / "data", out, tiers=["M"], draws=6, diagnose=partial(diagnose, library=library)
+    )
+    assert (progress.done, progress.failed) == (12, ())
+    spent = [
+        json.loads((out / name / "M" / DIAGNOSIS_FILE).read_text())["provenance"]["budget"]
+        for name in sorted(c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"])
+    ]
+    # Campaigns of one protocol share their simulations.
+    assert sum(one["simulated"] for one in spent) == len(bank_keys(out / "bank.sqlite"))
+    assert sorted(one["simulated"] for one in spent)[:9] == [0] * 9
+    key = tmp_path / "away"
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 0
     assert "top-1 class (single)" in capsys.readouterr().out
     assert main(score) == 2
     assert "scored once" in capsys.readouterr().err
+
+
+def bank_keys(path):
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        return file.execute("SELECT key FROM runs").fetchall()
 
 
 def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
