@@ -24,7 +24,8 @@ from vsr2.blind.baselines import BASELINES, baseline_scores
 from vsr2.blind.design import catalogue, draw_protocol
 from vsr2.blind.diagnose import at_tier
 from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import FloorMeter
+from vsr2.blind.floor import Floor, FloorMeter
+from vsr2.blind.plan import draw_plan
 from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.shake import Shake
 from vsr2.blind.verdict import DIAGNOSIS_FILE
@@ -186,6 +187,8 @@ def test_settings_are_checked() -> None:
         ({"single": -1}, "single is -1"),
         ({"motions": 30}, "motions is 30"),
         ({"sessions": 0}, "sessions is 0"),
+        ({"single": (3, 4)}, "one number for each of mujoco"),
+        ({"protocols": 0}, "protocols is 0"),
         ({"replicates": 1}, "replicates is 1"),
         ({"series_interval": 0.0015}, "series_interval"),
         ({"single": 0, "none": 0, "pair": 0, "unknown": 0}, "no campaign"),
@@ -259,16 +262,49 @@ def test_ids_tell_neither_kind_nor_order(quick, study, tmp_path) -> None:
     assert "seed" not in text
 
 
+def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
+    # Kind, exclude, protocol and place in the list of 900 campaigns: independent.
+    from scipy.stats import chi2_contingency, kruskal
+
+    settings = PackSettings(single=0, none=450, pair=0, unknown=450, protocols=3, hidden=4)
+    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in QuickEngine.effects}
+    plan = draw_plan(5, settings, {"mujoco": QuickEngine.effects}, floors)
+    assert len({p.exclude for p in plan}) == 4
+    for trait in ("exclude", "protocol"):
+        cells = Counter((p.kind, getattr(p, trait)) for p in plan)
+        kinds, values = zip(*cells, strict=True)
+        table = [[cells[k, v] for v in sorted(set(values))] for k in sorted(set(kinds))]
+        assert chi2_contingency(table).pvalue > 0.01, trait
+    for key in (lambda p: p.id, lambda p: p.index):
+        ordered = [p.kind for p in sorted(plan, key=key)]
+        places = [[i for i, k in enumerate(ordered) if k == kind] for kind in ("none", "unknown")]
+        assert kruskal(*places).pvalue > 0.01
+
+
+def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
+    settings = PackSettings(single=120, none=0, pair=0, unknown=120, hidden=6)
+    floors = {("mujoco", name, 1): Floor(0.02, ()) for name in QuickEngine.effects}
+    plan = draw_plan(2, settings, {"mujoco": QuickEngine.effects}, floors)
+    unknown = [p.effects[0] for p in plan if p.kind == "unknown"]
+    assert Counter(e.name for e in unknown) == dict.fromkeys(QuickEngine.effects, 20)
+    single = [p.effects[0] for p in plan if p.kind == "single"]
+    assert Counter(e.name for e in single) == dict.fromkeys(QuickEngine.effects, 20)
+    from scipy.stats import ks_2samp
+
+    assert ks_2samp([e.relative for e in unknown], [e.relative for e in single]).pvalue > 0.01
+
+
 def test_what_the_files_say_beside_the_response_tells_nothing(quick, study, tmp_path) -> None:
     effects = ("table_gain", "wear", "restitution", "friction")
-    counts = {"single": 24, "none": 0, "pair": 0, "unknown": 0, "effects": effects}
+    counts = {"single": 24, "none": 2, "pair": 0, "unknown": 0, "effects": effects}
     packs = []
     for seed in (1, 2):
         make(study, tmp_path / str(seed), seed=seed, **counts, series_interval=0.0)
         data = tmp_path / str(seed) / "data"
         packs += [data, open_key(data, tmp_path / str(seed) / "key")]
     scores = baseline_scores(packs[2], packs[3], packs[0], packs[1])
-    assert set(scores) == {f"{name}: top-1" for name in (*BASELINES, "commonest class")}
+    rate = {"overturn rate only: AUROC, none or single"}
+    assert set(scores) == {f"{name}: top-1" for name in (*BASELINES, "commonest class")} | rate
     # Chance is 6 of 24; 14 or more happen by chance in 1 of 1000 packs.
     assert scores["metadata only: top-1"].value * 24 < 14
 

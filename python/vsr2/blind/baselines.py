@@ -69,6 +69,9 @@ def baseline_scores(
 ) -> dict[str, Score]:
     """Top-1 class on single effects of each baseline, and what guessing the commonest class gives.
 
+    Also how well the overturn rate tells campaigns without effect, and unknown ones, from single
+    effects.
+
     A baseline is a multinomial logistic regression on a handful of standardised numbers. It is
     trained on the single effects of a development pack and judged on those of another.
 
@@ -78,7 +81,7 @@ def baseline_scores(
         trained_data: of the development pack.
         trained_key: opened.
     """
-    out: dict[str, Score] = {}
+    out = _rate_alone(data, key)
     training = _singles(trained_data, trained_key)
     judged = _singles(data, key)
     if not training or not judged:
@@ -97,7 +100,7 @@ def baseline_scores(
     return out
 
 
-def rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
+def _rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
     """How well the overturn rate, in either direction, tells one kind of campaign from singles.
 
     Area under the ROC, 0.5 by chance or up to 0.5 + 0.57 (1/m + 1/n)^(1/2) in 19 of 20 packs

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.blind.baselines import baseline_scores, rate_alone
+from vsr2.blind.baselines import baseline_scores
 from vsr2.blind.cases import Case, read_cases
 from vsr2.blind.intervals import Score, reliability
 from vsr2.blind.score import Scores, is_alarm, score_cases, top_one
@@ -118,7 +118,7 @@ def score_pack(
     cases = read_cases(data, opened, diagnoses)
     baselines = (
         {} if training is None else baseline_scores(data, opened, training[0], open_key(*training))
-    ) | rate_alone(data, opened)
+    )
     scored = Scored(score_cases(cases), baselines, cases, open_pack)
     more = {
         "pack": pack["commitment"]["sha256"],
