@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from vsr2.diagnosis.bank import Bank
-from vsr2.diagnosis.design import NONE_SHARE, SCREENING_NONE
+from vsr2.diagnosis.design import SCREENING_NONE, none_draws
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
 
 FIRST_DRAWS = 12
@@ -59,7 +59,7 @@ class Schedule:
         full = SCREENING_NONE + 2 * effects
         self._fixed = budget.draws
         if budget.draws is not None:
-            per_trial = full + FLOOR_RUNS + (effects + NONE_SHARE) * budget.draws
+            per_trial = full + FLOOR_RUNS + effects * budget.draws + none_draws(budget.draws)
             self.allowed = per_trial * trials
         elif budget.simulations is not None:
             self.allowed = budget.simulations
@@ -70,22 +70,24 @@ class Schedule:
         self.screening_runs = max(4, min(full, int(share * self.allowed / trials)))
         self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
         rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
-        per_draw = effects + NONE_SHARE
-        self.most_trials = max(FEWEST_TRIALS, rest // (FEWEST_DRAWS * per_draw))
+        fewest = FEWEST_DRAWS * effects + none_draws(FEWEST_DRAWS)
+        self.most_trials = max(FEWEST_TRIALS, rest // fewest)
         if self._fixed is not None:
             self.most_trials = trials
         self.first_draws = FIRST_DRAWS
         self.limited = False
         self._rest = rest
-        self._per_draw = per_draw
+        self._effects = effects
 
     def fit(self, kept: int) -> None:
         """Lower the first round's draws to what the budget allows for the trials kept."""
         if self._fixed is not None:
             self.first_draws = self._fixed
             return
-        affordable = self._rest // (self._per_draw * kept)
-        self.first_draws = int(min(FIRST_DRAWS, max(FEWEST_DRAWS, affordable)))
+        for draws in range(FIRST_DRAWS, FEWEST_DRAWS - 1, -1):
+            self.first_draws = draws
+            if (draws * self._effects + none_draws(draws)) * kept <= self._rest:
+                return
 
     def affords(self, more: int, bank: Bank) -> bool:
         """Whether so many more simulations fit."""

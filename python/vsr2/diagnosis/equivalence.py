@@ -21,6 +21,9 @@ from vsr2.diagnosis.library import NONE
 
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
+EXCLUDED = 0.05
+"""A rival less probable than this share of its leader is ruled out by the campaign at hand, however
+hard they are to separate in expectation."""
 
 
 def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
@@ -70,7 +73,7 @@ def classes(
     observed: Data,
     exponent: float = 1.0,
 ) -> list[list[str]]:
-    """Partition of the effects: each leader takes all that are inseparable from it.
+    """Partition of the effects: each leader takes those inseparable from it and not ruled out.
 
     Args:
         probability: of each hypothesis.
@@ -87,7 +90,12 @@ def classes(
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        members = [leader] + [n for n in left[1:] if exponent * found[n] < INSEPARABLE]
+        members = [leader] + [
+            n
+            for n in left[1:]
+            if exponent * found[n] < INSEPARABLE
+            and probability[n] >= EXCLUDED * probability[leader]
+        ]
         out.append(members)
         left = [n for n in left if n not in members]
     return out

@@ -21,12 +21,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, design_matrix
-from vsr2.diagnosis.library import NONE, coordinates, free_parameters, is_angle
+from vsr2.diagnosis.library import NONE, Entry, coordinates, free_parameters, is_angle
 from vsr2.diagnosis.simulator import quasi_random
 
 Array = NDArray[np.float64]
@@ -42,6 +43,7 @@ FINE_MORE = 400
 PREDICTED = 8
 """Fine nodes, drawn by their weights, over which a prediction is averaged."""
 _STEPS = 5
+_BLOCK = 60_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,8 @@ class Table:
         coarse: where Laplace's method is applied.
         fine: where the evidence is integrated.
         weights: interpolate from coarse to fine nodes, shape (fine nodes, coarse nodes).
-        slope: of the logit by nuisance, before the averaging factor, shape (trials, q).
+        slope: of the logit by nuisance, before the averaging factor, shape (trials, q); the
+            features' common residual factors are nuisances too.
         response: of each feature by nuisance, each (trials, q).
     """
 
@@ -92,6 +95,12 @@ class Table:
     weights: Array
     slope: Array
     response: tuple[Array, ...]
+
+    def nearest(self, entry: Entry, quantiles: Array) -> int:
+        """The fine node nearest to some quantiles of the parameters."""
+        angles = [is_angle(p) for p in free_parameters(entry)]
+        gap = coordinates(self.fine.quantiles, angles) - coordinates(quantiles[None], angles)
+        return int(np.argmin((gap**2).sum(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +200,8 @@ def tabulate_pair(
 
     Args:
         emulator: fitted.
-        first, second: effects.
+        first: an effect.
+        second: another.
         quantiles: nodes of each, combined row by row.
     """
     x, _ = _regressors(emulator, first, quantiles[0])
@@ -226,8 +236,8 @@ def _table(emulator: Emulator, name: str, coarse: Layout, fine: Layout, weights:
         coarse=coarse,
         fine=fine,
         weights=weights,
-        slope=emulator.outcome.mean[:, columns],
-        response=tuple(fit.mean[:, columns] for fit in emulator.features),
+        slope=np.hstack([emulator.outcome.mean[:, columns], emulator.outcome.loading]),
+        response=tuple(np.hstack([fit.mean[:, columns], fit.loading]) for fit in emulator.features),
     )
 
 
@@ -246,28 +256,48 @@ def _lapsed(p: Array) -> Array:
 
 def posterior(table: Table, data: Data) -> Posterior:
     """Evidence and posterior of one hypothesis under each campaign."""
+    # Blocks that stay in the processor's cache.
+    size = max(1, _BLOCK // (len(table.coarse.logit) * data.overturned.shape[1]))
+    parts = [
+        _posterior(table, data.take(np.arange(start, min(start + size, len(data)))))
+        for start in range(0, len(data), size)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return Posterior(
+        np.concatenate([p.evidence for p in parts]),
+        np.concatenate([p.nodes for p in parts]),
+        np.concatenate([p.nuisance for p in parts]),
+        np.concatenate([p.covariance for p in parts]),
+        np.concatenate([p.best for p in parts]),
+    )
+
+
+def _posterior(table: Table, data: Data) -> Posterior:
     campaigns, q = len(data), table.slope.shape[1]
     at = table.coarse
     nodes = len(at.logit)
     known = np.isfinite(data.overturned)[:, None, :]
     y = np.where(known, data.overturned[:, None, :], 0.5)
+    shown = known * at.factor
     z = np.zeros((campaigns, nodes, q))
-    outer = (table.slope[:, :, None] * table.slope[:, None, :]).reshape(-1, q * q)
-    feature_parts = _feature_parts(table, at, data)
+    upper = np.triu_indices(q)
+    outer = table.slope[:, upper[0]] * table.slope[:, upper[1]]
+    parts = _feature_parts(table, at, data)
+    products = [part.response[:, upper[0]] * part.response[:, upper[1]] for part in parts]
     hessian = np.zeros((campaigns, nodes, q, q))
     for _ in range(_STEPS):
-        shift = z @ table.slope.T
-        p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * shift, -30, 30)))
-        residual = np.where(known, y - p, 0.0) * at.factor
-        weight = np.where(known, p * (1 - p), 0.0) * at.factor**2
-        slope = residual @ table.slope - z
-        hessian = (weight.reshape(-1, weight.shape[-1]) @ outer).reshape(campaigns, nodes, q, q)
-        for value, response, variance, products in feature_parts:
-            gap = value - z @ response.T
-            tail = (DEGREES + 1) / (DEGREES * variance + np.nan_to_num(gap) ** 2)
-            tail = np.where(np.isfinite(gap), tail, 0.0)
-            slope += (tail * np.nan_to_num(gap)) @ response
-            hessian += (tail.reshape(-1, tail.shape[-1]) @ products).reshape(hessian.shape)
+        p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * (z @ table.slope.T), -30, 30)))
+        slope = ((y - p) * shown) @ table.slope - z
+        packed = (p * (1 - p) * shown * at.factor) @ outer
+        for part, product in zip(parts, products, strict=True):
+            gap = part.value - z @ part.response.T
+            tail = part.known / (DEGREES * part.variance + gap**2)
+            tail *= DEGREES + 1
+            slope += (tail * gap) @ part.response
+            packed += tail @ product
+        hessian[..., upper[0], upper[1]] = packed
+        hessian[..., upper[1], upper[0]] = packed
         hessian[..., np.arange(q), np.arange(q)] += 1.0
         step = np.linalg.solve(hessian, slope[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
@@ -287,17 +317,23 @@ def posterior(table: Table, data: Data) -> Posterior:
     )
 
 
-def _feature_parts(
-    table: Table, at: Layout, data: Data
-) -> list[tuple[Array, Array, Array, Array]]:
+class _Part(NamedTuple):
+    """One feature: observed minus centre (0 where unknown), known, response, variance."""
+
+    value: Array
+    known: NDArray[np.bool_]
+    response: Array
+    variance: Array
+
+
+def _feature_parts(table: Table, at: Layout, data: Data) -> list[_Part]:
     out = []
-    q = table.slope.shape[1]
     for k, (centre, response, variance) in enumerate(
         zip(at.centre, table.response, at.variance, strict=True)
     ):
-        value = data.features[:, None, :, k] - centre[None]
-        products = (response[:, :, None] * response[:, None, :]).reshape(-1, q * q)
-        out.append((value, response, variance, products))
+        value = data.features[:, None, :, k]
+        known = np.isfinite(value)
+        out.append(_Part(np.where(known, value - centre, 0.0), known, response, variance))
     return out
 
 
@@ -314,11 +350,11 @@ def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     out = np.where(known, likely * np.log(p) + (1 - likely) * np.log1p(-p), 0.0)
     constant = gammaln(0.5 * (DEGREES + 1)) - gammaln(0.5 * DEGREES)
     constant -= 0.5 * np.log(DEGREES * np.pi)
-    for value, response, variance, _ in _feature_parts(table, at, data):
+    for value, shown, response, variance in _feature_parts(table, at, data):
         gap = value - z @ response.T
         density = constant - 0.5 * np.log(variance)
         density = density - 0.5 * (DEGREES + 1) * np.log1p(gap**2 / (DEGREES * variance))
-        out = out + np.where(np.isfinite(gap), density, 0.0)
+        out = out + density * shown
     return np.asarray(out, dtype=np.float64)
 
 

@@ -211,14 +211,10 @@ class Rehearsal:
         """From observations to diagnosis."""
         kept = self.screening.kept
         count = {"B": 0, "M": 1}.get(tier, seen.features.shape[1])
-        part = replace(
-            seen, tier=tier, names=seen.names[:count], features=seen.features[:, :count]
-        )
+        part = replace(seen, tier=tier, names=seen.names[:count], features=seen.features[:, :count])
         observed = Data(part.overturned[None, kept], part.features[None, kept])
         found = infer(prepared, observed)
-        probability: Mapping[str, float] = dict(
-            zip(found.labels, found.probability, strict=True)
-        )
+        probability: Mapping[str, float] = dict(zip(found.labels, found.probability, strict=True))
         groups = classes(
             probability,
             prepared.tables,

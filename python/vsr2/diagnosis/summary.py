@@ -241,7 +241,8 @@ def _estimate(value: float, draws: Array) -> dict[str, Any]:
 def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
     """Posterior means and central 95 % intervals."""
     nodes = prepared.tables[name].fine.quantiles
-    weight = np.exp(found.posteriors[name].nodes[0])
+    nodes_log = prepared.calibration.sharpness * found.posteriors[name].nodes[0]
+    weight = np.exp(nodes_log - nodes_log.max())
     out = {}
     for j, parameter in enumerate(free_parameters(prepared.library[name])):
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
