@@ -25,6 +25,7 @@ from vsr2.blind.design import catalogue, draw_protocol
 from vsr2.blind.diagnose import at_tier
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import Floor, FloorMeter
+from vsr2.blind.mujoco import GroundMotion
 from vsr2.blind.plan import draw_plan
 from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.shake import Shake
@@ -296,7 +297,7 @@ def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
 
 def test_what_the_files_say_beside_the_response_tells_nothing(quick, study, tmp_path) -> None:
     effects = ("table_gain", "wear", "restitution", "friction")
-    counts = {"single": 24, "none": 2, "pair": 0, "unknown": 0, "effects": effects}
+    counts = {"single": 16, "none": 2, "trials": 8, "pair": 0, "unknown": 0, "effects": effects}
     packs = []
     for seed in (1, 2):
         make(study, tmp_path / str(seed), seed=seed, **counts, series_interval=0.0)
@@ -305,8 +306,8 @@ def test_what_the_files_say_beside_the_response_tells_nothing(quick, study, tmp_
     scores = baseline_scores(packs[2], packs[3], packs[0], packs[1])
     rate = {"overturn rate only: AUROC, none or single"}
     assert set(scores) == {f"{name}: top-1" for name in (*BASELINES, "commonest class")} | rate
-    # Chance is 6 of 24; 14 or more happen by chance in 1 of 1000 packs.
-    assert scores["metadata only: top-1"].value * 24 < 14
+    # Chance is 4 of 16; 11 or more happen by chance in 1 of 3500 packs.
+    assert scores["metadata only: top-1"].value * 16 < 11
 
 
 # --- diagnosing ---------------------------------------------------------------------------------
@@ -411,21 +412,45 @@ def test_the_diagnosis_never_looks_at_the_key(small, tmp_path) -> None:
     assert diagnose_pack(moved, tmp_path / "out2", diagnose=Stub).done == 12
 
 
+def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
+    sizes = ["--trials", "12", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
+    counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
+    command = ["blind", "make", str(SCENE), str(tmp_path), "--seed", "4", *sizes, *counts]
+    command += ["--engine", "mujoco", "--engine", "bullet", "--quiet"]
+    assert main(command) == 2
+    assert "--development" in capsys.readouterr().err
+    assert main([*command, "--development"]) == 0
+    assert "5 campaigns, sealed as" in capsys.readouterr().out
+    key = open_key(tmp_path / "data", tmp_path / "key")
+    found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
+    assert found["mujoco", "single"] == 2
+    assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
+
+
 # --- from end to end ----------------------------------------------------------------------------
 
 
-def test_a_small_pack_from_end_to_end(tmp_path, capsys) -> None:
+def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
     pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
     names = ("edge_rounding", "restitution", "vertical_motion")
-    counts = ["--single", "6", "0", "--none", "2", "1", "--pair", "1", "0", "--unknown", "2", "0"]
-    design = ["--trials", "40", "--motions", "4", "--catalogue", "4", "--sessions", "2"]
-    floor = ["--floor-trials", "4", "--replicates", "4", "--series-interval", "0", "--quiet"]
-    effects = [v for name in names for v in ("--effect", name)]
     pack, key, out = tmp_path / "pack", tmp_path / "key", tmp_path / "out"
-    command = ["blind", "make", str(SCENE), str(pack), "--key", str(key), "--seed", "4"]
-    command += ["--engine", "bullet", "--engine", "mujoco"]
-    assert main([*command, *counts, *design, *effects, *floor]) == 0
-    assert "12 campaigns, sealed as" in capsys.readouterr().out
+    settings = PackSettings(
+        engines=("bullet", "mujoco"),
+        single=(6, 0),
+        none=(2, 1),
+        pair=(1, 0),
+        unknown=(2, 0),
+        trials=40,
+        motions=4,
+        catalogue=4,
+        sessions=2,
+        effects=names,
+        series_interval=0.0,
+        replicates=4,
+        floor_trials=4,
+    )
+    monkeypatch.setattr(make_module, "catalogue", pulses)
+    assert make_pack(study, pack, key, settings, seed=4).campaigns == 12
     shutil.move(key, tmp_path / "away")
     library = {name: known_effects()[name] for name in names}
     progress = diagnose_pack(
@@ -445,6 +470,18 @@ def test_a_small_pack_from_end_to_end(tmp_path, capsys) -> None:
     assert "top-1 class (single)" in capsys.readouterr().out
     assert main(score) == 2
     assert "scored once" in capsys.readouterr().err
+
+
+def pulses(seed, count):
+    """Short ground motions."""
+    time = np.arange(0.0, 1.2, 0.005)
+    out = []
+    for i in range(count):
+        f = 1.2 + 0.3 * i
+        moved = np.sin(np.pi * time / time[-1]) ** 4 * np.cos(2 * np.pi * f * time + seed)
+        peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
+        out.append(GroundMotion(f"M{i + 1}", 0.005, moved / peak))
+    return out
 
 
 def bank_keys(path):

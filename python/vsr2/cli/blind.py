@@ -96,7 +96,12 @@ def _add_make(verbs: Any) -> None:
     make.add_argument(
         "--development", action="store_true", help="an open pack: scored as often as you like"
     )
-    make.add_argument("--seed", type=int, help="default: from the operating system")
+    make.add_argument(
+        "--seed",
+        type=int,
+        help="of an open pack; the others have theirs from the operating system, so that nobody "
+        "can draw the answer again",
+    )
     make.add_argument("--quiet", action="store_true")
     make.set_defaults(run=_make)
 
@@ -163,7 +168,10 @@ def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
     from vsr2.blind.settings import KINDS
     from vsr2.config import load_study
+    from vsr2.errors import BlindError
 
+    if options.seed is not None and not options.development:
+        raise BlindError("--seed: only for open packs; add --development, or leave it out")
     names = ["trials", "motions", "sessions", "catalogue", "protocols", "hidden"]
     names += ["replicates", "floor_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
