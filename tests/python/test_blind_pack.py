@@ -450,6 +450,10 @@ def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> N
         floor_trials=4,
     )
     monkeypatch.setattr(make_module, "catalogue", pulses)
+    # A rough diagnosis will do: what is tested is the way from pack to scores.
+    monkeypatch.setattr("vsr2.diagnosis.design.LEAST_NONE", 12)
+    monkeypatch.setattr("vsr2.diagnosis.budget.MAX_TRIALS", 4)
+    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 40)
     assert make_pack(study, pack, key, settings, seed=4).campaigns == 12
     shutil.move(key, tmp_path / "away")
     library = {name: known_effects()[name] for name in names}
