@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.evidence import Data, log_likelihood, posterior
+from vsr2.diagnosis.emulator import fit_emulator
+from vsr2.diagnosis.evidence import Data, Table, log_likelihood, posterior, tabulate
 from vsr2.diagnosis.inference import Prepared
 from vsr2.diagnosis.library import NONE, free_parameters, values_at
 from vsr2.diagnosis.planar_simulator import PlanarSimulator
@@ -46,9 +47,8 @@ def class_of(name: str) -> tuple[str, ...]:
     return next((group for group in CLASSES if name in group), (name,))
 
 
-def signal(prepared: Prepared, name: str) -> NDArray[np.float64]:
+def signal(table: Table, none: Table) -> NDArray[np.float64]:
     """Distance from "none" in standard deviations at each fine node of an effect."""
-    table, none = prepared.tables[name], prepared.tables[NONE]
     blank = np.zeros((1, 1, table.slope.shape[1]))
     at = table.fine
     features = np.stack(at.centre, axis=-1) if at.centre else np.zeros((*at.logit.shape, 0))
@@ -64,11 +64,15 @@ def signal(prepared: Prepared, name: str) -> NDArray[np.float64]:
 
 
 def draw_effects(
-    prepared: Prepared, count: int, rng: np.random.Generator
+    rehearsal: Rehearsal, count: int, rng: np.random.Generator
 ) -> list[tuple[str, tuple[float, ...], float]]:
-    """Effects in turn, each with values and magnitude over the floor."""
-    signals = {name: signal(prepared, name) for name in prepared.library}
-    names = [name for name in prepared.library if signals[name].max() >= FLOOR]
+    """Effects in turn, each with values and magnitude over the floor of tier M."""
+    library = rehearsal.simulator.library
+    emulator = fit_emulator(library, rehearsal.design("M"))
+    none = tabulate(emulator, "")
+    tables = {name: tabulate(emulator, name) for name in library}
+    signals = {name: signal(table, none) for name, table in tables.items()}
+    names = [name for name in library if signals[name].max() >= FLOOR]
     out = []
     deck: list[str] = []
     for _ in range(count):
@@ -77,7 +81,7 @@ def draw_effects(
         wanted = FLOOR * np.exp(rng.uniform(np.log(0.5), np.log(6.0)))
         near = np.argsort(np.abs(np.log(np.maximum(signals[name], 1e-3) / wanted)))[:3]
         node = int(rng.choice(near))
-        values = values_at(prepared.library[name], prepared.tables[name].fine.quantiles[node])
+        values = values_at(library[name], tables[name].fine.quantiles[node])
         out.append((name, values, float(signals[name][node] / FLOOR)))
     return out
 
@@ -221,8 +225,7 @@ def measure(
 ) -> list[dict[str, Any]]:
     """Plant and judge."""
     rng = np.random.default_rng([options.seed, 1])
-    middle = rehearsal.prepared("M")
-    planted = draw_effects(middle, options.singles, rng)
+    planted = draw_effects(rehearsal, options.singles, rng)
     singles = [
         rehearsal.observed(truth, ((name, values),), nuisance=1 + i)
         for i, (name, values, _) in enumerate(planted)
@@ -230,11 +233,12 @@ def measure(
     nones = [rehearsal.observed(truth, (), nuisance=1001 + i) for i in range(options.nones)]
     rows: list[dict[str, Any]] = []
     for tier in options.tiers:
-        prepared = middle if tier == "M" else rehearsal.prepared(tier)
+        prepared = rehearsal.prepared(tier)
         for (name, values, relative), seen in zip(planted, singles, strict=True):
             judged = rehearsal.judge(prepared, seen, tier)
             row = row_of(judged, tier, "single", name, relative)
             rows.append(row | magnitude(judged, prepared, name, values))
+            write(options.out / "campaigns.csv", rows)
         for seen in nones:
             rows.append(row_of(rehearsal.judge(prepared, seen, tier), tier, "none", NONE, 0.0))
         for left_out in options.unknown:
@@ -243,6 +247,7 @@ def measure(
                 if name in class_of(left_out) and relative >= 1:
                     judged = rehearsal.judge(lacking, seen, tier)
                     rows.append(row_of(judged, tier, "unknown", name, relative))
+            write(options.out / "campaigns.csv", rows)
         say(f"tier {tier}: {len(rows)} rows, exponents {prepared.calibration.exponents}")
         write(options.out / "campaigns.csv", rows)
         write(options.out / "table.csv", table(rows))

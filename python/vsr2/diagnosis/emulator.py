@@ -42,7 +42,12 @@ _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-4
 _GREATEST_VARIANCE = 25.0
-_NEWTON_STEPS = 6
+_FAR = 3.0
+"""Scales beyond which a residual is taken for stray."""
+_LEAST_STRAY = 0.03
+_STRAY_WEIGHT = 30.0
+_NEWTON_STEPS = (6, 2)
+"""In the first EM step, and in each later one."""
 _EM_STEPS = 4
 
 
@@ -84,12 +89,16 @@ class Fit:
         covariance: shape (trials, columns, columns).
         noise: square of the residuals' scale, shape (trials,); 0 of outcomes.
         loading: of the common residual factors, shape (trials, factors).
+        stray: density of responses that have nothing to do with the fit, the share of such times
+            their flat density, shape (trials,): a rock that just fails to lift off, or to overturn,
+            leaves a largest tilt far from any smooth function.
     """
 
     mean: Array
     covariance: Array
     noise: Array
     loading: Array
+    stray: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,8 +205,8 @@ def _logistic(x: Array, y: Array) -> Fit:
     variance = np.full(columns, _START_VARIANCE)
     variance[0] = _INTERCEPT_VARIANCE
     covariance = np.zeros((trials, columns, columns))
-    for _ in range(_EM_STEPS):
-        for _ in range(_NEWTON_STEPS):
+    for em in range(_EM_STEPS):
+        for _ in range(_NEWTON_STEPS[min(em, 1)]):
             logits = np.clip(mean @ x.T, -30, 30)
             p = 1.0 / (1.0 + np.exp(-logits))
             slope = (use * (target - p)) @ x - mean / variance
@@ -210,7 +219,7 @@ def _logistic(x: Array, y: Array) -> Fit:
             mean += step * np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         variance = _updated(mean, covariance, variance)
-    return Fit(mean, covariance, np.zeros(trials), np.zeros((trials, 0)))
+    return Fit(mean, covariance, np.zeros(trials), np.zeros((trials, 0)), np.zeros(trials))
 
 
 def _linear(x: Array, y: Array) -> Fit:
@@ -242,7 +251,10 @@ def _linear(x: Array, y: Array) -> Fit:
         noise = np.maximum(noise, 1e-8)
         weight = use * (DEGREES + 1) / (DEGREES + residual**2 / noise[:, None])
         variance = _updated(mean, covariance, variance, scale=pooled)
-    return Fit(mean, covariance, noise, np.zeros((trials, 0)))
+    far = (use * (residual**2 > (_FAR**2) * noise[:, None])).sum(axis=1)
+    share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)
+    breadth = np.sqrt(np.maximum(2 * np.pi * spread, pooled))
+    return Fit(mean, covariance, noise, np.zeros((trials, 0)), share / breadth)
 
 
 def _weighted(x: Array, weight: Array) -> Array:

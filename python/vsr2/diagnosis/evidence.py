@@ -14,7 +14,7 @@ The emulator's own uncertainty v and a discrepancy of variance t^2 between any t
 enter by MacKay's averaging of the logistic function, E sigma(m + e) ~
 sigma(m / sqrt(1 + pi (v + t^2) / 8)). Outcomes are noted wrongly with probability
 `LAPSE`, which bounds what one trial can say. Features have Student's t with 4 degrees of freedom
-around the emulator.
+around the emulator, or are strays of flat density, which bounds what one feature can say.
 """
 
 from __future__ import annotations
@@ -87,6 +87,7 @@ class Table:
         slope: of the logit by nuisance, before the averaging factor, shape (trials, q); the
             features' common residual factors are nuisances too.
         response: of each feature by nuisance, each (trials, q).
+        stray: density of each feature's strays, each (trials,).
     """
 
     name: str
@@ -95,6 +96,7 @@ class Table:
     weights: Array
     slope: Array
     response: tuple[Array, ...]
+    stray: tuple[Array, ...]
 
     def nearest(self, entry: Entry, quantiles: Array) -> int:
         """The fine node nearest to some quantiles of the parameters."""
@@ -238,6 +240,7 @@ def _table(emulator: Emulator, name: str, coarse: Layout, fine: Layout, weights:
         weights=weights,
         slope=np.hstack([emulator.outcome.mean[:, columns], emulator.outcome.loading]),
         response=tuple(np.hstack([fit.mean[:, columns], fit.loading]) for fit in emulator.features),
+        stray=tuple(fit.stray for fit in emulator.features),
     )
 
 
@@ -292,8 +295,9 @@ def _posterior(table: Table, data: Data) -> Posterior:
         packed = (p * (1 - p) * shown * at.factor) @ outer
         for part, product in zip(parts, products, strict=True):
             gap = part.value - z @ part.response.T
-            tail = part.known / (DEGREES * part.variance + gap**2)
-            tail *= DEGREES + 1
+            tail = 1.0 / (DEGREES * part.variance + gap**2)
+            own = _density(tail * DEGREES * part.variance, part.variance)
+            tail *= part.known * ((DEGREES + 1) * own / (own + part.stray))
             slope += (tail * gap) @ part.response
             packed += tail @ product
         hessian[..., upper[0], upper[1]] = packed
@@ -324,23 +328,27 @@ class _Part(NamedTuple):
     known: NDArray[np.bool_]
     response: Array
     variance: Array
+    stray: Array
+
+
+def _density(ratio: Array, variance: Array) -> Array:
+    """Student's t density with 4 degrees of freedom from 1 / (1 + gap^2 / (4 variance))."""
+    return np.asarray(0.375 * ratio**2 * np.sqrt(ratio / variance), dtype=np.float64)
 
 
 def _feature_parts(table: Table, at: Layout, data: Data) -> list[_Part]:
     out = []
-    for k, (centre, response, variance) in enumerate(
-        zip(at.centre, table.response, at.variance, strict=True)
+    for k, (centre, response, variance, stray) in enumerate(
+        zip(at.centre, table.response, at.variance, table.stray, strict=True)
     ):
         value = data.features[:, None, :, k]
         known = np.isfinite(value)
-        out.append(_Part(np.where(known, value - centre, 0.0), known, response, variance))
+        out.append(_Part(np.where(known, value - centre, 0.0), known, response, variance, stray))
     return out
 
 
 def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     """Of each trial at given nuisances, shape (campaigns, nodes, trials); 0 where unknown."""
-    from scipy.special import gammaln
-
     p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * (z @ table.slope.T), -30, 30)))
     p = _lapsed(p)
     y = data.overturned[:, None, :]
@@ -348,13 +356,10 @@ def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     # An expected outcome between 0 and 1 gives the expected log likelihood.
     likely = np.nan_to_num(y)
     out = np.where(known, likely * np.log(p) + (1 - likely) * np.log1p(-p), 0.0)
-    constant = gammaln(0.5 * (DEGREES + 1)) - gammaln(0.5 * DEGREES)
-    constant -= 0.5 * np.log(DEGREES * np.pi)
-    for value, shown, response, variance in _feature_parts(table, at, data):
+    for value, shown, response, variance, stray in _feature_parts(table, at, data):
         gap = value - z @ response.T
-        density = constant - 0.5 * np.log(variance)
-        density = density - 0.5 * (DEGREES + 1) * np.log1p(gap**2 / (DEGREES * variance))
-        out = out + density * shown
+        density = _density(1.0 / (1.0 + gap**2 / (DEGREES * variance)), variance)
+        out = out + np.log(density + stray) * shown
     return np.asarray(out, dtype=np.float64)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.inference import Inference, Prepared
-from vsr2.diagnosis.library import NONE, free_parameters
+from vsr2.diagnosis.library import NONE, free_parameters, positions
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 FEW_TRIALS = 100
 FEW_MOTIONS = 10
 _PLACES = 20
+_SIGNIFICANT = 0.05
+"""Family-wise p value up to which a place lists its trials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +98,9 @@ def compose(
                 "axis": place.axis,
                 "effect_size": place.effect_size,
                 "p_familywise": place.p_familywise,
+                "trials": [seen.campaign.trials[int(screening.kept[i])].trial for i in place.trials]
+                if place.p_familywise <= _SIGNIFICANT
+                else None,
             }
             for place in evidence.where[:_PLACES]
         ],
@@ -240,11 +245,12 @@ def _estimate(value: float, draws: Array) -> dict[str, Any]:
 
 def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
     """Posterior means and central 95 % intervals."""
-    nodes = prepared.tables[name].fine.quantiles
+    entry = prepared.library[name]
+    nodes = positions(entry, prepared.tables[name].fine.quantiles)
     nodes_log = prepared.calibration.sharpness * found.posteriors[name].nodes[0]
     weight = np.exp(nodes_log - nodes_log.max())
     out = {}
-    for j, parameter in enumerate(free_parameters(prepared.library[name])):
+    for j, parameter in enumerate(free_parameters(entry)):
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
         order = np.argsort(values)
         # The middle of each node's own weight, so that the median of one node is the node.
