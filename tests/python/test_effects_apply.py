@@ -317,7 +317,10 @@ def test_effects_act_alike_in_any_thread_and_order(trials: list[Trial]) -> None:
         assert a.state.tobytes() == b.state.tobytes()
 
 
-def test_one_s_own_effect_is_checked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_one_s_own_effect_is_checked(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vsr2.effects.registry._registered", {})
     assert main(["effects", "check", str(ROOT / "docs" / "examples" / "soft_pad.py")]) == 0
     out = capsys.readouterr().out
     assert "soft_pad: passes" in out

@@ -21,7 +21,7 @@ from vsr2.diagnosis.library import Library
 
 Array = NDArray[np.float64]
 
-TREES = 300
+TREES = 200
 _COMPONENTS = 12
 _RIDGE = 1.0
 
@@ -98,7 +98,7 @@ def train(
     model = ExtraTreesClassifier(
         TREES,
         min_samples_leaf=2,
-        max_features=0.4,
+        max_features="sqrt",
         class_weight="balanced",
         random_state=seed,
         n_jobs=1,

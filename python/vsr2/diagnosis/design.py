@@ -27,6 +27,8 @@ GUARD = 0.1
 """Share of certain trials kept at random."""
 NONE_SHARE = 4
 """Draws without effect for each draw of an effect: they carry the false alarms' calibration."""
+LEAST_NONE = 48
+"""Draws without effect at least: fewer could not show a significance of 0.025."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +170,14 @@ def simulate_design(
         seen: the observed campaign.
         screening: which trials.
         library: effects.
-        draws: of each effect; the most drawn one's number times `NONE_SHARE` without effect.
+        draws: of each effect; :func:`none_draws` go without effect.
         seed: of the draws.
         progress: called with simulations done and all.
 
     Returns:
         The campaigns and the draw of each, by which folds are formed.
     """
-    plain = NONE_SHARE * max(draws.values())
+    plain = none_draws(max(draws.values()))
     names: list[str] = [""] * plain
     labels: list[Effects] = [()] * plain
     quantiles: list[Array] = [np.zeros(0)] * plain
@@ -195,4 +197,9 @@ def simulate_design(
 
 def simulations(draws: Mapping[str, int], trials: int) -> int:
     """Number of simulations that :func:`simulate_design` asks for."""
-    return (NONE_SHARE * max(draws.values()) + sum(draws.values())) * trials
+    return (none_draws(max(draws.values())) + sum(draws.values())) * trials
+
+
+def none_draws(most: int) -> int:
+    """Draws without effect beside `most` draws of an effect."""
+    return max(NONE_SHARE * most, LEAST_NONE)

@@ -11,12 +11,18 @@ over trials, whose variance is estimated from all trials (empirical Bayes, EM: C
 "Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not touch
 shrinks to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error of the
 emulator, and enters every probability drawn from it.
+
+What the features of a campaign have in common beyond that (curvature in z, an effect that changes
+how z acts) would make errors of trials alike where they are taken for independent, and the
+evidence far too sure. The leading principal components of the residuals, those beyond what
+residuals shuffled column by column show (parallel analysis: J. L. Horn, Psychometrika 30, 1965),
+stand as further nuisances of unit variance that act on the features alone.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +35,19 @@ DEGREES = 4.0
 """Of freedom of Student's t, the distribution of features around the emulator: near the verge of
 overturning a largest tilt is far from any smooth function (EM for t: K. L. Lange et al., "Robust
 statistical modeling using the t distribution", JASA 84, 1989)."""
+MOST_FACTORS = 8
+_MOST_SHARED = 0.8
+"""Share of a feature's noise that factors may take."""
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-4
 _GREATEST_VARIANCE = 25.0
-_NEWTON_STEPS = 6
+_FAR = 3.0
+"""Scales beyond which a residual is taken for stray."""
+_LEAST_STRAY = 0.03
+_STRAY_WEIGHT = 30.0
+_NEWTON_STEPS = (6, 2)
+"""In the first EM step, and in each later one."""
 _EM_STEPS = 4
 
 
@@ -74,11 +88,17 @@ class Fit:
         mean: shape (trials, columns).
         covariance: shape (trials, columns, columns).
         noise: square of the residuals' scale, shape (trials,); 0 of outcomes.
+        loading: of the common residual factors, shape (trials, factors).
+        stray: density of responses that have nothing to do with the fit, the share of such times
+            their flat density, shape (trials,): a rock that just fails to lift off, or to overturn,
+            leaves a largest tilt far from any smooth function.
     """
 
     mean: Array
     covariance: Array
     noise: Array
+    loading: Array
+    stray: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +109,7 @@ class Emulator:
         library: effects in the order of their columns.
         blocks: columns of each effect.
         nuisances: q.
+        factors: common to the features' residuals.
         outcome: fit of the logit.
         features: one fit a feature.
     """
@@ -96,6 +117,7 @@ class Emulator:
     library: Library
     blocks: Mapping[str, slice]
     nuisances: int
+    factors: int
     outcome: Fit
     features: tuple[Fit, ...]
 
@@ -133,8 +155,43 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     outcome = _logistic(x, design.overturned)
-    features = tuple(_linear(x, design.features[:, :, k]) for k in range(design.features.shape[2]))
-    return Emulator(library, blocks, design.nuisances.shape[1], outcome, features)
+    fits = [_linear(x, design.features[:, :, k]) for k in range(design.features.shape[2])]
+    features = _with_factors(x, design.features, fits)
+    factors = features[0].loading.shape[1] if features else 0
+    none = np.zeros((design.overturned.shape[1], factors))
+    return Emulator(
+        library,
+        blocks,
+        design.nuisances.shape[1],
+        factors,
+        replace(outcome, loading=none),
+        features,
+    )
+
+
+def _with_factors(x: Array, features: Array, fits: Sequence[Fit]) -> tuple[Fit, ...]:
+    """The fits with what their residuals have in common taken out of the noise."""
+    if not fits:
+        return ()
+    parts = []
+    for k, fit in enumerate(fits):
+        residual = (features[:, :, k] - x @ fit.mean.T) / np.sqrt(fit.noise)
+        parts.append(np.clip(np.nan_to_num(residual, nan=0.0), -3, 3))
+    whole = np.concatenate(parts, axis=1)
+    known = np.concatenate([np.isfinite(features[:, :, k]) for k in range(len(fits))], axis=1)
+    left, size, _ = np.linalg.svd(whole, full_matrices=False)
+    shuffled = np.random.default_rng(0).permuted(whole, axis=0)
+    threshold = np.linalg.svd(shuffled, compute_uv=False)[0]
+    count = min(int(np.count_nonzero(size > threshold)), MOST_FACTORS)
+    score = left[:, :count] * np.sqrt(len(x))
+    loading = (whole.T @ score) / (known.T.astype(np.float64) @ score**2 + 1.0)
+    out = []
+    for fit, own in zip(fits, np.split(loading, len(fits)), strict=True):
+        share = np.minimum((own**2).sum(axis=1), _MOST_SHARED)
+        own = own * np.sqrt(share / np.maximum((own**2).sum(axis=1), 1e-12))[:, None]
+        scaled = own * np.sqrt(fit.noise)[:, None]
+        out.append(replace(fit, noise=fit.noise * (1 - share), loading=scaled))
+    return tuple(out)
 
 
 def _logistic(x: Array, y: Array) -> Fit:
@@ -148,8 +205,8 @@ def _logistic(x: Array, y: Array) -> Fit:
     variance = np.full(columns, _START_VARIANCE)
     variance[0] = _INTERCEPT_VARIANCE
     covariance = np.zeros((trials, columns, columns))
-    for _ in range(_EM_STEPS):
-        for _ in range(_NEWTON_STEPS):
+    for em in range(_EM_STEPS):
+        for _ in range(_NEWTON_STEPS[min(em, 1)]):
             logits = np.clip(mean @ x.T, -30, 30)
             p = 1.0 / (1.0 + np.exp(-logits))
             slope = (use * (target - p)) @ x - mean / variance
@@ -162,7 +219,7 @@ def _logistic(x: Array, y: Array) -> Fit:
             mean += step * np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         variance = _updated(mean, covariance, variance)
-    return Fit(mean, covariance, np.zeros(trials))
+    return Fit(mean, covariance, np.zeros(trials), np.zeros((trials, 0)), np.zeros(trials))
 
 
 def _linear(x: Array, y: Array) -> Fit:
@@ -194,7 +251,10 @@ def _linear(x: Array, y: Array) -> Fit:
         noise = np.maximum(noise, 1e-8)
         weight = use * (DEGREES + 1) / (DEGREES + residual**2 / noise[:, None])
         variance = _updated(mean, covariance, variance, scale=pooled)
-    return Fit(mean, covariance, noise)
+    far = (use * (residual**2 > (_FAR**2) * noise[:, None])).sum(axis=1)
+    share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)
+    breadth = np.sqrt(np.maximum(2 * np.pi * spread, pooled))
+    return Fit(mean, covariance, noise, np.zeros((trials, 0)), share / breadth)
 
 
 def _weighted(x: Array, weight: Array) -> Array:

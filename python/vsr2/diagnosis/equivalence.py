@@ -16,22 +16,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vsr2.diagnosis.evidence import Data, Posterior, Table, posterior
+from vsr2.diagnosis.evidence import Data, Posterior, Table, mode, posterior
 from vsr2.diagnosis.library import NONE
 
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
+EXCLUDED = 0.05
+"""A rival less probable than this share of its leader is ruled out by the campaign at hand, however
+hard they are to separate in expectation."""
 
 
 def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
     """What a hypothesis at its posterior mode expects, and |z|^2 / 2 there."""
-    node = int(np.argmax(found.nodes[0]))
-    z = found.nuisance[0, node]
-    logit = table.logit[node] + table.factor[node] * (table.slope @ z)
+    node, z = mode(table, found)
+    at = table.fine
+    logit = at.logit[node] + at.factor[node] * (table.slope @ z)
     p = 1 / (1 + np.exp(-np.clip(logit, -30, 30)))
     features = [
         centre[node] + response @ z
-        for centre, response in zip(table.centre, table.response, strict=True)
+        for centre, response in zip(at.centre, table.response, strict=True)
     ]
     shape = (1, p.size, 0)
     stacked = np.stack(features, axis=-1)[None] if features else np.zeros(shape)
@@ -70,7 +73,7 @@ def classes(
     observed: Data,
     exponent: float = 1.0,
 ) -> list[list[str]]:
-    """Partition of the effects: each leader takes all that are inseparable from it.
+    """Partition of the effects: each leader takes those inseparable from it and not ruled out.
 
     Args:
         probability: of each hypothesis.
@@ -87,7 +90,12 @@ def classes(
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        members = [leader] + [n for n in left[1:] if exponent * found[n] < INSEPARABLE]
+        members = [leader] + [
+            n
+            for n in left[1:]
+            if exponent * found[n] < INSEPARABLE
+            and probability[n] >= EXCLUDED * probability[leader]
+        ]
         out.append(members)
         left = [n for n in left if n not in members]
     return out

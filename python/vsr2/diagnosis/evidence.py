@@ -14,18 +14,20 @@ The emulator's own uncertainty v and a discrepancy of variance t^2 between any t
 enter by MacKay's averaging of the logistic function, E sigma(m + e) ~
 sigma(m / sqrt(1 + pi (v + t^2) / 8)). Outcomes are noted wrongly with probability
 `LAPSE`, which bounds what one trial can say. Features have Student's t with 4 degrees of freedom
-around the emulator.
+around the emulator, or are strays of flat density, which bounds what one feature can say.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, design_matrix
-from vsr2.diagnosis.library import NONE, free_parameters
+from vsr2.diagnosis.library import NONE, Entry, coordinates, free_parameters, is_angle
 from vsr2.diagnosis.simulator import quasi_random
 
 Array = NDArray[np.float64]
@@ -33,38 +35,74 @@ Array = NDArray[np.float64]
 LAPSE = 0.004
 DISCREPANCY = 0.3
 """Standard deviation on the logit's scale."""
-NODES_ONE = 15
+NODES = {0: 1, 1: 11, 2: 40}
+"""By number of parameters; more have `NODES_MORE`."""
 NODES_MORE = 60
+FINE = {0: 1, 1: 121, 2: 250}
+FINE_MORE = 400
+PREDICTED = 8
+"""Fine nodes, drawn by their weights, over which a prediction is averaged."""
 _STEPS = 5
+_BLOCK = 60_000
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A hypothesis' predictions at some values of its parameters.
+
+    Attributes:
+        quantiles: of the parameters at each node, shape (nodes, parameters).
+        logit: averaged over the emulator's error, at nominal nuisances, shape (nodes, trials).
+        factor: of averaging, shape (nodes, trials).
+        centre, variance: of each feature at nominal nuisances, each (nodes, trials).
+    """
+
+    quantiles: Array
+    logit: Array
+    factor: Array
+    centre: tuple[Array, ...]
+    variance: tuple[Array, ...]
+
+    def at(self, node: int) -> Layout:
+        """One node."""
+        one = slice(node, node + 1)
+        return Layout(
+            self.quantiles[one],
+            self.logit[one],
+            self.factor[one],
+            tuple(part[one] for part in self.centre),
+            tuple(part[one] for part in self.variance),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A hypothesis on its nodes, ready for any campaign of the same trials.
+    """A hypothesis, ready for any campaign of the same trials.
 
     Attributes:
         name: of the hypothesis.
-        quantiles: of the parameters at each node, shape (nodes, parameters).
-        logit: averaged over the emulator's error, at nominal nuisances, shape (nodes, trials).
-        slope: of the logit by nuisance, before the averaging factor, shape (trials, q).
-        factor: of averaging, shape (nodes, trials).
-        centre, response, variance: of each feature: at nominal nuisances (nodes, trials), by
-            nuisance (trials, q), and of the prediction (nodes, trials).
+        coarse: where Laplace's method is applied.
+        fine: where the evidence is integrated.
+        weights: interpolate from coarse to fine nodes, shape (fine nodes, coarse nodes).
+        slope: of the logit by nuisance, before the averaging factor, shape (trials, q); the
+            features' common residual factors are nuisances too.
+        response: of each feature by nuisance, each (trials, q).
+        stray: density of each feature's strays, each (trials,).
     """
 
     name: str
-    quantiles: Array
-    logit: Array
+    coarse: Layout
+    fine: Layout
+    weights: Array
     slope: Array
-    factor: Array
-    centre: tuple[Array, ...]
     response: tuple[Array, ...]
-    variance: tuple[Array, ...]
+    stray: tuple[Array, ...]
 
-    @property
-    def nodes(self) -> int:
-        """Number of nodes."""
-        return len(self.logit)
+    def nearest(self, entry: Entry, quantiles: Array) -> int:
+        """The fine node nearest to some quantiles of the parameters."""
+        angles = [is_angle(p) for p in free_parameters(entry)]
+        gap = coordinates(self.fine.quantiles, angles) - coordinates(quantiles[None], angles)
+        return int(np.argmin((gap**2).sum(axis=1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +138,9 @@ class Posterior:
 
     Attributes:
         evidence: log, shape (campaigns,).
-        nodes: log posterior of the nodes, shape (campaigns, nodes).
-        nuisance: mode at each node, shape (campaigns, nodes, q).
-        covariance: at each node, shape (campaigns, nodes, q, q).
+        nodes: log posterior of the fine nodes, shape (campaigns, fine nodes).
+        nuisance: mode at each coarse node, shape (campaigns, coarse nodes, q).
+        covariance: at the most probable coarse node, shape (campaigns, q, q).
         best: greatest log likelihood plus log prior density of the nuisances over the nodes, up to
             a constant common to all hypotheses, shape (campaigns,).
     """
@@ -115,60 +153,94 @@ class Posterior:
 
 
 def node_quantiles(parameters: int) -> Array:
-    """Prior quantiles of the nodes, shape (nodes, parameters)."""
+    """Prior quantiles of the coarse nodes, shape (nodes, parameters)."""
+    return _spread(parameters, NODES.get(parameters, NODES_MORE), 0)
+
+
+def _spread(parameters: int, count: int, seed: int) -> Array:
     if parameters == 0:
         return np.zeros((1, 0))
     if parameters == 1:
-        return ((np.arange(NODES_ONE) + 0.5) / NODES_ONE)[:, None]
-    return np.array([quasi_random(0, parameters, i + 1) for i in range(NODES_MORE)])
+        return ((np.arange(count) + 0.5) / count)[:, None]
+    return np.array([quasi_random(seed, parameters, i + 1) for i in range(count)])
 
 
-def tabulate(
-    emulator: Emulator,
-    effect: str,
-    quantiles: Array | None = None,
-    *,
-    second: str = "",
-    second_quantiles: Array | None = None,
+@lru_cache(maxsize=32)
+def _refined(angles: tuple[bool, ...]) -> tuple[Array, Array]:
+    """Fine nodes and the weights that interpolate to them; `angles`: which parameters turn."""
+    from scipy.interpolate import CubicSpline, RBFInterpolator
+
+    count = len(angles)
+    coarse = node_quantiles(count)
+    fine = _spread(count, FINE.get(count, FINE_MORE), 3)
+    if count == 0:
+        return fine, np.ones((1, 1))
+    if count == 1 and not angles[0]:
+        return fine, np.asarray(CubicSpline(coarse[:, 0], np.eye(len(coarse)))(fine[:, 0]))
+    surface = RBFInterpolator(
+        coordinates(coarse, angles), np.eye(len(coarse)), kernel="cubic", degree=2
+    )
+    return fine, np.asarray(surface(coordinates(fine, angles)), dtype=np.float64)
+
+
+def tabulate(emulator: Emulator, effect: str) -> Table:
+    """Lay out a hypothesis: one effect, or none ("")."""
+    free = free_parameters(emulator.library[effect]) if effect else ()
+    fine, weights = _refined(tuple(is_angle(p) for p in free))
+    used = emulator.columns(effect)
+    layouts = []
+    for given in (node_quantiles(len(free)), fine):
+        x, _ = _regressors(emulator, effect, given)
+        layouts.append(_layout(emulator, x, used, given))
+    return _table(emulator, effect or NONE, layouts[0], layouts[1], weights)
+
+
+def tabulate_pair(
+    emulator: Emulator, first: str, second: str, quantiles: tuple[Array, Array]
 ) -> Table:
-    """Lay out a hypothesis: one effect, none ("") or, with `second`, a pair that adds up.
+    """Lay out two effects that add up on the logit and in the features.
 
     Args:
         emulator: fitted.
-        effect: name, "" for none.
-        quantiles: nodes; by default those of :func:`node_quantiles`.
-        second: a second effect.
-        second_quantiles: its nodes, combined row by row with `quantiles`.
+        first: an effect.
+        second: another.
+        quantiles: nodes of each, combined row by row.
     """
+    x, _ = _regressors(emulator, first, quantiles[0])
+    other, blocks = _regressors(emulator, second, quantiles[1])
+    x[:, blocks[second]] += other[:, blocks[second]]
+    used = np.union1d(emulator.columns(first), emulator.columns(second))
+    layout = _layout(emulator, x, used, np.hstack(quantiles))
+    return _table(emulator, f"{first}+{second}", layout, layout, np.eye(len(x)))
+
+
+def _regressors(emulator: Emulator, effect: str, given: Array) -> tuple[Array, dict[str, slice]]:
+    blank = np.zeros((len(given), emulator.nuisances))
+    return design_matrix(emulator.library, [effect] * len(given), list(given), blank)
+
+
+def _layout(emulator: Emulator, x: Array, used: NDArray[np.int64], quantiles: Array) -> Layout:
     q = emulator.nuisances
-    count = len(free_parameters(emulator.library[effect])) if effect else 0
-    given = node_quantiles(count) if quantiles is None else quantiles
-    nodes = len(given)
-    x, _ = design_matrix(emulator.library, [effect] * nodes, list(given), np.zeros((nodes, q)))
-    used = emulator.columns(effect)
-    if second and second_quantiles is not None:
-        other, _ = design_matrix(
-            emulator.library, [second] * nodes, list(second_quantiles), np.zeros((nodes, q))
-        )
-        x[:, emulator.blocks[second]] += other[:, emulator.blocks[second]]
-        used = np.union1d(used, emulator.columns(second))
     logit, variance = _predicted(emulator.outcome, x, used, q)
     factor = 1.0 / np.sqrt(1.0 + np.pi * (variance + DISCREPANCY**2) / 8.0)
-    centre, response, spread = [], [], []
+    centre, spread = [], []
     for fit in emulator.features:
         value, own = _predicted(fit, x, used, q)
         centre.append(value)
-        response.append(fit.mean[:, 1 : 1 + q])
         spread.append(own + fit.noise[None, :])
+    return Layout(quantiles, logit * factor, factor, tuple(centre), tuple(spread))
+
+
+def _table(emulator: Emulator, name: str, coarse: Layout, fine: Layout, weights: Array) -> Table:
+    columns = slice(1, 1 + emulator.nuisances)
     return Table(
-        name=f"{effect}+{second}" if second else effect or NONE,
-        quantiles=given if second_quantiles is None else np.hstack([given, second_quantiles]),
-        logit=logit * factor,
-        slope=emulator.outcome.mean[:, 1 : 1 + q],
-        factor=factor,
-        centre=tuple(centre),
-        response=tuple(response),
-        variance=tuple(spread),
+        name=name,
+        coarse=coarse,
+        fine=fine,
+        weights=weights,
+        slope=np.hstack([emulator.outcome.mean[:, columns], emulator.outcome.loading]),
+        response=tuple(np.hstack([fit.mean[:, columns], fit.loading]) for fit in emulator.features),
+        stray=tuple(fit.stray for fit in emulator.features),
     )
 
 
@@ -187,76 +259,114 @@ def _lapsed(p: Array) -> Array:
 
 def posterior(table: Table, data: Data) -> Posterior:
     """Evidence and posterior of one hypothesis under each campaign."""
+    # Blocks that stay in the processor's cache.
+    size = max(1, _BLOCK // (len(table.coarse.logit) * data.overturned.shape[1]))
+    parts = [
+        _posterior(table, data.take(np.arange(start, min(start + size, len(data)))))
+        for start in range(0, len(data), size)
+    ]
+    if len(parts) == 1:
+        return parts[0]
+    return Posterior(
+        np.concatenate([p.evidence for p in parts]),
+        np.concatenate([p.nodes for p in parts]),
+        np.concatenate([p.nuisance for p in parts]),
+        np.concatenate([p.covariance for p in parts]),
+        np.concatenate([p.best for p in parts]),
+    )
+
+
+def _posterior(table: Table, data: Data) -> Posterior:
     campaigns, q = len(data), table.slope.shape[1]
-    nodes = table.nodes
+    at = table.coarse
+    nodes = len(at.logit)
     known = np.isfinite(data.overturned)[:, None, :]
     y = np.where(known, data.overturned[:, None, :], 0.5)
+    shown = known * at.factor
     z = np.zeros((campaigns, nodes, q))
-    outer = (table.slope[:, :, None] * table.slope[:, None, :]).reshape(-1, q * q)
-    feature_parts = _feature_parts(table, data)
+    upper = np.triu_indices(q)
+    outer = table.slope[:, upper[0]] * table.slope[:, upper[1]]
+    parts = _feature_parts(table, at, data)
+    products = [part.response[:, upper[0]] * part.response[:, upper[1]] for part in parts]
     hessian = np.zeros((campaigns, nodes, q, q))
     for _ in range(_STEPS):
-        shift = z @ table.slope.T
-        p = 1 / (1 + np.exp(-np.clip(table.logit + table.factor * shift, -30, 30)))
-        residual = np.where(known, y - p, 0.0) * table.factor
-        weight = np.where(known, p * (1 - p), 0.0) * table.factor**2
-        slope = residual @ table.slope - z
-        hessian = (weight.reshape(-1, weight.shape[-1]) @ outer).reshape(campaigns, nodes, q, q)
-        for value, response, variance, products in feature_parts:
-            gap = value - z @ response.T
-            tail = (DEGREES + 1) / (DEGREES * variance + np.nan_to_num(gap) ** 2)
-            tail = np.where(np.isfinite(gap), tail, 0.0)
-            slope += (tail * np.nan_to_num(gap)) @ response
-            hessian += (tail.reshape(-1, tail.shape[-1]) @ products).reshape(hessian.shape)
+        p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * (z @ table.slope.T), -30, 30)))
+        slope = ((y - p) * shown) @ table.slope - z
+        packed = (p * (1 - p) * shown * at.factor) @ outer
+        for part, product in zip(parts, products, strict=True):
+            gap = part.value - z @ part.response.T
+            tail = 1.0 / (DEGREES * part.variance + gap**2)
+            own = _density(tail * DEGREES * part.variance, part.variance)
+            tail *= part.known * ((DEGREES + 1) * own / (own + part.stray))
+            slope += (tail * gap) @ part.response
+            packed += tail @ product
+        hessian[..., upper[0], upper[1]] = packed
+        hessian[..., upper[1], upper[0]] = packed
         hessian[..., np.arange(q), np.arange(q)] += 1.0
         step = np.linalg.solve(hessian, slope[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         z = z + step * np.minimum(1.0, 2.0 / np.maximum(length, 1e-12))
-    value = log_likelihood(table, data, z).sum(axis=-1) - 0.5 * (z**2).sum(axis=-1)
-    best = value.max(axis=1)
-    value -= 0.5 * np.linalg.slogdet(hessian)[1]
+    peak = log_likelihood(table, at, data, z).sum(axis=-1) - 0.5 * (z**2).sum(axis=-1)
+    value = peak - 0.5 * np.linalg.slogdet(hessian)[1]
+    middle = hessian[np.arange(campaigns), value.argmax(axis=1)]
+    value = value @ table.weights.T
     top = value.max(axis=1, keepdims=True)
     evidence = np.log(np.exp(value - top).mean(axis=1)) + top[:, 0]
     return Posterior(
         evidence,
-        value - evidence[:, None] - np.log(nodes),
+        value - evidence[:, None] - np.log(value.shape[1]),
         z,
-        np.asarray(np.linalg.inv(hessian), dtype=np.float64),
-        best,
+        np.asarray(np.linalg.inv(middle), dtype=np.float64),
+        np.asarray((peak @ table.weights.T).max(axis=1), dtype=np.float64),
     )
 
 
-def _feature_parts(table: Table, data: Data) -> list[tuple[Array, Array, Array, Array]]:
+class _Part(NamedTuple):
+    """One feature: observed minus centre (0 where unknown), known, response, variance."""
+
+    value: Array
+    known: NDArray[np.bool_]
+    response: Array
+    variance: Array
+    stray: Array
+
+
+def _density(ratio: Array, variance: Array) -> Array:
+    """Student's t density with 4 degrees of freedom from 1 / (1 + gap^2 / (4 variance))."""
+    return np.asarray(0.375 * ratio**2 * np.sqrt(ratio / variance), dtype=np.float64)
+
+
+def _feature_parts(table: Table, at: Layout, data: Data) -> list[_Part]:
     out = []
-    q = table.slope.shape[1]
-    for k, (centre, response, variance) in enumerate(
-        zip(table.centre, table.response, table.variance, strict=True)
+    for k, (centre, response, variance, stray) in enumerate(
+        zip(at.centre, table.response, at.variance, table.stray, strict=True)
     ):
-        value = data.features[:, None, :, k] - centre[None]
-        products = (response[:, :, None] * response[:, None, :]).reshape(-1, q * q)
-        out.append((value, response, variance, products))
+        value = data.features[:, None, :, k]
+        known = np.isfinite(value)
+        out.append(_Part(np.where(known, value - centre, 0.0), known, response, variance, stray))
     return out
 
 
-def log_likelihood(table: Table, data: Data, z: Array) -> Array:
+def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     """Of each trial at given nuisances, shape (campaigns, nodes, trials); 0 where unknown."""
-    from scipy.special import gammaln
-
-    p = 1 / (1 + np.exp(-np.clip(table.logit + table.factor * (z @ table.slope.T), -30, 30)))
+    p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * (z @ table.slope.T), -30, 30)))
     p = _lapsed(p)
     y = data.overturned[:, None, :]
     known = np.isfinite(y)
     # An expected outcome between 0 and 1 gives the expected log likelihood.
     likely = np.nan_to_num(y)
     out = np.where(known, likely * np.log(p) + (1 - likely) * np.log1p(-p), 0.0)
-    constant = gammaln(0.5 * (DEGREES + 1)) - gammaln(0.5 * DEGREES)
-    constant -= 0.5 * np.log(DEGREES * np.pi)
-    for value, response, variance, _ in _feature_parts(table, data):
+    for value, shown, response, variance, stray in _feature_parts(table, at, data):
         gap = value - z @ response.T
-        density = constant - 0.5 * np.log(variance)
-        density = density - 0.5 * (DEGREES + 1) * np.log1p(gap**2 / (DEGREES * variance))
-        out = out + np.where(np.isfinite(gap), density, 0.0)
+        density = _density(1.0 / (1.0 + gap**2 / (DEGREES * variance)), variance)
+        out = out + np.log(density + stray) * shown
     return np.asarray(out, dtype=np.float64)
+
+
+def mode(table: Table, found: Posterior) -> tuple[int, Array]:
+    """Most probable fine node of a single campaign and the nuisances there, shape (q,)."""
+    node = int(np.argmax(found.nodes[0]))
+    return node, np.asarray(table.weights[node] @ found.nuisance[0], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,22 +384,24 @@ class Prediction:
 
 
 def predict(table: Table, found: Posterior) -> Prediction:
-    """Average a hypothesis' predictions over its posterior."""
-    weight = np.exp(found.nodes)
-    spread = np.einsum("ti,cgij,tj->cgt", table.slope, found.covariance, table.slope, optimize=True)
-    logit = table.logit + table.factor * (found.nuisance @ table.slope.T)
-    p = _lapsed(1 / (1 + np.exp(-logit / np.sqrt(1 + np.pi / 8 * table.factor**2 * spread))))
-    probability = np.einsum("cg,cgt->ct", weight, p)
+    """Average a hypothesis' predictions over its posterior, `PREDICTED` draws of equal weight."""
+    at = table.fine
+    total = np.cumsum(np.exp(found.nodes), axis=1)
+    places = (np.arange(PREDICTED) + 0.5) / PREDICTED
+    drawn = np.stack([np.searchsorted(row / row[-1], places) for row in total])
+    z = np.einsum("cpg,cgq->cpq", table.weights[drawn], found.nuisance)
+    spread = np.einsum("ti,cij,tj->ct", table.slope, found.covariance, table.slope, optimize=True)
+    factor = at.factor[drawn]
+    logit = at.logit[drawn] + factor * (z @ table.slope.T)
+    probability = _lapsed(
+        1 / (1 + np.exp(-logit / np.sqrt(1 + np.pi / 8 * factor**2 * spread[:, None])))
+    ).mean(axis=1)
     centres, deviations = [], []
-    for centre, response, variance in zip(
-        table.centre, table.response, table.variance, strict=True
-    ):
-        value = centre + found.nuisance @ response.T
-        own = variance + np.einsum(
-            "ti,cgij,tj->cgt", response, found.covariance, response, optimize=True
-        )
-        middle = np.einsum("cg,cgt->ct", weight, value)
-        second = np.einsum("cg,cgt->ct", weight, value**2 + own)
+    for centre, response, variance in zip(at.centre, table.response, at.variance, strict=True):
+        value = centre[drawn] + z @ response.T
+        own = np.einsum("ti,cij,tj->ct", response, found.covariance, response, optimize=True)
+        middle = value.mean(axis=1)
+        second = (value**2 + variance[drawn]).mean(axis=1) + own
         centres.append(middle)
         deviations.append(np.sqrt(np.maximum(second - middle**2, 1e-12)))
     shape = (*probability.shape, 0)

@@ -42,6 +42,7 @@ class Calibration:
             campaigns, shape (rows,).
         likelihood, classifier: log probabilities of routes A and B, shape (rows, labels).
         exponents: of A and of B.
+        sharpness: exponent of the posterior of parameters, at most 1.
         probability: weighted and normalised, shape (rows, labels).
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
@@ -56,6 +57,7 @@ class Calibration:
     likelihood: Array
     classifier: Array
     exponents: tuple[float, float]
+    sharpness: float
     probability: Array
     gap: Array
     floor: Array
@@ -211,6 +213,7 @@ def _calibrate(
     loss = np.zeros((rows, motion.size))
     novelty: Array | None = None
     null: list[tuple[Array, Array]] = []
+    known: list[tuple[Array, int]] = []
     directions = places.directions()
     for fold in range(FOLDS):
         inside = np.flatnonzero(draws % FOLDS != fold)
@@ -220,6 +223,10 @@ def _calibrate(
         tables = [tabulate(emulator, "" if label == NONE else label) for label in labels]
         found = [posterior(table, data) for table in tables]
         a[held] = np.stack([one.evidence for one in found], axis=1)
+        for k in range(1, len(labels)):
+            for row in np.flatnonzero(truth[held] == k):
+                node = tables[k].nearest(library[labels[k]], design.quantiles[held[row]])
+                known.append((found[k].nodes[row], node))
         plain = crossfitted_none(tables[0], data, motion)
         loss[held] = losses(plain, data)
         gap_free = np.flatnonzero(truth[held] == 0)
@@ -253,6 +260,7 @@ def _calibrate(
         a,
         b,
         exponents,
+        _sharpness(known),
         probability,
         gap,
         floor,
@@ -292,6 +300,18 @@ def _exponents(a: Array, b: Array, truth: NDArray[np.int64], weight: Array) -> t
 
     found = minimize(loss, np.log([0.5, 0.5]), method="Nelder-Mead", options={"maxiter": 120})
     return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
+
+
+def _sharpness(known: list[tuple[Array, int]]) -> float:
+    """Exponent at which posteriors of parameters give their true values the best log score."""
+    from scipy.special import logsumexp
+
+    powers = np.geomspace(0.03, 1.0, 25)
+    score = np.zeros(powers.size)
+    for nodes, true in known:
+        scaled = powers[:, None] * nodes[None]
+        score += scaled[:, true] - logsumexp(scaled, axis=1)
+    return float(powers[int(np.argmax(score))]) if known else 1.0
 
 
 def _odds(probability: Array) -> Array:

@@ -6,7 +6,8 @@ have the planar block's own entries.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -71,6 +72,7 @@ def free_parameters(entry: Entry) -> tuple[Parameter, ...]:
     return tuple(p for p in entry.parameters if p.prior != "fixed" and p.lower < p.upper)
 
 
+@lru_cache(maxsize=1024)
 def null_quantile(parameter: Parameter) -> float | None:
     """Prior quantile of the null value; None where the prior cannot reach it.
 
@@ -88,12 +90,31 @@ def null_quantile(parameter: Parameter) -> float | None:
     return 0.5 * (low + high)
 
 
+def positions(entry: Entry, quantiles: Array) -> Array:
+    """Quantiles of the library's priors at quantiles of the diagnosis' own, shape (n, parameters).
+
+    A cause is more likely weak than strong, and most effects show long before their prior ends: the
+    distance of a primary parameter's quantile from that of its null value is squared, of the larger
+    distance that its side has. So half the draws lie within a quarter of the range.
+    """
+    out = np.array(np.atleast_2d(quantiles), dtype=np.float64)
+    for j, parameter in enumerate(free_parameters(entry)):
+        null = null_quantile(parameter)
+        if parameter.secondary or null is None:
+            continue
+        gap = out[:, j] - null
+        side = np.where(gap > 0, 1.0 - null, null)
+        out[:, j] = null + gap * np.abs(gap) / np.maximum(side, 1e-9)
+    return out
+
+
 def basis_size(entry: Entry) -> int:
     """Number of columns of :func:`basis`."""
     return int(basis(entry, np.full((1, len(free_parameters(entry))), 0.3)).shape[1])
 
 
-def _is_angle(parameter: Parameter) -> bool:
+def is_angle(parameter: Parameter) -> bool:
+    """Whether the prior spans a full turn."""
     turn = {"degree": 360.0, "rad": 2 * np.pi}.get(parameter.unit)
     return turn is not None and abs(parameter.upper - parameter.lower - turn) < 1e-6 * turn
 
@@ -101,7 +122,7 @@ def _is_angle(parameter: Parameter) -> bool:
 def basis(entry: Entry, quantiles: Array) -> Array:
     """Smooth functions of an effect's free parameters that the emulator is linear in.
 
-    With c_j = 2 (u_j - u_j0), u_j the prior quantile of parameter j and u_j0 that of its null value
+    With c_j = 2 (u_j - u_j0), u_j the position of parameter j in its prior and u_j0 its null's
     (1/2 where the prior does not reach it): the primary parameters' c_j and c_j c_k, led by 1 where
     none of them reaches its null; and each of the linear ones of these times functions of every
     secondary parameter: c and c^2, or cosine and sine of a full turn. They vanish where the effect
@@ -115,7 +136,7 @@ def basis(entry: Entry, quantiles: Array) -> Array:
         Shape (n, `basis_size(entry)`).
     """
     parameters = free_parameters(entry)
-    u = np.atleast_2d(quantiles)
+    u = positions(entry, quantiles)
     primary = [j for j, p in enumerate(parameters) if not p.secondary]
     nulls = [null_quantile(parameters[j]) for j in primary]
     reached = any(null is not None for null in nulls)
@@ -126,7 +147,7 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     columns += [c[j] * c[k] for j in range(len(c)) for k in range(j, len(c))]
     for j, parameter in enumerate(parameters):
         if parameter.secondary:
-            if _is_angle(parameter):
+            if is_angle(parameter):
                 turn = 2 * np.pi * u[:, j]
                 functions = [np.cos(turn), np.sin(turn)]
             else:
@@ -135,9 +156,18 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     return np.stack(columns, axis=1)
 
 
+def coordinates(quantiles: Array, angles: Sequence[bool]) -> Array:
+    """Quantiles as points whose distances make sense: full turns lie on a circle."""
+    columns = []
+    for j, turns in enumerate(angles):
+        u = quantiles[:, j]
+        columns += [np.cos(2 * np.pi * u) / np.pi, np.sin(2 * np.pi * u) / np.pi] if turns else [u]
+    return np.stack(columns, axis=1)
+
+
 def values_at(entry: Entry, quantiles: Array) -> tuple[float, ...]:
-    """Values of all parameters at prior quantiles of the free ones, fixed ones at their null."""
+    """Values of all parameters at quantiles of the free ones, fixed ones at their null."""
     free = free_parameters(entry)
-    clipped = np.clip(quantiles, 1e-6, 1 - 1e-6)
+    clipped = np.clip(positions(entry, quantiles)[0], 1e-6, 1 - 1e-6)
     known = {p.name: float(p.ppf(float(u))) for p, u in zip(free, clipped, strict=True)}
     return tuple(known.get(p.name, float(p.null)) for p in entry.parameters)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.equivalence import INSEPARABLE, expected_campaign
-from vsr2.diagnosis.evidence import Data, Posterior, log_likelihood, posterior
+from vsr2.diagnosis.evidence import Data, Posterior, log_likelihood, mode, posterior
 from vsr2.diagnosis.inference import Prepared
 from vsr2.diagnosis.observations import Observations
 
@@ -67,9 +67,9 @@ def next_measurement(
     own = posterior(tables[leader], expected)
 
     def likelihood(name: str, found: Posterior) -> NDArray[np.float64]:
-        node = int(np.argmax(found.nodes[0]))
-        values = log_likelihood(tables[name], expected, found.nuisance)
-        return np.asarray(values[0, node], dtype=np.float64)
+        node, z = mode(tables[name], found)
+        at = tables[name].fine.at(node)
+        return log_likelihood(tables[name], at, expected, z[None, None])[0, 0]
 
     gain = likelihood(leader, own) - likelihood(rival, matched)
     best = int(np.argmax(gain))

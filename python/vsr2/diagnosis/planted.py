@@ -1,17 +1,29 @@
-"""Campaigns of the planar block with a known cause, for development, tests and calibration."""
+"""Campaigns with a known cause, for development, tests and measuring the method."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen
+from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
+from vsr2.diagnosis.amortised import Places
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.design import Screening, screen, simulate_design
+from vsr2.diagnosis.diagnose import conclude
+from vsr2.diagnosis.emulator import Design
+from vsr2.diagnosis.equivalence import classes
+from vsr2.diagnosis.evidence import Data
+from vsr2.diagnosis.features import TILT_FEATURES
+from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
+from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.planar import GRAVITY
 from vsr2.diagnosis.planar_simulator import PlanarSimulator
-from vsr2.diagnosis.simulator import Effects, Request
+from vsr2.diagnosis.result import Diagnosis
+from vsr2.diagnosis.simulator import Effects, Request, Responses, Simulator
+from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
@@ -110,3 +122,107 @@ def observe(
         for i, trial in enumerate(campaign.trials)
     ]
     return replace(campaign, trials=tuple(trials), noise=MeasurementNoise(peak_tilt=peak_noise))
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What was concluded of one campaign."""
+
+    evidence: Evidence
+    inference: Inference
+    diagnosis: Diagnosis
+
+
+class Rehearsal:
+    """One schedule of trials, simulated and prepared once, on which many campaigns are judged.
+
+    Args:
+        simulator: of the diagnosis; gives series if tier T is wanted.
+        campaign: the schedule; outcomes are not read.
+        draws: of every effect.
+        screening_runs: simulations a trial that tell certain trials from uncertain ones.
+        most: trials kept.
+        noise: standard error of the largest tilt [rad].
+        series: whether the simulator gives series.
+    """
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        campaign: Campaign,
+        *,
+        draws: int = 24,
+        screening_runs: int = 20,
+        most: int = 400,
+        noise: float = 0.003,
+        series: bool = False,
+    ) -> None:
+        self.simulator = simulator
+        self._noise = noise
+        blank = replace(
+            campaign,
+            noise=MeasurementNoise(peak_tilt=noise),
+            trials=tuple(
+                replace(t, overturned=False, peak_tilt=0.0, series=None) for t in campaign.trials
+            ),
+        )
+        # Any outcomes will do: screening reads none, and the tier decides what else counts.
+        seen = observe_campaign(blank, "M")
+        names = (*seen.names, *TILT_FEATURES) if series else seen.names
+        self._seen = replace(seen, tier="T" if series else "M", names=names)
+        self.bank = Bank(simulator)
+        self.screening: Screening = screen(
+            self.bank, self._seen, runs=screening_runs, most=most, seed=0
+        )
+        self._design, self.draws = simulate_design(
+            self.bank, self._seen, self.screening, simulator.library,
+            dict.fromkeys(simulator.library, draws),
+        )  # fmt: skip
+
+    def observed(
+        self, truth: Simulator, effects: Effects = (), *, nuisance: int, replicate: int = 1
+    ) -> Observations:
+        """What a campaign gives under a simulator whose draws the diagnosis does not know."""
+        requests = [Request(i, effects, nuisance, replicate) for i in range(len(self._seen))]
+        return self.noted(truth.run(requests), seed=nuisance)
+
+    def noted(self, found: Responses, *, seed: int) -> Observations:
+        """Responses of all trials as a campaign notes them."""
+        features = self._seen.noted(found.overturned, found.peak_tilt, found.features, 1000 + seed)
+        return replace(self._seen, overturned=found.overturned, features=features)
+
+    def design(self, tier: Tier) -> Design:
+        """The simulated campaigns with what a tier knows."""
+        count = {"B": 0, "M": 1}.get(tier, self._design.features.shape[2])
+        return replace(self._design, features=self._design.features[:, :, :count])
+
+    def prepared(
+        self, tier: Tier, *, without: Sequence[str] = (), design: Design | None = None
+    ) -> Prepared:
+        """Both routes for a tier, some effects left out of the library."""
+        library = {n: e for n, e in self.simulator.library.items() if n not in without}
+        whole = self.design(tier) if design is None else design
+        rows = np.flatnonzero(~np.isin(whole.effect, list(without)))
+        seen, kept = self._seen, self.screening.kept
+        places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
+        return prepare(library, whole.take(rows), self.draws[rows], places, seen.motion[kept])
+
+    def judge(self, prepared: Prepared, seen: Observations, tier: Tier) -> Judged:
+        """From observations to diagnosis."""
+        kept = self.screening.kept
+        count = {"B": 0, "M": 1}.get(tier, seen.features.shape[1])
+        part = replace(seen, tier=tier, names=seen.names[:count], features=seen.features[:, :count])
+        observed = Data(part.overturned[None, kept], part.features[None, kept])
+        found = infer(prepared, observed)
+        probability: Mapping[str, float] = dict(zip(found.labels, found.probability, strict=True))
+        groups = classes(
+            probability,
+            prepared.tables,
+            found.posteriors,
+            observed,
+            min(prepared.calibration.exponents[0], 1.0),
+        )
+        evidence = conclude(part, self.screening, prepared, found, groups)
+        spent = {"budget": {"limited": False}}
+        diagnosis = compose(part, self.screening, prepared, found, evidence, {}, spent)
+        return Judged(evidence, found, diagnosis)

@@ -69,7 +69,9 @@ class Diagnosis:
         ]
         return {
             "effects.csv": _csv(effects),
-            "where.csv": _csv(list(self.content["where"])),
+            "where.csv": _csv(
+                [{k: v for k, v in row.items() if k != "trials"} for row in self.content["where"]]
+            ),
             "trials.csv": _csv([dict(row) for row in self.trials]),
         }
 

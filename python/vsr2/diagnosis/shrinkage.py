@@ -22,7 +22,7 @@ from vsr2.diagnosis.evidence import (
     Table,
     posterior,
     predict,
-    tabulate,
+    tabulate_pair,
 )
 from vsr2.diagnosis.library import NONE, Library, free_parameters
 from vsr2.diagnosis.score import losses
@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 
 RECALIBRATION = "recalibration"
 _PAIR_NODES = 120
+_PAIR_SHORTLIST = 3
 
 
 @dataclass(frozen=True)
@@ -128,20 +129,19 @@ def best_pair(
     library: Library, emulator: Emulator, first: str, data: Data
 ) -> tuple[str, Table, Posterior]:
     """The effect with the greatest evidence beside `first`; effects add up on the logit."""
-    best: tuple[str, Table, Posterior] | None = None
-    for second in library:
-        if second == first:
-            continue
+
+    def tried(second: str, nodes: int) -> tuple[Table, Posterior]:
         a, b = len(free_parameters(library[first])), len(free_parameters(library[second]))
-        nodes = np.array([quasi_random(1, a + b, i + 1) for i in range(_PAIR_NODES)])
-        table = tabulate(
-            emulator, first, nodes[:, :a], second=second, second_quantiles=nodes[:, a:]
-        )
-        found = posterior(table, data)
-        if best is None or found.evidence[0] > best[2].evidence[0]:
-            best = (second, table, found)
-    assert best is not None
-    return best
+        spread = np.array([quasi_random(1, a + b, i + 1) for i in range(nodes)])
+        table = tabulate_pair(emulator, first, second, (spread[:, :a], spread[:, a:]))
+        return table, posterior(table, data)
+
+    def evidence(second: str) -> float:
+        return float(tried(second, _PAIR_NODES // 4)[1].evidence[0])
+
+    ranked = sorted((name for name in library if name != first), key=lambda n: -evidence(n))
+    found = [(name, *tried(name, _PAIR_NODES)) for name in ranked[:_PAIR_SHORTLIST]]
+    return max(found, key=lambda one: float(one[2].evidence[0]))
 
 
 def _recalibrated(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Prediction:

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.design import Screening
-from vsr2.diagnosis.evidence import Data, posterior, tabulate
 from vsr2.diagnosis.inference import Inference, Prepared
-from vsr2.diagnosis.library import NONE, Entry, free_parameters
+from vsr2.diagnosis.library import NONE, free_parameters, positions
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
-from vsr2.diagnosis.simulator import quasi_random
 from vsr2.diagnosis.verdict import Findings, Verdict
 from vsr2.diagnosis.where import Place
 
@@ -25,8 +23,9 @@ Array = NDArray[np.float64]
 
 FEW_TRIALS = 100
 FEW_MOTIONS = 10
-_FINE_NODES = 101
 _PLACES = 20
+_SIGNIFICANT = 0.05
+"""Family-wise p value up to which a place lists its trials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +56,12 @@ def compose(
     recalibration = whole.closure("recalibrated")
     probability = dict(zip(found.labels, found.probability, strict=True))
     class_of = {name: group[0] for group in evidence.classes for name in group}
-    observed = Data(seen.overturned[None, screening.kept], seen.features[None, screening.kept])
     effects = [
         {
             "name": name,
             "probability": float(probability[name]),
             "class": class_of[name],
-            "parameters": _parameters(prepared, name, observed),
+            "parameters": _parameters(prepared, found, name),
             "closure": whole.closure(name),
         }
         for name in sorted(class_of, key=lambda name: -probability[name])
@@ -100,6 +98,9 @@ def compose(
                 "axis": place.axis,
                 "effect_size": place.effect_size,
                 "p_familywise": place.p_familywise,
+                "trials": [seen.campaign.trials[int(screening.kept[i])].trial for i in place.trials]
+                if place.p_familywise <= _SIGNIFICANT
+                else None,
             }
             for place in evidence.where[:_PLACES]
         ],
@@ -242,21 +243,21 @@ def _estimate(value: float, draws: Array) -> dict[str, Any]:
     return {"value": value, "ci95": [float(low), float(high)]}
 
 
-def _parameters(prepared: Prepared, name: str, observed: Data) -> dict[str, Any]:
-    """Posterior means and central 95 % intervals on a fine grid of the prior."""
-    entry: Entry = prepared.emulator.library[name]
-    free = free_parameters(entry)
-    if len(free) == 1:
-        nodes = ((np.arange(_FINE_NODES) + 0.5) / _FINE_NODES)[:, None]
-    else:
-        nodes = np.array([quasi_random(2, len(free), i + 1) for i in range(3 * _FINE_NODES)])
-    weight = np.exp(posterior(tabulate(prepared.emulator, name, nodes), observed).nodes[0])
+def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
+    """Posterior means and central 95 % intervals."""
+    entry = prepared.library[name]
+    nodes = positions(entry, prepared.tables[name].fine.quantiles)
+    nodes_log = prepared.calibration.sharpness * found.posteriors[name].nodes[0]
+    weight = np.exp(nodes_log - nodes_log.max())
     out = {}
-    for j, parameter in enumerate(free):
+    for j, parameter in enumerate(free_parameters(entry)):
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
         order = np.argsort(values)
-        total = np.cumsum(weight[order])
-        low, high = (float(np.interp(q * total[-1], total, values[order])) for q in (0.025, 0.975))
+        # The middle of each node's own weight, so that the median of one node is the node.
+        total = np.cumsum(weight[order]) - 0.5 * weight[order]
+        low, high = (
+            float(np.interp(q * weight.sum(), total, values[order])) for q in (0.025, 0.975)
+        )
         mean = float(weight @ values / weight.sum())
         out[parameter.name] = {"mean": mean, "ci95": [low, high], "unit": parameter.unit}
     return out
@@ -322,12 +323,14 @@ def _limits(
 def _unseen(prepared: Prepared, name: str) -> bool:
     """Whether even large values of an effect move no more than two outcomes."""
     table, plain = prepared.tables[name], prepared.tables[NONE]
-    p = 1 / (1 + np.exp(-table.logit))
-    q = 1 / (1 + np.exp(-plain.logit))
+    p = 1 / (1 + np.exp(-table.coarse.logit))
+    q = 1 / (1 + np.exp(-plain.coarse.logit))
     moved = np.abs(p - q).sum(axis=1).max()
     tilts = [
         np.abs(centre - own) / np.sqrt(variance)
-        for centre, own, variance in zip(table.centre, plain.centre, table.variance, strict=True)
+        for centre, own, variance in zip(
+            table.coarse.centre, plain.coarse.centre, table.coarse.variance, strict=True
+        )
     ]
     shifted = max((float((t**2).sum(axis=1).max()) for t in tilts), default=0.0)
     return bool(moved < 2.0 and shifted < 4.0)

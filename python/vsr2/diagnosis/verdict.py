@@ -61,10 +61,14 @@ class Findings:
     stable: bool
 
 
+def beyond_noise(gap_low: float, gap_p: float, direction_p: float) -> bool:
+    """Whether there is a gap: its size is significant and its interval above zero, or its odds."""
+    return (gap_low > 0 and gap_p <= 2 * GAP_LEVEL) or direction_p <= GAP_LEVEL
+
+
 def decide(f: Findings) -> Verdict:
     """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
-    gap = f.gap_low > 0 and f.gap_p <= 2 * GAP_LEVEL
-    if not gap and f.direction_p > GAP_LEVEL:
+    if not beyond_noise(f.gap_low, f.gap_p, f.direction_p):
         reason = (
             "no gap beyond noise: the loss is no larger than in campaigns simulated without any "
             f"effect (p = {f.gap_p:.2g}), and none of the effects is favoured beyond what such "

@@ -37,13 +37,14 @@ class Place:
         axis: conditions, order, session, specimen, or the response's channel.
         effect_size: mean residual inside over its noise, in standard deviations of one trial.
         p_familywise: of the largest score of the whole family.
-        low, high: bounds of ln PGA and ln PGV/PGA, or of order, where it has some.
+        trials: inside the place, of those scanned.
     """
 
     place: str
     axis: str
     effect_size: float
     p_familywise: float
+    trials: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,9 @@ def scan(
             label = name if channel == "outcome" else f"{channel}: {name}"
             axis = axes[j] if channel == "outcome" else f"{channel}, {axes[j]}"
             size = float(score[c, j] / np.sqrt(count))
-            out.append(Place(label, axis, size, float(p_value[c, j])))
+            # Of a trend, the later half; of a step, what follows it.
+            members = tuple(int(i) for i in np.flatnonzero(weights[j] > 0))
+            out.append(Place(label, axis, size, float(p_value[c, j]), members))
     return sorted(out, key=lambda place: (place.p_familywise, -abs(place.effect_size)))
 
 

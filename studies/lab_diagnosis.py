@@ -1,0 +1,89 @@
+"""The diagnosis of the laboratory's campaign on specimen SP1.
+
+    vsr2 campaign import-lab SOURCE out/lab
+    python studies/lab_diagnosis.py [--budget-minutes N | --simulations N] [--threads N]
+
+Runs `vsr2 diagnose` on the trials that have a motion, in the scene of lab_diagnosis.yaml, with all
+effects but `base_slope` (ten times as dear as the others on this specimen, and in one class with
+`com_offset`). A run that was interrupted is continued. Writes to OUT what `vsr2 diagnose` writes
+and, to OUT/committed, what may be committed (no outcome of a trial is): diagnosis.json,
+effects.csv, where.csv, the page's figures, and metrics.csv: agreement with the observed outcomes of
+the model before and after the diagnosed effects are added, each motion judged by models that were
+fitted to, and whose effect was chosen on, other motions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.analysis import classification_metrics
+from vsr2.diagnosis import diagnose
+from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
+from vsr2.report.diagnosis_figures import (
+    bars_figure,
+    map_figure,
+    order_figure,
+    posterior_figure,
+    reliability_figure,
+)
+
+HERE = Path(__file__).resolve().parent
+
+
+def main() -> None:
+    """Run the study."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
+    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "diagnosis_lab")
+    parser.add_argument("--budget-minutes", type=float, default=10.0)
+    parser.add_argument("--simulations", type=int)
+    parser.add_argument("--threads", type=int, default=1)
+    options = parser.parse_args()
+    found = diagnose(
+        options.campaign,
+        options.scene,
+        out=options.out,
+        budget_minutes=options.budget_minutes,
+        simulations=options.simulations,
+        threads=options.threads,
+        exclude=["base_slope"],
+        progress=True,
+    )
+    write_diagnosis_page(found, options.out)
+    print(format_diagnosis(found))
+    folder = options.out / "committed"
+    folder.mkdir(exist_ok=True)
+    (folder / "diagnosis.json").write_text(found.to_json())
+    for name in ("effects.csv", "where.csv"):
+        (folder / name).write_text(found.tables()[name])
+    figures = {
+        "posterior": posterior_figure(found.content),
+        "bars": bars_figure(found.content),
+        "map": map_figure(found.trials),
+        "order": order_figure(found.trials),
+        "reliability": reliability_figure(found.trials),
+    }
+    for name, figure in figures.items():
+        (folder / f"{name}.svg").write_text(
+            figure.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
+        )
+    observed = np.array([row["overturned"] for row in found.trials]) > 0
+    with (folder / "metrics.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["model", "trials", "accuracy", "precision", "recall", "mean"])
+        for model in ("before", "after"):
+            predicted = np.array([row[model] for row in found.trials]) > 0.5
+            scores = classification_metrics(observed, predicted)
+            three = [scores.accuracy, scores.precision, scores.recall]
+            writer.writerow(
+                [model, len(observed), *(f"{v:.4f}" for v in three), f"{np.mean(three):.4f}"]
+            )
+
+
+if __name__ == "__main__":
+    main()
