@@ -1,14 +1,17 @@
 """The custodian: what it draws, seals and does not leak; the diagnosis from the data alone."""
 
+import contextlib
 import csv
 import json
 import math
 import shutil
+import sqlite3
 import subprocess
 import sys
 import textwrap
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +21,20 @@ import vsr2.blind.make as make_module
 from blind_samples import QuickEngine, diagnosis
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.baselines import BASELINES, baseline_scores
+from vsr2.blind.design import catalogue, draw_protocol
 from vsr2.blind.diagnose import at_tier
 from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import FloorMeter
+from vsr2.blind.floor import Floor, FloorMeter
+from vsr2.blind.mujoco import GroundMotion
+from vsr2.blind.plan import draw_plan
 from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.shake import Shake
 from vsr2.blind.verdict import DIAGNOSIS_FILE
 from vsr2.campaign import check_campaign, load_campaign
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
+from vsr2.diagnosis import diagnose
+from vsr2.effects import library as known_effects
 from vsr2.errors import BlindError, CampaignError
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
@@ -46,6 +54,11 @@ def quick(monkeypatch):
 def make(study, folder, seed=1, **changes):
     settings = PackSettings(**(SMALL | {"single": 6, "none": 3, "pair": 2, "unknown": 3} | changes))
     return make_pack(study, folder, folder / "key", settings, seed=seed)
+
+
+def protocol(settings):
+    rng = np.random.default_rng(3)
+    return draw_protocol(rng, catalogue(3, settings.catalogue), [6.0] * 5, settings)
 
 
 def same_folders(one, two):
@@ -149,8 +162,7 @@ def test_each_effect_is_left_out_in_turn(quick, study, tmp_path) -> None:
 
 def test_the_floor_is_where_signal_over_noise_is_three(study) -> None:
     settings = PackSettings(**SMALL)
-    motions = make_module.catalogue(3, 5)
-    meter = FloorMeter(QuickEngine(), motions, [6.0] * 5, settings, 3)
+    meter = FloorMeter(QuickEngine(), protocol(settings), settings, 3)
     effect = QuickEngine.effects["table_gain"]
     floor = meter.floor(effect, 1)
     assert meter.signal(effect, floor.magnitude) == pytest.approx(3.0, rel=0.3)
@@ -165,9 +177,8 @@ class DeafEngine(QuickEngine):
 
 
 def test_an_effect_that_nobody_can_see_has_no_floor(study) -> None:
-    meter = FloorMeter(
-        DeafEngine(), make_module.catalogue(3, 5), [6.0] * 5, PackSettings(**SMALL), 3
-    )
+    settings = PackSettings(**SMALL)
+    meter = FloorMeter(DeafEngine(), protocol(settings), settings, 3)
     assert meter.floor(QuickEngine.effects["wear"], 1).magnitude == math.inf
 
 
@@ -177,6 +188,8 @@ def test_settings_are_checked() -> None:
         ({"single": -1}, "single is -1"),
         ({"motions": 30}, "motions is 30"),
         ({"sessions": 0}, "sessions is 0"),
+        ({"single": (3, 4)}, "one number for each of mujoco"),
+        ({"protocols": 0}, "protocols is 0"),
         ({"replicates": 1}, "replicates is 1"),
         ({"series_interval": 0.0015}, "series_interval"),
         ({"single": 0, "none": 0, "pair": 0, "unknown": 0}, "no campaign"),
@@ -250,18 +263,51 @@ def test_ids_tell_neither_kind_nor_order(quick, study, tmp_path) -> None:
     assert "seed" not in text
 
 
+def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
+    # Kind, exclude, protocol and place in the list of 900 campaigns: independent.
+    from scipy.stats import chi2_contingency, kruskal
+
+    settings = PackSettings(single=0, none=450, pair=0, unknown=450, protocols=3, hidden=4)
+    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in QuickEngine.effects}
+    plan = draw_plan(5, settings, {"mujoco": QuickEngine.effects}, floors)
+    assert len({p.exclude for p in plan}) == 4
+    for trait in ("exclude", "protocol"):
+        cells = Counter((p.kind, getattr(p, trait)) for p in plan)
+        kinds, values = zip(*cells, strict=True)
+        table = [[cells[k, v] for v in sorted(set(values))] for k in sorted(set(kinds))]
+        assert chi2_contingency(table).pvalue > 0.01, trait
+    for key in (lambda p: p.id, lambda p: p.index):
+        ordered = [p.kind for p in sorted(plan, key=key)]
+        places = [[i for i, k in enumerate(ordered) if k == kind] for kind in ("none", "unknown")]
+        assert kruskal(*places).pvalue > 0.01
+
+
+def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
+    settings = PackSettings(single=120, none=0, pair=0, unknown=120, hidden=6)
+    floors = {("mujoco", name, 1): Floor(0.02, ()) for name in QuickEngine.effects}
+    plan = draw_plan(2, settings, {"mujoco": QuickEngine.effects}, floors)
+    unknown = [p.effects[0] for p in plan if p.kind == "unknown"]
+    assert Counter(e.name for e in unknown) == dict.fromkeys(QuickEngine.effects, 20)
+    single = [p.effects[0] for p in plan if p.kind == "single"]
+    assert Counter(e.name for e in single) == dict.fromkeys(QuickEngine.effects, 20)
+    from scipy.stats import ks_2samp
+
+    assert ks_2samp([e.relative for e in unknown], [e.relative for e in single]).pvalue > 0.01
+
+
 def test_what_the_files_say_beside_the_response_tells_nothing(quick, study, tmp_path) -> None:
     effects = ("table_gain", "wear", "restitution", "friction")
-    counts = {"single": 24, "none": 0, "pair": 0, "unknown": 0, "effects": effects}
+    counts = {"single": 16, "none": 2, "trials": 8, "pair": 0, "unknown": 0, "effects": effects}
     packs = []
     for seed in (1, 2):
         make(study, tmp_path / str(seed), seed=seed, **counts, series_interval=0.0)
         data = tmp_path / str(seed) / "data"
         packs += [data, open_key(data, tmp_path / str(seed) / "key")]
     scores = baseline_scores(packs[2], packs[3], packs[0], packs[1])
-    assert set(scores) == {*BASELINES, "commonest class"}
-    # Chance is 6 of 24; 14 or more happen by chance in 1 of 1000 packs.
-    assert scores["metadata only"].value * 24 < 14
+    rate = {"overturn rate only: AUROC, none or single"}
+    assert set(scores) == {f"{name}: top-1" for name in (*BASELINES, "commonest class")} | rate
+    # Chance is 4 of 16; 11 or more happen by chance in 1 of 3500 packs.
+    assert scores["metadata only: top-1"].value * 16 < 11
 
 
 # --- diagnosing ---------------------------------------------------------------------------------
@@ -291,14 +337,14 @@ def small(quick, study, tmp_path):
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, budget_minutes=1)
+    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, draws=9)
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
     for campaign, how in Stub.calls:
         assert campaign.tier == how["tier"]
         assert list(how["exclude"]) == excluded[campaign.name]
-        assert (how["seed"], how["budget_minutes"]) == (7, 1)
+        assert (how["seed"], how["draws"]) == (7, 9)
         if how["tier"] == "B":
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None
@@ -366,28 +412,85 @@ def test_the_diagnosis_never_looks_at_the_key(small, tmp_path) -> None:
     assert diagnose_pack(moved, tmp_path / "out2", diagnose=Stub).done == 12
 
 
+def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
+    sizes = ["--trials", "12", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
+    counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
+    command = ["blind", "make", str(SCENE), str(tmp_path), "--seed", "4", *sizes, *counts]
+    command += ["--engine", "mujoco", "--engine", "bullet", "--quiet"]
+    assert main(command) == 2
+    assert "--development" in capsys.readouterr().err
+    assert main([*command, "--development"]) == 0
+    assert "5 campaigns, sealed as" in capsys.readouterr().out
+    key = open_key(tmp_path / "data", tmp_path / "key")
+    found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
+    assert found["mujoco", "single"] == 2
+    assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
+
+
 # --- from end to end ----------------------------------------------------------------------------
 
 
 def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
     pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
-    counts = ["--single", "6", "--none", "3", "--pair", "1", "--unknown", "2", "--trials", "6"]
-    design = ["--motions", "3", "--catalogue", "3", "--sessions", "2", "--floor-trials", "4"]
-    effects = [v for n in ("table_gain", "wear", "restitution") for v in ("--effect", n)]
+    names = ("edge_rounding", "restitution", "vertical_motion")
     pack, key, out = tmp_path / "pack", tmp_path / "key", tmp_path / "out"
-    command = ["blind", "make", str(SCENE), str(pack), "--key", str(key), "--seed", "4"]
-    more = ["--replicates", "4", "--quiet"]
-    assert main([*command, *counts, *design, *effects, *more]) == 0
-    assert "12 campaigns, sealed as" in capsys.readouterr().out
-    for name in open_key(pack / "data", key)["campaigns"]:
-        assert check_campaign(pack / "data" / name) == []
-        assert load_campaign(pack / "data" / name).tier == "T"
-    diagnose_pack(pack / "data", out, diagnose=Stub)
+    settings = PackSettings(
+        engines=("bullet", "mujoco"),
+        single=(6, 0),
+        none=(2, 1),
+        pair=(1, 0),
+        unknown=(2, 0),
+        trials=40,
+        motions=4,
+        catalogue=4,
+        sessions=2,
+        effects=names,
+        series_interval=0.0,
+        replicates=4,
+        floor_trials=4,
+    )
+    monkeypatch.setattr(make_module, "catalogue", pulses)
+    # A rough diagnosis will do: what is tested is the way from pack to scores.
+    monkeypatch.setattr("vsr2.diagnosis.design.LEAST_NONE", 12)
+    monkeypatch.setattr("vsr2.diagnosis.budget.MAX_TRIALS", 4)
+    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 40)
+    assert make_pack(study, pack, key, settings, seed=4).campaigns == 12
+    shutil.move(key, tmp_path / "away")
+    library = {name: known_effects()[name] for name in names}
+    progress = diagnose_pack(
+        pack / "data", out, tiers=["M"], draws=6, diagnose=partial(diagnose, library=library)
+    )
+    assert (progress.done, progress.failed) == (12, ())
+    spent = [
+        json.loads((out / name / "M" / DIAGNOSIS_FILE).read_text())["provenance"]["budget"]
+        for name in sorted(c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"])
+    ]
+    # Campaigns of one protocol share their simulations.
+    assert sum(one["simulated"] for one in spent) == len(bank_keys(out / "bank.sqlite"))
+    assert sorted(one["simulated"] for one in spent)[:9] == [0] * 9
+    key = tmp_path / "away"
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 0
     assert "top-1 class (single)" in capsys.readouterr().out
     assert main(score) == 2
     assert "scored once" in capsys.readouterr().err
+
+
+def pulses(seed, count):
+    """Short ground motions."""
+    time = np.arange(0.0, 1.2, 0.005)
+    out = []
+    for i in range(count):
+        f = 1.2 + 0.3 * i
+        moved = np.sin(np.pi * time / time[-1]) ** 4 * np.cos(2 * np.pi * f * time + seed)
+        peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
+        out.append(GroundMotion(f"M{i + 1}", 0.005, moved / peak))
+    return out
+
+
+def bank_keys(path):
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        return file.execute("SELECT key FROM runs").fetchall()
 
 
 def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
@@ -408,6 +511,9 @@ def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
     moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
     peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
     shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    study = study.model_copy(
+        update={"engine": study.engine.model_copy(update={"time_step": 0.001})}
+    )
     found = {
         name: [seen.peak_tilt for seen in build_engine(name, study).run(shakes, 0.02)]
         for name in ("mujoco", "bullet")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blind_samples import diagnosis, effect, hand_made
-from vsr2.blind import score_pack
+from vsr2.blind import pool_packs, score_pack
 from vsr2.blind.intervals import area_under_roc, calibration_error, proportion, resampled
 from vsr2.blind.verdict import read_verdict, verdict_of
 from vsr2.errors import BlindError
@@ -277,3 +277,23 @@ def test_broken_json_is_named(tmp_path) -> None:
     (tmp_path / "diagnosis.json").write_text("{")
     with pytest.raises(BlindError, match="is no JSON"):
         read_verdict(tmp_path)
+
+
+def test_scored_packs_are_pooled(tmp_path) -> None:
+    parts = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        parts.append(hand_made(tmp_path / name, CAMPAIGNS, VERDICTS))
+    with pytest.raises(BlindError, match="not scored yet"):
+        pool_packs(parts, tmp_path / "pooled")
+    alone = [score_pack(*part, tmp_path / f"s{i}") for i, part in enumerate(parts)]
+    pooled = pool_packs(parts, tmp_path / "pooled").scores["M", "all"]
+    for name, score in alone[0].scores["M", "all"].items():
+        assert pooled[name].count == 2 * score.count
+        if name != "unknown: rate at 5 % false alarms":
+            assert pooled[name].value == pytest.approx(score.value), name
+    assert (tmp_path / "pooled" / "scores.md").exists()
+    verdict = parts[1][2] / "a" / "M" / "diagnosis.json"
+    verdict.write_text(verdict.read_text().replace("0.6", "0.7"))
+    with pytest.raises(BlindError, match="changed after they were scored"):
+        pool_packs(parts, tmp_path / "pooled")

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.mujoco import GroundMotion, ground_motion
+from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.blind.settings import PackSettings
 from vsr2.blind.shake import Engine, Shake
+from vsr2.motion import Record
 
 Array = NDArray[np.float64]
 
 SPREAD = (-0.55, 0.4)
 """Of ln PGA about a motion's overturning PGA, within a campaign."""
 SHIFT = 0.12
-"""Standard deviation of what a campaign adds to it, so that the overturn rate tells nothing."""
+"""Standard deviation of what a protocol adds to it."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,74 @@ class Row:
     motion: int
     pga: float
     session: int
+
+
+@dataclass(frozen=True, eq=False)
+class Protocol:
+    """What campaigns of a pack have in common.
+
+    Attributes:
+        rows: trials in the order of execution.
+        motions: of the rows.
+        records: recorded motion of each row, by the trial's name.
+        displacement_noise, acceleration_noise: of the records [m], [m/s^2].
+    """
+
+    rows: tuple[Row, ...]
+    motions: tuple[GroundMotion, ...]
+    records: dict[str, Record]
+    displacement_noise: float
+    acceleration_noise: float
+
+
+def draw_protocol(
+    rng: np.random.Generator,
+    motions: Sequence[GroundMotion],
+    thresholds: Sequence[float],
+    settings: PackSettings,
+) -> Protocol:
+    """A protocol: its trials, and their motions as recorded, with noise, digits fixed.
+
+    Args:
+        rng: of the protocol.
+        motions: the catalogue.
+        thresholds: overturning PGA of each of them [m/s^2].
+        settings: of the pack.
+    """
+    rows = draw_design(rng, thresholds, settings.trials, settings.motions, settings.sessions)
+    tolerances = settings.tolerances
+    moved_noise = log_uniform(rng, *tolerances.displacement_noise)
+    felt_noise = log_uniform(rng, *tolerances.acceleration_noise)
+    records = {}
+    for i, row in enumerate(rows):
+        motion = motions[row.motion]
+        moved = motion.displacement * row.pga
+        felt = acceleration_of(moved, motion.interval)
+        draws = rng.standard_normal((2, moved.size))
+        label = trial_name(i, len(rows))
+        records[label] = Record(
+            name=label,
+            sample_interval=motion.interval,
+            displacement=np.round(moved + moved_noise * draws[0], 8),
+            acceleration=np.round(felt + felt_noise * draws[1], 5),
+        )
+    return Protocol(
+        tuple(rows),
+        tuple(motions[row.motion] for row in rows),
+        records,
+        moved_noise,
+        felt_noise,
+    )
+
+
+def trial_name(place: int, trials: int) -> str:
+    """Name of the trial at a place of the order, from 0."""
+    return f"T{place + 1:0{len(str(trials))}d}"
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A draw with three digits."""
+    return float(f"{low * (high / low) ** float(rng.random()):.3g}")
 
 
 def catalogue(seed: int, count: int) -> list[GroundMotion]:

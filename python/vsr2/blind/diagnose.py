@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -12,6 +12,9 @@ from vsr2.blind.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.errors import BlindError, Vsr2Error
 
+BANK_FILE = "bank.sqlite"
+DRAWS = 24
+"""Of every effect."""
 TIERS: tuple[Tier, ...] = ("B", "M", "T")
 
 
@@ -60,6 +63,7 @@ def diagnose_pack(
     *,
     tiers: Sequence[Tier] | None = None,
     campaigns: Sequence[str] | None = None,
+    draws: int | None = DRAWS,
     budget_minutes: float = 10.0,
     threads: int | None = None,
     seed: int = 0,
@@ -68,15 +72,19 @@ def diagnose_pack(
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
-    Results go to `out/<campaign>/<tier>/`. Only the data folder is read. A campaign whose diagnosis
-    ends with an error of ours gets a `failed.json`, and is tried again by the next run.
+    Results go to `out/<campaign>/<tier>/`, simulations to `out/bank.sqlite`: those for one campaign
+    serve all of its protocol, and with a fixed number of draws so do fitted models. Therefore
+    campaigns of one protocol that lack the same effects come one after the other. Only the data
+    folder is read. A campaign whose diagnosis ends with an error of ours gets a `failed.json`, and
+    is tried again by the next run.
 
     Args:
         data: a pack's data folder.
         out: gets the diagnoses.
         tiers: information to use; None: all that the pack has.
         campaigns: ids; None: all.
-        budget_minutes: as in the diagnosis.
+        draws: as in the diagnosis; None: by `budget_minutes`.
+        budget_minutes: as in the diagnosis, without draws.
         threads: as in the diagnosis.
         seed: as in the diagnosis.
         diagnose: stands in for :func:`vsr2.diagnosis.diagnose`.
@@ -86,7 +94,7 @@ def diagnose_pack(
         BlindError: no pack, or a campaign or tier that it does not have.
     """
     pack = read_pack(data)
-    listed = {entry["id"]: tuple(entry.get("exclude", ())) for entry in pack["campaigns"]}
+    listed = {entry["id"]: entry for entry in pack["campaigns"]}
     chosen = list(listed) if campaigns is None else list(campaigns)
     unknown = set(chosen) - set(listed)
     if unknown:
@@ -100,37 +108,54 @@ def diagnose_pack(
         from vsr2.diagnosis import diagnose as installed
 
         diagnose = installed
-    _same_submission(out, pack, {"budget_minutes": budget_minutes, "seed": seed})
-    done, failed = 0, []
-    for name in chosen:
-        campaign: Campaign | None = None
-        for tier in wanted:
-            folder = out / name / tier
-            if not (folder / DIAGNOSIS_FILE).exists():
-                campaign = load_campaign(data / name) if campaign is None else campaign
-                folder.mkdir(parents=True, exist_ok=True)
-                try:
-                    result = diagnose(
-                        at_tier(campaign, tier),
-                        data / pack["scene"],
-                        tier=tier,
-                        budget_minutes=budget_minutes,
-                        threads=threads,
-                        exclude=listed[name],
-                        seed=seed,
-                    )
-                    result.save(folder)
-                    read_verdict(folder)
-                except Vsr2Error as error:
-                    (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
-                    write_json(folder / FAILED_FILE, {"error": str(error)})
-                    failed.append(f"{name} {tier}")
-                    say(f"{name} {tier}: failed: {error}")
-                    continue
-                (folder / FAILED_FILE).unlink(missing_ok=True)
-                say(f"{name} {tier}: {read_verdict(folder).kind}")
-            done += 1
-    return Progress(done, tuple(failed))
+    budget: dict[str, Any] = {"draws": draws}
+    if draws is None:
+        budget = {"budget_minutes": budget_minutes}
+    _same_submission(out, pack, budget | {"seed": seed})
+    from vsr2.diagnosis import Shared
+
+    shared = Shared(out / BANK_FILE, series="T" in offered)
+    failed = []
+    for tier, name in _in_groups(wanted, chosen, listed):
+        folder = out / name / tier
+        if (folder / DIAGNOSIS_FILE).exists():
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            result = diagnose(
+                at_tier(load_campaign(data / name), tier),
+                data / pack["scene"],
+                tier=tier,
+                threads=threads,
+                exclude=tuple(listed[name].get("exclude", ())),
+                shared=shared,
+                seed=seed,
+                **budget,
+            )
+            result.save(folder)
+            read_verdict(folder)
+        except Vsr2Error as error:
+            (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
+            write_json(folder / FAILED_FILE, {"error": str(error)})
+            failed.append(f"{name} {tier}")
+            say(f"{name} {tier}: failed: {error}")
+            continue
+        (folder / FAILED_FILE).unlink(missing_ok=True)
+        say(f"{name} {tier}: {read_verdict(folder).kind}")
+    return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
+
+
+def _in_groups(
+    tiers: Sequence[Tier], names: Sequence[str], listed: Mapping[str, Mapping[str, Any]]
+) -> list[tuple[Tier, str]]:
+    """Tiers and campaigns such that those that share fitted models are neighbours."""
+
+    def group(name: str) -> tuple[int, list[str]]:
+        entry = listed[name]
+        return int(entry.get("protocol", 0)), sorted(entry.get("exclude", ()))
+
+    ordered = sorted(names, key=group)
+    return [(tier, name) for tier in tiers for name in ordered]
 
 
 def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.design import Row, draw_design
+from vsr2.blind.design import Protocol, Row, log_uniform
 from vsr2.blind.mujoco import GroundMotion
 from vsr2.blind.settings import PackSettings
 from vsr2.blind.shake import Drawable, Engine, Nuisances, Shake
@@ -20,7 +20,7 @@ DETECTED = 3.0
 """Signal over noise at the floor."""
 _SMALL = 0.05
 """Standard deviation of ln tilt beyond what replicates show."""
-_TRIES = 5
+_TRIES = 4
 _TILTS = (0.005, 1.0)
 
 
@@ -41,15 +41,27 @@ def draw_nuisances(rng: np.random.Generator, settings: PackSettings) -> Nuisance
     return Nuisances(**factors)
 
 
-def draw_start(
-    rng: np.random.Generator, settings: PackSettings
-) -> tuple[float, tuple[float, float]]:
-    """Yaw [rad] and offset [m] of one trial's start."""
-    yaw, x, y = rng.standard_normal(3)
+@dataclass(frozen=True)
+class Own:
+    """What is uncertain in one trial alone.
+
+    Attributes:
+        yaw: of the start [rad].
+        offset: of the start, x and y [m].
+        gain: of the motion, 1 as recorded.
+    """
+
+    yaw: float
+    offset: tuple[float, float]
+    gain: float
+
+
+def draw_own(rng: np.random.Generator, settings: PackSettings, input_gain: float) -> Own:
+    """Of one trial, in a campaign with that standard error of the motion."""
+    yaw, x, y, gain = (float(draw) for draw in rng.standard_normal(4))
     tolerances = settings.tolerances
-    return float(tolerances.yaw * yaw), (
-        float(tolerances.offset * x),
-        float(tolerances.offset * y),
+    return Own(
+        tolerances.yaw * yaw, (tolerances.offset * x, tolerances.offset * y), 1 + input_gain * gain
     )
 
 
@@ -68,7 +80,7 @@ class Floor:
 
 
 class FloorMeter:
-    """Measures floors on one engine, scene and design with common random numbers.
+    """Measures floors on one engine, scene and part of a protocol with common random numbers.
 
     The null campaign is simulated with R draws of nuisances and starts, half of them again under
     the effect. With d the mean change of the observations (outcomes and ln largest tilts), S their
@@ -79,25 +91,16 @@ class FloorMeter:
     """
 
     def __init__(
-        self,
-        engine: Engine,
-        motions: Sequence[GroundMotion],
-        thresholds: Sequence[float],
-        settings: PackSettings,
-        seed: int,
+        self, engine: Engine, protocol: Protocol, settings: PackSettings, seed: int
     ) -> None:
         self._engine = engine
-        self._motions = motions
         self._settings = settings
         self._seed = seed
-        count = min(settings.floor_trials, settings.trials)
-        self._design = draw_design(
-            np.random.default_rng([seed, 202]),
-            thresholds,
-            count,
-            min(settings.motions, count),
-            min(settings.sessions, count),
-        )
+        trials = len(protocol.rows)
+        count = min(settings.floor_trials, trials)
+        rng = np.random.default_rng([seed, 202])
+        self._places = [int(i) for i in np.sort(rng.permutation(trials)[:count])]
+        self._design = [(protocol.rows[i], protocol.motions[i]) for i in self._places]
         self._null = np.stack([self._run(r, {}) for r in range(settings.replicates)])
         centered = self._null - self._null.mean(axis=0)
         sample = centered.T @ centered / (settings.replicates - 1)
@@ -112,19 +115,19 @@ class FloorMeter:
         settings = self._settings
         rng = np.random.default_rng([self._seed, 203, replicate])
         nuisances = draw_nuisances(rng, settings)
+        gain = log_uniform(rng, *settings.tolerances.input_gain)
         shakes = [
             shake_of(
-                self._motions,
                 row,
-                i,
-                len(self._design),
+                motion,
+                place / max(1, settings.trials - 1),
                 settings.sessions,
                 nuisances,
-                draw_start(rng, settings),
+                draw_own(rng, settings, gain),
                 effects,
-                (self._seed + replicate, 1000 * replicate + i),
+                (self._seed + replicate, 1000 * replicate + place),
             )
-            for i, row in enumerate(self._design)
+            for place, (row, motion) in zip(self._places, self._design, strict=True)
         ]
         seen = list(self._engine.run(shakes, 1.0))
         return observations([s.overturned for s in seen], [s.peak_tilt for s in seen])
@@ -145,7 +148,7 @@ class FloorMeter:
         return math.sqrt(max(square, 0.0) * scale)
 
     def floor(self, effect: Drawable, sign: int) -> Floor:
-        """Where signal over noise is 3, by at most five simulated magnitudes.
+        """Where signal over noise is 3, by at most four simulated magnitudes.
 
         Signals grow about as the magnitude, which gives the next one to try, within what is known
         to be above and below.
@@ -175,26 +178,24 @@ class FloorMeter:
 
 
 def shake_of(
-    motions: Sequence[GroundMotion],
     row: Row,
-    place: int,
-    trials: int,
+    motion: GroundMotion,
+    order: float,
     sessions: int,
     nuisances: Nuisances,
-    start: tuple[float, tuple[float, float]],
+    own: Own,
     effects: dict[str, dict[str, float]],
     seeds: tuple[int, int],
 ) -> Shake:
-    """A row of a design as an order to an engine."""
-    motion = motions[row.motion]
+    """A row of a design as an order to an engine; `order` is 0 for the first, 1 for the last."""
     return Shake(
         interval=motion.interval,
-        displacement=motion.displacement * row.pga,
+        displacement=motion.displacement * (row.pga * own.gain),
         effects=effects,
         nuisances=nuisances,
-        yaw=start[0],
-        offset=start[1],
-        order=place / max(1, trials - 1),
+        yaw=own.yaw,
+        offset=own.offset,
+        order=order,
         session=row.session / sessions,
         campaign_seed=seeds[0],
         trial_seed=seeds[1],

@@ -14,9 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.blind.design import catalogue, draw_design, overturning_pga
+from vsr2.blind.design import (
+    Protocol,
+    catalogue,
+    draw_protocol,
+    log_uniform,
+    overturning_pga,
+)
 from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import Floor, FloorMeter, draw_nuisances, draw_start, shake_of
+from vsr2.blind.floor import Floor, FloorMeter, draw_nuisances, draw_own, shake_of
 from vsr2.blind.mujoco import GroundMotion
 from vsr2.blind.plan import Drawn, Planned, audible, draw_plan
 from vsr2.blind.seal import (
@@ -95,13 +101,19 @@ def make_pack(
     if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
         raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
     engines = {name: build_engine(name, study) for name in settings.engines}
-    effects = {name: _allowed(engine, settings) for name, engine in engines.items()}
+    effects = {
+        name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
+    }
     state = _begin(study, data, key, settings, seed)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
     known = read_json(key / _FLOORS) if (key / _FLOORS).exists() else {}
-    thresholds = _thresholds(engines, motions, known, key, say)
-    floors = _floors(engines, effects, motions, thresholds, settings, number, known, key, say)
+    thresholds = _thresholds(engines[settings.engines[0]], motions, known, key, say)
+    protocols = [
+        draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
+        for i in range(settings.protocols)
+    ]
+    floors = _floors(engines, effects, protocols[0], settings, number, known, key, say)
     plan = draw_plan(number, settings, effects, floors)
     (key / _ENTRIES).mkdir(exist_ok=True)
     for done, planned in enumerate(plan):
@@ -109,16 +121,15 @@ def make_pack(
         if file.exists() and (data / planned.id).is_dir():
             continue
         engine = engines[planned.engine]
-        entry = _campaign(
-            data, planned, engine, motions, thresholds[planned.engine], settings, number
-        )
+        protocol = protocols[planned.protocol]
+        entry = _campaign(data, planned, engine, protocol, settings, number)
         write_json(file, entry, private=True)
         say(f"campaign {done + 1} of {len(plan)}")
     entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
     sealed = _seal(data, key, state, settings, engines, floors, entries)
     inaudible = {
         name: sorted(set(effects[name]) - {effect for effect, _ in audible(floors, name)})
-        for name in engines
+        for name in effects
     }
     return Made(len(plan), sealed, inaudible)
 
@@ -207,26 +218,23 @@ def _write_scene(study: Study, data: Path) -> None:
 
 
 def _thresholds(
-    engines: Mapping[str, Engine],
+    engine: Engine,
     motions: list[GroundMotion],
     known: dict[str, Any],
     key: Path,
     say: Say,
-) -> dict[str, list[float]]:
-    found: dict[str, list[float]] = known.setdefault("overturning_pga", {})
-    for name, engine in engines.items():
-        if name not in found:
-            say(f"{name}: amplitudes of {len(motions)} motions")
-            found[name] = [overturning_pga(engine, motion) for motion in motions]
-            write_json(key / _FLOORS, known, private=True)
-    return found
+) -> list[float]:
+    if "overturning_pga" not in known:
+        say(f"{engine.name}: amplitudes of {len(motions)} motions")
+        known["overturning_pga"] = [overturning_pga(engine, motion) for motion in motions]
+        write_json(key / _FLOORS, known, private=True)
+    return [float(pga) for pga in known["overturning_pga"]]
 
 
 def _floors(
     engines: Mapping[str, Engine],
     effects: Mapping[str, Mapping[str, Any]],
-    motions: list[GroundMotion],
-    thresholds: Mapping[str, list[float]],
+    protocol: Protocol,
     settings: PackSettings,
     seed: int,
     known: dict[str, Any],
@@ -235,14 +243,15 @@ def _floors(
 ) -> dict[tuple[str, str, int], Floor]:
     stored: dict[str, Any] = known.setdefault("floors", {})
     out: dict[tuple[str, str, int], Floor] = {}
-    for name, engine in engines.items():
+    for name in effects:
+        engine = engines[name]
         meter: FloorMeter | None = None
         for effect in effects[name].values():
             for sign in effect.strength.reach():
                 label = f"{name} {effect.name} {sign:+d}"
                 if label not in stored:
                     if meter is None:
-                        meter = FloorMeter(engine, motions, thresholds[name], settings, seed)
+                        meter = FloorMeter(engine, protocol, settings, seed)
                     floor = meter.floor(effect, sign)
                     finite = math.isfinite(floor.magnitude)
                     stored[label] = {
@@ -262,32 +271,31 @@ def _campaign(
     data: Path,
     planned: Planned,
     engine: Engine,
-    motions: list[GroundMotion],
-    thresholds: list[float],
+    protocol: Protocol,
     settings: PackSettings,
     seed: int,
 ) -> dict[str, Any]:
     """Simulate and write one campaign; returns its entry of the key."""
     rng = np.random.default_rng([seed, 401, planned.index])
-    rows = draw_design(rng, thresholds, settings.trials, settings.motions, settings.sessions)
+    rows = protocol.rows
     nuisances = draw_nuisances(rng, settings)
-    starts = [draw_start(rng, settings) for _ in rows]
+    gain = log_uniform(rng, *settings.tolerances.input_gain)
+    own = [draw_own(rng, settings, gain) for _ in rows]
     seeds = rng.integers(0, 2**31, size=len(rows) + 1)
 
     def shakes(effects: dict[str, dict[str, float]]) -> list[Shake]:
         return [
             shake_of(
-                motions,
                 row,
-                i,
-                len(rows),
+                motion,
+                i / max(1, len(rows) - 1),
                 settings.sessions,
                 nuisances,
-                starts[i],
+                own[i],
                 effects,
                 (int(seeds[-1]), int(seeds[i])),
             )
-            for i, row in enumerate(rows)
+            for i, (row, motion) in enumerate(zip(rows, protocol.motions, strict=True))
         ]
 
     acting = {effect.name: effect.values for effect in planned.effects}
@@ -298,7 +306,7 @@ def _campaign(
         # The same campaign without the effect, all else equal: where the effect acts.
         plain = list(engine.run(shakes({}), 1.0))
         weights = [_change(a, b) for a, b in zip(seen, plain, strict=True)]
-    campaign = written_campaign(planned.id, rows, motions, seen, settings, rng)
+    campaign = written_campaign(planned.id, protocol, seen, settings, rng)
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
@@ -310,7 +318,8 @@ def _campaign(
             "engine": planned.engine,
             "effects": [asdict(effect) for effect in planned.effects],
             "exclude": list(planned.exclude),
-            "nuisances": asdict(nuisances),
+            "protocol": planned.protocol,
+            "nuisances": asdict(nuisances) | {"input_gain": gain},
             "where": {"axis": _axis(planned.effects), "weights": weights},
             "data_sha256": folder_sha256(folder),
         }
@@ -371,7 +380,12 @@ def _seal(
         "classes": settings.classes,
         "tolerances": tolerances,
         "campaigns": [
-            {"id": name, "exclude": entries[name]["exclude"]} for name in sorted(entries)
+            {
+                "id": name,
+                "protocol": entries[name]["protocol"],
+                "exclude": entries[name]["exclude"],
+            }
+            for name in sorted(entries)
         ],
         "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
     }

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vsr2.blind.floor import Floor
-from vsr2.blind.settings import KINDS, Kind, PackSettings
+from vsr2.blind.settings import Kind, PackSettings
 from vsr2.blind.shake import Drawable
 from vsr2.errors import BlindError
 
@@ -48,6 +48,7 @@ class Planned:
         index: from which all its draws are seeded.
         id: random; says nothing.
         kind, engine: drawn.
+        protocol: by number.
         effects: none, one or two.
         exclude: effects that the diagnosis may not use, a whole class: of the true effect where
             the kind is `unknown`, of a decoy elsewhere.
@@ -57,6 +58,7 @@ class Planned:
     id: str
     kind: Kind
     engine: str
+    protocol: int
     effects: tuple[Drawn, ...] = ()
     exclude: tuple[str, ...] = field(default_factory=tuple)
 
@@ -98,15 +100,18 @@ def draw_plan(
     rng = np.random.default_rng([seed, 301])
     decks = {engine: _Deck(rng, engine, settings, floors) for engine in settings.engines}
     asked: list[tuple[Kind, str, list[tuple[str, int]]]] = []
-    for kind in KINDS:
-        for number in range(settings.counts[kind]):
-            engine = settings.engines[number % len(settings.engines)]
-            asked.append((kind, engine, decks[engine].deal({"none": 0, "pair": 2}.get(kind, 1))))
     for engine, deck in decks.items():
+        for kind, count in settings.counts(engine).items():
+            effects_each = {"none": 0, "pair": 2}.get(kind, 1)
+            asked += [
+                (kind, engine, deck.deal(effects_each, hidden=kind == "unknown"))
+                for _ in range(count)
+            ]
         for _ in range(settings.leave_one_out):
             asked += [("unknown", engine, [chosen]) for chosen in deck.each()]
     ids = _ids(rng, len(asked))
     places = rng.permutation(len(asked))
+    protocols = rng.permutation(np.arange(len(asked)) % settings.protocols)
     out: list[Planned] = []
     for place, (kind, engine, chosen) in zip(places, asked, strict=True):
         drawn = tuple(
@@ -121,6 +126,7 @@ def draw_plan(
                 id=ids[place],
                 kind=kind,
                 engine=engine,
+                protocol=int(protocols[place]),
                 effects=drawn,
                 exclude=() if hidden is None else tuple(sorted(settings.class_of(hidden))),
             )
@@ -143,31 +149,32 @@ class _Deck:
     ) -> None:
         self._rng = rng
         self._settings = settings
-        self._engine = engine
         self._signs: dict[str, list[int]] = {}
         for name, sign in audible(floors, engine):
             self._signs.setdefault(name, []).append(sign)
-        needed = 1 + (settings.pair > 0)
-        if len({settings.class_of(name) for name in self._signs}) < needed and (
-            settings.single + settings.pair + settings.unknown + settings.leave_one_out
-        ):
+        needed = 1 + (settings.counts(engine)["pair"] > 0)
+        classes = sorted({settings.class_of(name) for name in self._signs})
+        if settings.asks(engine) and len(classes) < needed:
             raise BlindError(
                 f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
                 f"for this pack; raise trials ({settings.trials}), or allow more effects"
             )
-        self._rest: list[str] = []
+        hidden = [classes[i] for i in rng.permutation(len(classes))[: settings.hidden]]
+        self._hidden = sorted(n for n in self._signs if settings.class_of(n) in hidden)
+        self._rest: dict[bool, list[str]] = {False: [], True: []}
 
-    def _next(self) -> str:
-        if not self._rest:
-            names = sorted(self._signs)
-            self._rest = [names[i] for i in self._rng.permutation(len(names))]
-        return self._rest.pop()
+    def _next(self, hidden: bool) -> str:
+        if not self._rest[hidden]:
+            names = self._hidden if hidden else sorted(self._signs)
+            self._rest[hidden] = [names[i] for i in self._rng.permutation(len(names))]
+        return self._rest[hidden].pop()
 
-    def deal(self, count: int) -> list[tuple[str, int]]:
+    def deal(self, count: int, *, hidden: bool = False) -> list[tuple[str, int]]:
+        """Effects of different classes; `hidden`: of those that may be left out."""
         out: list[tuple[str, int]] = []
         taken: set[tuple[str, ...]] = set()
         while len(out) < count:
-            name = self._next()
+            name = self._next(hidden)
             if self._settings.class_of(name) in taken:
                 continue
             taken.add(self._settings.class_of(name))
@@ -184,7 +191,7 @@ class _Deck:
     def decoy(self, names: list[str]) -> str | None:
         """An effect of another class; drawn whether the campaign has an effect or not."""
         own = {self._settings.class_of(name) for name in names}
-        others = [n for n in sorted(self._signs) if self._settings.class_of(n) not in own]
+        others = [n for n in self._hidden if self._settings.class_of(n) not in own]
         return others[int(self._rng.integers(len(others)))] if others else None
 
 

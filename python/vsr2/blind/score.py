@@ -148,6 +148,9 @@ def _scores(cases: Sequence[Case]) -> Scores:
     told = [case for case in of("single", NONE, UNKNOWN)]
     out: Scores = {
         "top-1 class (single)": share(top_one, single),
+        "most probable class, whatever the verdict (single)": share(
+            lambda c: _leading(c) in c.truth, single
+        ),
         "top-3 class (single)": share(top_three, single),
         "90 % set: coverage": share(in_set, told),
         "90 % set: median size": resampled([set_size(c) for c in told], _median),
@@ -172,6 +175,8 @@ def _scores(cases: Sequence[Case]) -> Scores:
     out["magnitude: interval coverage"] = proportion(sum(h for _, h in errors), len(errors))
     ratios = [r for case in single if (r := closure(case)) is not None]
     out["closure over oracle: median"] = resampled(ratios, _median)
+    highs = [c.verdict.closure_high for c in single if c.verdict.closure_high is not None]
+    out["closure below 0 beyond its interval"] = proportion(sum(h < 0 for h in highs), len(highs))
     masses = [m for case in single if (m := where_mass(case)) is not None]
     out["where: median mass inside"] = resampled(masses, _median)
     out["where: axis named (single)"] = share(axis_named, single)

@@ -17,7 +17,14 @@ from vsr2.blind.baselines import baseline_scores
 from vsr2.blind.cases import Case, read_cases
 from vsr2.blind.intervals import Score, reliability
 from vsr2.blind.score import Scores, is_alarm, score_cases, top_one
-from vsr2.blind.seal import canonical, folder_sha256, open_key, read_pack, write_json
+from vsr2.blind.seal import (
+    canonical,
+    folder_sha256,
+    open_key,
+    read_json,
+    read_pack,
+    write_json,
+)
 from vsr2.blind.verdict import NONE, UNKNOWN
 from vsr2.errors import BlindError
 
@@ -30,7 +37,8 @@ class Scored:
 
     Attributes:
         scores: by tier and group.
-        baselines: top-1 class of trivial baselines.
+        baselines: of trivial baselines: top-1 class on single effects, and how well the overturn
+            rate tells kinds apart.
         cases: one a campaign and tier.
         development: whether the pack is open.
     """
@@ -112,19 +120,53 @@ def score_pack(
         {} if training is None else baseline_scores(data, opened, training[0], open_key(*training))
     )
     scored = Scored(score_cases(cases), baselines, cases, open_pack)
-    content = scored.to_json() | {
+    more = {
         "pack": pack["commitment"]["sha256"],
-        "submission": folder_sha256(diagnoses),
+        "submission": folder_sha256(diagnoses, "*.json"),
         "development": open_pack,
     }
+    content = scored.to_json() | more
     canonical(content)
     if not open_pack:
         _leave_receipt(receipt, content)
+    _write(scored, more, out)
+    return scored
+
+
+def pool_packs(parts: Sequence[tuple[Path, Path, Path]], out: Path) -> Scored:
+    """Scores over several packs that were scored already, written as :func:`score_pack` does.
+
+    Args:
+        parts: data folder, key folder and diagnoses of each pack.
+        out: gets the scores.
+
+    Raises:
+        BlindError: a pack is not scored yet, or its diagnoses are not those that were scored.
+    """
+    cases: list[Case] = []
+    packs, submissions, opened = [], [], []
+    for data, key, diagnoses in parts:
+        pack = read_pack(data)
+        opened.append(bool(pack.get("development")))
+        submission = folder_sha256(diagnoses, "*.json")
+        if not opened[-1]:
+            if not (key / RECEIPT).exists():
+                raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")
+            if read_json(key / RECEIPT).get("submission") != submission:
+                raise BlindError(f"{diagnoses}: were changed after they were scored")
+        cases += read_cases(data, open_key(data, key), diagnoses)
+        packs.append(pack["commitment"]["sha256"])
+        submissions.append(submission)
+    scored = Scored(score_cases(cases), {}, cases, all(opened))
+    _write(scored, {"packs": packs, "submissions": submissions}, out)
+    return scored
+
+
+def _write(scored: Scored, more: Mapping[str, Any], out: Path) -> None:
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "scores.json", content)
+    write_json(out / "scores.json", scored.to_json() | dict(more))
     (out / "scores.md").write_text(format_scores(scored), encoding="utf-8")
     _draw(scored, out / "reliability.png")
-    return scored
 
 
 def _leave_receipt(path: Path, content: Mapping[str, Any]) -> None:
@@ -164,8 +206,7 @@ def format_scores(scored: Scored) -> str:
             cells = [_cell(found[tier].get(name)) for tier in tiers]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
     if scored.baselines:
-        lines += ["", "### trivial baselines, top-1 class (single)", ""]
-        lines += ["| baseline | top-1 |", "| --- | --- |"]
+        lines += ["", "### trivial baselines", "", "| baseline | score |", "| --- | --- |"]
         lines += [f"| {name} | {_cell(score)} |" for name, score in scored.baselines.items()]
     return "\n".join(lines).lstrip() + "\n"
 

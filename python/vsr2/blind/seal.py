@@ -39,10 +39,10 @@ def commitment(salt: str, key: Mapping[str, Any]) -> str:
     return hashlib.sha256(bytes.fromhex(salt) + canonical(key)).hexdigest()
 
 
-def folder_sha256(folder: Path) -> str:
+def folder_sha256(folder: Path, pattern: str = "*") -> str:
     """Of all files below a folder: their paths in order, each with its own hash."""
     whole = hashlib.sha256()
-    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+    for path in sorted(p for p in folder.rglob(pattern) if p.is_file()):
         name = path.relative_to(folder).as_posix()
         whole.update(f"{name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return whole.hexdigest()

@@ -31,6 +31,8 @@ class Tolerances:
         friction: relative.
         yaw: of each trial's start [rad].
         offset: of each trial's start, x and y [m].
+        input_gain: least and greatest standard error of the motion that a trial was shaken with
+            about the recorded one, relative; one size a campaign, a fresh error each trial.
         displacement_noise: least and greatest standard error of the recorded displacement [m].
         acceleration_noise: the same of the acceleration [m/s^2].
         peak_tilt_noise: standard error of the largest tilt [rad].
@@ -44,6 +46,7 @@ class Tolerances:
     friction: float = 0.05
     yaw: float = 0.017
     offset: float = 0.002
+    input_gain: tuple[float, float] = (0.001, 0.005)
     displacement_noise: tuple[float, float] = (2e-6, 2e-5)
     acceleration_noise: tuple[float, float] = (0.005, 0.05)
     peak_tilt_noise: float = 0.0005
@@ -57,14 +60,19 @@ class PackSettings:
     """How many campaigns of what.
 
     Attributes:
-        engines: that simulate; the campaigns of each kind are dealt to them in turn.
-        single, none, pair, unknown: numbers of campaigns by kind.
+        engines: that simulate.
+        single, none, pair, unknown: numbers of campaigns by kind: one for each engine, or one that
+            holds for all of them.
         leave_one_out: campaigns of kind unknown for each effect that reaches its floor, beside the
             numbers above.
         trials, motions, sessions: of each campaign.
-        catalogue: ground motions of the pack, of which a campaign draws its own.
+        catalogue: ground motions of the pack, of which a protocol draws its own.
+        protocols: of the pack; campaigns of one protocol share amplitudes, order, sessions and
+            recorded motions, so that simulations for one serve all of them.
         series_interval: [s]; 0: no series, so that the pack ends at tier M.
         effects: that may be drawn; empty: all that the engine has.
+        hidden: number of classes that may be left out of the library, of unknown effects and of
+            decoys alike; each costs the diagnosis fits of its own.
         classes: equivalence classes that verdicts are judged by.
         replicates: simulations of each trial in measuring the floor.
         floor_trials: trials of the design on which the floor is measured.
@@ -73,20 +81,22 @@ class PackSettings:
     """
 
     engines: tuple[str, ...] = ("mujoco",)
-    single: int = 6
-    none: int = 3
-    pair: int = 1
-    unknown: int = 2
+    single: int | tuple[int, ...] = 6
+    none: int | tuple[int, ...] = 3
+    pair: int | tuple[int, ...] = 1
+    unknown: int | tuple[int, ...] = 2
     leave_one_out: int = 0
     trials: int = 150
     motions: int = 15
     sessions: int = 8
     catalogue: int = 20
+    protocols: int = 1
     series_interval: float = 0.02
     effects: tuple[str, ...] = ()
+    hidden: int = 8
     classes: tuple[tuple[str, ...], ...] = CLASSES
-    replicates: int = 8
-    floor_trials: int = 30
+    replicates: int = 6
+    floor_trials: int = 24
     development: bool = False
     tolerances: Tolerances = field(default_factory=Tolerances)
 
@@ -97,11 +107,22 @@ class PackSettings:
                 f"engines are {', '.join(self.engines) or 'none'}; choose from {', '.join(ENGINES)}"
             )
         for name in KINDS:
-            if getattr(self, name) < 0:
-                raise BlindError(f"{name} is {getattr(self, name)}; give 0 or more campaigns")
+            given = getattr(self, name)
+            numbers = (given,) * len(self.engines) if isinstance(given, int) else given
+            if len(numbers) != len(self.engines) or min(numbers) < 0:
+                raise BlindError(
+                    f"{name} is {given}; give 0 or more campaigns, one number for each of "
+                    f"{', '.join(self.engines)} or one for all"
+                )
+            object.__setattr__(self, name, numbers)
+        if self.protocols < 1 or self.hidden < 2:
+            raise BlindError(
+                f"protocols is {self.protocols} and hidden {self.hidden}; give at least 1 and 2"
+            )
         if self.leave_one_out < 0:
             raise BlindError(f"leave_one_out is {self.leave_one_out}; give 0 or more campaigns")
-        if sum(self.counts.values()) + self.leave_one_out == 0:
+        asked = sum(n for engine in self.engines for n in self.counts(engine).values())
+        if asked + self.leave_one_out == 0:
             raise BlindError("no campaign asked for; give a kind a number above 0")
         if not 1 <= self.motions <= min(self.catalogue, self.trials):
             raise BlindError(
@@ -125,10 +146,14 @@ class PackSettings:
                 f"series_interval is {self.series_interval} s; give a multiple of 0.001, or 0"
             )
 
-    @property
-    def counts(self) -> dict[Kind, int]:
-        """Campaigns by kind."""
-        return {kind: getattr(self, kind) for kind in KINDS}
+    def counts(self, engine: str) -> dict[Kind, int]:
+        """Campaigns of an engine by kind."""
+        return {kind: getattr(self, kind)[self.engines.index(engine)] for kind in KINDS}
+
+    def asks(self, engine: str) -> bool:
+        """Whether campaigns with effects are asked of an engine."""
+        counts = self.counts(engine)
+        return sum(counts.values()) - counts["none"] + self.leave_one_out > 0
 
     def class_of(self, effect: str) -> tuple[str, ...]:
         """The equivalence class that holds an effect."""
@@ -147,7 +172,8 @@ class PackSettings:
             key: tuple(value) if isinstance(value, list) else value
             for key, value in values.pop("tolerances").items()
         }
-        values["engines"] = tuple(values["engines"])
+        for name in ("engines", *KINDS):
+            values[name] = tuple(values[name])
         values["effects"] = tuple(values["effects"])
         values["classes"] = tuple(tuple(c) for c in values["classes"])
         return cls(**values, tolerances=Tolerances(**tolerances))

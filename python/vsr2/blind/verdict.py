@@ -54,6 +54,7 @@ class Verdict:
         conformal: the 90 % set.
         parameters: estimates by effect and parameter.
         closure: of the verdict; None: no ratio.
+        closure_high: upper end of its 95 % interval; None: not told.
         closures: by effect, where told.
         where: places of the gap.
         novelty: how much the campaign looks like none of the library's, 0 to 1.
@@ -67,6 +68,7 @@ class Verdict:
     conformal: tuple[str, ...] = ()
     parameters: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     closure: float | None = None
+    closure_high: float | None = None
     closures: Mapping[str, float] = field(default_factory=dict)
     where: tuple[Found, ...] = ()
     novelty: float = 0.0
@@ -149,6 +151,7 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
         ),
         parameters=parameters,
         closure=reader.value(gap.get("closure"), "gap.closure"),
+        closure_high=reader.high(gap.get("closure"), "gap.closure"),
         closures=closures,
         where=tuple(
             reader.found(entry, f"where[{i}]")
@@ -203,6 +206,13 @@ class _Reader:
             return None
         number = self.number(value, key)
         return number if math.isfinite(number) else None
+
+    def high(self, value: object, key: str) -> float | None:
+        """Upper end of the interval of a mapping; None where there is none."""
+        interval = value.get("ci95") if isinstance(value, Mapping) else None
+        if not isinstance(interval, list) or len(interval) != 2 or interval[1] is None:
+            return None
+        return self.number(interval[1], f"{key}.ci95")
 
     def estimate(self, value: object, key: str) -> Estimate:
         if not isinstance(value, Mapping):

@@ -7,13 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.design import Row
-from vsr2.blind.mujoco import GroundMotion
-from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.blind.design import Protocol, trial_name
 from vsr2.blind.settings import PackSettings
 from vsr2.blind.shake import Observed
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Series, Specimen
-from vsr2.motion import Record
 
 Array = NDArray[np.float64]
 
@@ -24,8 +21,7 @@ RANGE = 1.2
 
 def written_campaign(
     name: str,
-    rows: Sequence[Row],
-    motions: Sequence[GroundMotion],
+    protocol: Protocol,
     seen: Sequence[Observed],
     settings: PackSettings,
     rng: np.random.Generator,
@@ -37,30 +33,18 @@ def written_campaign(
     in which they first come, and there is no provenance.
     """
     tolerances = settings.tolerances
-    sizes = [_log_uniform(rng, *r) for r in _ranges(settings)]
     noise = MeasurementNoise(
-        displacement=sizes[0],
-        acceleration=sizes[1],
+        displacement=protocol.displacement_noise,
+        acceleration=protocol.acceleration_noise,
         peak_tilt=tolerances.peak_tilt_noise,
         tilt=tolerances.tilt_noise if settings.series_interval else None,
         position=tolerances.position_noise if settings.series_interval else None,
         orientation=tolerances.orientation_noise if settings.series_interval else None,
     )
     names: dict[int, str] = {}
-    trials, records = [], {}
-    digits = len(str(len(rows)))
-    for i, (row, one) in enumerate(zip(rows, seen, strict=True)):
-        label = f"T{i + 1:0{digits}d}"
-        motion = motions[row.motion]
-        moved = motion.displacement * row.pga
-        felt = acceleration_of(moved, motion.interval)
-        draws = rng.standard_normal((2, moved.size))
-        records[label] = Record(
-            name=label,
-            sample_interval=motion.interval,
-            displacement=np.round(moved + sizes[0] * draws[0], 8),
-            acceleration=np.round(felt + sizes[1] * draws[1], 5),
-        )
+    trials = []
+    for i, (row, motion, one) in enumerate(zip(protocol.rows, protocol.motions, seen, strict=True)):
+        label = trial_name(i, len(protocol.rows))
         peak = min(one.peak_tilt, RANGE) + tolerances.peak_tilt_noise * rng.standard_normal()
         speed = np.abs(np.gradient(motion.displacement, motion.interval)).max()
         trials.append(
@@ -81,18 +65,10 @@ def written_campaign(
     return Campaign(
         name=name,
         trials=tuple(trials),
-        motions=records,
+        motions=dict(protocol.records),
         specimens={SPECIMEN: Specimen()},
         noise=noise,
     )
-
-
-def _ranges(settings: PackSettings) -> tuple[tuple[float, float], tuple[float, float]]:
-    return settings.tolerances.displacement_noise, settings.tolerances.acceleration_noise
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(f"{low * (high / low) ** float(rng.random()):.3g}")
 
 
 def _series(one: Observed, settings: PackSettings, rng: np.random.Generator) -> Series:

@@ -38,17 +38,29 @@ def _add_make(verbs: Any) -> None:
         "--engine",
         action="append",
         choices=ENGINES,
-        help="may be repeated: campaigns are dealt to the engines in turn (default mujoco)",
+        help="may be repeated (default mujoco)",
     )
     for name, what in (
         ("single", "campaigns with one effect"),
         ("none", "campaigns without any"),
         ("pair", "campaigns with two effects"),
         ("unknown", "campaigns whose effect the diagnosis may not use"),
+    ):
+        make.add_argument(
+            f"--{name}",
+            type=int,
+            nargs="+",
+            default=[defaults[name]],
+            metavar="N",
+            help=f"{what}; for each engine, or one number for all (default {defaults[name]})",
+        )
+    for name, what in (
         ("trials", "trials a campaign"),
         ("motions", "ground motions a campaign"),
         ("sessions", "sessions a campaign"),
         ("catalogue", "ground motions of the pack"),
+        ("protocols", "of the pack: campaigns of one share amplitudes, order and motions"),
+        ("hidden", "effect classes that may be left out of the library"),
         ("replicates", "simulations of each trial in measuring the floor"),
         ("floor_trials", "trials on which the floor is measured"),
     ):
@@ -84,12 +96,19 @@ def _add_make(verbs: Any) -> None:
     make.add_argument(
         "--development", action="store_true", help="an open pack: scored as often as you like"
     )
-    make.add_argument("--seed", type=int, help="default: from the operating system")
+    make.add_argument(
+        "--seed",
+        type=int,
+        help="of an open pack; the others have theirs from the operating system, so that nobody "
+        "can draw the answer again",
+    )
     make.add_argument("--quiet", action="store_true")
     make.set_defaults(run=_make)
 
 
 def _add_diagnose(verbs: Any) -> None:
+    from vsr2.blind.diagnose import DRAWS
+
     diagnose = verbs.add_parser(
         "diagnose",
         help="run the diagnosis over a pack's data folder",
@@ -103,8 +122,20 @@ def _add_diagnose(verbs: Any) -> None:
     diagnose.add_argument(
         "--campaign", action="append", metavar="ID", help="may be repeated (default: all)"
     )
-    diagnose.add_argument(
-        "--budget-minutes", type=float, default=10.0, help="of each diagnosis (default 10)"
+    budget = diagnose.add_mutually_exclusive_group()
+    budget.add_argument(
+        "--draws",
+        type=int,
+        default=DRAWS,
+        metavar="N",
+        help="simulated campaigns of every effect; campaigns of one protocol share them "
+        f"(default {DRAWS})",
+    )
+    budget.add_argument(
+        "--budget-minutes",
+        type=float,
+        metavar="MIN",
+        help="of each diagnosis instead, for packs whose campaigns have motions of their own",
     )
     diagnose.add_argument("--threads", type=int, help="default: all this process may use")
     diagnose.add_argument("--seed", type=int, default=0, help="of each diagnosis (default 0)")
@@ -135,11 +166,18 @@ def _add_score(verbs: Any) -> None:
 
 def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
+    from vsr2.blind.settings import KINDS
     from vsr2.config import load_study
+    from vsr2.errors import BlindError
 
-    names = ["single", "none", "pair", "unknown", "trials", "motions", "sessions", "catalogue"]
+    if options.seed is not None and not options.development:
+        raise BlindError("--seed: only for open packs; add --development, or leave it out")
+    names = ["trials", "motions", "sessions", "catalogue", "protocols", "hidden"]
     names += ["replicates", "floor_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
+    for name in KINDS:
+        given = getattr(options, name)
+        chosen[name] = given[0] if len(given) == 1 else tuple(given)
     if options.leave_one_out is not None:
         chosen |= {"single": 0, "none": 0, "pair": 0, "unknown": 0}
         chosen["leave_one_out"] = options.leave_one_out
@@ -171,7 +209,8 @@ def _diagnose(options: argparse.Namespace) -> int:
         options.out,
         tiers=options.tier,
         campaigns=options.campaign,
-        budget_minutes=options.budget_minutes,
+        draws=options.draws if options.budget_minutes is None else None,
+        budget_minutes=options.budget_minutes or 10.0,
         threads=options.threads,
         seed=options.seed,
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),

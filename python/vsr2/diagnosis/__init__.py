@@ -5,6 +5,7 @@ from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.diagnose import diagnose_with
 from vsr2.diagnosis.result import SCHEMA, Diagnosis, schema
 from vsr2.diagnosis.scene_simulator import Nuisances
+from vsr2.diagnosis.shared import Shared
 from vsr2.diagnosis.simulator import Request, Responses, Simulator
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "Nuisances",
     "Request",
     "Responses",
+    "Shared",
     "Simulator",
     "diagnose",
     "diagnose_with",

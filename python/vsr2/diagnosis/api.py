@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
-from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.budget import FEWEST_DRAWS, Budget
 from vsr2.diagnosis.diagnose import diagnose_with
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.scene_simulator import Nuisances, SceneSimulator
+from vsr2.diagnosis.shared import Shared
 from vsr2.errors import DiagnosisError
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ def diagnose(
     out: str | PathLike[str] | None = None,
     budget_minutes: float = 10.0,
     simulations: int | None = None,
+    draws: int | None = None,
+    shared: Shared | None = None,
     threads: int | None = None,
     client: distributed.Client | None = None,
     library: Mapping[str, Effect] | None = None,
@@ -54,6 +57,9 @@ def diagnose(
         budget_minutes: of wall time for simulations; turned into their number by the cost measured
             while screening.
         simulations: greatest number of simulations instead; equal numbers give equal verdicts.
+        draws: of every effect instead, in one round whatever it costs; at least 6.
+        shared: what diagnoses of several campaigns of the same trials have in common: simulate
+            and fit once.
         threads: of the native core; None: all that this process may use.
         client: of a Dask cluster that runs the trials.
         library: effects that may be the cause; None: all that are registered.
@@ -74,6 +80,8 @@ def diagnose(
         raise DiagnosisError(
             f"budget of {budget_minutes} minutes, {simulations} simulations: must be positive"
         )
+    if draws is not None and draws < FEWEST_DRAWS:
+        raise DiagnosisError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
     whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
     seen = observe_campaign(whole, tier)
@@ -91,7 +99,7 @@ def diagnose(
         nuisances=nuisances,
         library=library,
         exclude=exclude,
-        series=seen.tier == "T",
+        series=seen.tier == "T" or (shared is not None and shared.series),
         threads=threads,
         client=client,
         seed=seed,
@@ -103,7 +111,8 @@ def diagnose(
         seen.campaign,
         tier=seen.tier,
         bank=None if folder is None else folder / BANK_FILE,
-        budget=Budget(budget_minutes, simulations),
+        budget=Budget(budget_minutes, simulations, draws),
+        shared=shared,
         seed=seed,
         report=_Progress() if progress else None,
     )

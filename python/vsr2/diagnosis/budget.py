@@ -28,10 +28,13 @@ class Budget:
     Attributes:
         minutes: of wall time; turned into simulations by their measured cost.
         simulations: their greatest number, however long they take; None: from `minutes`.
+        draws: of every effect, in one round and whatever it costs, so that equal trials under
+            equal effects share all simulations; None: rounds within the above.
     """
 
     minutes: float = 10.0
     simulations: int | None = None
+    draws: int | None = None
 
 
 class Schedule:
@@ -53,17 +56,24 @@ class Schedule:
     """
 
     def __init__(self, budget: Budget, bank: Bank, trials: int, effects: int) -> None:
-        if budget.simulations is not None:
+        full = SCREENING_NONE + 2 * effects
+        self._fixed = budget.draws
+        if budget.draws is not None:
+            per_trial = full + FLOOR_RUNS + effects * budget.draws + none_draws(budget.draws)
+            self.allowed = per_trial * trials
+        elif budget.simulations is not None:
             self.allowed = budget.simulations
         else:
             left = int(_TIME_SHARE * 60 * budget.minutes / max(bank.cost, 1e-6))
             self.allowed = bank.size + max(left - bank.simulated, 0)
-        full = SCREENING_NONE + 2 * effects
-        self.screening_runs = max(4, min(full, int(SCREENING_SHARE * self.allowed / trials)))
+        share = 1.0 if self._fixed else SCREENING_SHARE
+        self.screening_runs = max(4, min(full, int(share * self.allowed / trials)))
         self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
         rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
         fewest = FEWEST_DRAWS * effects + none_draws(FEWEST_DRAWS)
         self.most_trials = max(FEWEST_TRIALS, rest // fewest)
+        if self._fixed is not None:
+            self.most_trials = trials
         self.first_draws = FIRST_DRAWS
         self.limited = False
         self._rest = rest
@@ -71,6 +81,9 @@ class Schedule:
 
     def fit(self, kept: int) -> None:
         """Lower the first round's draws to what the budget allows for the trials kept."""
+        if self._fixed is not None:
+            self.first_draws = self._fixed
+            return
         for draws in range(FIRST_DRAWS, FEWEST_DRAWS - 1, -1):
             self.first_draws = draws
             if (draws * self._effects + none_draws(draws)) * kept <= self._rest:
@@ -87,7 +100,7 @@ class Schedule:
     ) -> dict[str, int] | None:
         """Twice as many draws for the effects still in the race; None: there are enough."""
         most = max(draws.values())
-        if most >= MAX_DRAWS:
+        if self._fixed is not None or most >= MAX_DRAWS:
             return None
         return {
             name: 2 * count if count == most and probability[name] >= HALVING else count

@@ -25,6 +25,7 @@ from vsr2.diagnosis.next_measurement import next_measurement
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
+from vsr2.diagnosis.shared import Shared, fingerprint
 from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
@@ -51,6 +52,7 @@ def diagnose_with(
     tier: Tier | None = None,
     bank: Path | None = None,
     budget: Budget | None = None,
+    shared: Shared | None = None,
     seed: int = 0,
     report: Report | None = None,
 ) -> Diagnosis:
@@ -62,6 +64,8 @@ def diagnose_with(
         tier: information to use; None: all that the campaign shares.
         bank: file of simulations, made where there is none; None: in memory.
         budget: of simulations.
+        shared: with the diagnoses of other campaigns of the same trials; its bank goes before
+            `bank`.
         seed: of all draws.
         report: told of progress.
 
@@ -74,7 +78,7 @@ def diagnose_with(
     started = time.monotonic()
     seen = observe_campaign(campaign, tier)
     tell: Report = (lambda stage, share, leading: None) if report is None else report
-    with Bank(simulator, bank) as store:
+    with Bank(simulator, bank if shared is None else shared.bank) as store:
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
         schedule = Schedule(
@@ -90,7 +94,7 @@ def diagnose_with(
         )
         schedule.fit(screening.kept.size)
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
-        rounds = _rounds(store, seen, screening, schedule, seed, tell)
+        rounds = _rounds(store, seen, screening, schedule, shared, seed, tell)
         last = rounds[-1]
         tell("judging", 0.0, _leading(last.inference))
         evidence = conclude(
@@ -127,6 +131,7 @@ def _rounds(
     seen: Observations,
     screening: Screening,
     schedule: Schedule,
+    shared: Shared | None,
     seed: int,
     tell: Report,
 ) -> list[_Round]:
@@ -149,7 +154,8 @@ def _rounds(
             seed=seed,
             progress=_part(tell, stage, leading),
         )
-        prepared = prepare(
+        fit = partial(
+            prepare,
             library,
             design,
             index,
@@ -158,6 +164,11 @@ def _rounds(
             seed=seed,
             step=partial(_tell_inference, tell, leading),
         )
+        if shared is None:
+            prepared = fit()
+        else:
+            key = fingerprint(design, index, kept, seen.motion, *library, seed)
+            prepared = shared.prepared(key, fit)
         inference = infer(prepared, observed)
         probability = dict(zip(inference.labels, inference.probability, strict=True))
         groups = classes(

@@ -213,9 +213,10 @@ class SceneSimulator:
 
         def take(index: int, log: TrialLog | None) -> None:
             if features is not None and log is not None and len(log.time):
-                kept = (log.time >= 0) & np.isfinite(log.tilt)
+                tilt = log.tilt
+                kept = (log.time >= 0) & np.isfinite(tilt)
                 if kept.any():
-                    features[index] = tilt_features(log.time[kept], log.tilt[kept][:, None])[0]
+                    features[index] = tilt_features(log.time[kept], tilt[kept][:, None])[0]
 
         result = run_batch(
             trials,

@@ -70,7 +70,7 @@ class Scene:
         """Hash of everything the physics depends on, the start pose aside."""
         return scene_sha256(self.rock, self.pedestal, self.engine, self.contact, self.mechanisms)
 
-    @property
+    @cached_property
     def body_frame(self) -> Pose:
         """X_MB: the body frame (mass centre, principal axes) in the model frame."""
         return _body_frame(self.rock)

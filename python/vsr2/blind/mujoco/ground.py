@@ -36,12 +36,12 @@ def ground_motion(name: str, rng: np.random.Generator) -> GroundMotion:
 
     Three in four are sums of cosines of random phase (spectral representation, Shinozuka and
     Deodatis 1991) with an omega-square spectrum (Brune 1970) between 0.3 and 18 Hz, corner 0.3 to
-    2 Hz, decay kappa 0.05 to 0.3 s, under an envelope of 4 to 8 s; the others are a cosine under a
-    bell, a pulse of 1 to 3 cycles (as Mavroeidis and Papageorgiou 2003) of 0.6 to 2.5 Hz. The sums
-    make displacement, which the envelope takes to 0, so that no baseline needs correction.
+    2 Hz, decay kappa 0.05 to 0.3 s, under an envelope of 2.5 to 5 s; the others are a cosine under
+    a bell, a pulse of 1 to 3 cycles (as Mavroeidis and Papageorgiou 2003) of 0.6 to 2.5 Hz. The
+    sums make displacement, which the envelope takes to 0, so that no baseline needs correction.
     """
     if rng.random() < 0.75:
-        length = rng.uniform(4.0, 8.0)
+        length = rng.uniform(2.5, 5.0)
         time = np.arange(0.0, length, SAMPLE_INTERVAL)
         frequency = np.geomspace(0.3, 18.0, 160) * rng.uniform(0.99, 1.01, 160)
         corner = math.exp(rng.uniform(math.log(0.3), math.log(2.0)))

@@ -1,0 +1,204 @@
+"""The blind check of the diagnosis: makes, diagnoses and scores packs, in parts.
+
+    python studies/blind_check.py development --minutes 30
+    python studies/blind_check.py validation --minutes 60      # again and again until it says done
+    python studies/blind_check.py validation --score           # once
+    python studies/blind_check.py leave-one-out
+
+Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
+`out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
+are finished, each once, and writes the scores over all scored parts to `docs/results/blind_CHECK/`,
+with sizes, seeds, hashes, versions and the command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vsr2.blind import (
+    PackSettings,
+    diagnose_pack,
+    make_pack,
+    pool_packs,
+    score_pack,
+)
+from vsr2.blind.seal import read_json
+from vsr2.config import load_study
+
+ROOT = Path(__file__).resolve().parents[1]
+ENGINES = ("bullet", "mujoco")
+
+
+@dataclass(frozen=True)
+class Check:
+    """Parts and what each of them holds."""
+
+    parts: int
+    settings: PackSettings
+    draws: int
+
+
+CHECKS = {
+    "development": Check(
+        1,
+        PackSettings(
+            engines=ENGINES,
+            single=(20, 4),
+            none=(10, 2),
+            unknown=(6, 1),
+            pair=(6, 1),
+            development=True,
+        ),
+        12,
+    ),
+    "validation": Check(
+        4,
+        PackSettings(engines=ENGINES, single=(15, 5), none=(8, 2), unknown=(5, 2), pair=(5, 1)),
+        24,
+    ),
+    "leave-one-out": Check(
+        1,
+        PackSettings(engines=("bullet",), single=0, none=10, unknown=0, pair=0, leave_one_out=1),
+        24,
+    ),
+}
+
+
+class OutOfTimeError(Exception):
+    """The minutes are spent."""
+
+
+def main() -> int:
+    """Run what is missing, or score what is there."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("check", choices=sorted(CHECKS))
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "blind")
+    parser.add_argument("--scene", type=Path, default=ROOT / "configs" / "blind.yaml")
+    parser.add_argument("--minutes", type=float, help="stop after so many (default: at the end)")
+    parser.add_argument("--tier", action="append", choices=["B", "M", "T"])
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--score", action="store_true", help="score finished parts, each once")
+    options = parser.parse_args()
+    check = CHECKS[options.check]
+    folders = [options.out / options.check / f"part{i + 1}" for i in range(check.parts)]
+    if options.score:
+        return score(options.check, folders, options.out)
+    limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
+
+    def say(text: str) -> None:
+        print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
+        if limit is not None and time.monotonic() > limit:
+            raise OutOfTimeError
+
+    try:
+        for folder in folders:
+            if not (folder / "data" / "pack.json").exists():
+                study = load_study(options.scene)
+                made = make_pack(study, folder, folder / "key", check.settings, say=say)
+                print(f"{folder}: sealed as {made.commitment}; not drawn: {made.inaudible}")
+            progress = diagnose_pack(
+                folder / "data",
+                folder / "verdicts",
+                tiers=options.tier,
+                draws=check.draws,
+                threads=options.threads,
+                say=say,
+            )
+            print(f"{folder}: {progress.done} diagnoses, {len(progress.failed)} failed")
+    except OutOfTimeError:
+        print("time is up; run the same command to continue")
+        return 3
+    print("done; --score scores it")
+    return 0
+
+
+def score(name: str, folders: list[Path], out: Path) -> int:
+    """Score the finished parts that are not scored yet, then all scored ones together."""
+    parts: list[tuple[Path, Path, Path]] = []
+    for folder in folders:
+        data, key, verdicts = folder / "data", folder / "key", folder / "verdicts"
+        if not finished(data, verdicts):
+            print(f"{folder}: not finished")
+            continue
+        if not (key / "receipt.json").exists():
+            training = out / "development" / "part1"
+            known = name != "development" and (training / "data" / "pack.json").exists()
+            score_pack(
+                data,
+                key,
+                verdicts,
+                folder / "scores",
+                training=(training / "data", training / "key") if known else None,
+            )
+        parts.append((data, key, verdicts))
+    if not parts:
+        return 1
+    results = ROOT / "docs" / "results" / f"blind_{name.replace('-', '_')}"
+    pool_packs(parts, results)
+    (results / "README.md").write_text(page(name, parts, len(folders)), encoding="utf-8")
+    for number, (data, _, _) in enumerate(parts, 1):
+        shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
+    print(f"wrote {results}")
+    return 0
+
+
+def finished(data: Path, verdicts: Path) -> bool:
+    """Whether every campaign has a diagnosis, or a failure, at every tier that was begun."""
+    if not (data / "pack.json").exists():
+        return False
+    names = [entry["id"] for entry in read_json(data / "pack.json")["campaigns"]]
+    begun = {folder.name for name in names for folder in (verdicts / name).glob("?")}
+    return bool(begun) and all(
+        any((verdicts / name / tier / f"{kind}.json").exists() for kind in ("diagnosis", "failed"))
+        for name in names
+        for tier in begun
+    )
+
+
+def page(name: str, parts: list[tuple[Path, Path, Path]], total: int) -> str:
+    """What was scored, and how to do it again."""
+    commit = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
+    lines = [
+        f"# Blind check: {name}",
+        "",
+        f"`python studies/blind_check.py {name}`, then `--score`. {len(parts)} of {total} parts "
+        f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
+        f"`{commit}`.",
+        "",
+        "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for number, (data, key, verdicts) in enumerate(parts, 1):
+        pack = read_json(data / "pack.json")
+        opened: dict[str, Any] = json.loads((key / "key.json").read_text())["key"]
+        kinds = Counter(
+            f"{entry['engine']} {entry['kind']}" for entry in opened["campaigns"].values()
+        )
+        submission = read_json(verdicts / "submission.json")
+        how = f"draws {submission.get('draws')}, seed {submission['seed']}"
+        versions = ", ".join(
+            f"{key} {value}"
+            for key, value in opened["versions"].items()
+            if key in ("version", "mujoco", "numpy", "python")
+        )
+        counts = ", ".join(f"{kind} {count}" for kind, count in sorted(kinds.items()))
+        lines.append(
+            f"| {number} | {counts} | {opened['settings']['trials']} | {opened['seed']} "
+            f"| `{pack['commitment']['sha256']}` | {versions} | {how} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
