@@ -241,6 +241,7 @@ CLEAR = Findings(
     agreement=None,
     novelty_p=0.5,
     after_low=-0.01,
+    left=0.1,
     pair=None,
     stable=True,
 )
@@ -253,14 +254,18 @@ CLEAR = Findings(
         ({"leading": ("table_gain", "slenderness")}, "class"),
         ({"gap_low": -0.01, "direction_p": 0.3}, "none"),
         ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
-        ({"novelty_p": 0.01, "after_low": 0.01}, "unknown"),
+        ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
+        ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
         ({"novelty_p": 0.01}, "effect"),
         ({"after_low": 0.01}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"stable": False}, "unresolved"),
-        ({"class_probability": 0.4}, "unresolved"),
-        ({"pair": ("table_gain", "wear")}, "pair"),
-        ({"pair": ("table_gain", "wear"), "novelty_p": 0.01, "after_low": 0.01}, "pair"),
+        ({"class_probability": 0.7}, "unresolved"),
+        ({"pair": ("table_gain", "wear")}, "effect"),
+        (
+            {"pair": ("table_gain", "wear"), "novelty_p": 0.01, "after_low": 0.01, "left": 0.5},
+            "pair",
+        ),
     ],
 )
 def test_the_verdict_follows_its_rules(changes, kind) -> None:
