@@ -164,7 +164,7 @@ def mujoco_loop(rock: MeshRock, motion: Motion) -> Callable[[], float]:
     scene = scene_of(rock, "parity")
     points = scene.rock_hull_vertices
     start = scene.body_pose(scene.rock.start)
-    inertia = scene.rock.mass.principal_inertia
+    inertia = " ".join(map(str, scene.rock.mass.principal_inertia))
     x, y, z, w = start.orientation
     vertices = " ".join(f"{v:.9g}" for v in points.ravel())
     model = mujoco.MjModel.from_xml_string(f"""

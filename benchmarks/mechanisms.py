@@ -1,6 +1,6 @@
 """What each mechanism, and a pedestal that moves in space, costs a step: ratio of on to off.
 
-    python benchmarks/mechanisms.py [--mesh MESH --mass KG] [--rounds N] [--steps N]
+    python benchmarks/mechanisms.py [--mesh MESH --mass KG] [--rounds N] [--steps N] [--engines ...]
 
 One rock through one record (embedded: configs/motions/synthetic_07.csv, too weak to overturn), each
 engine in turn. In every round a batch with the mechanism follows one without, so that a change of
@@ -66,6 +66,7 @@ def main() -> None:
     parser.add_argument("--mass", type=float, default=455.0)
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--steps", type=int, default=10_000)
+    parser.add_argument("--engines", nargs="+", default=["parity", "exact", "fast"])
     arguments = parser.parse_args()
     pedestal = build_pedestal(PrismPedestal())
     rock = build_rock(
@@ -73,7 +74,7 @@ def main() -> None:
     )
     motion = record(arguments.steps)
     print(f"{'engine':8} {'with':26} {'ratio':>6}  quartiles")
-    for mode in ("parity", "exact", "fast"):
+    for mode in arguments.engines:
 
         def trial_with(mechanisms: Mechanisms | None, shaken: Motion, mode: str = mode) -> Trial:
             scene = make_scene(rock, pedestal, Engine(mode=mode), Contact(), mechanisms)

@@ -5,9 +5,11 @@
 One batch of equal trials (the embedded rock under an embedded record at strengths below
 overturning) is run at each number of threads, one after the other, round after round, so that a
 change of the machine's speed meets all of them. The table gives the median wall time, the median
-over the rounds of the speed-up against one thread in the same round with its spread, and how many
-processors other programs kept busy meanwhile: a figure counts only where that is near 0. First all
-results are compared bit for bit, logs included, at 1, 2, 3, 8 and the numbers given.
+over the rounds of the speed-up against one thread in the same round with its spread, how many
+processors other programs kept busy meanwhile (a figure counts only where that is near 0), and what
+the machine itself gives: the speed-up of as many processes of one thread each, which share nothing,
+over the same trials. First all results are compared bit for bit, logs included, at 1, 2, 3, 8 and
+the numbers given.
 """
 
 from __future__ import annotations
@@ -56,6 +58,21 @@ def bits(result: BatchResult) -> bytes:
     return b"".join(columns + logs)
 
 
+def in_processes(trials: list[Trial], count: int) -> float:
+    """Wall time of the trials in as many processes of one thread each [s]."""
+    begun = time.perf_counter()
+    children = []
+    for i in range(count):
+        child = os.fork()
+        if child == 0:
+            run_batch(trials[i::count], threads=1)
+            os._exit(0)
+        children.append(child)
+    if any(os.waitpid(child, 0)[1] != 0 for child in children):
+        raise SystemExit("a process of the comparison failed")
+    return time.perf_counter() - begun
+
+
 def main() -> None:
     """Compare, measure, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -78,6 +95,7 @@ def main() -> None:
 
     walls: dict[int, list[float]] = {number: [] for number in numbers}
     others: dict[int, list[float]] = {number: [] for number in numbers}
+    apart: dict[int, list[float]] = {number: [] for number in numbers}
     for _ in range(options.rounds):
         for number in numbers:
             wall, own, all_ = time.perf_counter(), time.process_time(), busy_seconds()
@@ -86,17 +104,29 @@ def main() -> None:
             walls[number].append(wall)
             foreign = busy_seconds() - all_ - (time.process_time() - own)
             others[number].append(max(0.0, foreign) / wall)
+            apart[number].append(in_processes(trials, number))
     print(
         f"engine {options.engine}, {len(trials)} trials, {options.rounds} rounds, "
         f"{len(os.sched_getaffinity(0))} processors ({base_provenance()['processor']}); same bits "
         f"at 1, {', '.join(map(str, compared))} threads"
     )
-    header = ["threads", "wall_s", "speedup", "speedup_min", "speedup_max", "others_busy"]
+    header = [
+        "threads",
+        "wall_s",
+        "speedup",
+        "speedup_min",
+        "speedup_max",
+        "others_busy",
+        "processes",
+    ]
     rows = []
     for number in numbers:
         speedups = [a / b for a, b in zip(walls[1], walls[number], strict=True)]
         values = [statistics.median(walls[number]), statistics.median(speedups)]
         values += [min(speedups), max(speedups), statistics.median(others[number])]
+        values.append(
+            statistics.median(a / b for a, b in zip(apart[1], apart[number], strict=True))
+        )
         rows.append([str(number), *(f"{value:.2f}" for value in values)])
     print("| " + " | ".join(header) + " |\n|" + " ---: |" * len(header))
     for row in rows:

@@ -1,16 +1,16 @@
 """Figures of the library of effects: docs/results/effects/NAME.png, one an effect.
 
-Left: the tilt of a block with and without the effect, at the far end of its prior, under one pulse.
-Right: the overturning diagram: the least PGA of a cosine pulse that overturns the block, over
-PGV/PGA, for both. Run from the repository's root (about five minutes on one core):
+Left: the tilt of a block with and without the effect under one pulse. Right: the overturning
+diagram: where in the plane of PGV/PGA and PGA a cosine pulse overturns the block, for both. Run
+from the repository's root (about 95 s on one core):
 
     python studies/figure_effects.py [NAME ...]
 """
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,28 +27,44 @@ from vsr2.simulation import Trial
 from vsr2.simulation.bench import EffectBench, trial_of
 from vsr2.simulation.effects import with_effects
 
+Array = NDArray[np.float64]
+
 OUT = Path("docs/results/effects")
-RATIOS = np.array([0.08, 0.10, 0.13, 0.17, 0.22])
+RATIOS = np.geomspace(0.06, 0.3, 14)
 """PGV/PGA [s]."""
-LOWEST, HIGHEST, STEPS = 0.3, 2.2, 7
-"""PGA between which the least is looked for [g], and halvings."""
-PULSE = (6.5, 1.6)
+PGAS = np.linspace(0.3, 2.2, 39)
+"""[g]."""
+PULSE = (5.5, 1.6)
 """PGA [m/s^2] and frequency [Hz] of the response on the left."""
-OWN_PULSE = {"friction_rate": (16.0, 4.0), "spin_friction": (16.0, 4.0)}
-"""Of effects that show only where the rock slides."""
+OWN_PULSE = {
+    "friction": (9.0, 3.0), "friction_rate": (16.0, 4.0), "spin_friction": (16.0, 4.0),
+    "catch": (6.5, 1.6),
+}  # fmt: skip
+"""Of effects that show elsewhere only: where the rock slides, or is about to overturn."""
 TURNED = ("spin_friction", "placement", "off_axis_motion")
 """Effects shown on a block that stands at 30 degrees."""
+MILD = {
+    "friction": {"factor": 0.75},
+    "adhesion": {"strength": 15.0},
+    "catch": {"slack": 15.0},
+    "table_saturation": {"velocity": 0.45, "acceleration": 20.0},
+    "table_pitch": {"compliance": 0.005},
+    "outcome_rule": {"tilt": 0.2, "flips": 0.0},
+}
+"""Values of effects at whose far end nothing rocks or all does; the others are shown at that."""
+
+
+def values_of(one: Effect) -> dict[str, float]:
+    """Values at which an effect is shown."""
+    return one.complete(MILD.get(one.name, one.extreme()))
 
 
 def with_it(trials: list[Trial], one: Effect) -> list[Trial]:
-    """Trials with the effect at the far end of its prior, late in the campaign."""
-    values = one.extreme()
-    if one.name == "outcome_rule":
-        values["tilt"], values["flips"] = 0.3, 0.0
-    return with_effects(trials, [(one, values)], orders=[1.0] * len(trials))
+    """Trials with the effect, late in the campaign."""
+    return with_effects(trials, [(one, values_of(one))], orders=[1.0] * len(trials))
 
 
-def response(bench: EffectBench, one: Effect) -> tuple[NDArray[np.float64], ...]:
+def response(bench: EffectBench, one: Effect) -> tuple[Array, ...]:
     """Times [s] and tilts [degree] without and with the effect."""
     setup = bench.block()
     if one.name in TURNED:
@@ -65,40 +81,68 @@ def response(bench: EffectBench, one: Effect) -> tuple[NDArray[np.float64], ...]
     return tuple(out)
 
 
-def least_pga(bench: EffectBench, one: Effect | None) -> NDArray[np.float64]:
-    """Least PGA that overturns the block, for each PGV/PGA, by bisection [g]."""
-    base = replace(trial_of(bench.block(), tail=4.0), output=Output(log_every=0))
-    low, high = np.full(RATIOS.size, LOWEST), np.full(RATIOS.size, HIGHEST)
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        trials = [
-            replace(base, motion=bench.pulse(a * STANDARD_GRAVITY, 1 / (2 * math.pi * ratio)))
-            for a, ratio in zip(middle, RATIOS, strict=True)
-        ]
-        result = run_batch(trials if one is None else with_it(trials, one), threads=1)
-        fell = result["outcome"] == "overturned"
-        high, low = np.where(fell, middle, high), np.where(fell, low, middle)
-    least = 0.5 * (low + high)
-    return np.where(least > 0.98 * HIGHEST, np.nan, least)
+def overturned(bench: EffectBench, one: Effect | None) -> NDArray[np.bool_]:
+    """Whether each pulse overturns the block, shape (PGA, PGV/PGA)."""
+    base = replace(trial_of(bench.block(), tail=3.0), output=Output(log_every=0))
+    trials = [
+        replace(base, motion=bench.pulse(pga * STANDARD_GRAVITY, 1 / (2 * math.pi * ratio)))
+        for pga in PGAS
+        for ratio in RATIOS
+    ]
+    result = run_batch(trials if one is None else with_it(trials, one), threads=1)
+    fell: NDArray[np.bool_] = (result["outcome"] == "overturned").reshape(PGAS.size, RATIOS.size)
+    return fell
 
 
-def draw(one: Effect, series: tuple[NDArray[np.float64], ...], plain: object, own: object) -> None:
+def least(fell: NDArray[np.bool_]) -> Array:
+    """Least PGA that overturns, for each PGV/PGA; NaN: none [g]."""
+    return np.where(fell.any(axis=0), PGAS[np.argmax(fell, axis=0)], np.nan)
+
+
+def title(one: Effect) -> str:
+    """Name and values of an effect."""
+    parts = []
+    given = values_of(one)
+    for parameter in one.parameters:
+        value = given[parameter.name]
+        if parameter.secondary or parameter.choices or parameter.is_null(value):
+            continue
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        parts.append(f"{parameter.name} {value:.3g}{unit}")
+    return f"{one.name}: {', '.join(parts)}"
+
+
+def draw(
+    one: Effect, series: tuple[Array, ...], plain: NDArray[np.bool_], own: NDArray[np.bool_]
+) -> None:
     """Write the figure of an effect."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(6.4, 2.2), layout="constrained")
-    left.plot(series[0], series[1], color="0.6", label="without")
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(6.4, 2.3), layout="constrained")
+    left.plot(series[0], series[1], color="0.55", lw=1.8, label="without")
     left.plot(series[2], series[3], color="C3", lw=1.0, label="with")
     left.set(xlabel="time [s]", ylabel="tilt [degree]")
-    left.set_ylim(0, min(90.0, 1.15 * max(series[1].max(), series[3].max())))
-    left.legend(frameon=False, fontsize=7)
-    right.plot(RATIOS, plain, "o-", color="0.6", ms=3)
-    right.plot(RATIOS, own, "s-", color="C3", ms=3, lw=1.0)
-    right.set(xlabel="PGV/PGA [s]", ylabel="least PGA [g]", ylim=(0, HIGHEST))
-    figure.suptitle(one.name, fontsize=9)
+    top = min(90.0, 1.35 * max(series[1].max(), series[3].max()))
+    left.set_ylim(0, top)
+    if one.name == "outcome_rule":
+        threshold = math.degrees(values_of(one)["tilt"])
+        left.axhline(threshold, color="C3", ls="--", lw=0.8)
+        left.text(1.2, threshold, "overturned from here", fontsize=6, va="bottom", color="C3")
+    left.legend(frameon=False, fontsize=7, ncols=2, loc="upper right")
+    # Each trial is a cell of its own; nothing is smoothed.
+    right.pcolormesh(
+        RATIOS, PGAS, np.where(plain, 1.0, np.nan), cmap="Greys", vmin=0, vmax=3, shading="nearest"
+    )
+    x, y = np.meshgrid(RATIOS, PGAS)
+    right.scatter(x[own], y[own], s=3.0, color="C3", linewidths=0)
+    right.set(xlabel="PGV/PGA [s]", ylabel="PGA [g]", ylim=(PGAS[0], PGAS[-1]), xscale="log")
+    right.set_xticks([0.06, 0.1, 0.2, 0.3], ["0.06", "0.1", "0.2", "0.3"])
+    right.minorticks_off()
+    right.set_title("overturns: grey without, dots with", fontsize=7)
+    figure.suptitle(title(one), fontsize=8)
     OUT.mkdir(parents=True, exist_ok=True)
     figure.savefig(OUT / f"{one.name}.png", dpi=80)
     pyplot.close(figure)
@@ -106,17 +150,20 @@ def draw(one: Effect, series: tuple[NDArray[np.float64], ...], plain: object, ow
 
 def main() -> None:
     """Write the figures of the effects named, or of all; and the table of thresholds."""
-    bench = EffectBench()
-    effects = [effect(name) for name in sys.argv[1:]] or in_order(library())
-    plain = least_pga(bench, None)
-    rows = ["effect," + ",".join(f"{ratio:g}" for ratio in RATIOS)]
-    rows.append("none," + ",".join(f"{value:.3f}" for value in plain))
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    names = parser.parse_args().names
+    bench = EffectBench(mode="auto")
+    effects = [effect(name) for name in names] or in_order(library())
+    plain = overturned(bench, None)
+    rows = ["effect," + ",".join(f"{ratio:.3f}" for ratio in RATIOS)]
+    rows.append("none," + ",".join(f"{value:.2f}" for value in least(plain)))
     for one in effects:
-        own = least_pga(bench, one)
+        own = overturned(bench, one)
         draw(one, response(bench, one), plain, own)
-        rows.append(f"{one.name}," + ",".join(f"{value:.3f}" for value in own))
+        rows.append(f"{one.name}," + ",".join(f"{value:.2f}" for value in least(own)))
         print(rows[-1], flush=True)
-    if len(sys.argv) == 1:
+    if not names:
         text = "# least PGA [g] that overturns the block, over PGV/PGA [s]; nan: none up to 2.2 g\n"
         (OUT / "thresholds.csv").write_text(text + "\n".join(rows) + "\n")
 

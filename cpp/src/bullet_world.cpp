@@ -244,6 +244,7 @@ class BulletWorld final : public BulletWorldBase {
     btMultiBody& robot = *robot_.multibody;
     if (drive_ == Drive::prescribed_spatial) {
       spatial_ = state;
+      pitch_of_normals_ = state.excursion.pitch;
       const auto joints = spatial_joints(state);
       for (int j = 0; j < kSpatialJoints; ++j) robot.setJointPos(j, joints[static_cast<std::size_t>(j)]);
     } else {
@@ -416,6 +417,7 @@ class BulletWorld final : public BulletWorldBase {
     btMultiBody& robot = *robot_.multibody;
     const PedestalState start = spatial_;
     for (int i = 0; i < engine.substeps; ++i) {
+      turn_normals();
       const PedestalState next = on_the_way(start, spatial_, target, i + 1, engine.substeps, dt);
       const auto goal = spatial_joints(next);
       for (int j = 0; j < kSpatialJoints; ++j) {
@@ -426,6 +428,17 @@ class BulletWorld final : public BulletWorldBase {
       spatial_ = next;
       advance(dt);
     }
+  }
+
+  // Bullet keeps a contact's normal in the world as it was found; the top that it belongs to turns.
+  void turn_normals() {
+    const double turn = spatial_.excursion.pitch - pitch_of_normals_;
+    pitch_of_normals_ = spatial_.excursion.pitch;
+    if (turn == 0.0) return;
+    const btMatrix3x3 rotation(btQuaternion(btVector3(0, 1, 0), turn));
+    each_pedestal_contact([&](btManifoldPoint& point, bool) {
+      point.m_normalWorldOnB = rotation * point.m_normalWorldOnB;
+    });
   }
 
   // One solver step.
@@ -521,6 +534,7 @@ class BulletWorld final : public BulletWorldBase {
   Body rock_;
   std::unique_ptr<btMultiBodyJointMotor> motor_;
   PedestalState spatial_;  ///< of a pedestal that moves in space
+  double pitch_of_normals_ = 0.0;  ///< of the pedestal, to which contacts' normals belong [rad]
   std::optional<RockMechanics> mechanics_;
   std::vector<Touch> touches_;
   btAlignedObjectArray<btQuaternion> scratch_q_;

@@ -94,7 +94,7 @@ double sweep(ContactProblem& p, Pattern& pattern) {
     ContactRows& r = p.rows[i];
     r.da = r.db = 0.0;
     if (!(r.n > 0.0) && r.a == 0.0 && r.b == 0.0) continue;
-    const double limit = p.lateral_friction * r.n;
+    const double limit = r.friction * r.n;
     double a = (r.a + r.arhs) - ((r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y);
     double along = (r.bj1 * c.w1 + r.bj2 * c.w2) + r.bjx * c.x;
     if constexpr (kMotor) along += r.bjs * c.support;
@@ -168,12 +168,10 @@ struct Variables {
         stopped = is_free;
       }
     }
-    if (p.lateral_friction > 0) {
-      for (std::size_t i = 0; i < contacts; ++i) {
-        if (!pattern.closed[i]) continue;
-        lateral[i] = count;
-        count += 2;
-      }
+    for (std::size_t i = 0; i < contacts; ++i) {
+      if (!pattern.closed[i] || !(p.rows[i].friction > 0)) continue;
+      lateral[i] = count;
+      count += 2;
     }
   }
 };
@@ -422,8 +420,8 @@ class Jump {
           const double length = std::sqrt(r.a_sum * r.a_sum + r.b_sum * r.b_sum);
           const double ua = r.a_sum / length;
           const double ub = r.b_sum / length;
-          const double turn = p_.lateral_friction * r.n / length;
-          const Lanes normal = p_.lateral_friction * x[v_.normal[i]].group[w];
+          const double turn = r.friction * r.n / length;
+          const Lanes normal = r.friction * x[v_.normal[i]].group[w];
           const Lanes across = turn * (ua * b - ub * a);
           a = ua * normal - ub * across;
           b = ub * normal + ua * across;
@@ -482,7 +480,7 @@ class Jump {
       }
       const int q = v_.lateral[i];
       if (q >= 0 && !pattern_.slides[i]) {
-        const double limit = p_.lateral_friction * n;
+        const double limit = r.friction * n;
         const double a = r.a + e[q];
         const double b = r.b + e[q + 1];
         if (!(a * a + b * b < limit * limit)) return false;
@@ -506,7 +504,7 @@ class Jump {
       if (!((pattern_.spin[i] == Pattern::upper ? s : -s) > p_.spinning_friction * n)) return false;
     }
     if (v_.lateral[i] < 0 || !pattern_.slides[i]) return true;
-    const double limit = p_.lateral_friction * n;
+    const double limit = r.friction * n;
     const double a = r.a_sum + a_sum_[i].of(next);
     const double b = r.b_sum + b_sum_[i].of(next);
     return a * a + b * b >= limit * limit &&

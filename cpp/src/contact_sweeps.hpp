@@ -15,6 +15,7 @@ struct ContactRows {
   double nj0, nj1, njz, nd0, nd1, nd2, nrhs, nkeep, nk;
   // spinning: about z
   double sj, sd0, sd1, sd2, srhs, sk;
+  double friction;  ///< of the lateral rows
   // lateral 1: along -y
   double aj0, aj2, ajy, ad0, ad1, ad2, arhs, ak;
   // lateral 2: along x
@@ -34,7 +35,6 @@ struct ContactProblem {
   std::array<ContactRows, 4> rows;
   int count = 0;
   double inverse_mass = 0;
-  double lateral_friction = 0;
   double spinning_friction = 0;
   double motor_inverse_mass = 0;  ///< 0: no motor
   double motor_rhs = 0;

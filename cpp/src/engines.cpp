@@ -37,6 +37,7 @@ std::string engine_in_use(const World& world, EngineKind chosen) {
     switch (fast->handover()) {
       case Handover::none: break;
       case Handover::off_the_top: return "fast, then exact (off the top)";
+      case Handover::motor_on_a_slope: return "fast, then exact (motor on a slope)";
       case Handover::too_deep: return "fast, then exact (too deep)";
     }
   }

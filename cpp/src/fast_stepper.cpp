@@ -31,8 +31,6 @@ constexpr double kFlatVolume = 1e-8;
 
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
-bool is_identity(const Pose& pose) { return to_bullet(pose) == btTransform::getIdentity(); }
-
 // sin(h) / h and cos(h) without the maths library, whose last bit depends on the machine.
 void half_turn(double h, double& sinc, double& cosine) {
   if (h < 0.05) {
@@ -59,8 +57,6 @@ std::string fast_model_violation(const Scene& scene) {
     return "the rock has " + std::to_string(rock.parts.size()) + " convex parts; one is needed";
   if (pedestal.parts.size() != 1 || !std::holds_alternative<BoxPart>(only_part(pedestal.parts)))
     return "the pedestal is not one box";
-  if (!is_identity(std::get<BoxPart>(only_part(pedestal.parts)).pose))
-    return "the pedestal's box is not centred in the pedestal's frame";
   if (!scene.engine().cone_friction) return "friction is not bounded by a cone";
   if (rock.material.rolling_friction > 0 || pedestal.material.rolling_friction > 0)
     return "there is rolling friction";
@@ -77,11 +73,18 @@ FastModel::FastModel(const Scene& scene) {
   const RockSpec& rock = scene.rock();
   const Scene::Shapes& shapes = scene.shapes();
   is_box = std::holds_alternative<BoxPart>(only_part(rock.parts));
-  rock_is_first = shapes.rock->isCompound();
+  const bool pedestal_is_wrapped = shapes.pedestal->isCompound();
+  is_wrapped = shapes.rock->isCompound() || pedestal_is_wrapped;
+  rock_is_first = shapes.rock->isCompound() && !pedestal_is_wrapped;
   const btCollisionShape* shape = shapes.rock;
-  support_half = 0.5 * std::get<BoxPart>(only_part(scene.pedestal().parts)).size;
+  const auto& top = std::get<BoxPart>(only_part(scene.pedestal().parts));
+  support_half = 0.5 * top.size;
+  X_LP = {top.pose.position, top.pose.orientation.normalized()};
+  const btCollisionShape* support_shape = shapes.pedestal;
+  if (pedestal_is_wrapped)
+    support_shape = static_cast<const btCompoundShape*>(shapes.pedestal)->getChildShape(0);
   X_BS = btTransform::getIdentity();
-  if (rock_is_first) {
+  if (shapes.rock->isCompound()) {
     const auto* compound = static_cast<const btCompoundShape*>(shapes.rock);
     shape = compound->getChildShape(0);
     X_BS = compound->getChildTransform(0);
@@ -97,7 +100,7 @@ FastModel::FastModel(const Scene& scene) {
   } else {
     hull = std::make_unique<ScannedHull>(*static_cast<const btConvexHullShape*>(shape));
     support_box =
-        std::make_unique<btBoxShape>(*static_cast<const btBoxShape*>(shapes.pedestal));
+        std::make_unique<btBoxShape>(*static_cast<const btBoxShape*>(support_shape));
     // The four points are mostly a vertex less three corners of the top, so it tells vertices apart
     // that differ by kFlatVolume over the top's area; measured so within a factor of 1.2.
     same_height = std::max(3.0 * kFlatVolume / (4.0 * support_half.x() * support_half.y()), 1e-10);
@@ -362,10 +365,8 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
       corner_P[k] = p_PB + R_PB * corner_B[k];
       if (!inside(corner_P[k], depth)) return Verdict::off_the_top;
     }
-    if (m.rock_is_first) {
-      refresh(R_PB, p_PB);
-      if (!near_top()) count_ = 0;
-    }
+    if (m.is_wrapped) refresh(R_PB, p_PB);
+    if (m.rock_is_first && !near_top()) count_ = 0;
     if (depth >= 0) {
       for (std::size_t k = 0; k < 4; ++k) {
         const double distance = corner_P[k].z() - top;
@@ -381,12 +382,9 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
     const double distance = point.z() - top;
     if (!inside(point, -distance)) return Verdict::off_the_top;
     if (-distance > m.deepest) return Verdict::too_deep;
-    bool look = true;
-    if (m.rock_is_first) {
-      refresh(R_PB, p_PB);
-      look = near_top();
-      if (!look) count_ = 0;
-    }
+    if (m.is_wrapped) refresh(R_PB, p_PB);
+    const bool look = !m.rock_is_first || near_top();
+    if (!look) count_ = 0;
     // The margin lies along the support's normal, not in the rock's frame.
     if (look && is_only_lowest(i, up_B)) {
       add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
@@ -444,7 +442,6 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     ContactProblem problem;
     problem.count = count_;
     problem.inverse_mass = inverse_mass;
-    problem.lateral_friction = m.lateral_friction * friction_scale;
     problem.spinning_friction = m.spinning_friction;
     problem.motor_inverse_mass = motor.inverse_mass;
     problem.motor_rhs = motor.target_velocity - support_v.x();
@@ -452,6 +449,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     for (int i = 0; i < count_; ++i) {
       const Contact& c = contacts_[static_cast<std::size_t>(i)];
       ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
+      row.friction = m.lateral_friction * friction_scale[static_cast<std::size_t>(i)];
       const Vector3d& r = c.r_P;
       const Vector3d rock_speed = v_P + w_P.cross(r);
       Vector3d support_speed = support_v;

@@ -3,8 +3,8 @@
 // integration, without Bullet; private to the core.
 //
 // What is copied from Bullet 3.24 is the arithmetic of the model, not its bits: one step from the
-// same state differs by rounding. Frames: W, B as in scene.hpp; P the support, origin at the centre
-// of its box, z normal to the top.
+// same state differs by rounding. Frames: W, B as in scene.hpp; L the
+// pedestal; P the support, origin at the centre of its box, z normal to the top.
 
 #include <array>
 #include <cstddef>
@@ -32,12 +32,15 @@ struct FastModel {
   std::unique_ptr<btBoxShape> support_box;
   btTransform X_BS;  ///< of the hull
   /// Bullet takes the first body of a pair for its choice among contact points: the rock where a
-  /// compound wraps it, else the support.
+  /// compound wraps it alone, else the support.
   bool rock_is_first = false;
+  /// A compound wraps one of them, so Bullet looks at the contacts it has before it adds new ones.
+  bool is_wrapped = false;
   Eigen::Vector3d bounds_centre = Eigen::Vector3d::Zero();  ///< of Bullet's bounding box, in C [m]
   Eigen::Vector3d bounds_half = Eigen::Vector3d::Zero();    ///< its half edges [m]
   double margin = 0.0;  ///< of the hull and of the support's top [m]
   Eigen::Vector3d support_half = Eigen::Vector3d::Zero();  ///< [m]
+  Pose X_LP;  ///< a box that is turned or off centre in the pedestal's frame
   double breaking_threshold = 0.0;                         ///< [m]
   double deepest = 0.0;  ///< greatest penetration the contact geometry holds for [m]
   double guard = 0.0;    ///< least distance of contacts from the top's edge, without depth [m]
@@ -82,7 +85,8 @@ class FastStepper {
   FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold);
 
   RockState state;  ///< of the rock; the orientation's sign is arbitrary
-  double friction_scale = 1.0;  ///< factor of the lateral friction of all contacts
+  /// Factors of the contacts' lateral friction.
+  std::array<double, 4> friction_scale{1.0, 1.0, 1.0, 1.0};
 
   /// The contact geometry no longer holds from here on.
   enum class Verdict { in_domain, off_the_top, too_deep };
@@ -115,6 +119,7 @@ class FastStepper {
     std::array<Contact, 4> contacts;
     int count;
   };
+  const FastModel& model() const { return *model_; }
   int contact_count() const { return count_; }
   const Contact& contact(int i) const { return contacts_[static_cast<std::size_t>(i)]; }
   /// Sweeps of the latest step that were done one by one.

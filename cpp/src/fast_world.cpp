@@ -32,6 +32,10 @@ class FastWorldOnBullet final : public FastWorld {
                  std::max(settings.residual_threshold, scene_->engine().residual_threshold)) {
     pair_ = combine(scene_->rock().material, scene_->pedestal().material);
     touches_.reserve(4);
+    const Pose& X_LP = stepper_.model().X_LP;
+    p_LP_ = X_LP.position;
+    R_LP_ = X_LP.orientation.toRotationMatrix();
+    top_is_turned_ = !R_LP_.isIdentity(0.0);
   }
 
   void spawn_rock(const Pose& X_WB) override {
@@ -120,7 +124,7 @@ class FastWorldOnBullet final : public FastWorld {
     out.clear();
     if (!has_rock_ || diverged_) return;
     // Bullet's second lateral direction depends on which body it takes first.
-    const double sign = scene_->shapes().rock->isCompound() ? 1.0 : -1.0;
+    const double sign = stepper_.model().rock_is_first ? 1.0 : -1.0;
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
       out.push_back({
@@ -133,7 +137,8 @@ class FastWorldOnBullet final : public FastWorld {
           .lateral_impulse_2 = sign * c.lateral_impulse_2,
           .direction_1 = -last_turn_.col(1),
           .direction_2 = sign * last_turn_.col(0),
-          .lateral_friction = pair_.lateral_friction * stepper_.friction_scale,
+          .lateral_friction =
+              pair_.lateral_friction * stepper_.friction_scale[static_cast<std::size_t>(i)],
           .restitution = pair_.restitution,
           .spinning_friction = pair_.spinning_friction,
           .stiffness = pair_.stiffness,
@@ -158,9 +163,19 @@ class FastWorldOnBullet final : public FastWorld {
       support.level = false;
     } else {
       support.p_WP.x() += pedestal_.position;
+      support.level = !top_is_turned_;
     }
+    const Eigen::Vector3d p_LP_W = support.R_WP * p_LP_;
+    const Eigen::Vector3d p_WL = support.p_WP;
+    support.p_WP += p_LP_W;
+    if (top_is_turned_) support.R_WP = support.R_WP * R_LP_;
     // A state that is not a number stays as it is: Bullet would take none.
     const bool moving_rock = has_rock_ && !diverged_;
+    if (moving_rock && top_is_turned_ && drive_ != Drive::prescribed &&
+        drive_ != Drive::prescribed_spatial) {
+      handover_ = Handover::motor_on_a_slope;
+      return false;
+    }
     if (moving_rock) {
       const FastStepper::Verdict verdict = stepper_.detect(support);
       if (verdict != FastStepper::Verdict::in_domain) {
@@ -178,8 +193,8 @@ class FastWorldOnBullet final : public FastWorld {
     if (drive_ == Drive::prescribed_spatial) {
       next = on_the_way(start, pedestal_, target, i + 1, engine.substeps, dt);
       const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
-      support.v_WP = (goal.p_WP - support.p_WP) / dt;
       support.w_WP = goal.w_WP;
+      support.v_WP = (goal.p_WP - p_WL) / dt + support.w_WP.cross(p_LP_W);
     } else if (drive_ == Drive::prescribed) {
       const double goal =
           start.position + (target.position - start.position) * (i + 1) / engine.substeps;
@@ -203,7 +218,7 @@ class FastWorldOnBullet final : public FastWorld {
       last_rock_ = stepper_.state.p_WB;
       if (mechanics_) {
         mechanics_->begin_step(stepper_.state, dt);
-        if (scene_->mechanisms().sets_friction()) stepper_.friction_scale = mean_friction_scale();
+        if (scene_->mechanisms().sets_friction()) set_friction();
       }
       stepper_.advance(support, motor, dt);
     } else if (motor.inverse_mass > 0) {
@@ -231,13 +246,10 @@ class FastWorldOnBullet final : public FastWorld {
     return true;
   }
 
-  // The stepper has one coefficient for all contacts.
-  double mean_friction_scale() const {
-    double sum = 0.0;
+  void set_friction() {
     for (int k = 0; k < stepper_.contact_count(); ++k)
-      sum += mechanics_->friction_scale(last_rock_ + last_turn_ * stepper_.contact(k).r_P,
-                                        last_turn_.col(2));
-    return stepper_.contact_count() > 0 ? sum / stepper_.contact_count() : 1.0;
+      stepper_.friction_scale[static_cast<std::size_t>(k)] = mechanics_->friction_scale(
+          last_rock_ + last_turn_ * stepper_.contact(k).r_P, last_turn_.col(2));
   }
 
   void hand_over(const DriveTarget& target) {
@@ -248,10 +260,11 @@ class FastWorldOnBullet final : public FastWorld {
     bullet_->spawn_rock({rock.p_WB, rock.q_WB});
     bullet_->set_rock_velocity(rock.v_WB, rock.w_WB);
     std::vector<CachedContact> cached;
-    for (int i = 0; i < stepper_.contact_count(); ++i)
-      cached.push_back(
-          {stepper_.contact(i).p_B, stepper_.contact(i).p_P,
-           pedestal_motion(scene_->pedestal(), pedestal_).R_WP.col(2)});
+    const Eigen::Matrix3d R_WL = pedestal_motion(scene_->pedestal(), pedestal_).R_WP;
+    for (int i = 0; i < stepper_.contact_count(); ++i) {
+      const FastStepper::Contact& c = stepper_.contact(i);
+      cached.push_back({c.p_B, p_LP_ + R_LP_ * c.p_P, R_WL * R_LP_.col(2)});
+    }
     bullet_->set_contacts(cached);
     if (mechanics_) bullet_->set_mechanics(*mechanics_);
     bullet_->step(target);
@@ -265,6 +278,10 @@ class FastWorldOnBullet final : public FastWorld {
   Eigen::Vector3d last_rock_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d last_support_ = Eigen::Vector3d::Zero();
   Eigen::Matrix3d last_turn_ = Eigen::Matrix3d::Identity();
+  // Of the support's box in the pedestal's frame.
+  Eigen::Vector3d p_LP_ = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d R_LP_ = Eigen::Matrix3d::Identity();
+  bool top_is_turned_ = false;
   std::optional<RockMechanics> mechanics_;
   std::vector<Touch> touches_;
   bool has_rock_ = false;

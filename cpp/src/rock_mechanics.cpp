@@ -123,7 +123,7 @@ bool RockMechanics::resist_rocking(RockState& rock, double dt) const {
 
 bool RockMechanics::pull_bond(RockState& rock, double dt) const {
   if (bond_ != Bond::holds) return false;
-  const Vector3d force = -strength_ * pedestal_.R_WP.col(2);
+  const Vector3d force = -strength_ * (pedestal_.R_WP * bond_normal_P_);
   rock.v_WB += (dt / mass_) * force;
   rock.w_WB += inertia_W(rock).ldlt().solve(Vector3d(dt * (rock.q_WB * bond_B_).cross(force)));
   return true;
@@ -169,34 +169,41 @@ bool RockMechanics::end_step(RockState& rock, const PedestalMotion& pedestal,
   }
   if (normal_force_ > 0) centre_W_ /= normal_force_;
   normal_force_ /= dt;
-  if (mechanisms_.adhesion > 0) follow_bond(rock, touches.size(), dt);
+  if (mechanisms_.adhesion > 0) follow_bond(rock, touches, dt);
   return changed;
 }
 
 double RockMechanics::height_of_bond(const RockState& rock) const {
-  return pedestal_.R_WP.col(2).dot(rock.p_WB + rock.q_WB * bond_B_ - pedestal_.p_WP);
+  const Vector3d p_W = rock.p_WB + rock.q_WB * bond_B_ - pedestal_.p_WP;
+  return (pedestal_.R_WP * bond_normal_P_).dot(p_W);
 }
 
-void RockMechanics::follow_bond(const RockState& rock, std::size_t touches, double dt) {
+void RockMechanics::follow_bond(const RockState& rock, const std::vector<Touch>& touches,
+                                double dt) {
   if (bond_ == Bond::holds && height_of_bond(rock) > bond_height_ + kBondOpening) bond_ = Bond::broken;
   if (bond_ != Bond::none) return;
   const Velocity velocity = relative(rock, pedestal_);
-  const bool rests = touches >= 3 && normal_force_ > 0 && velocity.v.norm() < kRestSpeed &&
+  const bool rests = touches.size() >= 3 && normal_force_ > 0 && velocity.v.norm() < kRestSpeed &&
                      velocity.w.norm() < kRestRate;
   rested_ = rests ? rested_ + dt : 0.0;
-  if (rested_ > kBondRest) form_bond(rock);
+  if (rested_ > kBondRest) form_bond(rock, touches);
 }
 
-// The footprint's hull by Andrew's monotone chain, its area and centroid.
-void RockMechanics::form_bond(const RockState& rock) {
+// The footprint's hull by Andrew's monotone chain, its area and centroid; seen along the normal.
+void RockMechanics::form_bond(const RockState& rock, const std::vector<Touch>& touches) {
   std::vector<Vector2d>& footprint = outline_->footprint;
-  const Matrix3d R_PB = pedestal_.R_WP.transpose() * rock.q_WB.toRotationMatrix();
+  Vector3d normal = Vector3d::Zero();
+  for (const Touch& touch : touches) normal += touch.normal_W;
+  bond_normal_P_ = pedestal_.R_WP.transpose() * normal.normalized();
+  const Matrix3d R_TP =
+      Eigen::Quaterniond::FromTwoVectors(bond_normal_P_, Vector3d::UnitZ()).toRotationMatrix();
+  const Matrix3d R_TB = R_TP * pedestal_.R_WP.transpose() * rock.q_WB.toRotationMatrix();
   double lowest = std::numeric_limits<double>::infinity();
-  for (const Vector3d& vertex : outline_->vertices) lowest = std::min(lowest, R_PB.row(2).dot(vertex));
+  for (const Vector3d& vertex : outline_->vertices) lowest = std::min(lowest, R_TB.row(2).dot(vertex));
   footprint.clear();
   for (const Vector3d& vertex : outline_->vertices)
-    if (R_PB.row(2).dot(vertex) <= lowest + kFootprintDepth)
-      footprint.emplace_back(R_PB.row(0).dot(vertex), R_PB.row(1).dot(vertex));
+    if (R_TB.row(2).dot(vertex) <= lowest + kFootprintDepth)
+      footprint.emplace_back(R_TB.row(0).dot(vertex), R_TB.row(1).dot(vertex));
   std::sort(footprint.begin(), footprint.end(), [](const Vector2d& a, const Vector2d& b) {
     return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
   });
@@ -225,7 +232,7 @@ void RockMechanics::form_bond(const RockState& rock) {
   bond_ = Bond::holds;
   strength_ = mechanisms_.adhesion * area;
   const Vector2d centroid = area > 0 ? Vector2d(moment / area) : origin;
-  bond_B_ = R_PB.transpose() * Vector3d(centroid.x(), centroid.y(), lowest);
+  bond_B_ = R_TB.transpose() * Vector3d(centroid.x(), centroid.y(), lowest);
   bond_height_ = height_of_bond(rock);
 }
 
@@ -243,23 +250,24 @@ bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedesta
     if (!bears(before_.q_WB.conjugate() * (touch.p_W - before_.p_WB)))
       first_blow = std::max(first_blow, speed);
   }
+  const Vector3d acceleration =
+      (pedestal.velocity_at(rock.p_WB) - pedestal_.velocity_at(rock.p_WB)) / dt;
+  const Vector3d force = mass_ * (Vector3d(0, 0, -gravity_) - acceleration);
   if (!impact.open && first_blow > kBlow) {
     impact.open = true;
     impact.elapsed = impact.quiet = impact.work = impact.greatest_work = 0.0;
     impact.blow = first_blow;
     impact.energy = kinetic_energy(before_, before);
+    impact.lead = 0.5 * dt * force.dot(before.v);
     impact.before_B = in_body(before_, before);
   }
   note_support(touches, dt);
   if (!impact.open) return false;
-  const Vector3d acceleration =
-      (pedestal.velocity_at(rock.p_WB) - pedestal_.velocity_at(rock.p_WB)) / dt;
-  const Velocity now = relative(rock, pedestal);
-  impact.work += mass_ * dt * now.v.dot(Vector3d(0, 0, -gravity_) - acceleration);
+  impact.work += dt * force.dot(relative(rock, pedestal).v);
   impact.greatest_work = std::max(impact.greatest_work, impact.work);
   impact.elapsed += dt;
   impact.quiet = blow > kAfterBlow ? 0.0 : impact.quiet + dt;
-  if (impact.quiet > kQuiet - 0.5 * dt) return close_impact(rock, pedestal);
+  if (impact.quiet > kQuiet - 0.5 * dt) return close_impact(rock, pedestal, force, dt);
   if (impact.elapsed > kLongest) impact.open = false;
   return false;
 }
@@ -345,7 +353,11 @@ double RockMechanics::kinetic_energy_B(const Velocity& velocity_B) const {
                 velocity_B.w.dot(inertia_.cwiseProduct(velocity_B.w)));
 }
 
-bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal) {
+// The engine's step (velocities first, then positions with them) conserves the energy plus half a
+// step's work of the forces at the present speed: less than the energy on the way up, more on the
+// way down. Without it low swings, slow as they are, would come out too low.
+bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal,
+                                 const Vector3d& force, double dt) {
   Impact& impact = impact_;
   impact.open = false;
   const Velocity now_B = in_body(rock, relative(rock, pedestal));
@@ -355,12 +367,15 @@ bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal
   const double power = std::clamp((1.0 - housner) / kWholeLoss, 0.0, 1.0);
   const double kept = std::min(1.0, std::pow(mechanisms_.impact_energy_ratio, power) * housner);
   // The impact is where the weight had done most work: the rock was lowest there.
-  const double wanted =
-      kept * (impact.energy + impact.greatest_work) - (impact.greatest_work - impact.work);
+  const double wanted = kept * (impact.energy + impact.lead + impact.greatest_work) -
+                        (impact.greatest_work - impact.work);
   const Velocity next = about(pivot, now_B);
   const double present = kinetic_energy_B(next);
   if (!(wanted > 0) || !(present > 0)) return false;
-  const double scale = std::sqrt(std::min(wanted / present, kGreatestGain));
+  // present scale^2 + 2 lag scale = wanted
+  const double lag = 0.25 * dt * force.dot(rock.q_WB * next.v);
+  const double scale = std::min((std::sqrt(lag * lag + present * wanted) - lag) / present,
+                                std::sqrt(kGreatestGain));
   rock.v_WB = pedestal.velocity_at(rock.p_WB) + scale * (rock.q_WB * next.v);
   rock.w_WB = pedestal.w_WP + scale * (rock.q_WB * next.w);
   return true;

@@ -53,12 +53,13 @@ class RockMechanics {
   bool resist_rocking(RockState& rock, double dt) const;
   bool pull_bond(RockState& rock, double dt) const;
   bool pull_tether(RockState& rock, double dt) const;
-  void follow_bond(const RockState& rock, std::size_t touches, double dt);
-  void form_bond(const RockState& rock);
+  void follow_bond(const RockState& rock, const std::vector<Touch>& touches, double dt);
+  void form_bond(const RockState& rock, const std::vector<Touch>& touches);
   double height_of_bond(const RockState& rock) const;
   bool follow_impact(RockState& rock, const PedestalMotion& pedestal,
                      const std::vector<Touch>& touches, double dt);
-  bool close_impact(RockState& rock, const PedestalMotion& pedestal);
+  bool close_impact(RockState& rock, const PedestalMotion& pedestal, const Eigen::Vector3d& force,
+                    double dt);
   /// Whether a point bore the rock lately.
   bool bears(const Eigen::Vector3d& p_B) const;
   void note_support(const std::vector<Touch>& touches, double dt);
@@ -97,6 +98,7 @@ class RockMechanics {
   double strength_ = 0.0;   ///< sigma A [N]
   double bond_height_ = 0.0;
   Eigen::Vector3d bond_B_ = Eigen::Vector3d::Zero();
+  Eigen::Vector3d bond_normal_P_ = Eigen::Vector3d::UnitZ();  ///< of the top, which may slope
 
   Eigen::Vector3d up_B_ = Eigen::Vector3d::UnitZ();  ///< the pedestal's normal at the start
   double start_height_ = 0.0;                        ///< of the mass centre over the lowest vertex [m]
@@ -112,6 +114,7 @@ class RockMechanics {
     double quiet = 0.0;    ///< since its last blow [s]
     double blow = 0.0;     ///< speed of the first one [m/s]
     double energy = 0.0;   ///< before it [J]
+    double lead = 0.0;     ///< half a step's work at the speed before it [J]
     double work = 0.0;     ///< of weight and inertia force since it began [J]
     double greatest_work = 0.0;
     Velocity before_B{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};

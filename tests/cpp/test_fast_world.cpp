@@ -307,6 +307,54 @@ TEST(FastWorld, StartsAfreshAfterDeletion) {
   }
 }
 
+// A pedestal whose top slopes, its box off the centre of its frame.
+PedestalSpec sloping_pedestal() {
+  PedestalSpec pedestal = test::pedestal();
+  auto& top = std::get<BoxPart>(pedestal.parts[0]);
+  top.pose.orientation = Eigen::AngleAxisd(0.02, Eigen::Vector3d(0.6, 0.8, 0).normalized());
+  top.pose.position = {0.05, -0.1, 0.01};
+  return pedestal;
+}
+
+TEST(FastWorld, FollowsParityOnASlope) {
+  for (const RockKind kind : {RockKind::box, RockKind::box_off_centre, RockKind::hull,
+                              RockKind::hull_off_centre}) {
+    for (const Drive drive : {Drive::prescribed, Drive::prescribed_spatial}) {
+      const auto shared = scene(kind, {}, sloping_pedestal());
+      const auto parity = make_bullet_world(shared, drive);
+      const auto fast = make_fast_world(shared, drive, kAllIterations);
+      Pose start = test::start(kind);
+      start.position.z() += 0.02;
+      parity->spawn_rock(start);
+      fast->spawn_rock(start);
+      const test::Pulse pulse;
+      for (int i = 0; i < 700; ++i) {
+        DriveTarget target = pulse.at(i);
+        if (drive == Drive::prescribed_spatial) target.excursion.pitch = 0.1 * target.position;
+        parity->step(target);
+        fast->step(target);
+        // Measured: hulls 3e-11 m; boxes, dropped askew, 9e-8 m.
+        const bool is_box = kind == RockKind::box || kind == RockKind::box_off_centre;
+        ASSERT_LT((parity->rock().p_WB - fast->rock().p_WB).norm(), is_box ? 3e-7 : 1e-9)
+            << test::name(kind) << " " << test::name(drive) << " step " << i;
+      }
+      EXPECT_EQ(fast->handover(), Handover::none);
+    }
+  }
+}
+
+TEST(FastWorld, LeavesAMotorOnASlopeToBullet) {
+  const auto shared = scene(RockKind::hull, {}, sloping_pedestal());
+  const auto exact = make_exact_world(shared, Drive::motor_position);
+  const auto fast = make_fast_world(shared, Drive::motor_position);
+  for (World* world : {exact.get(), static_cast<World*>(fast.get())}) {
+    world->spawn_rock(test::start(RockKind::hull));
+    for (int i = 0; i < 300; ++i) world->step({});
+  }
+  EXPECT_EQ(fast->handover(), Handover::motor_on_a_slope);
+  EXPECT_LT((exact->rock().p_WB - fast->rock().p_WB).norm(), 1e-9);
+}
+
 TEST(FastWorld, NamesWhatItDoesNotTake) {
   const auto violation = [](const EngineSettings& engine, const PedestalSpec& pedestal,
                             const RockSpec& rock) {
@@ -331,10 +379,6 @@ TEST(FastWorld, NamesWhatItDoesNotTake) {
   triangles.faces = {{0, 1, 2}};
   surface.parts = {triangles};
   EXPECT_NE(violation({}, surface, hull).find("not one box"), std::string::npos);
-
-  PedestalSpec shifted = test::pedestal();
-  std::get<BoxPart>(shifted.parts[0]).pose.position.x() = 0.1;
-  EXPECT_NE(violation({}, shifted, hull).find("not centred"), std::string::npos);
 
   EngineSettings pyramid;
   pyramid.cone_friction = false;

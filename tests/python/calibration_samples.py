@@ -9,7 +9,7 @@ import numpy as np
 
 from vsr2.calibration import Evaluation, Parameter
 from vsr2.campaign import save_campaign, simulate_campaign
-from vsr2.config import study_from_mapping
+from vsr2.config import Study, study_from_mapping
 from vsr2.config.extended import Plain
 
 ROCK = {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0}
@@ -58,9 +58,9 @@ RANGES = {
 }
 
 
-def write_planted(folder: Path, text: str = STUDY) -> Path:
-    """A campaign of 24 trials of a block at a known yaw, and a study to calibrate on it."""
-    study = study_from_mapping(
+def planted_study(folder: Path) -> Study:
+    """24 trials of a block at a known yaw."""
+    return study_from_mapping(
         {
             "name": "truth",
             "engine": {"mode": "fast"},
@@ -76,7 +76,11 @@ def write_planted(folder: Path, text: str = STUDY) -> Path:
         },
         base=folder,
     )
-    save_campaign(simulate_campaign(study, threads=1), folder / "truth")
+
+
+def write_planted(folder: Path, text: str = STUDY) -> Path:
+    """The campaign of :func:`planted_study`, and a study to calibrate on it."""
+    save_campaign(simulate_campaign(planted_study(folder), threads=1), folder / "truth")
     path = folder / "study.yaml"
     path.write_text(text)
     return path

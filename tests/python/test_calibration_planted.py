@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration_samples import KNOWN_YAW, STUDY, write_planted
+from calibration_samples import KNOWN_YAW, STUDY, planted_study, write_planted
 from vsr2.calibration import (
     CalibrationInterrupted,
     Evaluation,
@@ -30,7 +30,7 @@ from vsr2.calibration import (
 )
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.scores import metrics_of
-from vsr2.campaign import Campaign, load_campaign
+from vsr2.campaign import Campaign, load_campaign, simulate_campaign
 from vsr2.cli.calibration import add_verbs
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError
@@ -231,7 +231,8 @@ def test_a_campaign_that_tells_nothing_is_refused(planted, tmp_path):
 
 
 def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(planted, tmp_path):
-    text = STUDY.replace("refine: 3, profile_points: 4", "refine: 1, profile_points: 0, screen: 4")
+    method = f"refine: 1, profile_points: 0, screen: 4, sets: [{{yaw: {KNOWN_YAW}}}]"
+    text = STUDY.replace("refine: 3, profile_points: 4", method)
     text = text.replace("folds: 3", "folds: 2").replace("replicates: 200", "replicates: 100")
     path = planted / "screened.yaml"
     path.write_text(text + "judged_with: {engine.mode: exact}\n")
@@ -250,6 +251,9 @@ def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(plant
         assert 0 < screen.certain.sum() < 24
         for step in result.steps:
             assert (step.evaluation.predicted == first[0])[screen.certain].all()
+    # A set of one's own comes after the design, before what is proposed.
+    assert [step.group for step in fresh.steps] == ["design"] * 9 + ["refine"]
+    assert fresh.steps[8].evaluation.values == {"yaw": KNOWN_YAW, "restitution": 0.35}
     later = fresh.steps[-1].evaluation
     np.testing.assert_array_equal(later.known, ~fresh.screen.certain)
     assert [s.evaluation.values for s in known.steps] == [s.evaluation.values for s in fresh.steps]
@@ -280,3 +284,29 @@ def test_a_screen_or_judge_that_cannot_be_is_refused(planted, change, message):
     path.write_text("\n".join([*kept, change]) + "\n")
     with pytest.raises(ConfigError, match=message):
         load_calibration(path)
+
+
+def test_effects_act_as_in_the_campaign_they_were_simulated_with(tmp_path):
+    effects = "effects: {wear: {loss: 0.14}, placement: {yaw: 9.0}}"
+    path = write_planted(tmp_path, f"{STUDY}{effects}\n")
+    study = load_calibration(path)
+    plain = load_campaign(tmp_path / "truth")
+    seed = study.study.seed
+    worn = simulate_campaign(
+        planted_study(tmp_path), effects=study.study.effects, threads=1, seed=seed
+    )
+    assert (worn.overturned != plain.overturned).any()
+    values = {"yaw": KNOWN_YAW, "restitution": 0.35}
+    half = np.arange(len(plain)) % 2 == 0
+    for among in (half, None):
+        # What a trial draws does not depend on which others are run.
+        digest = campaign_sha256(plain)
+        with EvaluationStore(tmp_path, digest, len(plain)) as store:
+            evaluator = Evaluator(study, plain, store, tmp_path, threads=1)
+            found = evaluator(values, among=among)
+        chosen = half if among is not None else ~half
+        np.testing.assert_array_equal(found.predicted[chosen], worn.overturned[chosen])
+    other = load_calibration(path, overrides=["seed=9", "effects.wear.loss=0.0"])
+    with EvaluationStore(tmp_path, digest, len(plain)) as store:
+        evaluator = Evaluator(other, plain, store, tmp_path, threads=1)
+        assert evaluator(values).plan != found.plan

@@ -74,6 +74,12 @@ def test_keys_may_lead_into_lists_and_overrides_into_parameters(study):
         ("outcome: {tail: 2.0}", "motion: {chanel: fused}", "motion.chanel: has no place"),
         ("outcome: {tail: 2.0}", "motion: {channel: fussed}", "did you mean fused"),
         ("outcome: {tail: 2.0}", "outcome: {tale: 2.0}", r"outcome.tale: .*did you mean `tail`"),
+        ("outcome: {tail: 2.0}", "effects: {edge_ronding: {radius: 0.01}}",
+         "study.yaml: effects: .*edge_rounding"),
+        ("refine: 3", "sets: [{}], screen: 10", r"screen \(10\) is more than design \(8\)"),
+        ("refine: 3", "sets: [{jaw: 1.0}]", r"method\.sets\.0\.jaw: is no parameter"),
+        ("refine: 3", "sets: [{}, {yaw: 61.0}]", r"method\.sets\.1\.yaw: 61.* outside"),
+        ("folds: 3", "judged_with: {engine.mode: sloppy}", "engine.mode"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(study, old, new, match):
@@ -86,3 +92,14 @@ def test_the_evolution_strategy_takes_ranges_alone(study):
     assert study(cma).own.method.proposals == "cma"
     with pytest.raises(ConfigError, match=r"parameters\.yaw: method\.proposals `cma` goes over"):
         study(cma, ("range: [0.0, 60.0]", "values: [0.0, 60.0]"))
+
+
+def test_an_effects_parameter_can_be_varied(study):
+    radius = "  radius: {keys: [effects.edge_rounding.radius], range: [0.0, 0.01]}\nmethod:"
+    rounded = ("outcome:", "effects: {edge_rounding: {radius: 0.0}}\noutcome:")
+    found = study(rounded, ("method:", radius))
+    assert start_values(found)["radius"] == 0.0
+    made = found.with_values(study_values(found, {"radius": 0.004}))
+    assert made.effects == {"edge_rounding": {"radius": 0.004}}
+    with pytest.raises(ConfigError, match=r"parameters\.radius at -0\.1: effects: .*radius"):
+        study(rounded, ("method:", radius.replace("[0.0,", "[-0.1,")))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from vsr2.campaign import simulate_campaign
 from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
-from vsr2.effects import EffectRangeWarning, Parameter, chosen, effect
+from vsr2.effects import EffectRangeWarning, Parameter, chosen, effect, registry
+from vsr2.effects.geometry import uplift_acceleration
 from vsr2.errors import ConfigError, MotionError, SimulationError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
@@ -23,6 +25,11 @@ from vsr2.simulation.batch import plan_sha256
 from vsr2.simulation.bench import EffectBench, trial_of
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(autouse=True)
+def own_effects_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_registered", {})
 
 
 def study(**changes: object) -> Study:
@@ -248,7 +255,7 @@ def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int =
 def test_table_gain_and_slenderness_are_one_effect(amplitude: float, frequency: float) -> None:
     # With phi = tilt / alpha the motion enters as a / (g tan alpha) only (Housner 1963). What is
     # left is the frequency parameter p, which the height of the mass centre changes by 1.5 % here.
-    bench = EffectBench()
+    bench = EffectBench("auto")
     setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
 
     def peak(name: str, change: float) -> float:
@@ -265,7 +272,7 @@ def test_table_gain_and_slenderness_are_one_effect(amplitude: float, frequency: 
 def test_stiff_pitch_is_a_gain(amplitude: float, frequency: float) -> None:
     # Pitch -c a / g adds c to a / g by tilting gravity, and c w^2 / p^2 by turning the base:
     # theta'' = -p^2 (alpha - theta) - p^2 a / g + p^2 pitch - pitch'', linearised.
-    bench = EffectBench()
+    bench = EffectBench("auto")
     setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
     compliance = 0.01
     half = np.array([0.2, 0.6])
@@ -277,6 +284,22 @@ def test_stiff_pitch_is_a_gain(amplitude: float, frequency: float) -> None:
     gained = bench.run(setup, effect("table_gain"), {"change": gain}).observation.peak_tilt
     assert abs(math.log(pitched / gained)) < 0.04
     assert abs(math.log(gained / plain)) > 2 * abs(math.log(pitched / gained))
+
+
+def test_a_bond_on_a_slope_holds_along_its_normal() -> None:
+    # About the lower edge: W (b cos t - h sin t) + sigma A b = m a (h cos t + b sin t).
+    bench = EffectBench("auto")
+    setup, t, strength = bench.block(), math.radians(1.5), 5e3
+    sloped = effect("base_slope").change(setup, {"angle": 1.5, "azimuth": 180.0})
+    b, h, g = 0.2, 0.6, setup.engine.gravity
+    pull = strength * 0.4 * 0.6 * b / setup.rock.mass.mass
+    expected = (g * (b * math.cos(t) - h * math.sin(t)) + pull) / (
+        h * math.cos(t) + b * math.sin(t)
+    )
+    found = uplift_acceleration(
+        bench, sloped, effect("adhesion"), {"strength": 1e-3 * strength}, expected
+    )
+    assert found == pytest.approx(expected, rel=0.02)
 
 
 def test_effects_act_alike_in_any_thread_and_order(trials: list[Trial]) -> None:
@@ -294,26 +317,91 @@ def test_effects_act_alike_in_any_thread_and_order(trials: list[Trial]) -> None:
         assert a.state.tobytes() == b.state.tobytes()
 
 
-def test_one_s_own_effect_is_checked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_one_s_own_effect_is_checked(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vsr2.effects.registry._registered", {})
     assert main(["effects", "check", str(ROOT / "docs" / "examples" / "soft_pad.py")]) == 0
     out = capsys.readouterr().out
     assert "soft_pad: passes" in out
     assert "neutral: yes" in out
-    dead = tmp_path / "dead.py"
-    dead.write_text(
-        "from vsr2.effects import Effect, Parameter\n"
-        "class Dead(Effect):\n"
-        "    name = 'dead'\n    meaning = 'does nothing'\n    stage = 'contact'\n"
-        "    parameters = (Parameter('size', '1', 0.0, 0.0, 1.0, 'uniform', 'of nothing'),)\n"
-    )
-    assert main(["effects", "check", str(dead)]) == 1
+
+
+OWN = """
+from dataclasses import replace
+from vsr2.effects import Effect, Parameter
+
+class Own(Effect):
+    name = "own"
+    meaning = "of one's own"
+    stage = "contact"
+    parameters = (Parameter("size", "1", 0.0, 0.0, 1.0, "uniform", "of it"),)
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ("", ["alive: NO, 0 times the floor", "right: NO, its `verify` gives no check"]),
+        (
+            # Acts at its null value, too.
+            "    def is_null(self, values):\n        return False\n"
+            "    def change(self, setup, values):\n"
+            "        soft = setup.contact.rock.model_copy(update={'stiffness': 1e6})\n"
+            "        contact = setup.contact.model_copy(update={'rock': soft})\n"
+            "        return replace(setup, contact=contact)\n",
+            ["neutral: NO: the trajectory differs at the null value"],
+        ),
+    ],
+    ids=["dead", "leaky"],
+)
+def test_an_effect_that_fails_a_check_is_told(
+    body: str, told: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "own.py").write_text(OWN + body)
+    assert main(["effects", "check", str(tmp_path / "own.py")]) == 1
     out = capsys.readouterr().out
-    assert "alive: NO, 0 times the floor" in out
-    assert "right: NO" in out
-    empty = tmp_path / "empty.py"
-    empty.write_text("x = 1\n")
-    assert main(["effects", "check", str(empty)]) == 2
-    assert "defines no class" in capsys.readouterr().err
+    assert "own: FAILS" in out
+    for text in told:
+        assert text in out
+
+
+@pytest.mark.parametrize(
+    ("source", "told"),
+    [
+        ("x = 1\n", "defines no class derived from vsr2.effects.Effect"),
+        ("class Own(:\n", r"cannot be imported \(SyntaxError"),
+        (OWN.replace('    stage = "contact"\n', ""), "Own: lacks the attribute `stage`"),
+        (OWN.replace('"contact"', '"geometri"'), "stage 'geometri' is not one of geometry"),
+        (OWN.replace('"own"', '"catch"'), "'catch': the name is taken"),
+        (OWN.replace('"own"', '"my own"'), "'my own' is no name"),
+        (OWN.replace("(Parameter(", "(dict(").replace('"size", "1", 0.0, 0.0, 1.0, "uniform", ', "")
+         .replace('"of it"', ""), "`parameters` holds {}, which is no Parameter"),
+        (OWN.replace('"uniform", "of it"', '"loguniform", "of it"'), "positive lower end"),
+        (OWN + "    channels = ('tilts',)\n", "'tilts' is no channel; known are motion, tilt"),
+        (
+            OWN + "    def change(self, setup, values):\n        pass\n",
+            "`change` must return a Setup .returned NoneType",
+        ),
+        (
+            OWN + "    def change(self, setup, values):\n        return values['length']\n",
+            "effect 'own' fails at the far end of its prior: KeyError: 'length'",
+        ),
+    ],
+)  # fmt: skip
+def test_bad_modules_are_refused_clearly(
+    source: str, told: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "bad.py").write_text(source)
+    assert main(["effects", "check", str(tmp_path / "bad.py")]) == 2
+    assert re.search(told, capsys.readouterr().err)
+
+
+def test_modules_that_are_not_there_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "check", "nowhere/own.py"]) == 2
+    assert "nowhere/own.py: no such file" in capsys.readouterr().err
+    assert main(["effects", "check", "no_such_package.own"]) == 2
+    assert "cannot be imported (ModuleNotFoundError" in capsys.readouterr().err
 
 
 def test_the_list_prints_all(capsys: pytest.CaptureFixture[str]) -> None:

@@ -146,6 +146,7 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
         ("start: {yaw: 10.0}", "start: {mode: pose, position: [0, 0, 3]}", "use `mode: yaw`"),
         ("  points: 5", "  point: 5", r"fragility.point: .*did you mean `points`"),
         ("fragility:", "fragilty:", "did you mean `fragility`"),
+        ("outcome:", "effects: {table_gian: {change: 0.1}}\noutcome:", "effects: .*table_gain"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(study, old, new, match):
@@ -203,3 +204,45 @@ def test_a_study_runs_to_tables_figures_and_page_and_resumes(study, tmp_path, ca
     assert code in (0, 1)
     for name in ("plan.csv", "curve_pga_g.csv", "surface.csv", "lognormal.csv"):
         assert (part / name).read_bytes() == (out / name).read_bytes()
+
+
+def test_effects_act_and_measures_stay_those_of_the_motion(study):
+    from vsr2.fragility import run_fragility
+
+    plain = run_fragility(study(), threads=1)
+    gain = ("outcome:", "effects: {table_gain: {change: 0.15}, placement: {yaw: 5.0}}\noutcome:")
+    more = run_fragility(study(gain), threads=1)
+    np.testing.assert_array_equal(more.measures["pga_g"], plain.measures["pga_g"])
+    assert more.overturned.sum() > plain.overturned.sum()
+    # Every replicate draws anew, and more of them leave the earlier ones as they are.
+    third = run_fragility(study(gain, ("replicates: 2", "replicates: 3")), threads=1)
+    kept = np.array([one.replicate < 2 for one in third.planned])
+    for name in ("peak_tilt", "final_tilt"):
+        np.testing.assert_array_equal(third.batch[name][kept], more.batch[name])
+
+
+def test_killed_while_drawing_it_resumes_without_simulating(study, tmp_path, monkeypatch):
+    import vsr2.report.fragility as report
+    import vsr2.simulation.batch as batch
+
+    study()
+    path, out = tmp_path / "study.yaml", tmp_path / "out"
+
+    def killed(*_):
+        raise SystemExit(137)
+
+    def none_left(trials, *_, **__):
+        assert not trials
+
+    with monkeypatch.context() as patch:
+        patch.setattr(report, "write_fragility_report", killed)
+        with pytest.raises(SystemExit):
+            run(path, "--out", out, "--threads", 1, "--quiet")
+    assert (out / "lognormal.csv").exists()
+    assert not (out / "report.md").exists()
+    with monkeypatch.context() as patch:
+        patch.setattr(batch, "run_native", none_left)
+        assert run(path, "--out", out, "--resume", "--quiet") in (0, 1)
+    assert (out / "figures" / "surface.png").exists()
+    assert (out / "report.md").exists()
+    assert not (out / JOURNAL_FILE).exists()

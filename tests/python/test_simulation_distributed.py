@@ -23,7 +23,16 @@ from vsr2.cli.main import main
 from vsr2.config.study import Outcome, Output, Study
 from vsr2.errors import ResultError, SimulationError
 from vsr2.results import JOURNAL_FILE, BatchResult, load_result, load_trial_log, prepare_folder
-from vsr2.simulation import Shard, Trial, connect, merge_shards, run_batch, run_shard, study_trials
+from vsr2.simulation import (
+    Shard,
+    Trial,
+    apply_effects,
+    connect,
+    merge_shards,
+    run_batch,
+    run_shard,
+    study_trials,
+)
 from vsr2.simulation.distributed import MAX_CHUNK_BYTES, _chunks
 
 # Not the fastest engine, so that there is time to interfere.
@@ -146,6 +155,21 @@ def test_a_cluster_gives_the_bits_of_this_machine(
     assert result.provenance["workers"] == 2
     assert result.provenance["processors"] == [result.provenance["processor"]]
     assert result.provenance["scheduler"].startswith("tcp://127.0.0.1:")
+
+
+def test_a_cluster_carries_effects(client: Any, trials: list[Trial]) -> None:
+    changed = apply_effects(
+        trials[::8],
+        {
+            "edge_rounding": {"radius": 0.006}, "restitution": {"energy_ratio": 0.8},
+            "table_pitch": {"compliance": 0.005}, "base_slope": {"angle": 1.0},
+            "placement": {"yaw": 5.0}, "outcome_rule": {"tilt": 0.1},
+        },
+    )  # fmt: skip
+    here, there = run_batch(changed, threads=1), run_batch(changed, client=client)
+    assert_same(here, there)
+    assert there.provenance["effects"] == here.provenance["effects"]
+    np.testing.assert_array_equal(here["outcome"] == "overturned", here["peak_tilt"] >= 0.1)
 
 
 def test_a_killed_worker_loses_nothing(

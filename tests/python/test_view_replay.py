@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from synthetic_results import falling_log, make_log, make_result
+from synthetic_results import CENTER_HEIGHT, falling_log, make_log, make_result
 from vsr2.errors import ResultError, Vsr2Error
 from vsr2.results import CONTACT_COLUMNS, TrialLog, save_models, save_result
 from vsr2.scene import Box
@@ -76,6 +77,40 @@ def test_contacts_stand_until_the_next_are_logged() -> None:
     assert x_at(0.29) == []
     assert x_at(0.3) == [4.0]
     assert replay_of(make_log(np.array([0.0, 1.0]))).contacts(0.0).shape == (0, 3)
+
+
+def log_in_space() -> TrialLog:
+    """A rock that stands still on a pedestal which goes along x, y, z and pitches."""
+    time = np.linspace(0.0, 1.0, 6)
+    achieved, pitch = 0.1 * time, 0.2 * time
+    side = np.column_stack([-0.05 * time, 0.03 * time, pitch])
+    pivot = np.array([0.2, 0.0, 1.5])
+    turned = Rotation.from_rotvec(np.outer(pitch, [0.0, 1.0, 0.0]))
+    settled = np.array([0.0, 0.0, CENTER_HEIGHT])
+    moved = np.column_stack([achieved, side[:, :2]])
+    log = make_log(
+        time,
+        achieved=achieved,
+        rotations=turned,
+        position=pivot + moved + turned.apply(settled - pivot),
+    )
+    return replace(log, excursions=side, pivot=pivot)
+
+
+def test_a_pedestal_that_moves_in_space_carries_its_rock(tmp_path: Path) -> None:
+    log = log_in_space()
+    assert np.abs(log.slip).max() < 1e-12
+    replay = replay_of(log)
+    turned = Rotation.from_quat(replay.pedestal_orientation)
+    carried = replay.pedestal_position + turned.apply([0.0, 0.0, CENTER_HEIGHT])
+    np.testing.assert_allclose(carried, log.position, atol=1e-12)
+    np.testing.assert_allclose(turned.as_quat(), replay.rock_orientation, atol=1e-12)
+    with ReplayServer(saved(tmp_path, log)) as server:
+        server.show(1.0)
+        pedestal = server._drawing._pedestal
+        np.testing.assert_allclose(pedestal.position, replay.pedestal_position[-1])
+        w, x, y, z = pedestal.wxyz
+        np.testing.assert_allclose((x, y, z, w), replay.pedestal_orientation[-1])
 
 
 def test_load_replay(tmp_path: Path) -> None:

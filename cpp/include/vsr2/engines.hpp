@@ -27,6 +27,7 @@ std::unique_ptr<World> make_exact_world(std::shared_ptr<const Scene> scene, Driv
 enum class Handover {
   none,
   off_the_top,  ///< the rock's lowest point came near the edge of the pedestal's top
+  motor_on_a_slope,  ///< a motor along x drives a top that is not level
   too_deep,     ///< the rock went deeper into the pedestal than the contact geometry holds for
 };
 

@@ -184,7 +184,12 @@ def evaluations_at_most(settings: CalibrationSettings) -> int | None:
     )
     searches = 1 + settings.folds
     judged = searches if method.screen or settings.judged_with else 0
-    sets = method.design + searches * method.refine + (slices if method.profile_points else 0)
+    sets = (
+        method.design
+        + len(method.sets)
+        + searches * method.refine
+        + (slices if method.profile_points else 0)
+    )
     return sets + judged
 
 
@@ -388,6 +393,7 @@ def _search(study: CalibrationStudy, evaluate: _Remembered, seed: int) -> Search
     def search(score: Score, part: int) -> list[Step]:
         if not design:
             sets = design_values(parameters, start, method.design, seed)
+            sets += [dict(start) | given for given in method.sets]
             design.extend(evaluate(values) for values in sets)
         own = int(np.random.SeedSequence(seed, spawn_key=(part,)).generate_state(1)[0])
         return joint_search(parameters, design, evaluate, score, method, own)

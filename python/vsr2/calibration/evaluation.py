@@ -25,7 +25,7 @@ from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, chan
 from vsr2.results import has_journal, prepare_folder
 from vsr2.scene import PedestalBody, RockBody, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
-from vsr2.simulation import Trial, make_scene, run_batch
+from vsr2.simulation import Trial, apply_effects, make_scene, run_batch
 from vsr2.simulation.batch import plan_sha256
 
 JUDGED = ("ok", "tail_timeout")
@@ -183,6 +183,8 @@ class Evaluator:
         hash, which needs them, is kept beside it.
         """
         data = study.model_dump(mode="json", exclude={"name", "seed", "output"})
+        if study.effects:
+            data["seed"] = study.seed  # of what they draw
         for section in ("rock", "pedestal"):
             data[section].pop("file", None)
         for place in ("folder", "pattern", "mode"):
@@ -201,7 +203,7 @@ class Evaluator:
             update={"log_every": 0, "log_settling": False, "contacts_every": 0, "npy": False}
         )
         motions = self._driven(study)
-        return [
+        trials = [
             Trial(
                 scene=scene,
                 motion=motions[str(trial.motion_file)],
@@ -213,6 +215,14 @@ class Evaluator:
             )
             for trial in self._campaign.trials
         ]
+        order = np.array([trial.order for trial in self._campaign.trials], dtype=np.float64)
+        return apply_effects(
+            trials,
+            study.effects,
+            orders=(order - order.min()) / max(1.0, float(np.ptp(order))),
+            sessions=[trial.session for trial in self._campaign.trials],
+            seed=study.seed,
+        )
 
     def _driven(self, study: Study) -> dict[str, Motion]:
         """The motions by file; a scale is put on those of scale 1, which are kept."""

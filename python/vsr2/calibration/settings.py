@@ -13,7 +13,8 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.problems import shown
-from vsr2.config.study import FilePath, NonNegative, Real, Section
+from vsr2.config.study import FilePath, NonNegative, Real, Section, Study
+from vsr2.effects import chosen
 from vsr2.errors import ConfigError
 
 Value = (
@@ -81,6 +82,9 @@ class Joint(Section):
     kind: Literal["joint"]
     design: Annotated[int, Strict(), Field(ge=2, le=100_000)] = 64
     """Parameter sets that fill the ranges evenly, which know no outcomes and serve all folds."""
+    sets: Annotated[tuple[dict[Name, Value], ...], Field(max_length=10_000)] = ()
+    """Further sets to try, such as starts that statics suggests; parameters that one leaves out
+    have the study's own value. They serve all folds, so choose them without a look at outcomes."""
     refine: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 24
     """Parameter sets that the search adds, for all trials and again for each fold."""
     proposals: Literal["tpe", "cma"] = "tpe"
@@ -89,16 +93,19 @@ class Joint(Section):
     profile_points: Annotated[int, Strict(), Field(ge=0, le=200)] = 7
     """Values of each parameter that are tried with all others at their best; 0: none."""
     screen: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 0
-    """Sets of the design that are run on all trials; trials which end alike in all of these are
-    taken to do so in the other sets, too. The chosen sets are run on all trials in the end. 0: all
-    sets are run on all trials."""
+    """The first so many sets, of the design and then of `sets`, are run on all trials; trials which
+    end alike in all of these are taken to do so in the other sets, too. The chosen sets are run on
+    all trials in the end. 0: all sets are run on all trials."""
 
     @model_validator(mode="after")
     def _screen_fits(self) -> Self:
         if self.screen == 1:
             raise ValueError("screen: one set ends like itself; give 2 or more, or 0")
-        if self.screen > self.design:
-            raise ValueError(f"screen ({self.screen}) is more than design ({self.design})")
+        if self.screen > self.design + len(self.sets):
+            raise ValueError(
+                f"screen ({self.screen}) is more than design ({self.design}) and sets "
+                f"({len(self.sets)}) together"
+            )
         return self
 
 
@@ -169,11 +176,14 @@ def load_calibration(
     """
     complete = partial(_with_motions, label=os.fspath(path))
     study = load_extended(path, CalibrationSettings, overrides=overrides, complete=complete)
+    _with_known_effects(study.study, study.label)
+    _check_sets(study)
     for name, parameter in study.own.parameters.items():
         _check(study, name, parameter)
     for key in study.own.judged_with:
         study.value(key)
-    study.with_values(study.own.judged_with, label=f"{study.label}: judged_with")
+    label = f"{study.label}: judged_with"
+    _with_known_effects(study.with_values(study.own.judged_with, label=label), label)
     return study
 
 
@@ -214,10 +224,33 @@ def _check(study: CalibrationStudy, name: str, parameter: Parameter) -> None:
         )
     tried: Sequence[Plain] = parameter.range or parameter.values or ()
     for value in tried:
-        study.with_values(
-            dict.fromkeys(parameter.keys, value),
-            label=f"{study.label}: parameters.{name} at {shown(value)}",
-        )
+        label = f"{study.label}: parameters.{name} at {shown(value)}"
+        changed = study.with_values(dict.fromkeys(parameter.keys, value), label=label)
+        _with_known_effects(changed, label)
+
+
+def _check_sets(study: CalibrationStudy) -> None:
+    method = study.own.method
+    for i, given in enumerate(method.sets if isinstance(method, Joint) else ()):
+        odd = [name for name in given if name not in study.own.parameters]
+        if odd:
+            known = ", ".join(study.own.parameters)
+            raise ConfigError(
+                f"{study.label}: method.sets.{i}.{odd[0]}: is no parameter; known are {known}"
+            )
+        for name, value in (start_values(study) | given).items():
+            if not within(study.own.parameters[name], value):
+                raise ConfigError(
+                    f"{study.label}: method.sets.{i}.{name}: {shown(value)} lies outside the "
+                    "parameter's range"
+                )
+
+
+def _with_known_effects(study: Study, label: str) -> None:
+    try:
+        chosen(study.effects)
+    except ConfigError as error:
+        raise ConfigError(f"{label}: effects: {error}") from None
 
 
 def start_values(study: CalibrationStudy) -> dict[str, Plain]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsr2.effects import Effect
+    from vsr2.effects import Effect, Parameter
     from vsr2.simulation.effect_checks import EffectReport
 
 
@@ -42,6 +44,12 @@ def add_verbs(verbs: Any) -> None:
         help="a module (path of a .py file, or an importable name) with effects of one's own, or "
         "names of the library; by default all of the library",
     )
+    check.add_argument(
+        "--mesh",
+        type=Path,
+        metavar="FILE",
+        help="rock that stands for a scan (default: a made one)",
+    )
     check.set_defaults(run=_check)
 
 
@@ -50,7 +58,7 @@ def _list(options: argparse.Namespace) -> int:
     from vsr2.simulation.effect_checks import EffectChecker
 
     checker = EffectChecker()
-    rows = [("NAME", "STAGE", "FAST", "PARAMETERS", "CONFOUNDED WITH")]
+    rows = [("NAME", "STAGE", "FAST", "TOUCHES", "PARAMETERS", "CONFOUNDED WITH")]
     for effect in in_order(library()):
         parameters = "; ".join(
             f"{parameter.name}: {parameter.range_text}"
@@ -59,7 +67,14 @@ def _list(options: argparse.Namespace) -> int:
         )
         fast = "no" if checker.fast(effect) else "yes"
         rows.append(
-            (effect.name, effect.stage, fast, parameters, ", ".join(effect.confounded_with))
+            (
+                effect.name,
+                effect.stage,
+                fast,
+                ", ".join(effect.channels),
+                parameters,
+                ", ".join(effect.confounded_with),
+            )
         )
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     for row in rows:
@@ -79,7 +94,7 @@ def _show(options: argparse.Namespace) -> int:
         unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
         second = "; has no effect on its own" if parameter.secondary else ""
         print(f"parameter {parameter.name}{unit}: {parameter.meaning}")
-        print(f"  prior {parameter.range_text}; none given: {parameter.null:g}{second}")
+        print(f"  prior {parameter.range_text}; none given: {_null(parameter)}{second}")
     print(f"touches: {', '.join(one.channels)}")
     if one.confounded_with:
         print(f"confounded with: {', '.join(one.confounded_with)}")
@@ -90,11 +105,19 @@ def _show(options: argparse.Namespace) -> int:
     return 0
 
 
+def _null(parameter: Parameter) -> str:
+    if math.isnan(parameter.null):
+        return "as in the study"
+    if parameter.choices:
+        return parameter.choices[int(parameter.null)]
+    return f"{parameter.null:g}"
+
+
 def _check(options: argparse.Namespace) -> int:
     from vsr2.simulation.effect_checks import EffectChecker
 
     effects = _wanted(options.what)
-    checker = EffectChecker()
+    checker = EffectChecker(options.mesh)
     failed = 0
     for one in effects:
         report = checker.check(one)
@@ -121,7 +144,8 @@ def _print(report: EffectReport) -> None:
     neutral = "yes" if report.neutral else "NO: the trajectory differs at the null value"
     print(f"  neutral: {neutral}")
     ratios = ", ".join(
-        f"{ratio:.3g} times the floor on the {r}" for r, ratio in report.alive.items()
+        f"{found.ratio:.3g} times the floor on the {rock} ({found.feature})"
+        for rock, found in report.alive.items()
     )
     print(f"  alive: {'yes' if report.is_alive else 'NO'}, {ratios}")
     if not report.right:

@@ -49,7 +49,7 @@ def _run(options: argparse.Namespace) -> int:
 
     from vsr2.fragility import load_fragility, remove_old_tables, run_fragility, save_fragility
     from vsr2.report.fragility import lognormal_text, write_fragility_report
-    from vsr2.results import BatchResult, has_journal, prepare_folder
+    from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
 
     study = load_fragility(options.study, overrides=options.set)
     folder = options.out or Path("out") / study.study.name
@@ -65,9 +65,11 @@ def _run(options: argparse.Namespace) -> int:
             file=sys.stderr,
         )
         return 130
-    written = save_fragility(result, folder)
+    written = save_fragility(result, folder, keep_journal=True)
     if not options.no_figures:
         written += write_fragility_report(result, folder)
+    # Only now: killed while drawing, --resume draws without simulating again.
+    remove_journal(folder)
     if not options.quiet:
         print(lognormal_text(result))
         print("wrote:")

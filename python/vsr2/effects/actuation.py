@@ -557,9 +557,11 @@ def _beside(setup: Setup, name: str, share: float) -> Setup:
 class TablePitch(Effect):
     """A table that pitches.
 
-    The oscillator is driven by the table's acceleration, not by the rock; its turn about y on an
-    axis `depth` below the pedestal's top drives the pedestal. Under a sine it acts like a gain of 1
-    + compliance (1 + w^2 / p^2 + w^2 depth / g), p being the rock's frequency parameter.
+    A joint about y, `depth` below the pedestal's top, on a spring and a dashpot. What drives it is
+    the table's acceleration; that the rock pushes back is left out, as a table is much heavier. So
+    its turn is solved exactly beforehand, and the pedestal's pitch joint follows it. Under a sine
+    it acts like a gain of 1 + compliance (1 + w^2 / p^2 + w^2 depth / g), p being the rock's
+    frequency parameter.
     """
 
     name = "table_pitch"

@@ -141,8 +141,8 @@ class SpinFriction(Effect):
     meaning = "Torsional resistance of the contacts against turning about the vertical"
     parameters = (
         Parameter(
-            "coefficient", "1", math.nan, 0.0, 0.3, "uniform",
-            "of the pair; none given: the study's own (0.7 with the supplement's values)",
+            "coefficient", "m", math.nan, 0.0, 0.3, "uniform",
+            "lever arm of the pair; none given: the study's (0.7 m with the supplement's values)",
             limits=(0.0, 10.0),
         ),
     )  # fmt: skip

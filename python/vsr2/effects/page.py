@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
 import math
 import textwrap
@@ -56,24 +57,42 @@ cover effects.
 
 ## Three checks
 
-`vsr2 effects check` runs them on the library, `vsr2 effects check FILE.py` on one's own effects:
+`vsr2 effects check` runs them on the library, `vsr2 effects check FILE.py` on one's own effects;
+`--mesh FILE` takes a rock of one's own for the scan.
 
 - Neutral: the trajectory at the null value is that without the effect, to the last bit.
-- Alive: at the far end of the prior some feature of the response (log of the largest tilt, yaw,
-  slip, outcome) changes by more than three times its noise floor, on a block and on a rock with
-  the irregular hull of a scan, both under four pulses. The floor is what moving the start by 10
-  micrometres and 10 microradians does, and at least 1 % of the largest tilt, 0.5 mrad of yaw, 0.1
-  mm of slip.
+- Alive: at the end of the prior that is far from null some feature of the response (log of the
+  largest tilt, yaw, slip, outcome) changes by more than three times its noise floor, on a block and
+  on a rock with the irregular hull of a scan, both under three pulses that make them rock and one
+  that makes them slide. The floor is measured: what moving the start by 10 micrometres and 10
+  microradians does; and at least 1 % of the largest tilt, 0.5 mrad of yaw, 0.1 mm of slip.
 - Right: the closed forms, conservation laws or independent computations of the effect's own
-  `verify` are met. They are named below.
+  `verify` are met. `vsr2 effects check NAME` prints them, with what was measured and expected.
+
+In `tests/python/test_effects_library.py` they are `test_neutral`, `test_alive` (on the block and on
+`models/pbr_scan.obj`) and `test_right`, each run for each effect; `pytest -k NAME` picks one.
+`studies/effect_checks.py` measured this table (`docs/results/effects/checks.csv` has more digits):
+
+{checks}
+
+"Other end" is the end of the prior near null, where that is not null itself. An effect may be dead
+there, as a contact ten times as stiff is on these rocks, or a cap that the table does not reach.
+"Fast" is the greatest difference of the tilt between the engines `exact` and `fast` over the first
+0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 24 trials, `fast`
+less `exact`, with its standard error; both on the block and on the scan. A scan on three points is
+chaotic: there differences of rounding may grow within 0.3 s, and shifts come from trials that went
+apart.
 
 ## What is one effect
 
 With phi = tilt / alpha the planar equation of rocking holds the motion only as a / (g tan alpha).
-So `table_gain` and `slenderness` are one effect but for the frequency parameter; measured, largest
-tilts relative to alpha agree within 2 % where the effect itself is 6 %. A stiff `table_pitch` acts
-like a gain of 1 + c (1 + w^2 / p^2) under a sine; measured within 4 %
-(`tests/python/test_effects_apply.py`).
+So `table_gain` and `slenderness` are one effect but for the frequency parameter, which a lower mass
+centre changes by a quarter as much. A stiff `table_pitch` acts like a gain of 1 + k,
+k = c (1 + w^2 / p^2), under a sine: in proportion to the acceleration. Measured
+(`studies/effect_equivalences.py`, `docs/results/effects/equivalences.csv`; tests
+`test_table_gain_and_slenderness_are_one_effect` and `test_stiff_pitch_is_a_gain`):
+
+![equivalences](results/effects/equivalences.png)
 
 ## One's own effect
 
@@ -95,26 +114,51 @@ In a program, `vsr2.effects.register(SoftPad)` adds it.
 
 ## The library
 
-Figures show a block of 0.4 m x 0.6 m x 1.2 m at the far end of the prior: its tilt under one cosine
-pulse, and the least PGA of a pulse that overturns it, by bisection (where overturning is no step in
-PGA it finds one of several). `studies/figure_effects.py` writes them and
-`docs/results/effects/thresholds.csv`.
+Figures show a block of 0.4 m x 0.6 m x 1.2 m with the values in their titles (the far end of the
+prior, or less where then nothing rocks): its tilt under one cosine pulse, and the overturning
+diagram, one trial a cell. `python studies/figure_effects.py` writes them and
+`docs/results/effects/thresholds.csv`, in about 95 s on one core.
 """
 
 
-def page_markdown(example: str) -> str:
+def page_markdown(example: str, checks: str) -> str:
     """The text of `docs/effects.md`.
 
     Args:
         example: source of the documented example.
+        checks: `docs/results/effects/checks.csv`.
     """
     from vsr2.effects.order import WEAR_STEPS
 
     head = HEAD.replace("{stages}", ", ".join(STAGES)).replace("{wear}", str(WEAR_STEPS))
-    parts = [head.replace("{example}", example)]
+    parts = [head.replace("{example}", example).replace("{checks}", _checks_table(checks))]
     for effect in in_order({effect.name: effect for effect in BUILT_IN}):
         parts += _section(effect)
     return "\n".join(parts)
+
+
+def _checks_table(text: str) -> str:
+    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    out = [
+        "| effect | neutral | alive, block | alive, scan | other end | right | fast | shift |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for row in rows:
+        ends = [row[f"other_end_{rock}"] for rock in _ROCKS]
+        cells = [f"`{row['effect']}`", "yes" if row["neutral"] == "true" else "NO"]
+        cells += [f"{row[f'alive_{rock}']} ({row[f'feature_{rock}']})" for rock in _ROCKS]
+        cells += [", ".join(ends) if all(ends) else "", row["right"]]
+        if row["fast"] == "yes":
+            cells.append(", ".join(row[f"early_{rock}_rad"] for rock in _ROCKS))
+            shifts = (f"{row[f'shift_{r}']} +- {row[f'shift_error_{r}']}" for r in _ROCKS)
+            cells.append(", ".join(shifts))
+        else:
+            cells += ["not taken", ""]
+        out.append("| " + " | ".join(cells) + " |")
+    return "\n".join(out)
+
+
+_ROCKS = ("block", "scan")
 
 
 def _section(effect: Effect) -> Iterator[str]:

@@ -10,16 +10,17 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import get_args
 
 from vsr2.effects.actuation import ACTUATION
 from vsr2.effects.contact import CONTACT
-from vsr2.effects.effect import STAGES, Effect
+from vsr2.effects.effect import STAGES, Channel, Effect
 from vsr2.effects.geometry import GEOMETRY
 from vsr2.effects.inertia import INERTIA
 from vsr2.effects.mechanism import MECHANISM
 from vsr2.effects.order import ORDER
 from vsr2.effects.outcome import OUTCOME
-from vsr2.effects.parameter import near
+from vsr2.effects.parameter import Parameter, near
 from vsr2.effects.start import START
 from vsr2.errors import ConfigError
 
@@ -145,8 +146,19 @@ def _checked(own: object, where: str) -> Effect:
         raise ConfigError(f"{label}: {own.name!r} is no name: letters, digits and _")
     if own.stage not in STAGES:
         raise ConfigError(f"{label}: stage {own.stage!r} is not one of {', '.join(STAGES)}")
-    if not own.parameters or all(parameter.secondary for parameter in own.parameters):
+    wrong = [parameter for parameter in own.parameters if not isinstance(parameter, Parameter)]
+    if wrong:
+        raise ConfigError(f"{label}: `parameters` holds {wrong[0]!r}, which is no Parameter")
+    names = [parameter.name for parameter in own.parameters]
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{label}: two parameters have the same name: {', '.join(names)}")
+    if all(parameter.secondary for parameter in own.parameters):
         raise ConfigError(f"{label}: needs a parameter that is not secondary")
+    unknown = sorted(set(own.channels) - set(get_args(Channel)))
+    if unknown:
+        raise ConfigError(
+            f"{label}: {unknown[0]!r} is no channel; known are {', '.join(get_args(Channel))}"
+        )
     return own
 
 

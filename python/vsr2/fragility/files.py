@@ -27,7 +27,7 @@ import numpy as np
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
-from vsr2.results import remove_journal, save_result
+from vsr2.results import has_journal, remove_journal, save_result
 from vsr2.results.atomic import write_atomic
 
 OWN_FILES = ("plan.csv", "surface.csv", "lognormal.csv", "report.md")
@@ -47,12 +47,15 @@ def remove_old_tables(folder: str | Path) -> None:
         raise ResultError(f"{path}: cannot be used ({error.strerror})") from error
 
 
-def save_fragility(result: FragilityResult, folder: str | Path) -> list[Path]:
+def save_fragility(
+    result: FragilityResult, folder: str | Path, *, keep_journal: bool = False
+) -> list[Path]:
     """Write trials, tables and provenance.
 
     Args:
         result: what to write.
         folder: that its batch kept its journal in, or a new one.
+        keep_journal: whether the journal of the trials stays, for what is still to be made of them.
 
     Returns:
         The files written.
@@ -70,10 +73,12 @@ def save_fragility(result: FragilityResult, folder: str | Path) -> list[Path]:
     if result.surface is not None:
         tables["surface.csv"] = curve_rows(result.surface, points)
     batch = replace(result.batch, provenance=result.provenance)
-    save_result(batch, path, streamed_logs=True)
+    # With a journal, what is there is an earlier try at this same result.
+    save_result(batch, path, streamed_logs=True, overwrite=has_journal(path))
     for name, rows in tables.items():
         _write(path / name, _csv(rows))
-    remove_journal(path)
+    if not keep_journal:
+        remove_journal(path)
     return [path / "trials.csv", path / "provenance.json", *(path / name for name in tables)]
 
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit, fit_fragility
 from vsr2.fragility.settings import FragilitySettings, FragilityStudy
-from vsr2.fragility.trials import PlannedTrial, fragility_trials
+from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
 from vsr2.motion import Motion, intensity_measures
 from vsr2.results import BatchResult
-from vsr2.simulation import run_batch
+from vsr2.simulation import Trial, apply_effects, run_batch
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,8 @@ class FragilityResult:
         settings: measures, azimuths, replicates, perturbations.
         batch: one row a trial.
         planned: what sets each trial apart.
-        measures: every intensity measure of each trial's motion as driven, by name, (trials,).
+        measures: every intensity measure of each trial's motion as driven, before effects, by name,
+            shape (trials,).
         used: trials with an outcome and positive measures, shape (trials,).
         curves: for every measure over all azimuths, by name.
         azimuth_curves: the same of each azimuth alone, by (name, azimuth); empty for one azimuth.
@@ -91,13 +92,38 @@ def run_fragility(
         GeometryError, MotionError, SimulationError: the study cannot be run.
         ResultError: the folder cannot be used, or no trial can be judged.
     """
-    trials, planned = fragility_trials(study)
+    asked, planned = fragility_trials(study)
     batch = run_batch(
-        trials, threads=threads, progress=progress, keep_logs=False, checkpoint=folder
+        _with_effects(study, asked, planned),
+        threads=threads,
+        progress=progress,
+        keep_logs=False,
+        checkpoint=folder,
     )
     if batch.provenance["interrupted"]:
         return batch
-    return fragility_result(study, batch, planned, [trial.motion for trial in trials])
+    return fragility_result(study, batch, planned, [trial.motion for trial in asked])
+
+
+def _with_effects(
+    study: FragilityStudy, trials: list[Trial], planned: list[PlannedTrial]
+) -> list[Trial]:
+    """The trials with the study's effects in them.
+
+    Every replicate is a campaign of its own to them, with its own draws, so that more replicates
+    leave the earlier ones as they are.
+
+    Raises:
+        ConfigError, GeometryError, MotionError, SimulationError: one cannot be applied.
+    """
+    changed = list(trials)
+    for replicate in sorted({one.replicate for one in planned}):
+        places = [i for i, one in enumerate(planned) if one.replicate == replicate]
+        seed = effect_seed(study.study.seed, replicate)
+        some = apply_effects([trials[i] for i in places], study.study.effects, seed=seed)
+        for i, trial in zip(places, some, strict=True):
+            changed[i] = trial
+    return changed
 
 
 def fragility_result(

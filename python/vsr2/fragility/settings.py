@@ -10,6 +10,7 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, load_extended
 from vsr2.config.study import AllRecordings, Real, Section, SingleRecording
+from vsr2.effects import chosen
 from vsr2.errors import ConfigError
 
 Measure = Literal[
@@ -48,7 +49,7 @@ class FragilitySettings(Section):
     """The section `fragility`."""
 
     measures: Annotated[tuple[Measure, ...], Field(min_length=1, max_length=2)] = ("pga_g",)
-    """Intensity measures, of the motions as driven; two of them: a surface, too."""
+    """Intensity measures, of the motions as driven, before effects; two of them: a surface, too."""
     target_pga: Annotated[tuple[Real, ...], Field(min_length=1, max_length=1000)] | None = None
     """Scale every recording to each of these PGAs [g]; none given: as they are."""
     azimuths: Annotated[tuple[Real, ...], Field(min_length=1, max_length=360)] | None = None
@@ -107,6 +108,10 @@ def load_fragility(
         ConfigError: what is wrong, by file, line and key.
     """
     study = load_extended(path, FragilityKeys, overrides=overrides)
+    try:
+        chosen(study.study.effects)
+    except ConfigError as error:
+        raise ConfigError(f"{study.label}: effects: {error}") from None
     own = study.own.fragility
     if own.target_pga is not None and not isinstance(
         study.study.motion, (SingleRecording, AllRecordings)

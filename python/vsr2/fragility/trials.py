@@ -47,7 +47,7 @@ class PlannedTrial:
 
 
 def fragility_trials(study: FragilityStudy) -> tuple[list[Trial], list[PlannedTrial]]:
-    """All trials of a fragility study, and what sets each apart.
+    """All trials of a fragility study, without its effects, and what sets each apart.
 
     Everything random is drawn here, from `seed` of the study and the place of motion, azimuth and
     replicate: results depend neither on threads nor on the order of running, and more replicates
@@ -131,6 +131,11 @@ def _motions(study: FragilityStudy) -> list[tuple[str, Motion]]:
 def _seed(seed: int, place: Sequence[int]) -> int:
     sequence = np.random.SeedSequence(seed, spawn_key=tuple(place))
     return int(sequence.generate_state(1, np.uint32)[0])
+
+
+def effect_seed(seed: int, replicate: int) -> int:
+    """Seed of what the study's effects draw in a replicate."""
+    return _seed(seed, (replicate,))
 
 
 def _draw(

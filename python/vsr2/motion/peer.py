@@ -49,7 +49,8 @@ def read_peer(path: Path, content: bytes, units: RecordUnits | None) -> Record:
     if row is None:
         raise MotionError(
             f"{path}: no line `NPTS=..., DT=... SEC` or `... NPTS, DT` among the first "
-            f"{_HEADER_LINES}; save other text as two columns (format='columns')"
+            f"{_HEADER_LINES}; save other text as two columns "
+            "(`--format columns`, in Python format='columns')"
         )
     found = _samples_and_interval(lines[row])
     assert found is not None

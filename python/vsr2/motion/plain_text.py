@@ -93,7 +93,8 @@ def read_original_tab(path: Path, content: bytes, units: RecordUnits | None) -> 
             raise MotionError(
                 f"{path}: rows 1 and 2: no header of the original: a title and then `18000,0.005`, "
                 "`# number of velocity points: 754, dt: 0.005`, or `ground_motion_id`, `time`, "
-                "`velocity`; read two plain columns with format='columns'"
+                "`velocity`; read two plain columns with `--format columns`, in Python "
+                "format='columns'"
             )
         start, count, interval = 2, int(plain[1]), cell_number(path, 2, 1, plain[2])
     if count > MAX_SAMPLES:

@@ -155,8 +155,9 @@ def _curve_title(fit: FragilityFit) -> str:
     if fit.lognormal is None:
         return fit.note
     found = fit.lognormal
-    text = f"median {found.median:.3g} ({found.median_lower:.3g} to {found.median_upper:.3g}), "
-    text += f"$\\beta$ {found.beta:.2g}"
+    unit = MEASURE_LABELS[fit.names[0]].rpartition("[")[2].rstrip("]")
+    text = f"median {found.median:.3g} {unit} ({found.median_lower:.3g} to "
+    text += f"{found.median_upper:.3g}), $\\beta$ {found.beta:.2g}"
     if fit.separated:
         text += "; outcomes separated"
     return text if found.fits else text + "; not lognormal"
@@ -196,6 +197,8 @@ def surface_figure(result: FragilityResult) -> Figure:
     The lines of the left panel are P = 0.16, 0.5 and 0.84; dashed: where the band's ends are 0.5.
     Both panels are blank outside the simulated intensities.
     """
+    from matplotlib.patheffects import withStroke
+
     fit = result.surface
     assert fit is not None
     count = 81
@@ -245,7 +248,11 @@ def surface_figure(result: FragilityResult) -> Figure:
     for level, color in ((0.16, BLACK), (0.5, VERMILION), (0.84, "white")):
         if probability.min() < level < probability.max():
             drawn = panel.contour(x, y, probability, levels=[level], colors=color, linewidths=1.2)
-            panel.clabel(drawn, fmt=lambda value: f"{value:g}", fontsize="x-small")
+            labels = panel.clabel(drawn, fmt=lambda value: f"{value:g}", fontsize="small")
+            for label in labels:
+                # Legible on every shade and across the neighbouring lines.
+                label.set_color(BLACK)
+                label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
     for end in (lower, upper):
         if end.min() < 0.5 < end.max():
             panel.contour(

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from vsr2.config.study import (
     BoxRock,
     Contact,
     Engine,
+    MeshRock,
     Outcome,
     Output,
     PrismPedestal,
@@ -92,12 +95,18 @@ def trial_of(setup: Setup, *, tail: float = 0.0, log_every: int = 1, name: str =
 class EffectBench:
     """The bench of :class:`vsr2.effects.Bench`.
 
-    The engine is `exact`, without Bullet's damping of velocities, so that laws of conservation
-    hold.
+    The engine is without Bullet's damping of velocities, so that laws of conservation hold.
+
+    Args:
+        mode: of the engine.
+        mesh: file of the rock that stands for a scan; by default a made one, :func:`boulder`.
     """
 
-    def __init__(self) -> None:
-        self._engine = Engine(mode="exact", linear_damping=0.0, angular_damping=0.0)
+    def __init__(
+        self, mode: Literal["parity", "exact", "fast", "auto"] = "exact", mesh: Path | None = None
+    ) -> None:
+        self._engine = Engine(mode=mode, linear_damping=0.0, angular_damping=0.0)
+        self._mesh = mesh
 
     def block(self) -> Setup:
         """A homogeneous block, 0.4 m x 0.6 m x 1.2 m, on an even pedestal, at rest."""
@@ -119,7 +128,12 @@ class EffectBench:
 
     @cached_property
     def _scan(self) -> Setup:
-        return self._setup(boulder(2.0 * self._engine.collision_margin))
+        clearance = 2.0 * self._engine.collision_margin
+        if self._mesh is None:
+            return self._setup(boulder(clearance))
+        given = MeshRock(shape="mesh", file=self._mesh, density=DENSITY)
+        pedestal = build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
+        return self._setup(build_rock(given, pedestal, clearance=clearance))
 
     def _setup(self, rock: RockBody) -> Setup:
         return Setup(

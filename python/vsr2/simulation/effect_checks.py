@@ -9,35 +9,64 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, Setup
-from vsr2.errors import SimulationError
+from vsr2.errors import SimulationError, Vsr2Error
+from vsr2.motion import Motion
 from vsr2.results import BatchResult
-from vsr2.scene import Pose
+from vsr2.scene import Pose, start_support
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation.batch import Trial, run_batch
 from vsr2.simulation.bench import EffectBench, fast_violation, trial_of
 from vsr2.simulation.effects import with_effects
 
 Array = NDArray[np.float64]
+Rock = Literal["block", "scan"]
+ROCKS: tuple[Rock, ...] = ("block", "scan")
 
-PULSES = ((6.0, 2.0), (6.5, 1.6), (9.0, 3.0), (16.0, 4.0))
-"""PGA [m/s^2] and frequency [Hz] of the motions under which effects must be alive."""
-DRAWS = 2
+PULSES = ((1.55, 2.0), (1.9, 2.1), (2.75, 3.3))
+"""PGA over that of uplift, and frequency [Hz], of motions under which effects must be alive."""
+SLIDING_PULSE = (25.0, 6.0)
+"""PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
+DRAWS = 4
 """Starts."""
 TAIL = 1.5
 """Of these trials [s]."""
 ALIVE = 3.0
 """Times the floor by which responses must change."""
-FEATURES = {"log10 of the largest tilt": 0.004, "yaw": 5e-4, "slip": 1e-4, "overturned": 0.03}
-"""What is compared, with the least floor: [1], [rad], [m], [1]."""
+FEATURES = {"largest tilt": 0.004, "yaw": 5e-4, "slip": 1e-4, "overturned": 0.03}
+"""What is compared, with the least floor: log10 [1], [rad], [m], [1]."""
+PERTURBATION = 1e-5
+"""Standard deviation of the place [m] and turn [rad] of a start."""
 TURN = 30.0
 """Of the block, so that its response is not plane [degree]."""
+
+
+@dataclass(frozen=True)
+class Liveness:
+    """How much an effect changes responses.
+
+    Attributes:
+        ratio: greatest change of a feature over its noise floor, mean over motions and starts.
+        feature: which that is.
+    """
+
+    ratio: float
+    feature: str
+
+    @property
+    def good(self) -> bool:
+        """Alive."""
+        return self.ratio > ALIVE
 
 
 @dataclass(frozen=True)
@@ -47,21 +76,21 @@ class EffectReport:
     Attributes:
         effect: that was checked.
         neutral: the trial at its null value is the same to the last bit.
-        alive: change over noise floor, by rock.
+        alive: by rock.
         right: its closed forms.
         fast: why the engine `fast` does not take it on the block; empty: it does.
     """
 
     effect: Effect
     neutral: bool
-    alive: dict[str, float]
+    alive: dict[Rock, Liveness]
     right: tuple[Check, ...]
     fast: str
 
     @property
     def is_alive(self) -> bool:
         """Alive on all rocks."""
-        return all(ratio > ALIVE for ratio in self.alive.values())
+        return all(found.good for found in self.alive.values())
 
     @property
     def is_right(self) -> bool:
@@ -75,27 +104,41 @@ class EffectReport:
 
 
 class EffectChecker:
-    """Checks effects; what they share is simulated once."""
+    """Checks effects; what they share is simulated once.
 
-    def __init__(self, bench: EffectBench | None = None) -> None:
-        self.bench = EffectBench() if bench is None else bench
-        self._plain: dict[str, tuple[list[Trial], Array]] = {}
+    Args:
+        mesh: file of the rock that stands for a scan; by default a made one.
+    """
+
+    def __init__(self, mesh: Path | None = None) -> None:
+        self.bench = EffectBench(mesh=mesh)
+        # The engine that studies get, which is the fast one where it takes the scene.
+        self._quick = EffectBench("auto", mesh)
+        self._plain: dict[Rock, tuple[list[Trial], Array]] = {}
 
     def check(self, effect: Effect) -> EffectReport:
-        """All three checks of an effect."""
-        return EffectReport(
-            effect=effect,
-            neutral=self.neutral(effect),
-            alive={rock: self.alive(effect, rock) for rock in ("block", "scan")},
-            right=tuple(effect.verify(self.bench)),
-            fast=self.fast(effect),
-        )
+        """All three checks of an effect.
+
+        Raises:
+            SimulationError: a hook of the effect fails; names it.
+        """
+        with _naming(effect, "at its null value"):
+            neutral = self.neutral(effect)
+        with _naming(effect, "at the far end of its prior"):
+            alive = {rock: self.alive(effect, rock) for rock in ROCKS}
+            fast = self.fast(effect)
+        with _naming(effect, "in `verify`"):
+            right = tuple(effect.verify(self.bench))
+        return EffectReport(effect=effect, neutral=neutral, alive=alive, right=right, fast=fast)
 
     def neutral(self, effect: Effect) -> bool:
-        """Whether a trial with the null values is the same to the last bit."""
-        setup = replace(self.bench.block(), motion=self.bench.pulse(4.0, 2.0))
+        """Whether a trial with the null values is the same to the last bit, on both rocks."""
+        return all(self._neutral(effect, self._setup(rock)) for rock in ROCKS)
+
+    def _neutral(self, effect: Effect, setup: Setup) -> bool:
         # Two trials, so that the order has an end.
-        plain = [trial_of(setup, tail=0.5)] * 2
+        shaken = replace(setup, motion=self._quick.pulse(4.0, 2.0))
+        plain = [trial_of(shaken, tail=0.5)] * 2
         null = with_effects(plain, [(effect, effect.null())], orders=[0.0, 1.0])
         first, second = run_batch(plain, threads=1), run_batch(null, threads=1)
         same = [
@@ -104,17 +147,25 @@ class EffectChecker:
         ]
         return all(same) and list(first["outcome"]) == list(second["outcome"])
 
-    def alive(self, effect: Effect, rock: str) -> float:
-        """Greatest change of a feature at the prior's far end, over its noise floor."""
+    def alive(
+        self, effect: Effect, rock: Rock, values: Mapping[str, float] | None = None
+    ) -> Liveness:
+        """Greatest change of a feature over its noise floor; by default at the prior's far end."""
         trials, plain = self._without(rock)
-        orders = [1.0] * len(trials)
-        changed = with_effects(trials, [(effect, effect.extreme())], orders=orders)
-        moved = np.abs(_features(run_batch(changed, threads=1)) - plain.reshape(len(trials), -1))
-        floor = np.array(list(FEATURES.values()))
-        spread = np.abs(plain[:, :, None] - plain[:, None, :])
-        pairs = DRAWS * (DRAWS - 1)
-        floor = np.maximum(floor, spread.sum(axis=(0, 1, 2)) / (len(PULSES) * pairs))
-        return float((moved.mean(axis=0) / floor).max())
+        wanted = effect.extreme() if values is None else effect.complete(values)
+        changed = with_effects(trials, [(effect, wanted)], orders=[1.0] * len(trials))
+        after = _features(run_batch(changed, threads=1))
+        moved = np.nan_to_num(np.abs(after - plain.reshape(len(trials), -1)))
+        ratios = moved.mean(axis=0) / np.maximum(self.floor(rock), list(FEATURES.values()))
+        most = int(np.argmax(ratios))
+        return Liveness(float(ratios[most]), list(FEATURES)[most])
+
+    def floor(self, rock: Rock) -> Array:
+        """Mean difference of the features between perturbed starts, shape (4,)."""
+        _, plain = self._without(rock)
+        spread = np.nan_to_num(np.abs(plain[:, :, None] - plain[:, None, :]))
+        found: Array = spread.sum(axis=(0, 1, 2)) / (len(plain) * DRAWS * (DRAWS - 1))
+        return found
 
     def fast(self, effect: Effect) -> str:
         """Why `fast` does not take the block with the effect at its prior's far end."""
@@ -122,22 +173,77 @@ class EffectChecker:
         changed = with_effects([trial], [(effect, effect.extreme())], orders=[1.0])[0]
         return fast_violation(changed.scene)
 
-    def _without(self, rock: str) -> tuple[list[Trial], Array]:
+    def engines_differ(self, effect: Effect, rock: Rock, seconds: float) -> float:
+        """Greatest difference between the engines `exact` and `fast` with the effect [rad].
+
+        Of the tilt over the first seconds of shaking, under all motions, at the prior's far end.
+
+        Raises:
+            SimulationError: the engine `fast` does not take the rock with the effect.
+        """
+        tilts = []
+        for mode in ("exact", "fast"):
+            setup = self._setup(rock)
+            setup = replace(setup, engine=setup.engine.model_copy(update={"mode": mode}))
+            turn = TURN if rock == "block" else 0.0
+            start = _start(setup.start, turn, 0)
+            first = replace(trial_of(setup), start=start)
+            trials = [replace(first, motion=motion) for motion in shaking(setup, self._quick)]
+            trials = with_effects(trials, [(effect, effect.extreme())], orders=[1.0] * len(trials))
+            early = []
+            for log in run_batch(trials, threads=1).logs:
+                assert log is not None
+                shaken = log.tilt[log.time >= 0]
+                early.append(shaken[: round(seconds / setup.engine.time_step)])
+            tilts.append(early)
+        return max(float(np.abs(a - b).max()) for a, b in zip(*tilts, strict=True))
+
+    def _setup(self, rock: Rock) -> Setup:
+        return self._quick.block() if rock == "block" else self._quick.scan()
+
+    def _without(self, rock: Rock) -> tuple[list[Trial], Array]:
         if rock not in self._plain:
-            setup = self.bench.block() if rock == "block" else self.bench.scan()
-            trials = ensemble(setup, TURN if rock == "block" else 0.0, self.bench)
+            trials = ensemble(self._setup(rock), TURN if rock == "block" else 0.0)
             features = _features(run_batch(trials, threads=1))
-            self._plain[rock] = (trials, features.reshape(len(PULSES), DRAWS, -1))
+            self._plain[rock] = (trials, features.reshape(-1, DRAWS, len(FEATURES)))
         return self._plain[rock]
 
 
-def ensemble(setup: Setup, turn: float, bench: EffectBench) -> list[Trial]:
-    """Trials of all pulses with perturbed starts, pulse by pulse, on one scene."""
+@contextmanager
+def _naming(effect: Effect, where: str) -> Iterator[None]:
+    """Errors of a hook name the effect and the place."""
+    try:
+        yield
+    except Vsr2Error as error:
+        raise type(error)(f"effect {effect.name!r} fails {where}: {error}") from error
+    except Exception as error:
+        raise SimulationError(
+            f"effect {effect.name!r} fails {where}: {type(error).__name__}: {error}"
+        ) from error
+
+
+def shaking(setup: Setup, bench: EffectBench) -> list[Motion]:
+    """Motions under which the rock of a setup rocks, and slides."""
+    support = start_support(setup.body)
+    ends = support.polygon[:, 0]
+    slope = min(-float(ends.min()), float(ends.max())) / support.height
+    motions = [
+        bench.pulse(over * slope * setup.engine.gravity, frequency) for over, frequency in PULSES
+    ]
+    return [*motions, bench.pulse(*SLIDING_PULSE)]
+
+
+def ensemble(setup: Setup, turn: float) -> list[Trial]:
+    """Trials of all pulses with perturbed starts, pulse by pulse, on one scene.
+
+    Args:
+        setup: of the bench.
+        turn: of the rock about the vertical [degree].
+    """
     first = trial_of(setup, tail=TAIL, log_every=0)
-    first = replace(first, output=Output(log_every=0))
     return [
-        replace(first, motion=bench.pulse(pga, frequency), start=_start(setup.start, turn, draw))
-        for pga, frequency in PULSES
+        replace(first, motion=motion, start=_start(setup.start, turn, draw))
+        for motion in shaking(setup, EffectBench())
         for draw in range(DRAWS)
     ]
 
@@ -145,12 +251,13 @@ def ensemble(setup: Setup, turn: float, bench: EffectBench) -> list[Trial]:
 def _start(start: Pose, turn: float, draw: int) -> Pose:
     rng = np.random.default_rng(draw)
     x, y, z = start.position
-    dx, dy, yaw = (1e-5 * rng.standard_normal(3)) if draw else np.zeros(3)
-    rotation = yaw_quaternion(float(np.radians(turn) + yaw))
+    dx, dy, yaw = (PERTURBATION * rng.standard_normal(3)) if draw else np.zeros(3)
+    rotation = yaw_quaternion(math.radians(turn) + float(yaw))
     return Pose((float(x + dx), float(y + dy), z), multiply(rotation, start.orientation))
 
 
 def _features(result: BatchResult) -> Array:
+    """Shape (trials, 4), as FEATURES."""
     bad = [str(s) for s in result["status"] if s not in ("ok", "tail_timeout")]
     if bad:
         raise SimulationError(
@@ -159,12 +266,12 @@ def _features(result: BatchResult) -> Array:
         )
     tilt = np.clip(result["peak_tilt"].astype(float), 1e-5, 1.4)
     overturned = result["outcome"] == "overturned"
-    # Where the rock lies after overturning tells nothing.
+    # Where a rock lies after overturning tells nothing.
     return np.column_stack(
         [
             np.log10(tilt),
-            np.where(overturned, 0.0, result["final_yaw"].astype(float)),
-            np.where(overturned, 0.0, result["final_slip"].astype(float)),
+            np.where(overturned, np.nan, result["final_yaw"].astype(float)),
+            np.where(overturned, np.nan, result["final_slip"].astype(float)),
             overturned.astype(float),
         ]
     )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.effects import Applied, Circumstances, Effect, Setup, chosen
-from vsr2.errors import ConfigError
+from vsr2.errors import ConfigError, SimulationError
 from vsr2.simulation.batch import Trial
 from vsr2.simulation.scene import Scene, make_scene, scene_sha256
 
@@ -152,7 +152,13 @@ class _Workshop:
             shared += (id(setup.motion), setup.drive)
         key = (id(one.effect), repr(one.values), repr(shared))
         if key not in self._changed:
-            self._changed[key] = (setup, one.effect.change(setup, values))
+            changed = one.effect.change(setup, values)
+            if not isinstance(changed, Setup):
+                raise SimulationError(
+                    f"effect {one.effect.name!r}: `change` must return a Setup (returned "
+                    f"{type(changed).__name__})"
+                )
+            self._changed[key] = (setup, changed)
         made = self._changed[key][1]
         if one.effect.stage in SCENE_STAGES:
             made = replace(made, motion=setup.motion, drive=setup.drive)

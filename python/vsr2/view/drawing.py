@@ -187,7 +187,9 @@ class Drawing:
         points = replay.contacts(float(replay.time[row]))
         center = replay.log.position[row]
         with self._server.atomic():
-            self._pedestal.position = (float(replay.log.column("pedestal_position")[row]), 0.0, 0.0)
+            self._pedestal.position = tuple(float(v) for v in replay.pedestal_position[row])
+            px, py, pz, pw = (float(value) for value in replay.pedestal_orientation[row])
+            self._pedestal.wxyz = (pw, px, py, pz)
             self._rock.wxyz = (w, x, y, z)
             self._rock.position = tuple(float(value) for value in replay.rock_position[row])
             if len(points):

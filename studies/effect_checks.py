@@ -1,0 +1,108 @@
+"""The three checks of every effect, and how the engines agree: docs/results/effects/checks.csv.
+
+Alive: change of the response over the noise floor, at the prior's end far from null and at the
+other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
+`exact` and `fast` over the first 0.3 s of shaking; and, over 24 trials whose starts lie some tenths
+of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `fast` less that of
+`exact`, with its standard error (paired). Run from the repository's root (about 130 s on
+one core); docs/effects.md shows the table, `vsr2.effects.page` writes that:
+
+    python studies/effect_checks.py
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vsr2 import run_batch
+from vsr2.effects import Effect, in_order, library
+from vsr2.scene import Pose
+from vsr2.scene.rotation import multiply, yaw_quaternion
+from vsr2.simulation.bench import EffectBench, trial_of
+from vsr2.simulation.effect_checks import ROCKS, TURN, EffectChecker, Rock, shaking
+from vsr2.simulation.effects import with_effects
+
+MESH = Path("models/pbr_scan.obj")
+OUT = Path("docs/results/effects/checks.csv")
+EARLY = 0.3
+DRAWS = 6
+SPREAD = 3e-4
+"""Of these starts [m], [rad]."""
+
+
+def other_end(effect: Effect) -> dict[str, float] | None:
+    """The values at the prior's end near null; None where that is null itself."""
+    far = effect.extreme()
+    near = dict(far)
+    for parameter in effect.parameters:
+        if not parameter.secondary and parameter.prior != "fixed":
+            ends = (parameter.lower, parameter.upper)
+            near[parameter.name] = ends[0] if far[parameter.name] == ends[1] else ends[1]
+    return None if effect.is_null(near) else near
+
+
+def shift(effect: Effect, rock: Rock) -> tuple[float, float]:
+    """Mean difference of log10(largest tilt), `fast` less `exact`, and its standard error."""
+    logs = []
+    for mode in ("exact", "fast"):
+        bench = EffectBench("exact" if mode == "exact" else "fast", MESH)
+        setup = bench.block() if rock == "block" else bench.scan()
+        first = trial_of(setup, tail=1.5, log_every=0)
+        trials = []
+        for draw in range(DRAWS):
+            dx, dy, yaw = SPREAD * np.random.default_rng(draw).standard_normal(3)
+            x, y, z = setup.start.position
+            turn = yaw_quaternion(float(yaw) + math.radians(TURN if rock == "block" else 0.0))
+            start = Pose((float(x + dx), float(y + dy), z), multiply(turn, setup.start.orientation))
+            trials += [replace(first, motion=m, start=start) for m in shaking(setup, bench)]
+        trials = with_effects(trials, [(effect, effect.extreme())], orders=[1.0] * len(trials))
+        peaks = run_batch(trials, threads=1)["peak_tilt"].astype(float)
+        logs.append(np.log10(np.clip(peaks, 1e-5, 1.4)))
+    differences = logs[1] - logs[0]
+    return float(differences.mean()), float(differences.std(ddof=1) / math.sqrt(len(differences)))
+
+
+def main() -> None:
+    """Write the table."""
+    checker = EffectChecker(MESH)
+    columns = ["effect", "neutral"]
+    for rock in ROCKS:
+        columns += [f"alive_{rock}", f"feature_{rock}", f"other_end_{rock}"]
+    columns += ["right", "fast"]
+    for rock in ROCKS:
+        columns += [f"early_{rock}_rad", f"shift_{rock}", f"shift_error_{rock}"]
+    rows = [",".join(columns)]
+    floors = {rock: ", ".join(f"{v:.1e}" for v in checker.floor(rock)) for rock in ROCKS}
+    for effect in in_order(library()):
+        report = checker.check(effect)
+        near = other_end(effect)
+        cells = [effect.name, str(report.neutral).lower()]
+        for rock in ROCKS:
+            found = report.alive[rock]
+            end = "" if near is None else f"{checker.alive(effect, rock, near).ratio:.3g}"
+            cells += [f"{found.ratio:.3g}", found.feature, end]
+        met = sum(check.good for check in report.right)
+        cells += [f"{met} of {len(report.right)}", "no" if report.fast else "yes"]
+        for rock in ROCKS:
+            if report.fast:
+                cells += [""] * 3
+                continue
+            mean, error = shift(effect, rock)
+            early = checker.engines_differ(effect, rock, EARLY)
+            cells += [f"{early:.1e}", f"{mean:.4f}", f"{error:.4f}"]
+        rows.append(",".join(cells))
+        print(rows[-1], flush=True)
+    head = "# " + "; ".join(
+        f"measured floors of log10(largest tilt), yaw [rad], slip [m], overturned on the {rock}: "
+        f"{floor}"
+        for rock, floor in floors.items()
+    )
+    OUT.write_text("\n".join([head, *rows]) + "\n")
+
+
+if __name__ == "__main__":
+    main()
