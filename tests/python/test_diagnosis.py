@@ -68,7 +68,6 @@ def bench():
         ("M", "com_offset", (0.014,)),
         ("M", "restitution", (0.68,)),
         ("T", "restitution", (0.7,)),
-        ("T", "table_gain", (0.12,)),
     ],
 )
 def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:

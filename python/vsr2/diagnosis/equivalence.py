@@ -21,11 +21,6 @@ from vsr2.diagnosis.library import NONE
 
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
-EXCLUDED = 0.05
-"""A rival less probable than this share of its leader is ruled out by the campaign at hand, unless the
-two are the same to it (`SAME`)."""
-SAME = 1.0
-"""D [nat] below which nothing that a campaign shows can part two effects but their priors."""
 
 
 def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
@@ -75,7 +70,7 @@ def classes(
     observed: Data,
     exponent: float = 1.0,
 ) -> list[list[str]]:
-    """Partition of the effects: each leader takes those inseparable from it and not ruled out.
+    """Partition of the effects: each leader takes all that are inseparable from it.
 
     Args:
         probability: of each hypothesis.
@@ -92,15 +87,7 @@ def classes(
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        members = [leader] + [
-            n
-            for n in left[1:]
-            if exponent * found[n] < SAME
-            or (
-                exponent * found[n] < INSEPARABLE
-                and probability[n] >= EXCLUDED * probability[leader]
-            )
-        ]
+        members = [leader] + [n for n in left[1:] if exponent * found[n] < INSEPARABLE]
         out.append(members)
         left = [n for n in left if n not in members]
     return out
