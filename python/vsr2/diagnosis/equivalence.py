@@ -22,8 +22,8 @@ from vsr2.diagnosis.library import NONE
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
 EXCLUDED = 0.05
-"""A rival less probable than this share of its leader is ruled out by the campaign at hand, unless the
-two are the same to it (`SAME`)."""
+"""A rival less probable than this share of its leader is ruled out by the campaign at hand, unless
+the two are the same to it (`SAME`)."""
 SAME = 1.0
 """D [nat] below which nothing that a campaign shows can part two effects but their priors."""
 

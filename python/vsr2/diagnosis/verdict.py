@@ -13,8 +13,8 @@ NOVELTY_LEVEL = 0.05
 LEAST_PROBABILITY = 0.8
 """Of a class that is named."""
 UNEXPLAINED = 0.2
-"""Share of the gap that the best effect must leave to be called no explanation. A strong effect that
-closes nearly all of a large gap leaves a rest that is significant, because no emulator is perfect."""
+"""Share of the gap that the best effect must leave to be called no explanation. A strong effect
+that closes nearly all of a large gap leaves a significant rest, because no emulator is perfect."""
 
 
 @dataclass(frozen=True)

@@ -194,7 +194,11 @@ def _next(content: Mapping[str, Any]) -> str:
         text = f"<p>{escape(measure['what'][:1].upper() + measure['what'][1:])}.</p>"
         if measure.get("trial"):
             repeats = measure.get("repeats")
-            often = "no number of repeats" if repeats is None else f"about {repeats} repeats"
+            often = (
+                "no number of repeats"
+                if repeats is None
+                else f"about {repeats} repeat{'' if repeats == 1 else 's'}"
+            )
             text += (
                 f'<p class="note">Without new instruments: repeat trial {escape(measure["trial"])}'
                 f", where {escape(_listed(measure['splits'], 'and'))} differ most; {often} would "
