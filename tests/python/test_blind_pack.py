@@ -33,7 +33,7 @@ from vsr2.blind.verdict import DIAGNOSIS_FILE
 from vsr2.campaign import check_campaign, load_campaign
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
-from vsr2.diagnosis import diagnose
+from vsr2.diagnosis import Nuisances, diagnose
 from vsr2.effects import library as known_effects
 from vsr2.errors import BlindError, CampaignError
 
@@ -493,6 +493,13 @@ def pulses(seed, count):
 def bank_keys(path):
     with contextlib.closing(sqlite3.connect(path)) as file:
         return file.execute("SELECT key FROM runs").fetchall()
+
+
+def test_the_scene_rocks_under_all_nuisances(study) -> None:
+    # It would slide below a friction of b / h; the diagnosis' prior is exp(N(0, 0.1)).
+    friction = study.contact.rock.lateral_friction * study.contact.pedestal.lateral_friction
+    width, _, height = study.rock.size
+    assert friction * math.exp(-3 * Nuisances().friction) > 1.3 * width / height
 
 
 def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
