@@ -212,8 +212,10 @@ class Trial {
 
   void run(const TrialResult& settled) {
     const SettledStart& start = *spec_.start;
-    if (!run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every()))
-      return;
+    const bool rests =
+        run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every());
+    result_.engine = run_.engine();
+    if (!rests) return;
     // The shared settling came before this trial's own.
     std::vector<double> earlier = settled.log;
     for (std::size_t row = 0; row < earlier.size(); row += kLogColumns)
@@ -400,7 +402,9 @@ const TrialResult& SettledStart::settle(const std::atomic<bool>& cancel) {
         return;
       }
       Run run(scene_, drive_, X_WB0_, cancel, settled_);
-      if (!run.settle(rest_, timeout_, {}, log_every_)) return;
+      const bool rests = run.settle(rest_, timeout_, {}, log_every_);
+      settled_.engine = run.engine();
+      if (!rests) return;
       settled_.X_WB_settled = {run.rock().p_WB, run.rock().q_WB};
       settled_.status = Status::ok;
     } catch (const std::exception& error) {
@@ -419,6 +423,7 @@ TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
     if (settled.status != Status::ok) {
       result.status = settled.status;
       result.message = settled.message;
+      result.engine = settled.engine;
       result.settling_time = settled.settling_time;
       result.log = settled.log;
     } else {

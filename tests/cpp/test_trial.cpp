@@ -51,6 +51,7 @@ TEST(Trial, SettlingTimeoutIsAStatus) {
   EXPECT_EQ(result.outcome, Outcome::failed);
   EXPECT_TRUE(std::isnan(result.peak_tilt));
   EXPECT_NE(result.message.find("settling.timeout"), std::string::npos);
+  EXPECT_EQ(result.engine, "parity");
 }
 
 TEST(Trial, SettlingLogHasNegativeTimes) {

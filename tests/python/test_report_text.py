@@ -31,6 +31,16 @@ def test_summary_counts_outcomes_statuses_and_time() -> None:
     assert "interrupted" in lines[-1]
 
 
+def test_summary_says_which_engines_ran() -> None:
+    engines = np.array(["fast", "fast, then exact (off the top)", "fast", ""], dtype=object)
+    lines = summary_table(make_result([None] * 4, engine=engines)).splitlines()
+    start = lines.index("engine")
+    assert lines[start + 1].split() == ["fast", "2", "50.0", "%"]
+    assert lines[start + 2].startswith("  fast, then exact (off the top)")
+    assert lines[start + 2].split()[-3:] == ["1", "25.0", "%"]
+    assert lines[start + 3] == ""
+
+
 def test_summary_of_nothing_and_of_one() -> None:
     assert summary_table(make_result([])).splitlines()[:4] == ["0 trials", "", "outcome", "  none"]
     assert summary_table(make_result([None])).startswith("1 trial\n")

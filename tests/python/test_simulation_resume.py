@@ -216,6 +216,8 @@ def test_two_processes_cannot_write_one_journal(tmp_path: Path) -> None:
         journal.record(0, {"x": 1})
         with pytest.raises(ResultError, match="another process"):
             Journal(folder, "plan", 3)
+        with pytest.raises(ResultError, match="another process"):
+            prepare_folder(folder, overwrite=True)
     with Journal(folder, "plan", 3) as journal:
         assert journal.finished == {0: {"x": 1, "trial": 0}}
 

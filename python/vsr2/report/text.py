@@ -33,12 +33,13 @@ def printable(text: object) -> str:
 
 
 def summary_table(result: BatchResult) -> str:
-    """Counts of outcomes and statuses, failures with their messages, timing; several lines."""
+    """Counts of outcomes, statuses and engines, failures with their messages, timing."""
     count = len(result)
     lines = [f"{count} trial{'' if count == 1 else 's'}", "", "outcome"]
     lines += _counts(result["outcome"], OUTCOMES, count, lambda outcome: "")
     lines += ["", "status"]
     lines += _counts(result["status"], STATUSES, count, lambda s: _STATUS_MEANING.get(s, ""))
+    lines += _engines(result)
     lines += _failures(result)
     lines += _timing(result)
     return "\n".join(lines)
@@ -54,6 +55,19 @@ def _counts(
             line = f"  {name:<17}{number:>7}  {100 * number / count:5.1f} %  {meaning(name)}"
             lines.append(line.rstrip())
     return lines or ["  none"]
+
+
+def _engines(result: BatchResult) -> list[str]:
+    count = len(result)
+    names = [str(name) for name in np.unique(result["engine"].astype(str)) if name]
+    if not names:
+        return []
+    width = max(17, *(len(name) + 1 for name in names))
+    lines = ["", "engine"]
+    for name in names:
+        number = int(np.count_nonzero(result["engine"] == name))
+        lines.append(f"  {name:<{width}}{number:>7}  {100 * number / count:5.1f} %")
+    return lines
 
 
 def _failures(result: BatchResult) -> list[str]:

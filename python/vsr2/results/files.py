@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, write_atomic
-from vsr2.results.journal import JOURNAL_FILE
+from vsr2.results.journal import JOURNAL_FILE, refuse_running
 from vsr2.results.result import (
     CONTACT_COLUMNS,
     INTEGER_COLUMNS,
@@ -87,7 +87,8 @@ def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -
         The folder.
 
     Raises:
-        ResultError: it cannot be created or written to, or holds a result and `overwrite` is off.
+        ResultError: it cannot be created or written to, holds a result and `overwrite` is off, or
+            another process is writing one into it.
     """
     path = Path(folder)
     try:
@@ -104,6 +105,7 @@ def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -
             f"{path}: already holds a result ({present[0].name} and {len(present) - 1} more "
             "files); choose another folder, or overwrite it"
         )
+    refuse_running(path)
     _remove(present)
     return path
 

@@ -47,7 +47,7 @@ class Journal:
             _check_regular(self._path)
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT, 0o666)
             try:
-                self._lock()
+                _lock(self._file, self._path)
                 self.finished, end = _read(self._path, self._header)
                 os.ftruncate(self._file, end)
                 os.lseek(self._file, 0, os.SEEK_END)
@@ -76,16 +76,6 @@ class Journal:
                 f"{self._path}: cannot be written ({error.strerror}); free space and resume"
             ) from error
 
-    def _lock(self) -> None:
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno == errno.EWOULDBLOCK:
-                raise ResultError(
-                    f"{self._path}: another process is writing it; let that one finish, or end it"
-                ) from error
-            # A file system without locks, as some networks have: nothing to hold on to.
-
     def _append(self, entry: Mapping[str, Any]) -> None:
         line = (json.dumps(entry, separators=(",", ":")) + "\n").encode()
         start = os.lseek(self._file, 0, os.SEEK_CUR)
@@ -105,6 +95,17 @@ class Journal:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _lock(file: int, path: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno == errno.EWOULDBLOCK:
+            raise ResultError(
+                f"{path}: another process is writing it; let that one finish, or end it"
+            ) from error
+        # A file system without locks, as some networks have: nothing to hold on to.
 
 
 def _header(plan: str, trials: int) -> dict[str, Any]:
@@ -179,6 +180,23 @@ def read_journal(
 def has_journal(folder: str | os.PathLike[str]) -> bool:
     """Whether an unfinished run left its journal in the folder."""
     return (Path(folder) / JOURNAL_FILE).is_file()
+
+
+def refuse_running(folder: str | os.PathLike[str]) -> None:
+    """Refuse a folder that another process is writing a result into.
+
+    Raises:
+        ResultError: its journal is locked.
+    """
+    path = Path(folder) / JOURNAL_FILE
+    try:
+        file = os.open(path, os.O_WRONLY)
+    except OSError:
+        return  # There is none, or whoever uses it next tells why it cannot.
+    try:
+        _lock(file, path)
+    finally:
+        os.close(file)
 
 
 def remove_journal(folder: str | os.PathLike[str]) -> None:
