@@ -246,3 +246,13 @@ def test_profiles_tell_a_bound_on_one_side():
     flipped = [Evaluation({"p": 1 - one.values["p"]}, one.predicted) for one in every]
     (found,) = profiles({"p": RANGES["p"]}, flipped, world.observed, resamples, {"p": 0.1})
     assert found.verdict == "bounded above"
+
+
+def test_parts_of_a_range_that_no_set_tried_are_counted():
+    world = World(trials=400)
+    every = [world({"p": 0.5, "q": 1.0}), world({"p": 0.05, "q": 900.0})]
+    resamples = motion_resamples(world.motions, 500, 0)
+    best = every[0].values
+    found = {p.name: p for p in profiles(RANGES, every, world.observed, resamples, best)}
+    assert found["p"].compatible.endswith("; 5 of 7 parts untried")
+    assert sum(cell.sets > 0 for cell in found["p"].cells) == 2

@@ -475,3 +475,17 @@ def test_the_pages_example_is_read(tmp_path):
     assert read.name == "quarry-2024"
     assert read.noise.position == 0.0005
     assert read.specimens["SP2"] == Specimen()
+
+
+def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
+    model = tmp_path / "block.obj"
+    model.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    made = campaign(specimens={"block": Specimen("granite", 120.5, model), "rock": Specimen()})
+    target = tmp_path / "with-model"
+    save_campaign(made, target)
+    assert check_campaign(target) == []
+    (target / "models" / "block.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
+    (found,) = check_campaign(target)
+    assert found.file == "models/block.obj"
+    assert "not finite" in str(found)
+    load_campaign(target)

@@ -73,13 +73,16 @@ class Profile:
 
     @property
     def compatible(self) -> str:
-        """The compatible values in words."""
+        """The compatible values in words, and how much of the range no set has tried."""
         kept = [cell for cell in self.cells if cell.compatible]
         if kept and kept[0].low == kept[0].high:
-            return ", ".join(
+            text = ", ".join(
                 cell.low if isinstance(cell.low, str) else f"{cell.low:g}" for cell in kept
             )
-        return f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
+        else:
+            text = f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
+        untried = sum(cell.sets == 0 for cell in self.cells)
+        return text + (f"; {untried} of {len(self.cells)} parts untried" if untried else "")
 
 
 def profiles(

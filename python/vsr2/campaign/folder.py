@@ -52,8 +52,9 @@ from vsr2.campaign.description import (
 from vsr2.campaign.problems import CampaignProblem, Problems
 from vsr2.campaign.table import Row, number, read_bytes, read_table, whole_number
 from vsr2.config.problems import shown
-from vsr2.errors import CampaignError, MotionError
+from vsr2.errors import CampaignError, GeometryError, MotionError
 from vsr2.motion import Record
+from vsr2.scene.mesh import load_mesh
 
 Array = NDArray[np.float64]
 
@@ -100,8 +101,23 @@ def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
 
 
 def check_campaign(folder: str | os.PathLike[str]) -> list[CampaignProblem]:
-    """All that is wrong with a campaign's files; nothing: :func:`load_campaign` reads them."""
-    return _read(Path(folder))[1]
+    """All that is wrong with a campaign's files; nothing: :func:`load_campaign` reads them.
+
+    Models are read, too, though :func:`load_campaign` does not need them.
+    """
+    campaign, problems = _read(Path(folder))
+    return problems if campaign is None else _model_problems(Path(folder), campaign)
+
+
+def _model_problems(folder: Path, campaign: Campaign) -> list[CampaignProblem]:
+    problems = Problems()
+    for path in sorted({s.model_file for s in campaign.specimens.values() if s.model_file}):
+        try:
+            load_mesh(path, closed=False)
+        except GeometryError as error:
+            name = os.path.relpath(path, folder).replace(os.sep, "/")
+            problems.add(name, str(error).removeprefix(f"{path}: "))
+    return problems.result()
 
 
 def _read(folder: Path) -> tuple[Campaign | None, list[CampaignProblem]]:

@@ -56,7 +56,10 @@ def read_peer(path: Path, content: bytes, units: RecordUnits | None) -> Record:
     assert found is not None
     count, interval = found
     if not 0 < count <= MAX_SAMPLES:
-        raise MotionError(f"{path}: row {row + 1}: NPTS is {count}; at most {MAX_SAMPLES}")
+        raise MotionError(
+            f"{path}: row {row + 1}: NPTS is {count}, outside 1 to {MAX_SAMPLES}; correct it, or "
+            "cut or decimate the record"
+        )
     quantity, size = _quantity(path, lines[:row], units)
     return one_channel_record(
         path, content, interval, quantity, size * _samples(path, lines, row + 1, count)

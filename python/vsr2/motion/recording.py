@@ -77,6 +77,7 @@ _SUFFIXES: dict[str, RecordFormat] = {
     ".sac": "sac",
 }
 _TEXT_SUFFIXES = (".txt", ".dat", ".asc")
+_KNET_SUFFIXES = (".ew", ".ns", ".ud")
 _KNET_SUFFIX = re.compile(r"\.(ew|ns|ud)[12]?$")
 
 
@@ -157,8 +158,8 @@ def _recognised(path: Path, content: bytes) -> RecordFormat:
         return "columns"
     raise MotionError(
         f"{path}: unknown kind of recording {path.suffix!r}; supported: "
-        f"{', '.join((*_SUFFIXES, *_TEXT_SUFFIXES, '.ew'))}; give `format` where the suffix "
-        "misleads (for a folder with other files set motion.pattern, for example '*.csv')"
+        f"{', '.join((*_SUFFIXES, *_TEXT_SUFFIXES, *_KNET_SUFFIXES))}; give `format` where the "
+        "suffix misleads (for a folder with other files set motion.pattern, for example '*.csv')"
     )
 
 

@@ -177,7 +177,7 @@ def search_figure(result: CalibrationResult) -> Figure:
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
     panel.set_xlabel("step of the search on all trials")
     panel.set_ylabel("objective in sample")
-    panel.legend(fontsize="small", loc="lower right")
+    _legend_below(panel)
     if result.folds:
         panel = axes[0, 1]
         index = np.arange(len(result.folds))
@@ -195,8 +195,15 @@ def search_figure(result: CalibrationResult) -> Figure:
         panel.set_ylim(low, min(high, 1.02))
         panel.set_xlabel("fold")
         panel.set_ylabel("objective")
-        panel.legend(fontsize="small", loc="best")
+        _legend_below(panel)
     return figure
+
+
+def _legend_below(panel: Axes) -> None:
+    """Within the panel it would hide sets and folds."""
+    panel.legend(
+        fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2, frameon=False
+    )
 
 
 def prediction_figure(result: CalibrationResult) -> Figure | None:
@@ -360,6 +367,11 @@ def _identifiability(result: CalibrationResult) -> list[str]:
         "best of all beyond the noise of the motions. Values of parameters that are not identified "
         "are arbitrary within their range: other values predict as well."
     ]
+    if any(cell.sets == 0 for profile in result.profiles for cell in profile.cells):
+        lines.append(
+            "Of parts of a range that no set has tried nothing is known: neither that they are "
+            "compatible nor that they are not."
+        )
     if untold:
         lines.append(f"Not identified by this campaign: {', '.join(untold)}.")
     return lines

@@ -147,7 +147,8 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
     panel.set_xlabel(MEASURE_LABELS[name])
     panel.set_ylabel("probability of overturning")
     panel.set_title(_curve_title(fit), fontsize="small")
-    panel.legend(fontsize="small", loc="best")
+    # Below the panel: within it a legend would hide groups and their intervals.
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
     return figure
 
 
