@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from vsr2.config.study import Contact, Engine, Outcome
+from vsr2.config.study import Contact, Engine, Outcome, Settling
 from vsr2.errors import GeometryError
 from vsr2.motion import Motion
 from vsr2.scene import Box, Hull, Mechanisms, PedestalBody, Pose, RockBody, height_above
@@ -23,6 +23,7 @@ class Setup:
         motion, drive: how it is shaken.
         start: pose X_WM of the rock's model frame.
         outcome: how the end is told.
+        settling: when it is at rest before the motion.
     """
 
     rock: RockBody
@@ -34,6 +35,7 @@ class Setup:
     mechanisms: Mechanisms = field(default_factory=Mechanisms)
     drive: Literal["prescribed", "motor"] = "prescribed"
     outcome: Outcome = field(default_factory=Outcome)
+    settling: Settling = field(default_factory=Settling)
 
     @property
     def body(self) -> RockBody:
