@@ -12,7 +12,7 @@ import numpy as np
 from vsr2.config.study import Contact, Material
 from vsr2.effects.effect import Bench, Check, Effect
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.setup import Setup
+from vsr2.effects.setup import Setup, settle_at
 
 
 def _both(setup: Setup, change: Any) -> Setup:
@@ -31,7 +31,8 @@ class ContactStiffness(Effect):
     Sinking at rest is m g / (n k) on n points; at three decades below the supplement's values some
     0.1 to 0.7 mm. On so soft a contact a hull trembles at rest (at 80 Hz by some mrad/s and
     micrometres, at a time step of 1 ms), as Bullet's choice of contact points changes; so the
-    speeds below which a rock is at rest before the motion are multiplied by 10^(-decades / 3).
+    speeds below which a rock counts as at rest before the motion are at least 10^(-decades / 3)
+    times the default ones.
     """
 
     name = "contact_stiffness"
@@ -49,15 +50,10 @@ class ContactStiffness(Effect):
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         factor = 10.0 ** values["decades"]
-        looser = max(1.0, factor ** (-1 / 3))
-        settling = setup.settling.model_copy(
-            update={
-                "linear_speed": setup.settling.linear_speed * looser,
-                "angular_speed": setup.settling.angular_speed * looser,
-            }
-        )
+        if factor < 1:
+            setup = settle_at(setup, factor ** (-1 / 3))
         return _both(
-            replace(setup, settling=settling),
+            setup,
             lambda material: {
                 "stiffness": material.stiffness * factor,
                 "damping": material.damping * factor,

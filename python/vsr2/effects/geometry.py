@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vsr2.effects.effect import Bench, Check, Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.rounding import rounded_hull
-from vsr2.effects.setup import Setup, restand
+from vsr2.effects.setup import Setup, restand, settle_at
 from vsr2.errors import GeometryError
 from vsr2.scene import Box, Hull, PedestalBody, Pose, Triangles, start_support
 from vsr2.scene.rotation import (
@@ -29,6 +29,8 @@ AZIMUTH = Parameter(
     "azimuth", "degree", 0.0, 0.0, 360.0, "uniform",
     "direction in plan, anticlockwise from x", limits=(-360.0, 360.0), secondary=True,
 )  # fmt: skip
+SETTLING_FACTOR = 4.0
+"""Times the default speeds, at which the rounded hull of a scan counts as settled."""
 
 
 def direction(azimuth: float) -> Array:
@@ -217,7 +219,8 @@ class EdgeRounding(Effect):
     (1 mm) is the least radius of an arc: below it the base of a box still widens to b - r, but it
     rolls over 1 mm. The contacts of a hull are found one by one, those of a box at once: the hull
     of a sharp block rocks up to 9 % higher or lower than the box. So on a box a radius means
-    something from about 2 mm.
+    something from about 2 mm. The rounded hull of a scan may tremble on its contacts, so it counts
+    as at rest before the motion below 4 times the default speeds at least.
     """
 
     name = "edge_rounding"
@@ -250,6 +253,8 @@ class EdgeRounding(Effect):
                 hull = rounded_hull(points, radius, down)
             parts.append(Hull(hull))
         kept = tuple(parts)
+        if not all(isinstance(part, Box) for part in setup.rock.parts):
+            setup = settle_at(setup, SETTLING_FACTOR)
         return replace(setup, rock=replace(setup.rock, parts=kept), start=restand(setup, kept))
 
     def verify(self, bench: Bench) -> Sequence[Check]:

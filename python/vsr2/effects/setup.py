@@ -83,6 +83,24 @@ class Observation:
         return self.outcome == "overturned"
 
 
+def settle_at(setup: Setup, factor: float) -> Setup:
+    """The setup at rest below `factor` times the default speeds, or below its own if greater.
+
+    Hulls may tremble on their contacts without end, by micrometres, as the engine's choice of
+    contact points changes from step to step; at the default speeds they never count as at rest.
+    """
+    own, usual = setup.settling, Settling()
+    return replace(
+        setup,
+        settling=own.model_copy(
+            update={
+                "linear_speed": max(own.linear_speed, factor * usual.linear_speed),
+                "angular_speed": max(own.angular_speed, factor * usual.angular_speed),
+            }
+        ),
+    )
+
+
 def restand(setup: Setup, parts: Sequence[Hull | Box], start: Pose | None = None) -> Pose:
     """The start raised or lowered so that other parts keep the present gap to the pedestal.
 
