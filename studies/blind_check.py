@@ -58,7 +58,7 @@ CHECKS = {
             pair=(6, 1),
             development=True,
         ),
-        12,
+        24,
     ),
     "validation": Check(
         4,

@@ -25,7 +25,7 @@ from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, verdict_sentence
 
 NAMES = ("table_gain", "slenderness", "restitution", "com_offset", "wear", "catch")
-DRAWS = 16
+DRAWS = 12
 
 
 class Bench:
@@ -63,7 +63,8 @@ def bench():
     ("tier", "effect", "values"),
     [
         ("B", "catch", (0.12,)),
-        ("B", "wear", (0.14,)),
+        ("B", "table_gain", (0.12,)),
+        ("M", "wear", (0.14,)),
         ("M", "com_offset", (0.014,)),
         ("M", "restitution", (0.68,)),
         ("T", "restitution", (0.7,)),
@@ -75,6 +76,7 @@ def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:
     assert judged.evidence.verdict.kind in ("effect", "class"), judged.evidence.verdict
     assert effect in judged.evidence.verdict.effects
     assert effect in judged.inference.conformal["both"]
+    assert judged.evidence.verdict.probability > 0.8
 
 
 def test_campaigns_without_gap_are_left_alone(bench) -> None:
@@ -88,8 +90,8 @@ def test_campaigns_without_gap_are_left_alone(bench) -> None:
 
 def test_gain_and_slenderness_come_out_as_one_class(bench) -> None:
     # The planar equation holds the motion only through a / (g alpha).
-    for effect in (("slenderness", (-0.06,)), ("table_gain", (0.07,))):
-        evidence = bench.judge("B", effect, nuisance=0).evidence
+    for effect in (("slenderness", (-0.05,)), ("table_gain", (0.06,))):
+        evidence = bench.judge("B", effect, nuisance=3).evidence
         together = next(group for group in evidence.classes if "table_gain" in group)
         assert "slenderness" in together
         assert evidence.verdict.kind in ("class", "none", "unresolved")
@@ -127,17 +129,17 @@ def test_stated_probabilities_are_those_at_which_labels_are_right(bench) -> None
     assert stated == pytest.approx((weight * (best == calibration.truth)).sum(), abs=0.12)
 
 
-def test_wear_shows_over_the_order_and_its_absence_does_not(bench) -> None:
-    # Large enough to be found; the sign follows from the definition: later trials overturn sooner.
-    worn = bench.judge("M", ("wear", (0.15,)), nuisance=6).evidence
-    found = [p for p in worn.where if "order" in p.axis and p.p_familywise <= 0.05]
-    assert found
-    assert {np.sign(p.effect_size) for p in found} == {1.0}
-    fired = 0
+def test_an_order_effect_is_told_from_its_absence_under_one_schedule(bench) -> None:
+    worn = bench.judge("M", ("wear", (0.14,)), nuisance=2).evidence
+    assert worn.verdict.effects == ("wear",)
+    fired = named = 0
     for nuisance in range(21, 29):
         plain = bench.judge("M", nuisance=nuisance).evidence
         fired += any(p.p_familywise <= 0.05 for p in plain.where if "order" in p.axis)
+        named += "wear" in plain.verdict.effects
+    # 5 % of 8 is 0.4; more than two happen once in 170.
     assert fired <= 2
+    assert named <= 2
 
 
 def test_how_far_is_judged_on_motions_that_were_not_seen(bench) -> None:

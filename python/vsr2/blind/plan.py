@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -98,7 +98,11 @@ def draw_plan(
         BlindError: no effect of an engine reaches its floor, or a pair needs a second class.
     """
     rng = np.random.default_rng([seed, 301])
-    decks = {engine: _Deck(rng, engine, settings, floors) for engine in settings.engines}
+    asking = [engine for engine in settings.engines if settings.asks(engine)]
+    classes = [{settings.class_of(name) for name, _ in audible(floors, e)} for e in asking]
+    common = sorted(set.intersection(*classes)) if classes else []
+    hidden = [common[i] for i in rng.permutation(len(common))[: settings.hidden]]
+    decks = {engine: _Deck(rng, engine, settings, floors, hidden) for engine in settings.engines}
     asked: list[tuple[Kind, str, list[tuple[str, int]]]] = []
     for engine, deck in decks.items():
         for kind, count in settings.counts(engine).items():
@@ -119,7 +123,7 @@ def draw_plan(
             for name, sign in chosen
         )
         names = [name for name, _ in chosen]
-        hidden = names[0] if kind == "unknown" else decks[engine].decoy(names)
+        left_out = settings.class_of(names[0]) if kind == "unknown" else decks[engine].decoy(names)
         out.append(
             Planned(
                 index=int(place),
@@ -128,7 +132,7 @@ def draw_plan(
                 engine=engine,
                 protocol=int(protocols[place]),
                 effects=drawn,
-                exclude=() if hidden is None else tuple(sorted(settings.class_of(hidden))),
+                exclude=tuple(sorted(left_out)),
             )
         )
     return sorted(out, key=lambda planned: planned.index)
@@ -145,7 +149,12 @@ class _Deck:
     """Deals effects evenly, at random."""
 
     def __init__(
-        self, rng: np.random.Generator, engine: str, settings: PackSettings, floors: Floors
+        self,
+        rng: np.random.Generator,
+        engine: str,
+        settings: PackSettings,
+        floors: Floors,
+        hidden: Sequence[tuple[str, ...]],
     ) -> None:
         self._rng = rng
         self._settings = settings
@@ -153,21 +162,29 @@ class _Deck:
         for name, sign in audible(floors, engine):
             self._signs.setdefault(name, []).append(sign)
         needed = 1 + (settings.counts(engine)["pair"] > 0)
-        classes = sorted({settings.class_of(name) for name in self._signs})
-        if settings.asks(engine) and len(classes) < needed:
+        classes = {settings.class_of(name) for name in self._signs}
+        if settings.asks(engine) and (len(classes) < needed or not hidden):
             raise BlindError(
                 f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
                 f"for this pack; raise trials ({settings.trials}), or allow more effects"
             )
-        hidden = [classes[i] for i in rng.permutation(len(classes))[: settings.hidden]]
-        self._hidden = sorted(n for n in self._signs if settings.class_of(n) in hidden)
-        self._rest: dict[bool, list[str]] = {False: [], True: []}
+        self._hidden = list(hidden)
+        self._rest: list[str] = []
+        self._hidden_rest: list[tuple[str, ...]] = []
 
     def _next(self, hidden: bool) -> str:
-        if not self._rest[hidden]:
-            names = self._hidden if hidden else sorted(self._signs)
-            self._rest[hidden] = [names[i] for i in self._rng.permutation(len(names))]
-        return self._rest[hidden].pop()
+        """An effect; of those that may be left out, a class first and then an effect of it."""
+        if hidden:
+            if not self._hidden_rest:
+                order = self._rng.permutation(len(self._hidden))
+                self._hidden_rest = [self._hidden[i] for i in order]
+            chosen = self._hidden_rest.pop()
+            names = [name for name in sorted(self._signs) if name in chosen]
+            return names[int(self._rng.integers(len(names)))]
+        if not self._rest:
+            names = sorted(self._signs)
+            self._rest = [names[i] for i in self._rng.permutation(len(names))]
+        return self._rest.pop()
 
     def deal(self, count: int, *, hidden: bool = False) -> list[tuple[str, int]]:
         """Effects of different classes; `hidden`: of those that may be left out."""
@@ -188,11 +205,11 @@ class _Deck:
     def _sign(self, name: str) -> int:
         return self._signs[name][int(self._rng.integers(len(self._signs[name])))]
 
-    def decoy(self, names: list[str]) -> str | None:
-        """An effect of another class; drawn whether the campaign has an effect or not."""
+    def decoy(self, names: list[str]) -> tuple[str, ...]:
+        """A class of another effect; drawn whether the campaign has an effect or not."""
         own = {self._settings.class_of(name) for name in names}
-        others = [n for n in self._hidden if self._settings.class_of(n) not in own]
-        return others[int(self._rng.integers(len(others)))] if others else None
+        others = [members for members in self._hidden if members not in own]
+        return others[int(self._rng.integers(len(others)))] if others else ()
 
 
 def _magnitude(rng: np.random.Generator, effect: Drawable, sign: int, floor: Floor) -> Drawn:

@@ -268,6 +268,7 @@ def conclude(
         ),
         novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening)),
         after_low=float(np.quantile(after, 0.025)),
+        left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         pair=_accepted_pair(shrinkage, motion, seed),
         stable=earlier is None or bool(set(earlier) & set(leading)),
     )

@@ -22,8 +22,10 @@ from vsr2.diagnosis.library import NONE
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
 EXCLUDED = 0.05
-"""A rival less probable than this share of its leader is ruled out by the campaign at hand, however
-hard they are to separate in expectation."""
+"""A rival less probable than this share of its leader is ruled out by the campaign at hand, unless the
+two are the same to it (`SAME`)."""
+SAME = 1.0
+"""D [nat] below which nothing that a campaign shows can part two effects but their priors."""
 
 
 def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
@@ -93,8 +95,11 @@ def classes(
         members = [leader] + [
             n
             for n in left[1:]
-            if exponent * found[n] < INSEPARABLE
-            and probability[n] >= EXCLUDED * probability[leader]
+            if exponent * found[n] < SAME
+            or (
+                exponent * found[n] < INSEPARABLE
+                and probability[n] >= EXCLUDED * probability[leader]
+            )
         ]
         out.append(members)
         left = [n for n in left if n not in members]

@@ -6,8 +6,7 @@ have the planar block's own entries.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -72,12 +71,19 @@ def free_parameters(entry: Entry) -> tuple[Parameter, ...]:
     return tuple(p for p in entry.parameters if p.prior != "fixed" and p.lower < p.upper)
 
 
-@lru_cache(maxsize=1024)
-def null_quantile(parameter: Parameter) -> float | None:
-    """Prior quantile of the null value; None where the prior cannot reach it.
+_NULLS: dict[Hashable, float | None] = {}
 
-    Found by bisection, because a prior tells only its quantile function.
-    """
+
+def null_quantile(parameter: Parameter) -> float | None:
+    """Prior quantile of the null value; None where the prior cannot reach it."""
+    key = (type(parameter), parameter.prior, parameter.null, parameter.lower, parameter.upper)
+    if key not in _NULLS:
+        _NULLS[key] = _null_quantile(parameter)
+    return _NULLS[key]
+
+
+def _null_quantile(parameter: Parameter) -> float | None:
+    """Found by bisection, because a prior tells only its quantile function."""
     if not parameter.lower <= parameter.null <= parameter.upper:
         return None
     low, high = 0.0, 1.0

@@ -69,7 +69,8 @@ def next_measurement(
     def likelihood(name: str, found: Posterior) -> NDArray[np.float64]:
         node, z = mode(tables[name], found)
         at = tables[name].fine.at(node)
-        return log_likelihood(tables[name], at, expected, z[None, None])[0, 0]
+        values = log_likelihood(tables[name], at, expected, z[None, None])
+        return np.asarray(values[0, 0], dtype=np.float64)
 
     gain = likelihood(leader, own) - likelihood(rival, matched)
     best = int(np.argmax(gain))

@@ -10,8 +10,11 @@ Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
 NOVELTY_LEVEL = 0.05
-LEAST_PROBABILITY = 0.5
+LEAST_PROBABILITY = 0.8
 """Of a class that is named."""
+UNEXPLAINED = 0.2
+"""Share of the gap that the best effect must leave to be called no explanation. A strong effect that
+closes nearly all of a large gap leaves a rest that is significant, because no emulator is perfect."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class Findings:
         agreement: None, or why the routes disagree.
         novelty_p: of the best single effect's misfit.
         after_low: lower end of the interval of the gap that the best effect leaves.
+        left: share of the gap that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero.
         stable: whether the previous, smaller budget led to an overlapping answer.
     """
@@ -57,6 +61,7 @@ class Findings:
     agreement: str | None
     novelty_p: float
     after_low: float
+    left: float
     pair: tuple[str, str] | None
     stable: bool
 
@@ -79,8 +84,8 @@ def decide(f: Findings) -> Verdict:
         f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
         "direction, against campaigns simulated without any effect"
     ]
-    unexplained = f.novelty_p <= NOVELTY_LEVEL and f.after_low > 0
-    if unexplained and f.pair is None:
+    misfit = f.novelty_p <= NOVELTY_LEVEL and f.after_low > 0 and f.left > UNEXPLAINED
+    if misfit and f.pair is None:
         reasons.append(
             "the best effect leaves a gap above the floor on motions that it did not see, and fits "
             f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
@@ -97,7 +102,7 @@ def decide(f: Findings) -> Verdict:
             "decide between several"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    if f.pair is not None:
+    if f.pair is not None and misfit:
         reasons.append("a second effect improves the score on motions that the choice did not see")
         return Verdict("pair", f.pair, f.class_probability, tuple(reasons))
     if len(f.leading) > 1:

@@ -106,12 +106,12 @@ def scan(
         (by_session, (conditions.motion,)),
     ):
         if inside.any():
-            moved = np.empty((NULLS, len(channels), int(inside.sum())))
-            for b in range(NULLS):
-                order = _permutation(labels[b % len(labels)], rng)
-                moved[b] = _scores(
-                    residual[None][..., order], variance[None][..., order], weights[inside]
-                )[0]
+            orders = np.stack([_permutation(labels[b % len(labels)], rng) for b in range(NULLS)])
+            moved = _scores(
+                residual[:, orders].swapaxes(0, 1),
+                variance[:, orders].swapaxes(0, 1),
+                weights[inside],
+            )
             p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
     out = []
     for c, channel in enumerate(channels):

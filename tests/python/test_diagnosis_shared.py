@@ -1,0 +1,56 @@
+"""Diagnoses of several campaigns of one protocol: simulated and fitted once, else unchanged."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+
+from vsr2.diagnosis import Budget, Shared, diagnose_with
+from vsr2.diagnosis import diagnose as api
+from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planted import observe, shaken_campaign
+from vsr2.errors import DiagnosisError
+
+
+def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("vsr2.diagnosis.design.LEAST_NONE", 12)
+    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 30)
+    protocol = shaken_campaign(6, 7, duration=2.0, pga=(0.55, 1.15), session_size=14)
+    truth = PlanarSimulator(protocol, seed=99)
+    library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}
+    simulator = PlanarSimulator(protocol, library=library, seed=1)
+    campaigns = [
+        observe(protocol, truth, effects, nuisance=2) for effects in ((("catch", (0.12,)),), ())
+    ]
+    alone = diagnose_with(simulator, campaigns[1], budget=Budget(draws=6))
+
+    module = sys.modules["vsr2.diagnosis.diagnose"]
+
+    fits = []
+    fit = module.prepare
+    monkeypatch.setattr(module, "prepare", lambda *a, **k: fits.append(1) or fit(*a, **k))
+    shared = Shared(tmp_path / "bank.sqlite")
+    together = [
+        diagnose_with(simulator, campaign, budget=Budget(draws=6), shared=shared)
+        for campaign in campaigns
+    ]
+    assert len(fits) == 1
+    assert together[1].content["provenance"]["budget"]["simulated"] == 0
+    assert without_cost(together[1]) == without_cost(alone)
+    assert without_cost(together[0]) != without_cost(alone)
+
+
+def without_cost(diagnosis):
+    content = json.loads(diagnosis.to_json())
+    content["provenance"].pop("wall_time_s")
+    for key in ("simulated", "reused", "cost_s"):
+        content["provenance"]["budget"].pop(key)
+    return content
+
+
+def test_too_few_draws_are_refused() -> None:
+    with pytest.raises(DiagnosisError, match="at least 6"):
+        api("nowhere", "nothing", draws=5)
