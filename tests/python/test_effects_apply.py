@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from vsr2 import Study, apply_effects, run_batch
 from vsr2.campaign import simulate_campaign
+from vsr2.cli.effects import _wanted
 from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
 from vsr2.effects import EffectRangeWarning, Parameter, chosen, effect, registry
-from vsr2.effects.geometry import uplift_acceleration
-from vsr2.errors import ConfigError, MotionError, SimulationError
+from vsr2.effects.geometry import box_with_margin, uplift_acceleration
+from vsr2.errors import ConfigError, GeometryError, MotionError, SimulationError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
+from vsr2.scene import Box, Hull, Pose
 from vsr2.simulation import Trial, study_trials
 from vsr2.simulation.batch import plan_sha256
 from vsr2.simulation.bench import EffectBench, trial_of
@@ -302,6 +306,123 @@ def test_a_bond_on_a_slope_holds_along_its_normal() -> None:
     assert found == pytest.approx(expected, rel=0.02)
 
 
+def scans(turns: Sequence[float]) -> list[Trial]:
+    return [
+        study_trials(
+            study(
+                rock={
+                    "shape": "mesh", "file": "models/pbr_scan.obj", "density": 2650.0,
+                    "start": {"yaw": yaw},
+                },
+                motion={"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.1},
+                settling={"timeout": 10.0},
+                outcome={"tail": 0.1},
+            )
+        )[0]
+        for yaw in turns
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("radius", [0.00045, 0.0007, 0.0135, 0.015])
+def test_a_rounded_scan_comes_to_rest(radius: float) -> None:
+    # It trembles there: 19 of 24 of these trials ended with `settling_timeout`.
+    rounded = apply_effects(
+        scans(np.arange(0.0, 360.0, 60.0).tolist()), {"edge_rounding": {"radius": radius}}
+    )
+    assert set(run_batch(rounded, threads=1)["status"]) <= {"ok", "tail_timeout"}
+    assert rounded[0].settling.angular_speed == 8e-3
+    box = apply_effects(study_trials(study()), {"edge_rounding": {"radius": radius}})[0]
+    assert box.settling.angular_speed == 2e-3
+
+
+@pytest.mark.parametrize("decades", [-3.0, -2.5, -2.0, -1.5])
+def test_a_scan_on_a_soft_contact_comes_to_rest(decades: float) -> None:
+    # It trembles there: 16 of 32 of these trials ended with `settling_timeout`.
+    trials = scans(np.arange(0.0, 360.0, 45.0).tolist())
+    soft = apply_effects(trials, {"contact_stiffness": {"decades": decades}})
+    assert set(run_batch(soft, threads=1)["status"]) <= {"ok", "tail_timeout"}
+    assert soft[0].settling.angular_speed == pytest.approx(2e-3 * 10 ** (-decades / 3))
+    hard = apply_effects(trials[:1], {"contact_stiffness": {"decades": 1.0}})
+    assert hard[0].settling == trials[0].settling
+
+
+@pytest.mark.parametrize("mode", ["exact", "fast"])
+@pytest.mark.parametrize(
+    ("name", "parameter"), [("edge_rounding", "radius"), ("base_asperity", "height")]
+)
+def test_small_roundings_and_bumps_stand_on_the_base_of_the_box(
+    name: str, parameter: str, mode: Literal["exact", "fast"]
+) -> None:
+    # The engine's margin around a hull must not narrow the base: 1 mm would be 0.5 %. On bumps the
+    # block first tips by height over the distance of tip and edge.
+    bench = EffectBench(mode)
+    setup = bench.block()
+    threshold = setup.engine.gravity * 0.2 / 0.6
+    tipped = [
+        float(
+            bench.run(
+                replace(setup, motion=bench.push(share * threshold)),
+                effect(name), {parameter: 1e-5},
+            ).tilt[:700].max()
+        )
+        for share in (0.65, 0.997, 1.006)
+    ]  # fmt: skip
+    assert tipped[0] < 1e-4
+    assert tipped[2] > 3e-3
+    if name == "edge_rounding":
+        assert tipped[1] < 1e-4
+
+
+def test_a_rounding_is_continuous_at_the_margin() -> None:
+    setup = EffectBench().block()
+    margin = setup.engine.collision_margin
+    below, above = (
+        effect("edge_rounding").change(setup, {"radius": margin * share}).rock.parts[0]
+        for share in (1 - 1e-9, 1)
+    )
+    assert isinstance(below, Hull)
+    assert isinstance(above, Hull)
+    for point in above.points:
+        assert np.linalg.norm(below.points - point, axis=1).min() < 1e-9
+
+
+def test_a_rounding_below_the_margin_narrows_the_base_of_a_box_on_its_side() -> None:
+    box = Box(size=(1.2, 0.6, 0.4), center=(0.0, 0.1, 0.0))
+    setup = EffectBench().block()
+    half = math.sqrt(0.5)
+    lying = replace(setup, start=Pose(setup.start.position, (0.0, half, 0.0, half)))
+    points = box_with_margin(box, lying, 4e-4)
+    assert np.ptp(points, axis=0) == pytest.approx([1.198, 0.5992, 0.3992])
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {"com_offset": {"distance": 0.2}},
+        {"com_offset": {"distance": 0.2, "azimuth": 180}},
+        {"base_slope": {"angle": 20.0}},
+        {"com_offset": {"distance": 0.1}, "base_slope": {"angle": 12.0}},
+    ],
+)
+def test_a_rock_that_cannot_stand_is_refused(effects: dict[str, dict[str, float]]) -> None:
+    # Before, it fell while settling, and the trial said "stable".
+    trial = trial_of(EffectBench().block())
+    with (
+        pytest.warns(EffectRangeWarning),
+        pytest.raises(GeometryError, match=r"effects\..* beyond the rock's support"),
+    ):
+        apply_effects([trial], effects)
+
+
+def test_a_slope_and_a_shift_uphill_may_stand() -> None:
+    trial = trial_of(EffectBench().block())
+    with pytest.warns(EffectRangeWarning):
+        apply_effects(
+            [trial],
+            {"com_offset": {"distance": 0.1, "azimuth": 180}, "base_slope": {"angle": 19.0}},
+        )
+
+
 def test_effects_act_alike_in_any_thread_and_order(trials: list[Trial]) -> None:
     effects = {
         "edge_rounding": {"radius": 0.006}, "restitution": {"energy_ratio": 0.9},
@@ -325,6 +446,17 @@ def test_one_s_own_effect_is_checked(
     out = capsys.readouterr().out
     assert "soft_pad: passes" in out
     assert "neutral: yes" in out
+
+
+def test_a_module_is_told_from_an_effect(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bare_pads.py").write_text((ROOT / "docs/examples/soft_pad.py").read_text())
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert [one.name for one in _wanted(["bare_pads"])] == ["soft_pad"]
+    assert [one.name for one in _wanted(["catch"])] == ["catch"]
+    assert main(["effects", "check", "bare_pad"]) == 2
+    assert "no effect 'bare_pad'" in capsys.readouterr().err
 
 
 OWN = """

@@ -128,14 +128,16 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _wanted(what: list[str]) -> list[Effect]:
+    from importlib.util import find_spec
+
     from vsr2.effects import effect, in_order, library, module_effects
 
     if not what:
         return in_order(library())
     found: list[Effect] = []
     for name in what:
-        known = name in library() or not ("." in name or "/" in name)
-        found += [effect(name)] if known else module_effects(name)
+        module = "." in name or "/" in name or find_spec(name) is not None
+        found += module_effects(name) if module and name not in library() else [effect(name)]
     return found
 
 

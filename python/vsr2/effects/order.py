@@ -93,8 +93,8 @@ class ChangePoint(Effect):
     """A step of the geometry between two sessions.
 
     Takes the parameters of all geometric effects, under the names of both; only the change of
-    slenderness is drawn from a prior. A session that begins nearest to `at` is the first after the
-    change; with one session only, the trial.
+    slenderness is drawn from a prior. The change comes between the two sessions that lie nearest to
+    `at`, all sessions counted as equally long; with one session only, between two trials.
     """
 
     name = "change_point"
@@ -102,8 +102,8 @@ class ChangePoint(Effect):
     parameters = (
         Parameter(
             "at", "1", 0.5, 0.1, 0.9, "uniform",
-            "where the change lies in the campaign, 0 to 1: it comes with the session that begins "
-            "nearest; with one session, with the trial",
+            "where the change lies among the sessions, counted as equally long, 0 to 1; with one "
+            "session, among the trials",
             limits=(0.0, 1.0), secondary=True,
         ),
         *_renamed(),

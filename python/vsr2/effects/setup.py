@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from vsr2.config.study import Contact, Engine, Outcome
+from vsr2.config.study import Contact, Engine, Outcome, Settling
 from vsr2.errors import GeometryError
 from vsr2.motion import Motion
 from vsr2.scene import Box, Hull, Mechanisms, PedestalBody, Pose, RockBody, height_above
@@ -23,6 +23,7 @@ class Setup:
         motion, drive: how it is shaken.
         start: pose X_WM of the rock's model frame.
         outcome: how the end is told.
+        settling: when it is at rest before the motion.
     """
 
     rock: RockBody
@@ -34,6 +35,7 @@ class Setup:
     mechanisms: Mechanisms = field(default_factory=Mechanisms)
     drive: Literal["prescribed", "motor"] = "prescribed"
     outcome: Outcome = field(default_factory=Outcome)
+    settling: Settling = field(default_factory=Settling)
 
     @property
     def body(self) -> RockBody:
@@ -79,6 +81,24 @@ class Observation:
     def overturned(self) -> bool:
         """Whether the trial counts as overturned."""
         return self.outcome == "overturned"
+
+
+def settle_at(setup: Setup, factor: float) -> Setup:
+    """The setup at rest below `factor` times the default speeds, or below its own if greater.
+
+    Hulls may tremble on their contacts without end, by micrometres, as the engine's choice of
+    contact points changes from step to step; at the default speeds they never count as at rest.
+    """
+    own, usual = setup.settling, Settling()
+    return replace(
+        setup,
+        settling=own.model_copy(
+            update={
+                "linear_speed": max(own.linear_speed, factor * usual.linear_speed),
+                "angular_speed": max(own.angular_speed, factor * usual.angular_speed),
+            }
+        ),
+    )
 
 
 def restand(setup: Setup, parts: Sequence[Hull | Box], start: Pose | None = None) -> Pose:

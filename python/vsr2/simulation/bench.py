@@ -20,7 +20,6 @@ from vsr2.config.study import (
     Outcome,
     Output,
     PrismPedestal,
-    Settling,
     YawStart,
 )
 from vsr2.effects import Effect, Observation, Setup
@@ -86,7 +85,7 @@ def trial_of(setup: Setup, *, tail: float = 0.0, log_every: int = 1, name: str =
         drive=setup.drive,
         start=setup.start,
         name=name,
-        settling=Settling(),
+        settling=setup.settling,
         outcome=outcome,
         output=Output(log_every=log_every),
     )

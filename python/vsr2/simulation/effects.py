@@ -110,6 +110,7 @@ def setup_of(trial: Trial) -> Setup:
         drive=trial.drive,
         start=trial.start or scene.rock.start,
         outcome=trial.outcome,
+        settling=trial.settling,
     )
 
 
@@ -138,6 +139,7 @@ class _Workshop:
             drive=setup.drive,
             start=trial.start if setup.start is before.start else setup.start,
             outcome=setup.outcome,
+            settling=setup.settling,
             effects=trial.effects + tuple(applied),
         )
 
@@ -147,6 +149,7 @@ class _Workshop:
             return setup
         shared: tuple[Any, ...] = (
             *_bodies(setup), setup.mechanisms, setup.start, setup.outcome.model_dump_json(),
+            setup.settling.model_dump_json(),
         )  # fmt: skip
         if one.effect.stage not in SCENE_STAGES:
             shared += (id(setup.motion), setup.drive)
