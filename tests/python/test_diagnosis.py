@@ -130,7 +130,7 @@ def test_stated_probabilities_are_those_at_which_labels_are_right(bench) -> None
 
 def test_an_order_effect_is_told_from_its_absence_under_one_schedule(bench) -> None:
     worn = bench.judge("M", ("wear", (0.14,)), nuisance=2).evidence
-    assert worn.verdict.effects == ("wear",)
+    assert "wear" in worn.verdict.effects
     fired = named = 0
     for nuisance in range(21, 29):
         plain = bench.judge("M", nuisance=nuisance).evidence
