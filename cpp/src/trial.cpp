@@ -18,6 +18,10 @@ constexpr std::int64_t kManifoldPoints = 4;
 // exp(sqrt(m g r / I) t); it must keep still for so many windows before the trial is stopped early.
 constexpr std::int64_t kLeaningWindows = 8;
 
+// A rock that trembles on few points creeps while it counts as resting; it is stopped early only if
+// so many times its creep over the rest of the tail leaves the outcome as it is.
+constexpr double kCreepAllowance = 2.0;
+
 std::string seconds(double value) {
   std::ostringstream text;
   text << value;
@@ -54,6 +58,7 @@ class RestClock {
     return at_rest_for(1);
   }
   bool at_rest_for(std::int64_t windows) const { return quiet_ >= windows * needed_; }
+  std::int64_t quiet_steps() const { return quiet_; }
 
  private:
   RestCriterion criterion_;
@@ -274,7 +279,13 @@ class Trial {
       observe(shaken_, hold);
       if (overturned_ && spec_.stop_early) return true;
       resting = tail_rest_.at_rest(run_.rock(), run_.pedestal_motion());
-      if (spec_.stop_early && tail_rest_.at_rest_for(leans_ ? kLeaningWindows : 1)) return true;
+      if (tail_rest_.quiet_steps() <= 1) {
+        quiet_since_ = run_.on_pedestal();
+        quiet_travel_ = travel();
+      }
+      if (spec_.stop_early && tail_rest_.at_rest_for(leans_ ? kLeaningWindows : 1) &&
+          !creeps_on(limit - i - 1))
+        return true;
     }
     if (!resting && limit > 0) {
       result_.status = Status::tail_timeout;
@@ -327,6 +338,20 @@ class Trial {
     return out;
   }
 
+  // Whether so many more steps at the speed of the quiet time so far could change slid or rotated.
+  bool creeps_on(std::int64_t steps) const {
+    const double times = kCreepAllowance * static_cast<double>(steps) /
+                         static_cast<double>(std::max<std::int64_t>(1, tail_rest_.quiet_steps() - 1));
+    const Eigen::Quaterniond now = run_.on_pedestal().orientation;
+    const Eigen::Vector3d gone = travel();
+    const double slip = gone.head<2>().norm();
+    const double yaw = std::abs(yaw_from(settled_.orientation, now));
+    const double crept = (gone - quiet_travel_).head<2>().norm();
+    const double turned = std::abs(yaw_from(quiet_since_.orientation, now));
+    return times * crept >= std::abs(spec_.outcome.slid_distance - slip) ||
+           times * turned >= std::abs(spec_.outcome.rotated_angle - yaw);
+  }
+
   void judge() {
     if (result_.status == Status::not_run) result_.status = Status::ok;
     const OutcomeThresholds& limit = spec_.outcome;
@@ -355,6 +380,8 @@ class Trial {
   RestClock tail_rest_;
   std::vector<ContactPoint> contacts_;
   Pose settled_;  ///< on the pedestal
+  Pose quiet_since_;  ///< on the pedestal, when the rock was last not slow
+  Eigen::Vector3d quiet_travel_ = Eigen::Vector3d::Zero();
   double height_ = 0.0;
   std::int64_t shaken_ = 0;
   bool overturned_ = false;

@@ -292,6 +292,30 @@ def test_early_stop_keeps_the_outcome() -> None:
     assert early["steps"].sum() < 0.9 * late["steps"].sum()
 
 
+@pytest.mark.parametrize("mode", ["exact", "fast"])
+def test_a_rock_that_creeps_on_is_not_stopped_before_it_has_slid(mode: str) -> None:
+    # The table speeds up more gently than friction allows, to 0.1 m/s, and stops at once; the rock
+    # slides on for v^2 / (2 mu g) = 51 mm, slower than the rest speed given all the while.
+    time = np.arange(2001) * 1e-3
+    velocity = np.append(0.05 * time, 0.0)
+    displacement = np.append(0.025 * time**2, 0.025 * time[-1] ** 2)
+    motion = Motion("ramp", 1e-3, displacement, velocity, np.gradient(velocity, 1e-3), "recording")
+    block = block_study(mode=mode, size=(0.6, 0.6, 0.3), log_every=0)
+    slippery = {part: {"lateral_friction": 0.1} for part in ("rock", "pedestal")}
+    trial = study_trials(
+        Study.model_validate(block.model_dump(exclude_unset=True) | {"contact": slippery})
+    )[0]
+    slid = {}
+    for early in (True, False):
+        outcome = Outcome(
+            stop_early=early, tail=3.0, rest_linear_speed=0.2, rest_window=0.1, slid_distance=0.045
+        )
+        result = run_batch([replace(trial, motion=motion, outcome=outcome)], threads=1)
+        slid[early] = (result["outcome"][0], result["final_slip"][0])
+    assert slid[False][1] == pytest.approx(0.051, abs=0.002)
+    assert slid[True][0] == slid[False][0] == "slid"
+
+
 def test_early_stop_takes_no_pause_at_the_point_of_balance_for_rest() -> None:
     trial = study_trials(block_study(mode="fast", log_every=0))[3]
     low, high = 0.5, 2.0

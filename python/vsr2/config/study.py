@@ -493,7 +493,8 @@ class Outcome(Section):
     rotated_angle: Positive = 0.035
     """Turn about the vertical in the end from which it rotated [rad]."""
     stop_early: Flag = True
-    """Stop once overturned irreversibly, or at rest after the motion."""
+    """Stop once overturned irreversibly, or at rest after the motion and not creeping so fast that
+    the rest of the tail could make it slid or rotated."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
