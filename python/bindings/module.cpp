@@ -194,6 +194,12 @@ void bind_world(py::module_& m) {
            py::arg("position"), py::arg("orientation"))
       .def("delete_rock", &World::delete_rock)
       .def_property_readonly("has_rock", &World::has_rock)
+      .def(
+          "engine",
+          [](const World& world, const Scene& scene) {
+            return engine_in_use(world, choose_engine(scene));
+          },
+          py::arg("scene"))
       .def("set_rock_velocity", &World::set_rock_velocity, py::arg("linear"), py::arg("angular"))
       .def("step",
            [](World& world, double position, double velocity, double transverse, double vertical,

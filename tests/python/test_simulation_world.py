@@ -54,6 +54,17 @@ def test_lifecycle_spawn_reset_delete() -> None:
     assert simulation.has_rock
 
 
+def test_the_engine_in_use_is_told() -> None:
+    assert Simulation(study(engine={"mode": "exact"})).engine == "exact"
+    simulation = Simulation(study())
+    simulation.settle()
+    assert simulation.engine == "fast"
+    simulation.set_rock_velocity((6.0, 0.0, 0.0))
+    for _ in range(3000):
+        simulation.step(0.0)
+    assert simulation.engine == "fast, then exact (off the top)"
+
+
 @pytest.mark.parametrize("position", [math.nan, math.inf])
 def test_set_points_must_be_finite(position: float) -> None:
     with pytest.raises(SimulationError, match="finite"):

@@ -101,6 +101,11 @@ class Simulation:
         return self._steps * self.time_step
 
     @property
+    def engine(self) -> str:
+        """Engine in use, a hand-over of `fast` included."""
+        return str(self._world.engine(self.scene.native))
+
+    @property
     def has_rock(self) -> bool:
         """Whether a rock is on the scene."""
         return bool(self._world.has_rock)
