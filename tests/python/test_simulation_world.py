@@ -59,9 +59,8 @@ def test_the_engine_in_use_is_told() -> None:
     simulation = Simulation(study())
     simulation.settle()
     assert simulation.engine == "fast"
-    simulation.set_rock_velocity((6.0, 0.0, 0.0))
-    for _ in range(3000):
-        simulation.step(0.0)
+    simulation.set_rock_velocity((20.0, 0.0, 0.0))
+    simulation.step(0.0, steps=600)
     assert simulation.engine == "fast, then exact (off the top)"
 
 
