@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vsr2.config.extended import Plain
 from vsr2.errors import ResultError
+from vsr2.results.lines import append_line, lock_file
 
 EVALUATIONS_FILE = "evaluations.jsonl"
 _FORMAT = "vsr2 evaluations"
@@ -87,12 +88,12 @@ class EvaluationStore:
         except OSError as error:
             raise self._unusable(error) from error
         try:
-            self._lock()
+            lock_file(self._file, self._path)
             end = self._read()
             os.ftruncate(self._file, end)
             os.lseek(self._file, 0, os.SEEK_END)
             if end == 0:
-                self._append(self._header)
+                append_line(self._file, self._header)
         except OSError as error:
             os.close(self._file)
             raise self._unusable(error) from error
@@ -104,17 +105,6 @@ class EvaluationStore:
         return ResultError(
             f"{self._path}: cannot be used ({error.strerror}); free space or choose another folder"
         )
-
-    def _lock(self) -> None:
-        import fcntl
-
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ResultError(
-                f"{self._path}: another process is at work in this folder; wait for it, or choose "
-                "another folder"
-            ) from None
 
     def _read(self) -> int:
         size = os.fstat(self._file).st_size
@@ -189,21 +179,12 @@ class EvaluationStore:
             "seconds": round(evaluation.seconds, 3),
         }
         try:
-            self._append(entry)
+            append_line(self._file, entry)
         except OSError as error:
             raise ResultError(
                 f"{self._path}: cannot be written ({error.strerror}); free space and resume"
             ) from error
         self._take(entry)
-
-    def _append(self, entry: Mapping[str, Any]) -> None:
-        line = (json.dumps(entry, separators=(",", ":")) + "\n").encode()
-        start = os.lseek(self._file, 0, os.SEEK_CUR)
-        if os.write(self._file, line) != len(line):
-            # A full disk takes part of a line; take it back, so that later lines stay readable.
-            os.ftruncate(self._file, start)
-            os.lseek(self._file, start, os.SEEK_SET)
-            raise OSError(28, "No space left on device")
 
     def close(self) -> None:
         """Close the file; it stays."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,18 +17,16 @@ from vsr2.calibration.profile import Profile
 from vsr2.calibration.settings import Parameter
 from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
-from vsr2.errors import MotionError, ResultError
+from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
-from vsr2.report.panels import save_figure, scale_axis, sheet
-from vsr2.report.text import printable
-from vsr2.results.atomic import write_atomic
+from vsr2.report.panels import scale_axis, sheet, write_page
+from vsr2.report.text import markdown_table, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-REPORT = "report.md"
 COLUMNS = 3
 
 
@@ -40,12 +39,6 @@ def write_calibration_report(result: CalibrationResult, folder: str | Path) -> l
     Raises:
         ResultError: one cannot be written.
     """
-    path = Path(folder)
-    figures = path / "figures"
-    try:
-        figures.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{figures}: cannot be created ({error.strerror})") from error
     drawn = {
         "profiles": (profile_figure(result), "Profiles of the parameters."),
         "search": (search_figure(result), "The search and the comparison."),
@@ -53,13 +46,7 @@ def write_calibration_report(result: CalibrationResult, folder: str | Path) -> l
     diagram = prediction_figure(result)
     if diagram is not None:
         drawn["predictions"] = (diagram, "Predicted and observed outcomes.")
-    written = [
-        file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)
-    ]
-    text = calibration_page(result, {f"figures/{n}.png": t for n, (_, t) in drawn.items()})
-    content = text.encode("utf-8", "replace")
-    write_atomic(path / REPORT, lambda file: file.write(content))
-    return [*written, path / REPORT]
+    return write_page(folder, drawn, partial(calibration_page, result))
 
 
 def profile_figure(result: CalibrationResult) -> Figure:
@@ -406,9 +393,3 @@ def _fold_table(result: CalibrationResult) -> str:
         for k, one in enumerate(result.folds)
     ]
     return markdown_table(header, rows)
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

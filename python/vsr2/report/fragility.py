@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS
-from vsr2.report.calibration import markdown_table
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
-from vsr2.report.panels import save_figure, scale_axis, sheet
-from vsr2.results.atomic import write_atomic
+from vsr2.report.panels import scale_axis, sheet, write_page
+from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-REPORT = "report.md"
 MAX_PANELS = 12
 BINS = 10
 """Of the observed shares beside a curve."""
@@ -41,12 +39,6 @@ def write_fragility_report(result: FragilityResult, folder: str | Path) -> list[
     Raises:
         ResultError: one cannot be written.
     """
-    path = Path(folder)
-    figures = path / "figures"
-    try:
-        figures.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{figures}: cannot be created ({error.strerror})") from error
     drawn = {"overturning": (overturning_figure(result), "Overturning diagram")}
     for name in result.curves:
         text = f"Fragility in {MEASURE_LABELS[name]}"
@@ -55,13 +47,7 @@ def write_fragility_report(result: FragilityResult, folder: str | Path) -> list[
         drawn["surface"] = (surface_figure(result), "Fragility surface")
     if result.azimuth_curves:
         drawn["azimuth"] = (azimuth_figure(result), "Fragility against azimuth")
-    written = [
-        file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)
-    ]
-    text = fragility_page(result, {f"figures/{n}.png": t for n, (_, t) in drawn.items()})
-    content = text.encode("utf-8", "replace")
-    write_atomic(path / REPORT, lambda file: file.write(content))
-    return [*written, path / REPORT]
+    return write_page(folder, drawn, partial(fragility_page, result))
 
 
 def overturning_figure(result: FragilityResult) -> Figure:

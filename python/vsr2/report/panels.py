@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
 if TYPE_CHECKING:
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DOTS_PER_INCH = 200
+REPORT = "report.md"
 
 
 def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
@@ -64,6 +67,39 @@ def save_figure(figure: Figure, stem: Path) -> list[Path]:
             _save(figure, path, kind)
             files.append(path)
     return files
+
+
+def write_page(
+    folder: str | Path,
+    drawn: Mapping[str, tuple[Figure, str]],
+    page: Callable[[dict[str, str]], str],
+) -> list[Path]:
+    """Write figures into `figures/` and the page that shows them, `report.md`.
+
+    Args:
+        folder: where; it exists.
+        drawn: figure and caption by name.
+        page: makes the page's text of caption by path of figure.
+
+    Returns:
+        The files written, the page last.
+
+    Raises:
+        ResultError: one cannot be written.
+    """
+    path = Path(folder)
+    figures = path / "figures"
+    try:
+        figures.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"{figures}: cannot be created ({error.strerror})") from error
+    written = [
+        file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)
+    ]
+    text = page({f"figures/{name}.png": caption for name, (_, caption) in drawn.items()})
+    content = text.encode("utf-8", "replace")
+    write_atomic(path / REPORT, lambda file: file.write(content))
+    return [*written, path / REPORT]
 
 
 def _save(figure: Figure, path: Path, kind: str) -> None:

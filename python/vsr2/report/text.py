@@ -146,3 +146,9 @@ def _shortened(name: str, width: int = 32) -> str:
 
 def _number(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.3g}"
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

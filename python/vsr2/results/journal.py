@@ -8,8 +8,6 @@ holds a lock on it, where the file system has locks, so that no second one write
 
 from __future__ import annotations
 
-import errno
-import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -17,6 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from vsr2.errors import ResultError
+from vsr2.results.lines import append_line, lock_file
 
 JOURNAL_FILE = "journal.jsonl"
 _FORMAT = "vsr2 journal"
@@ -47,12 +46,12 @@ class Journal:
             _check_regular(self._path)
             self._file = os.open(self._path, os.O_WRONLY | os.O_CREAT, 0o666)
             try:
-                _lock(self._file, self._path)
+                lock_file(self._file, self._path)
                 self.finished, end = _read(self._path, self._header)
                 os.ftruncate(self._file, end)
                 os.lseek(self._file, 0, os.SEEK_END)
                 if end == 0:
-                    self._append(self._header)
+                    append_line(self._file, self._header)
             except BaseException:
                 os.close(self._file)
                 raise
@@ -70,21 +69,11 @@ class Journal:
         """
         entry = {**row, "trial": trial}
         try:
-            self._append(entry)
+            append_line(self._file, entry)
         except OSError as error:
             raise ResultError(
                 f"{self._path}: cannot be written ({error.strerror}); free space and resume"
             ) from error
-
-    def _append(self, entry: Mapping[str, Any]) -> None:
-        line = (json.dumps(entry, separators=(",", ":")) + "\n").encode()
-        start = os.lseek(self._file, 0, os.SEEK_CUR)
-        written = os.write(self._file, line)
-        if written != len(line):
-            # A full disk takes part of a line; take it back, so that later lines stay readable.
-            os.ftruncate(self._file, start)
-            os.lseek(self._file, start, os.SEEK_SET)
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def close(self) -> None:
         """Close the file; the journal stays."""
@@ -95,17 +84,6 @@ class Journal:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-def _lock(file: int, path: Path) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
-        if error.errno == errno.EWOULDBLOCK:
-            raise ResultError(
-                f"{path}: another process is writing it; let that one finish, or end it"
-            ) from error
-        # A file system without locks, as some networks have: nothing to hold on to.
 
 
 def _header(plan: str, trials: int) -> dict[str, Any]:
@@ -194,7 +172,7 @@ def refuse_running(folder: str | os.PathLike[str]) -> None:
     except OSError:
         return  # There is none, or whoever uses it next tells why it cannot.
     try:
-        _lock(file, path)
+        lock_file(file, path)
     finally:
         os.close(file)
 
