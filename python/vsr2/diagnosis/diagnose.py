@@ -16,7 +16,7 @@ from vsr2.diagnosis.amortised import Places
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
-from vsr2.diagnosis.equivalence import classes
+from vsr2.diagnosis.equivalence import classes, leading_class
 from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
@@ -176,7 +176,9 @@ def _rounds(
             prepared.tables,
             inference.posteriors,
             observed,
-            exponent=min(prepared.calibration.exponents[0], 1.0),
+            exponent=min(
+                float(prepared.calibration.combination.likelihood.weight(inference.likelihood)), 1.0
+            ),
         )
         out.append(_Round(prepared, inference, groups, dict(draws)))
         more = schedule.next_draws(draws, probability)
@@ -236,8 +238,8 @@ def conclude(
     kept = screening.kept
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
     motion = seen.motion[kept]
-    leading = tuple(groups[0])
     probability = dict(zip(found.labels, found.probability, strict=True))
+    leading, within = leading_class(probability, groups)
     floor = prepared.calibration.floor
     gap_low = _gap_low(prepared, found, motion, seed)
     shrinkage = judge(
@@ -250,14 +252,13 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
-    something = max(1 - float(probability[NONE]), 1e-9)
-    within = min(sum(float(probability[name]) for name in leading) / something, 1.0)
     findings = Findings(
         gap_low=gap_low,
         gap_p=found.gap_p,
         direction_p=found.direction_p,
         none_probability=float(probability[NONE]),
         leading=leading,
+        offered=len(library),
         class_probability=within,
         agreement=disagreement(
             leading,

@@ -220,7 +220,7 @@ class Rehearsal:
             prepared.tables,
             found.posteriors,
             observed,
-            min(prepared.calibration.exponents[0], 1.0),
+            min(float(prepared.calibration.combination.likelihood.weight(found.likelihood)), 1.0),
         )
         evidence = conclude(part, self.screening, prepared, found, groups)
         spent = {"budget": {"limited": False}}
