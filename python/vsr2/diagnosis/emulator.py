@@ -7,11 +7,10 @@ For trial i, effect e at prior quantiles u and standardised nuisances z (each ab
 
 with the functions phi_e of :func:`vsr2.diagnosis.library.basis`. All effects share the nuisances'
 coefficients, so that every simulation informs them. A trial's coefficients, in units of its noise,
-have a normal prior whose covariance is estimated from all trials (empirical Bayes, EM: C. M.
+have a normal prior whose variance by column is estimated from all trials (empirical Bayes: C. M.
 Bishop, "Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not
-touch shrinks to zero, and effects that act alike over the trials inform each other. The
-coefficients' posterior covariance is kept: it is the Monte Carlo error of the emulator, and enters
-every probability drawn from it.
+touch shrinks to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error
+of the emulator, and enters every probability drawn from it.
 
 What the features of a campaign have in common beyond that (curvature in z, an effect that changes
 how z acts) would make errors of trials alike where they are taken for independent, and the
@@ -41,7 +40,7 @@ _MOST_SHARED = 0.8
 """Share of a feature's noise that factors may take."""
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
-_LEAST_VARIANCE = 1e-4
+_LEAST_VARIANCE = 1e-6
 _FAR = 3.0
 """Scales beyond which a residual is taken for stray."""
 _LEAST_STRAY = 0.03
@@ -53,8 +52,6 @@ _POOLED = 0.1
 _NEWTON_STEPS = (6, 2)
 """In the first EM step, and in each later one."""
 _EM_STEPS = 6
-_SHARED = 0.7
-"""Weight of the columns' sample covariance over trials, beside its diagonal alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,11 +208,12 @@ def _logistic(x: Array, y: Array) -> Fit:
     share = (target * use).sum(axis=1) + 0.5
     mean = np.zeros((trials, columns))
     mean[:, 0] = np.log(share / (use.sum(axis=1) + 1.0 - share))
-    prior = _start_prior(columns, 1.0)
+    prior = np.full(columns, _START_VARIANCE)
+    prior[0] = _INTERCEPT_VARIANCE
     covariance = np.zeros((trials, columns, columns))
     ones = np.ones(trials)
     for em in range(_EM_STEPS):
-        precision = np.linalg.inv(prior)
+        precision = np.diag(1 / prior)
         for _ in range(_NEWTON_STEPS[min(em, 1)]):
             logits = np.clip(mean @ x.T, -30, 30)
             p = 1.0 / (1.0 + np.exp(-logits))
@@ -241,13 +239,14 @@ def _linear(x: Array, y: Array) -> Fit:
     pooled = float(np.median(spread[use.sum(axis=1) > 2])) if (use.sum(axis=1) > 2).any() else 1.0
     pooled = max(pooled, 1e-8)
     noise = np.maximum(spread, 0.05 * pooled)
-    prior = _start_prior(columns, max(pooled, 1.0) / pooled)
+    prior = np.full(columns, _START_VARIANCE)
+    prior[0] = 100 * _INTERCEPT_VARIANCE * max(pooled, 1.0) / pooled
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
     weight = use
     for _ in range(_EM_STEPS):
         gram = _weighted(x, weight)
-        hessian = (gram + np.linalg.inv(prior)) / noise[:, None, None]
+        hessian = (gram + np.diag(1 / prior)) / noise[:, None, None]
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         mean = np.einsum("tij,tj->ti", covariance, ((weight * target) @ x) / noise[:, None])
         residual = use * (target - mean @ x.T)
@@ -320,19 +319,14 @@ def _weighted(x: Array, weight: Array) -> Array:
     return out
 
 
-def _start_prior(columns: int, unit: float) -> Array:
-    diagonal = np.full(columns, _START_VARIANCE)
-    diagonal[0] = _INTERCEPT_VARIANCE * unit * 100
-    return np.diag(diagonal)
-
-
 def _updated(mean: Array, covariance: Array, noise: Array, old: Array) -> Array:
-    """Covariance of the columns over trials, in units of each trial's noise."""
-    second = np.einsum("ti,tj->ij", mean / noise[:, None], mean)
-    second = (second + np.einsum("tij,t->ij", covariance, 1 / noise)) / len(mean)
-    diagonal = np.diag(second)
-    out = _SHARED * second + (1 - _SHARED) * np.diag(diagonal)
-    out[np.arange(len(out)), np.arange(len(out))] += _LEAST_VARIANCE
-    out[0, :], out[:, 0] = 0.0, 0.0
-    out[0, 0] = old[0, 0]
+    """Variance of each column over trials, in units of each trial's noise.
+
+    D. J. C. MacKay's fixed point ("Bayesian interpolation", Neural Computation 4, 1992), which
+    drops columns that say nothing far sooner than EM does.
+    """
+    own = np.diagonal(covariance, axis1=1, axis2=2) / noise[:, None]
+    known = np.maximum(1 - own / old, 1e-3).sum(axis=0)
+    out = np.clip((mean**2 / noise[:, None]).sum(axis=0) / known, _LEAST_VARIANCE, None)
+    out[0] = old[0]
     return np.asarray(out, dtype=np.float64)
