@@ -88,7 +88,7 @@ class RockBody:
 
 @dataclass(frozen=True)
 class PitchSpring:
-    """The pedestal's pitch axis as a joint on a spring and a dashpot, on which the rock pushes back.
+    """The pedestal's pitch axis as a sprung and damped joint, on which the rock pushes back.
 
     pitch'' + 2 damping w pitch' + w^2 pitch = -w^2 compliance a + M / inertia, with a the
     acceleration along x and M the moment about the axis of all that the rock exerts on the

@@ -313,7 +313,7 @@ def check_trials(trials: Sequence[Trial]) -> None:
             )
         if scene.pitches and trial.drive != "prescribed":
             raise SimulationError(
-                f"trial {trial.name or motion.name!r}: the pedestal pitches on a spring, which only "
+                f"trial {trial.name or motion.name!r}: the pedestal pitches on a spring; only "
                 "drive: prescribed lets it"
             )
         if scene.pitches and motion.pitch is not None:

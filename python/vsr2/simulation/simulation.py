@@ -210,7 +210,7 @@ class Simulation:
         rule = settling or Settling()
         if not self.has_rock:
             raise SimulationError("settle: there is no rock; spawn one first")
-        hold, (transverse, vertical, pitch) = self._world.pedestal[0], self._world.excursion
+        hold, (transverse, vertical, pitch) = self.pedestal[0], self.excursion
         excursion = (transverse, vertical, 0.0 if self.scene.pitches else pitch)
         needed = max(1, round(rule.window / self.time_step))
         quiet = 0
@@ -252,6 +252,12 @@ class Simulation:
         """Achieved position [m] and velocity [m/s] of the pedestal."""
         position, velocity = self._world.pedestal
         return float(position), float(velocity)
+
+    @property
+    def excursion(self) -> tuple[float, float, float]:
+        """Of the pedestal beside x: along y and z [m], pitch about y [rad]."""
+        transverse, vertical, pitch = self._world.excursion
+        return float(transverse), float(vertical), float(pitch)
 
     @property
     def state(self) -> State:
