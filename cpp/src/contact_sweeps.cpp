@@ -208,7 +208,7 @@ class Jump {
  public:
   VSR2_INLINE Jump(const ContactProblem& p, const Pattern& pattern, const Variables& variables)
       : p_(p), pattern_(pattern), v_(variables), count_(variables.count) {
-    linearise();
+    p.sprung ? linearise<true>() : linearise<false>();
   }
 
   // Sweeps jumped, at most `most`; `e` then holds the change of every variable.
@@ -314,15 +314,17 @@ class Jump {
     VSR2_INLINE void set(int q, double weight) { reinterpret_cast<double*>(group)[q] = weight; }
   };
 
+  template <bool kSprung>
   VSR2_INLINE void subtract_normal(const ContactRows& r, const Linear& w0, const Linear& w1,
                                    const Linear& vz, const Linear& support, int w,
                                    Lanes& from) const {
     Lanes speed = (r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w];
-    if (p_.sprung) speed += r.njs * support.group[w];
+    if constexpr (kSprung) speed += r.njs * support.group[w];
     from -= speed;
   }
 
   // One sweep of the linear parts, as functions of the variables before it.
+  template <bool kSprung>
   VSR2_INLINE void linearise() {
     Linear x[4 * kOut] = {};  // the variables
     Linear w0{}, w1{}, w2{}, vx{}, vy{}, vz{}, support{};  // the speeds
@@ -330,7 +332,6 @@ class Jump {
     double d[4 * kOut] = {};
     const auto contacts = static_cast<std::size_t>(p_.count);
     const bool motor = p_.motor_inverse_mass > 0;
-    const bool sprung = p_.sprung;
     for (int q = 1; q < count_; ++q) x[q].set(q - 1, 1.0);
     double greatest = 0.0;
     const ContactRows* first = nullptr;
@@ -344,7 +345,7 @@ class Jump {
           w1.set(q - 1, r.nd1);
           w2.set(q - 1, r.nd2);
           vz.set(q - 1, p_.inverse_mass);
-          if (sprung) support.set(q - 1, r.nds);
+          if constexpr (kSprung) support.set(q - 1, r.nds);
         }
         d[q] = r.dn;
         greatest = std::max(greatest, r.n);
@@ -353,7 +354,7 @@ class Jump {
         w0.set(q - 1, r.sd0);
         w1.set(q - 1, r.sd1);
         w2.set(q - 1, r.sd2);
-        if (sprung) support.set(q - 1, r.sds);
+        if constexpr (kSprung) support.set(q - 1, r.sds);
         d[q] = r.ds;
       }
       if (const int q = v_.lateral[i]; q >= 0) {
@@ -366,7 +367,7 @@ class Jump {
         w2.set(q, r.bd2);
         vx.set(q, p_.inverse_mass);
         support.set(q, r.bds);
-        if (sprung) support.set(q - 1, r.ads);
+        if constexpr (kSprung) support.set(q - 1, r.ads);
         d[q] = r.da;
         d[q + 1] = r.db;
       }
@@ -388,24 +389,24 @@ class Jump {
       if (q < 0) {
         any_open_ = true;
         for (int w = 0; w < kIn; ++w)
-          subtract_normal(r, w0, w1, vz, support, w, open[i].group[w]);
+          subtract_normal<kSprung>(r, w0, w1, vz, support, w, open[i].group[w]);
         // Before the first variable's turn its old value still counts.
         if (first != nullptr)
           before_first_[i] = -((r.nj0 * first->nd0 + r.nj1 * first->nd1) + r.njz * p_.inverse_mass +
-                               (sprung ? r.njs * first->nds : 0.0));
+                               (kSprung ? r.njs * first->nds : 0.0));
         continue;
       }
       if (q == 0) first = nullptr;
       for (int w = 0; w < kIn; ++w) {
         Lanes next = x[q].group[w] * r.nkeep;
-        subtract_normal(r, w0, w1, vz, support, w, next);
+        subtract_normal<kSprung>(r, w0, w1, vz, support, w, next);
         const Lanes delta = next - x[q].group[w];
         x[q].group[w] = next;
         w0.group[w] += r.nd0 * delta;
         w1.group[w] += r.nd1 * delta;
         w2.group[w] += r.nd2 * delta;
         vz.group[w] += p_.inverse_mass * delta;
-        if (sprung) support.group[w] += r.nds * delta;
+        if constexpr (kSprung) support.group[w] += r.nds * delta;
       }
     }
     for (std::size_t i = 0; i < contacts; ++i) {
@@ -415,7 +416,7 @@ class Jump {
       const double sign = pattern_.spin[i] == Pattern::upper ? 1.0 : -1.0;
       for (int w = 0; w < kIn; ++w) {
         Lanes next = x[q].group[w] - r.sj * w2.group[w];
-        if (sprung) next -= r.sjs * support.group[w];
+        if constexpr (kSprung) next -= r.sjs * support.group[w];
         if (pattern_.spin[i] != Pattern::free) {
           spin_sum_[i].group[w] = next;
           next = (sign * p_.spinning_friction) * x[v_.normal[i]].group[w];
@@ -425,7 +426,7 @@ class Jump {
         w0.group[w] += r.sd0 * delta;
         w1.group[w] += r.sd1 * delta;
         w2.group[w] += r.sd2 * delta;
-        if (sprung) support.group[w] += r.sds * delta;
+        if constexpr (kSprung) support.group[w] += r.sds * delta;
       }
     }
     for (std::size_t i = 0; i < contacts; ++i) {
@@ -435,9 +436,9 @@ class Jump {
       for (int w = 0; w < kIn; ++w) {
         Lanes a = x[q].group[w] -
                   ((r.aj0 * w0.group[w] + r.aj2 * w2.group[w]) + r.ajy * vy.group[w]);
-        if (sprung) a -= r.ajs * support.group[w];
+        if constexpr (kSprung) a -= r.ajs * support.group[w];
         Lanes along = (r.bj1 * w1.group[w] + r.bj2 * w2.group[w]) + r.bjx * vx.group[w];
-        if (motor || sprung) along += r.bjs * support.group[w];
+        if (motor || kSprung) along += r.bjs * support.group[w];
         Lanes b = x[q + 1].group[w] - along;
         if (pattern_.slides[i]) {
           a_sum_[i].group[w] = a;
@@ -462,7 +463,7 @@ class Jump {
         vy.group[w] -= p_.inverse_mass * da;
         vx.group[w] += p_.inverse_mass * db;
         if (motor) support.group[w] -= p_.motor_inverse_mass * db;
-        if (sprung) support.group[w] += r.ads * da + r.bds * db;
+        if constexpr (kSprung) support.group[w] += r.ads * da + r.bds * db;
       }
     }
     State* column = power_[0].column;

@@ -94,10 +94,11 @@ class FastWorldOnBullet final : public FastWorld {
     const PedestalState start = pedestal_;
     FastStepper::Snapshot before;
     std::optional<RockMechanics> mechanics_before;
-    const std::optional<PitchJoint> joint_before = joint_;
+    std::optional<PitchJoint> joint_before;
     if (engine.substeps > 1) {
       before = stepper_.snapshot();
       mechanics_before = mechanics_;
+      joint_before = joint_;
     }
     for (int i = 0; i < engine.substeps; ++i) {
       if (substep(target, dt, start, i)) continue;

@@ -207,7 +207,7 @@ def make_scene(
                 top=pedestal.top,
                 material=_native_material(contact.pedestal),
                 pitch_pivot=_pitch_pivot(pedestal),
-                pitch_spring=spring and _native.PitchSpring(**asdict(spring)),
+                pitch_spring=None if spring is None else _native.PitchSpring(**asdict(spring)),
             ),
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),
