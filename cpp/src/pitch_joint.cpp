@@ -50,8 +50,8 @@ void PitchJoint::start(const RockState& rock, const PedestalState& pedestal) {
   const Eigen::Vector3d arm = rock.p_WB - pitch_axis(pedestal_, pedestal);
   if (weight_ * arm.z() >= stiffness_) {
     std::ostringstream text;
-    text << "the pedestal's sprung pitch joint does not carry the rock: its stiffness, " << stiffness_
-         << " N m/rad, is not above m g h = " << weight_ * arm.z()
+    text << "the pedestal's sprung pitch joint does not carry the rock: its stiffness, "
+         << stiffness_ << " N m/rad, is not above m g h = " << weight_ * arm.z()
          << " N m; give it more inertia or a higher frequency";
     throw InvalidInput(text.str());
   }

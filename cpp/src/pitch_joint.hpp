@@ -1,5 +1,5 @@
 #pragma once
-// The state of a pedestal's sprung pitch joint, step by step, in whatever engine; private to the core.
+// A pedestal's sprung pitch joint, step by step, in whatever engine; private to the core.
 
 #include <functional>
 
@@ -16,7 +16,7 @@ namespace vsr2 {
 /// response to the contacts, finish().
 class PitchJoint {
  public:
-  /// `dt`: of a solver step [s]. The scene's pedestal must have a spring; it must outlive the joint.
+  /// `dt`: of a solver step [s]. The scene, whose pedestal must have a spring, outlives the joint.
   PitchJoint(const Scene& scene, double dt);
 
   /// A rock was put down: the joint rests under its weight.

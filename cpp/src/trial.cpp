@@ -172,6 +172,7 @@ class Run {
     RestClock rest(criterion, dt_, swings());
     const std::int64_t limit = steps_in(timeout, dt_);
     reserve_rows(result_.log, limit, log_every, kLogColumns);
+    if (spatial_) reserve_rows(result_.excursions, limit, log_every, kExcursionColumns);
     bool settled = limit == 0;
     for (std::int64_t i = 0; i < limit && !settled; ++i) {
       if (log_every > 0 && i % log_every == 0)

@@ -444,5 +444,24 @@ TEST(PitchSpring, StepsWithoutAllocating) {
   }
 }
 
+TEST(PitchSpring, LogsATrialWithoutAllocating) {
+  test::count_bullet_allocations();
+  const std::atomic<bool> run_on{false};
+  const auto scene = table({.spring = {.frequency = 6.0, .compliance = kPerG, .inertia = 300}});
+  long allocations[2];
+  for (const bool longer : {false, true}) {
+    TrialSpec spec = testing::trial_of(scene, standing(0.101),
+                                       std::vector<double>(longer ? 4000 : 1000, 0.0), kSpatial);
+    spec.stop_early = false;
+    spec.tail = 0.5;
+    spec.log_every = 1;
+    const long before = test::allocation_count();
+    const TrialResult result = run_trial(spec, run_on);
+    allocations[longer] = test::allocation_count() - before;
+    EXPECT_EQ(result.excursions.size(), kExcursionColumns * (longer ? 4500U : 1500U));
+  }
+  EXPECT_EQ(allocations[0], allocations[1]);
+}
+
 }  // namespace
 }  // namespace vsr2

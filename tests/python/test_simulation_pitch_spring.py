@@ -73,8 +73,14 @@ def test_a_stiff_joint_is_a_rigid_table() -> None:
         apply_effects([shaken], {"table_pitch": {"compliance": compliance}})[0]
         for compliance in (1e-9, 1e-3)
     ]
-    plain, stiff, soft = run_batch([shaken, *changed], threads=1)["peak_tilt"].astype(float)
+    given = replace(SPRING, frequency=10.0, compliance=0.0, inertia=500.0)
+    scene = shaken.scene
+    pedestal = replace(scene.pedestal, pitch_spring=given, pitch_pivot=scene.pedestal.top - 0.5)
+    free = replace(shaken, scene=make_scene(scene.rock, pedestal, scene.engine, scene.contact))
+    peaks = run_batch([shaken, *changed, free], threads=1)["peak_tilt"].astype(float)
+    plain, stiff, soft, turning = (float(peak) for peak in peaks)
     assert plain > 0.02
+    assert turning != pytest.approx(plain, abs=1e-3)
     assert stiff == pytest.approx(plain, abs=1e-5)
     assert soft != pytest.approx(plain, abs=1e-3)
 

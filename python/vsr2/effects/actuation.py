@@ -565,7 +565,8 @@ class TablePitch(Effect):
     How far the joint gives way to the rock follows from what drives it: a table of mass m, its
     centre h above the joint, leans by m h g / k under 1 g. So the stiffness is k = moment g /
     compliance with moment = m h, and the table's inertia about the joint k / w^2. As the compliance
-    goes to 0 the table becomes rigid, which with a given inertia it would not.
+    goes to 0 the table becomes rigid. With a given inertia it would not: that table gives way to
+    every impact of the rock, whatever drives it.
     """
 
     name = "table_pitch"
@@ -668,7 +669,7 @@ class TablePitch(Effect):
                 self._ringing(bench, light), own, 0.01 * own,
             ),
             Check(
-                "the same with a block on a table as heavy, (k - m g h) / (I + I_O) [Hz]",
+                "the same with a block that stands, sqrt((k - m g h) / (I + I_O)) / 2 pi [Hz]",
                 self._ringing(bench, heavy), slow, 0.01 * slow,
             ),
             self._carried(bench, heavy),
