@@ -20,7 +20,7 @@ import numpy as np
 
 from vsr2.config.study import Contact, Engine, MeshRock, Outcome, Output, PrismPedestal, Settling
 from vsr2.motion import Motion, SideMotion, build_recorded_motion, read_record
-from vsr2.scene import Mechanisms, build_pedestal, build_rock
+from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, build_pedestal, build_rock
 from vsr2.simulation import Trial, make_scene, run_batch
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,6 +32,8 @@ MECHANISMS = {
     "adhesion 20 kPa": Mechanisms(adhesion=2e4),
     "catch_slack 0.2 rad": Mechanisms(catch_slack=0.2),
 }
+SPRING = PitchSpring(frequency=10.0, damping=0.1, compliance=0.0, inertia=500.0)
+"""Of a pedestal that only the rock turns, so that the response stays much the same."""
 
 
 def record(steps: int) -> Motion:
@@ -76,8 +78,13 @@ def main() -> None:
     print(f"{'engine':8} {'with':26} {'ratio':>6}  quartiles")
     for mode in arguments.engines:
 
-        def trial_with(mechanisms: Mechanisms | None, shaken: Motion, mode: str = mode) -> Trial:
-            scene = make_scene(rock, pedestal, Engine(mode=mode), Contact(), mechanisms)
+        def trial_with(
+            mechanisms: Mechanisms | None,
+            shaken: Motion,
+            mode: str = mode,
+            stand: PedestalBody = pedestal,
+        ) -> Trial:
+            scene = make_scene(rock, stand, Engine(mode=mode), Contact(), mechanisms)
             return Trial(
                 scene=scene,
                 motion=shaken,
@@ -87,7 +94,11 @@ def main() -> None:
             )
 
         plain = trial_with(None, motion)
-        cases = {"channels beside x": trial_with(None, in_space(motion))}
+        sprung = replace(pedestal, pitch_spring=SPRING)
+        cases = {
+            "channels beside x": trial_with(None, in_space(motion)),
+            "sprung pitch joint": trial_with(None, motion, stand=sprung),
+        }
         for name, mechanisms in MECHANISMS.items():
             cases[name] = trial_with(mechanisms, motion)
         for name, trial in cases.items():

@@ -7,11 +7,14 @@ of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `
 `exact`, with its standard error (paired). Run from the repository's root (about 130 s on
 one core); docs/effects.md shows the table, `vsr2.effects.page` writes that:
 
-    python studies/effect_checks.py
+    python studies/effect_checks.py [NAME ...]
+
+With names, only the rows of those effects are written anew.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -67,7 +70,11 @@ def shift(effect: Effect, rock: Rock) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Write the table."""
+    """Write the table, or the rows of the effects named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME")
+    names = parser.parse_args().names
+    kept = {line.split(",")[0]: line for line in OUT.read_text().splitlines()} if names else {}
     checker = EffectChecker(MESH)
     columns = ["effect", "neutral"]
     for rock in ROCKS:
@@ -78,6 +85,9 @@ def main() -> None:
     rows = [",".join(columns)]
     floors = {rock: ", ".join(f"{v:.1e}" for v in checker.floor(rock)) for rock in ROCKS}
     for effect in in_order(library()):
+        if effect.name in kept and effect.name not in names:
+            rows.append(kept[effect.name])
+            continue
         report = checker.check(effect)
         near = other_end(effect)
         cells = [effect.name, str(report.neutral).lower()]

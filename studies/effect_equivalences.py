@@ -3,7 +3,8 @@
 With phi = tilt / alpha the planar equation of rocking holds the motion as a / (g tan alpha) only
 (Housner 1963). So a gain of 1 + k, a slenderness of 1 / (1 + k), and a stiff pitch of c rad/g under
 a sine of frequency w, which acts like k = c (1 + w^2 / p^2), must give the same tilt relative to
-alpha. Run from the repository's root (under a minute):
+alpha. That is of a table that does not feel the rock; the last column is of the default table, 1000
+kg m, which the block of 778 kg swings along with. Run from the repository's root (under a minute):
 
     python studies/effect_equivalences.py
 """
@@ -24,7 +25,9 @@ OUT = Path("docs/results/effects")
 BURSTS = ((4.5, 1.5), (4.5, 2.0), (6.0, 2.0), (5.5, 2.5))
 """Greatest acceleration [m/s^2] and frequency [Hz] of sines that swell and fade in four periods."""
 GAINS = (-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06, 0.08)
-NAMES = ("table_gain", "slenderness", "table_pitch")
+NAMES = ("table_gain", "slenderness", "table_pitch", "table_pitch_default")
+MOMENTS = (1e12, 1000.0)
+"""Of the two tables that pitch [kg m]."""
 
 
 def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int = 4) -> Motion:
@@ -40,7 +43,7 @@ def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int =
 
 
 def relative_tilts(bench: EffectBench, amplitude: float, frequency: float, k: float) -> list[float]:
-    """Largest tilt over the block's slenderness angle, for the three effects of the same `k`."""
+    """Largest tilt over the block's slenderness angle, for effects of the same `k`, as `NAMES`."""
     setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
     alpha = math.atan2(0.2, 0.6)
     p_squared = 0.75 * setup.engine.gravity / math.hypot(0.2, 0.6)
@@ -54,7 +57,7 @@ def relative_tilts(bench: EffectBench, amplitude: float, frequency: float, k: fl
     return [
         peak("table_gain", {"change": k}) / alpha,
         peak("slenderness", {"change": 1 / (1 + k) - 1}) / slender,
-        peak("table_pitch", pitch) / alpha,
+        *(peak("table_pitch", pitch | {"moment": moment}) / alpha for moment in MOMENTS),
     ]
 
 
@@ -75,7 +78,7 @@ def main() -> None:
         for k, tilts in zip(GAINS, table, strict=True):
             cells = ",".join(f"{tilt:.4f}" for tilt in tilts)
             rows.append(f"{amplitude},{frequency},{k},{cells}")
-        for name, style, column in zip(NAMES, ("k-", "C0o", "C3x"), table.T, strict=True):
+        for name, style, column in zip(NAMES, ("k-", "C0o", "C3x", "C3:"), table.T, strict=True):
             axis.plot(100 * np.array(GAINS), column, style, ms=4, lw=1.0, label=name)
         axis.set_title(f"{amplitude:g} m/s^2, {frequency:g} Hz", fontsize=8)
         axis.set_xlabel("k [%]")

@@ -158,6 +158,9 @@ class BulletWorld final : public BulletWorldBase {
     info.m_restitutionVelocityThreshold = engine.restitution_velocity_threshold;
     info.m_solverMode |= SOLVER_USE_2_FRICTION_DIRECTIONS;
     if (!engine.cone_friction) info.m_solverMode |= SOLVER_DISABLE_IMPLICIT_CONE_FRICTION;
+    check_drive(scene_->pedestal(), drive_);
+    if (scene_->pedestal().pitch_spring)
+      joint_.emplace(*scene_, engine.time_step / engine.substeps);
     if (scene_->mechanisms().sets_friction())
       world_.before_solution = [this] { set_friction(); };
     add_ground();
@@ -173,6 +176,20 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   void spawn_rock(const Pose& X_WB) override {
+    take_rock(X_WB);
+    if (!joint_) return;
+    PitchJoint loaded = *joint_;
+    try {
+      loaded.start(rock(), spatial_);
+    } catch (const InvalidInput&) {
+      delete_rock();
+      throw;
+    }
+    set_pitch_joint(loaded);
+    start_mechanics();
+  }
+
+  void take_rock(const Pose& X_WB) override {
     if (rock_.multibody) throw InvalidInput("there is a rock already; delete it first");
     if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
         std::abs(X_WB.orientation.norm() - 1.0) > kQuaternionTolerance)
@@ -197,10 +214,7 @@ class BulletWorld final : public BulletWorldBase {
     body.setWorldToBaseRot(to_bullet(X_WB.orientation).inverse());
     refresh(body);
     world_.updateSingleAabb(&collider);
-    if (RockMechanics::needed(*scene_)) {
-      mechanics_.emplace(*scene_);
-      mechanics_->start(rock(), pedestal_motion(scene_->pedestal(), pedestal()));
-    }
+    start_mechanics();
   }
 
   void delete_rock() override {
@@ -218,7 +232,7 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   void step(const DriveTarget& target) override {
-    check_target(drive_, target);
+    check_target(scene_->pedestal(), drive_, target);
     const EngineSettings& engine = scene_->engine();
     const double dt = engine.time_step / engine.substeps;
     btMultiBody& robot = *robot_.multibody;
@@ -254,6 +268,15 @@ class BulletWorld final : public BulletWorldBase {
     refresh(robot);
     for (auto& collider : robot_.colliders) world_.updateSingleAabb(collider.get());
   }
+
+  void set_pitch_joint(const PitchJoint& joint) override {
+    joint_ = joint;
+    PedestalState state = spatial_;
+    state.excursion.pitch = joint.pitch();
+    set_pedestal(state);
+  }
+
+  const std::optional<PitchJoint>& pitch_joint() const override { return joint_; }
 
   void set_mechanics(const RockMechanics& mechanics) override { mechanics_ = mechanics; }
 
@@ -341,6 +364,12 @@ class BulletWorld final : public BulletWorldBase {
   }
 
  private:
+  void start_mechanics() {
+    if (!RockMechanics::needed(*scene_)) return;
+    mechanics_.emplace(*scene_);
+    mechanics_->start(rock(), pedestal_motion(scene_->pedestal(), pedestal()));
+  }
+
   void add_ground() {
     ground_.multibody = std::make_unique<btMultiBody>(0, 0.0, btVector3(0, 0, 0), true, false);
     btMultiBody& body = *ground_.multibody;
@@ -364,20 +393,26 @@ class BulletWorld final : public BulletWorldBase {
     const double mass = prescribed ? kPrescribedMass : pedestal.mass;
     const btVector3 inertia = shapes.pedestal_inertia * (mass / pedestal.mass);
     const Eigen::Vector3d base_centre(0, 0, 0.5 * pedestal.base_size.z());
+    // What the first joints carry: P's origin, or the axis of the sprung joint.
+    const Eigen::Vector3d carried = joint_ ? pitch_axis(pedestal, {}) : pedestal.p_WP0;
     robot_.multibody = std::make_unique<btMultiBody>(spatial ? kSpatialJoints : 1, 0.0,
                                                      btVector3(0, 0, 0), true, false);
     btMultiBody& body = *robot_.multibody;
     body.setHasSelfCollision(false);
     body.setBasePos(to_bullet(base_centre));
     body.setupPrismatic(0, mass, inertia, -1, btQuaternion(0, 0, 0, 1), btVector3(1, 0, 0),
-                        to_bullet(Eigen::Vector3d(pedestal.p_WP0 - base_centre)), btVector3(0, 0, 0),
+                        to_bullet(Eigen::Vector3d(carried - base_centre)), btVector3(0, 0, 0),
                         true);
     if (spatial) {
       const btQuaternion straight(0, 0, 0, 1);
       const btVector3 zero(0, 0, 0);
       body.setupPrismatic(1, mass, inertia, 0, straight, btVector3(0, 1, 0), zero, zero, true);
       body.setupPrismatic(2, mass, inertia, 1, straight, btVector3(0, 0, 1), zero, zero, true);
-      body.setupRevolute(3, mass, inertia, 2, straight, btVector3(0, 1, 0), zero, zero, true);
+      if (joint_) {
+        add_sprung_link(body, pedestal.p_WP0 - carried);
+      } else {
+        body.setupRevolute(3, mass, inertia, 2, straight, btVector3(0, 1, 0), zero, zero, true);
+      }
     }
     // Damping would slow a prescribed pedestal between the two ends of a step.
     body.setLinearDamping(prescribed ? 0.0 : engine.linear_damping);
@@ -406,7 +441,23 @@ class BulletWorld final : public BulletWorldBase {
     }
   }
 
+  // Contacts turn it as the joint's inertia asks, whatever the engine's own part in that; the other
+  // joints' mass carries it. `arm`: from the axis to P's origin.
+  void add_sprung_link(btMultiBody& body, const Eigen::Vector3d& arm) {
+    const double response = joint_->inverse_inertia();
+    const double about_axis = response > 0 ? 1.0 / response : kPrescribedMass;
+    const double square = arm.squaredNorm();
+    const double mass = 0.5 * about_axis / (1.0 + square);
+    const double about_centre = about_axis - mass * square;
+    const btVector3 zero(0, 0, 0);
+    body.setupRevolute(3, mass, btVector3(about_centre, about_centre, about_centre), 2,
+                       btQuaternion(0, 0, 0, 1), btVector3(0, 1, 0), zero, to_bullet(arm), true);
+  }
+
   std::array<double, kSpatialJoints> spatial_joints(const PedestalState& state) const {
+    if (joint_)
+      return {state.position, state.excursion.transverse, state.excursion.vertical,
+              state.excursion.pitch};
     const Eigen::Vector3d p =
         pedestal_motion(scene_->pedestal(), state).p_WP - scene_->pedestal().p_WP0;
     return {p.x(), p.y(), p.z(), state.excursion.pitch};
@@ -418,15 +469,18 @@ class BulletWorld final : public BulletWorldBase {
     const PedestalState start = spatial_;
     for (int i = 0; i < engine.substeps; ++i) {
       turn_normals();
-      const PedestalState next = on_the_way(start, spatial_, target, i + 1, engine.substeps, dt);
+      push_rock(dt);
+      PedestalState next = on_the_way(start, spatial_, target, i + 1, engine.substeps, dt);
+      if (joint_) next.excursion.pitch = spatial_.excursion.pitch;
       const auto goal = spatial_joints(next);
       for (int j = 0; j < kSpatialJoints; ++j) {
         robot.setJointVel(j, (goal[static_cast<std::size_t>(j)] - robot.getJointPos(j)) / dt);
         // Bullet adds the weight of every link when it steps.
         robot.addLinkForce(j, -world_.getGravity() * robot.getLinkMass(j));
       }
+      if (joint_) robot.setJointVel(3, joint_->blow(next.velocity - spatial_.velocity));
       spatial_ = next;
-      advance(dt);
+      solve(dt);
     }
   }
 
@@ -443,22 +497,40 @@ class BulletWorld final : public BulletWorldBase {
 
   // One solver step.
   void advance(double dt) {
-    if (!mechanics_) {
-      world_.stepSimulation(dt, 0);
-      return;
-    }
-    RockState state = rock();
-    if (mechanics_->begin_step(state, dt)) set_rock_velocity(state.v_WB, state.w_WB);
+    push_rock(dt);
+    solve(dt);
+  }
+
+  void push_rock(double dt) {
+    if (!mechanics_) return;
+    const RockState before = rock();
+    RockState state = before;
+    if (!mechanics_->begin_step(state, dt)) return;
+    set_rock_velocity(state.v_WB, state.w_WB);
+    if (joint_) joint_->react(before, state, spatial_);
+  }
+
+  void solve(double dt) {
     world_.stepSimulation(dt, 0);
+    if (joint_) {
+      const double rate = robot_.multibody->getJointVel(3);
+      joint_->finish(rate);
+      spatial_.excursion.pitch = joint_->pitch();
+      spatial_.excursion_rate.pitch = rate;
+    }
+    if (!mechanics_) return;
     touches_.clear();
     each_pedestal_contact([&](const btManifoldPoint& point, bool rock_is_a) {
       touches_.push_back({to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
                           (rock_is_a ? 1.0 : -1.0) * to_eigen(point.m_normalWorldOnB),
                           point.m_appliedImpulse});
     });
-    state = rock();
-    if (mechanics_->end_step(state, pedestal_motion(scene_->pedestal(), pedestal()), touches_, dt))
-      set_rock_velocity(state.v_WB, state.w_WB);
+    const RockState before = rock();
+    RockState state = before;
+    if (!mechanics_->end_step(state, pedestal_motion(scene_->pedestal(), pedestal()), touches_, dt))
+      return;
+    set_rock_velocity(state.v_WB, state.w_WB);
+    if (joint_) joint_->react(before, state, spatial_);
   }
 
   // Bullet gives a point its coefficient whenever it finds it again, so it is set for each solution.
@@ -535,6 +607,7 @@ class BulletWorld final : public BulletWorldBase {
   std::unique_ptr<btMultiBodyJointMotor> motor_;
   PedestalState spatial_;  ///< of a pedestal that moves in space
   double pitch_of_normals_ = 0.0;  ///< of the pedestal, to which contacts' normals belong [rad]
+  std::optional<PitchJoint> joint_;
   std::optional<RockMechanics> mechanics_;
   std::vector<Touch> touches_;
   btAlignedObjectArray<btQuaternion> scratch_q_;

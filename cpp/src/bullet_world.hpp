@@ -2,8 +2,10 @@
 // Bullet worlds for the engines built on them; private to the core.
 
 #include <memory>
+#include <optional>
 #include <vector>
 
+#include "pitch_joint.hpp"
 #include "rock_mechanics.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/world.hpp"
@@ -22,7 +24,12 @@ struct CachedContact {
 /// A Bullet world that can start from another engine's state.
 class BulletWorldBase : public World {
  public:
+  /// As spawn_rock(), but a sprung pitch joint stays as it is.
+  virtual void take_rock(const Pose& X_WB) = 0;
   virtual void set_pedestal(const PedestalState& state) = 0;
+  /// Goes on with a sprung pitch joint, and the pedestal's pitch, where another engine left them.
+  virtual void set_pitch_joint(const PitchJoint& joint) = 0;
+  virtual const std::optional<PitchJoint>& pitch_joint() const = 0;
   /// Goes on with mechanisms where another engine left them. Needs a rock.
   virtual void set_mechanics(const RockMechanics& mechanics) = 0;
   /// Fills the contact cache between rock and pedestal, in the order given. Needs a rock, a

@@ -32,7 +32,7 @@ constexpr double kMostTurnBefore = 1e-6;
 constexpr double kMostTurn = 1e-5;
 
 // One sweep over all rows; returns the greatest change of a row's speed.
-template <bool kMotor>
+template <bool kMotor, bool kSprung>
 double sweep(ContactProblem& p, Pattern& pattern) {
   VelocityChange c = p.change;
   double greatest = 0.0;
@@ -51,7 +51,9 @@ double sweep(ContactProblem& p, Pattern& pattern) {
   const auto count = static_cast<std::size_t>(p.count);
   for (std::size_t i = 0; i < count; ++i) {
     ContactRows& r = p.rows[i];
-    const double sum = (r.n * r.nkeep + r.nrhs) - ((r.nj0 * c.w0 + r.nj1 * c.w1) + r.njz * c.z);
+    double along = (r.nj0 * c.w0 + r.nj1 * c.w1) + r.njz * c.z;
+    if constexpr (kSprung) along += r.njs * c.support;
+    const double sum = (r.n * r.nkeep + r.nrhs) - along;
     r.n_sum = sum;
     pattern.closed[i] = sum > 0.0;
     r.dn = 0.0;
@@ -64,6 +66,7 @@ double sweep(ContactProblem& p, Pattern& pattern) {
     c.w1 += r.nd1 * delta;
     c.w2 += r.nd2 * delta;
     c.z += p.inverse_mass * delta;
+    if constexpr (kSprung) c.support += r.nds * delta;
     note(delta * r.nk);
   }
   bool stopped = false;
@@ -77,7 +80,9 @@ double sweep(ContactProblem& p, Pattern& pattern) {
       pattern.spin[i] = Pattern::free;
       continue;
     }
-    const double sum = (r.s + r.srhs) - r.sj * c.w2;
+    double turn = r.sj * c.w2;
+    if constexpr (kSprung) turn += r.sjs * c.support;
+    const double sum = (r.s + r.srhs) - turn;
     const double bounded = std::min(std::max(sum, -limit), limit);
     const double delta = bounded - r.s;
     pattern.spin[i] = sum > limit ? Pattern::upper : sum < -limit ? Pattern::lower : Pattern::free;
@@ -88,6 +93,7 @@ double sweep(ContactProblem& p, Pattern& pattern) {
     c.w0 += r.sd0 * delta;
     c.w1 += r.sd1 * delta;
     c.w2 += r.sd2 * delta;
+    if constexpr (kSprung) c.support += r.sds * delta;
     note(delta * r.sk);
   }
   for (std::size_t i = 0; i < count; ++i) {
@@ -95,9 +101,11 @@ double sweep(ContactProblem& p, Pattern& pattern) {
     r.da = r.db = 0.0;
     if (!(r.n > 0.0) && r.a == 0.0 && r.b == 0.0) continue;
     const double limit = r.friction * r.n;
-    double a = (r.a + r.arhs) - ((r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y);
+    double across = (r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y;
+    if constexpr (kSprung) across += r.ajs * c.support;
+    double a = (r.a + r.arhs) - across;
     double along = (r.bj1 * c.w1 + r.bj2 * c.w2) + r.bjx * c.x;
-    if constexpr (kMotor) along += r.bjs * c.support;
+    if constexpr (kMotor || kSprung) along += r.bjs * c.support;
     double b = (r.b + r.brhs) - along;
     const double square = a * a + b * b;
     const double cross = a * r.b_sum - b * r.a_sum;
@@ -124,6 +132,7 @@ double sweep(ContactProblem& p, Pattern& pattern) {
     c.y -= p.inverse_mass * da;
     c.x += p.inverse_mass * db;
     if constexpr (kMotor) c.support -= p.motor_inverse_mass * db;
+    if constexpr (kSprung) c.support += r.ads * da + r.bds * db;
     note(da * r.ak + db * r.bk);
   }
   p.change = c;
@@ -131,7 +140,8 @@ double sweep(ContactProblem& p, Pattern& pattern) {
 }
 
 double sweep(ContactProblem& p, Pattern& pattern) {
-  return p.motor_inverse_mass > 0 ? sweep<true>(p, pattern) : sweep<false>(p, pattern);
+  if (p.sprung) return sweep<false, true>(p, pattern);
+  return p.motor_inverse_mass > 0 ? sweep<true, false>(p, pattern) : sweep<false, false>(p, pattern);
 }
 
 // Four doubles that the compiler maps on what vector registers there are; every lane rounds as a
@@ -198,7 +208,7 @@ class Jump {
  public:
   VSR2_INLINE Jump(const ContactProblem& p, const Pattern& pattern, const Variables& variables)
       : p_(p), pattern_(pattern), v_(variables), count_(variables.count) {
-    linearise();
+    p.sprung ? linearise<true>() : linearise<false>();
   }
 
   // Sweeps jumped, at most `most`; `e` then holds the change of every variable.
@@ -304,7 +314,17 @@ class Jump {
     VSR2_INLINE void set(int q, double weight) { reinterpret_cast<double*>(group)[q] = weight; }
   };
 
+  template <bool kSprung>
+  VSR2_INLINE void subtract_normal(const ContactRows& r, const Linear& w0, const Linear& w1,
+                                   const Linear& vz, const Linear& support, int w,
+                                   Lanes& from) const {
+    Lanes speed = (r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w];
+    if constexpr (kSprung) speed += r.njs * support.group[w];
+    from -= speed;
+  }
+
   // One sweep of the linear parts, as functions of the variables before it.
+  template <bool kSprung>
   VSR2_INLINE void linearise() {
     Linear x[4 * kOut] = {};  // the variables
     Linear w0{}, w1{}, w2{}, vx{}, vy{}, vz{}, support{};  // the speeds
@@ -325,6 +345,7 @@ class Jump {
           w1.set(q - 1, r.nd1);
           w2.set(q - 1, r.nd2);
           vz.set(q - 1, p_.inverse_mass);
+          if constexpr (kSprung) support.set(q - 1, r.nds);
         }
         d[q] = r.dn;
         greatest = std::max(greatest, r.n);
@@ -333,6 +354,7 @@ class Jump {
         w0.set(q - 1, r.sd0);
         w1.set(q - 1, r.sd1);
         w2.set(q - 1, r.sd2);
+        if constexpr (kSprung) support.set(q - 1, r.sds);
         d[q] = r.ds;
       }
       if (const int q = v_.lateral[i]; q >= 0) {
@@ -344,7 +366,8 @@ class Jump {
         w1.set(q, r.bd1);
         w2.set(q, r.bd2);
         vx.set(q, p_.inverse_mass);
-        support.set(q, -p_.motor_inverse_mass);
+        support.set(q, r.bds);
+        if constexpr (kSprung) support.set(q - 1, r.ads);
         d[q] = r.da;
         d[q + 1] = r.db;
       }
@@ -366,23 +389,24 @@ class Jump {
       if (q < 0) {
         any_open_ = true;
         for (int w = 0; w < kIn; ++w)
-          open[i].group[w] = -((r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w]);
+          subtract_normal<kSprung>(r, w0, w1, vz, support, w, open[i].group[w]);
         // Before the first variable's turn its old value still counts.
         if (first != nullptr)
-          before_first_[i] = -((r.nj0 * first->nd0 + r.nj1 * first->nd1) + r.njz * p_.inverse_mass);
+          before_first_[i] = -((r.nj0 * first->nd0 + r.nj1 * first->nd1) + r.njz * p_.inverse_mass +
+                               (kSprung ? r.njs * first->nds : 0.0));
         continue;
       }
       if (q == 0) first = nullptr;
       for (int w = 0; w < kIn; ++w) {
-        const Lanes next =
-            x[q].group[w] * r.nkeep -
-            ((r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w]);
+        Lanes next = x[q].group[w] * r.nkeep;
+        subtract_normal<kSprung>(r, w0, w1, vz, support, w, next);
         const Lanes delta = next - x[q].group[w];
         x[q].group[w] = next;
         w0.group[w] += r.nd0 * delta;
         w1.group[w] += r.nd1 * delta;
         w2.group[w] += r.nd2 * delta;
         vz.group[w] += p_.inverse_mass * delta;
+        if constexpr (kSprung) support.group[w] += r.nds * delta;
       }
     }
     for (std::size_t i = 0; i < contacts; ++i) {
@@ -392,6 +416,7 @@ class Jump {
       const double sign = pattern_.spin[i] == Pattern::upper ? 1.0 : -1.0;
       for (int w = 0; w < kIn; ++w) {
         Lanes next = x[q].group[w] - r.sj * w2.group[w];
+        if constexpr (kSprung) next -= r.sjs * support.group[w];
         if (pattern_.spin[i] != Pattern::free) {
           spin_sum_[i].group[w] = next;
           next = (sign * p_.spinning_friction) * x[v_.normal[i]].group[w];
@@ -401,6 +426,7 @@ class Jump {
         w0.group[w] += r.sd0 * delta;
         w1.group[w] += r.sd1 * delta;
         w2.group[w] += r.sd2 * delta;
+        if constexpr (kSprung) support.group[w] += r.sds * delta;
       }
     }
     for (std::size_t i = 0; i < contacts; ++i) {
@@ -410,8 +436,9 @@ class Jump {
       for (int w = 0; w < kIn; ++w) {
         Lanes a = x[q].group[w] -
                   ((r.aj0 * w0.group[w] + r.aj2 * w2.group[w]) + r.ajy * vy.group[w]);
+        if constexpr (kSprung) a -= r.ajs * support.group[w];
         Lanes along = (r.bj1 * w1.group[w] + r.bj2 * w2.group[w]) + r.bjx * vx.group[w];
-        if (motor) along += r.bjs * support.group[w];
+        if (motor || kSprung) along += r.bjs * support.group[w];
         Lanes b = x[q + 1].group[w] - along;
         if (pattern_.slides[i]) {
           a_sum_[i].group[w] = a;
@@ -436,6 +463,7 @@ class Jump {
         vy.group[w] -= p_.inverse_mass * da;
         vx.group[w] += p_.inverse_mass * db;
         if (motor) support.group[w] -= p_.motor_inverse_mass * db;
+        if constexpr (kSprung) support.group[w] += r.ads * da + r.bds * db;
       }
     }
     State* column = power_[0].column;
@@ -592,6 +620,7 @@ int jump(ContactProblem& p, const Pattern& pattern, int most) {
       c.w1 += r.nd1 * n;
       c.w2 += r.nd2 * n;
       c.z += p.inverse_mass * n;
+      if (p.sprung) c.support += r.nds * n;
     }
     if (v.spin[i] >= 0) {
       const double s = e[v.spin[i]];
@@ -599,6 +628,7 @@ int jump(ContactProblem& p, const Pattern& pattern, int most) {
       c.w0 += r.sd0 * s;
       c.w1 += r.sd1 * s;
       c.w2 += r.sd2 * s;
+      if (p.sprung) c.support += r.sds * s;
     }
     if (v.lateral[i] >= 0) {
       const double a = e[v.lateral[i]];
@@ -610,7 +640,8 @@ int jump(ContactProblem& p, const Pattern& pattern, int most) {
       c.w2 += r.ad2 * a + r.bd2 * b;
       c.y -= p.inverse_mass * a;
       c.x += p.inverse_mass * b;
-      c.support -= p.motor_inverse_mass * b;
+      c.support += r.bds * b;
+      if (p.sprung) c.support += r.ads * a;
     }
   }
   return done;

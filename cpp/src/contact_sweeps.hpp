@@ -19,14 +19,16 @@ struct ContactRows {
   // lateral 1: along -y
   double aj0, aj2, ajy, ad0, ad1, ad2, arhs, ak;
   // lateral 2: along x
-  double bj1, bj2, bjx, bjs, bd0, bd1, bd2, brhs, bk;
+  double bj1, bj2, bjx, bd0, bd1, bd2, brhs, bk;
+  // Of the support's joint: j and d of each. A motor is in the last one alone.
+  double njs, nds, sjs, sds, ajs, ads, bjs, bds;
   // Of the latest sweep: impulses, their changes, and what they were before their bounds.
   double n = 0, s = 0, a = 0, b = 0;
   double dn = 0, ds = 0, da = 0, db = 0;
   double n_sum = 0, s_sum = 0, a_sum = 0, b_sum = 0;
 };
 
-/// Of the rock's velocities along the support's axes, and of the support along x.
+/// Of the rock's velocities along the support's axes, and of the support's joint.
 struct VelocityChange {
   double w0 = 0, w1 = 0, w2 = 0, x = 0, y = 0, z = 0, support = 0;
 };
@@ -36,6 +38,7 @@ struct ContactProblem {
   int count = 0;
   double inverse_mass = 0;
   double spinning_friction = 0;
+  bool sprung = false;            ///< the support turns on a spring; then it has no motor
   double motor_inverse_mass = 0;  ///< 0: no motor
   double motor_rhs = 0;
   double motor_limit = 0;

@@ -446,6 +446,13 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     problem.motor_inverse_mass = motor.inverse_mass;
     problem.motor_rhs = motor.target_velocity - support_v.x();
     problem.motor_limit = motor.maximum_impulse;
+    problem.sprung = motor.pitch_response > 0;
+    Vector3d pitch_P = Vector3d::Zero();
+    Vector3d axis_P = Vector3d::Zero();
+    if (problem.sprung) {
+      pitch_P = support.R_WP.row(1).transpose();
+      axis_P = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
+    }
     for (int i = 0; i < count_; ++i) {
       const Contact& c = contacts_[static_cast<std::size_t>(i)];
       ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
@@ -455,17 +462,23 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       Vector3d support_speed = support_v;
       if (!support.level) support_speed += support_w.cross(c.s_P);
       const Vector3d slip = rock_speed - support_speed;
+      // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.
+      Vector3d lever = Vector3d::Zero();
+      if (problem.sprung) lever = -pitch_P.cross(c.s_P - axis_P);
+      const Vector3d yield = motor.pitch_response * lever;
       {
         const double j0 = r.y();
         const double j1 = -r.x();
         row.nd0 = K(0, 0) * j0 + K(0, 1) * j1;
         row.nd1 = K(1, 0) * j0 + K(1, 1) * j1;
         row.nd2 = K(2, 0) * j0 + K(2, 1) * j1;
-        row.nk = (j0 * row.nd0 + j1 * row.nd1 + inverse_mass) + cfm;
+        row.nds = yield.z();
+        row.nk = (j0 * row.nd0 + j1 * row.nd1 + inverse_mass) + cfm + lever.z() * row.nds;
         const double effective = 1.0 / row.nk;
         row.nj0 = j0 * effective;
         row.nj1 = j1 * effective;
         row.njz = effective;
+        row.njs = lever.z() * effective;
         const double speed = slip.z();
         double rebound = 0.0;
         if (std::fabs(speed) >= m.restitution_threshold)
@@ -480,8 +493,10 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         row.sd0 = K(0, 2);
         row.sd1 = K(1, 2);
         row.sd2 = K(2, 2);
-        row.sk = K(2, 2);
+        row.sds = -motor.pitch_response * pitch_P.z();
+        row.sk = K(2, 2) - pitch_P.z() * row.sds;
         row.sj = 1.0 / row.sk;
+        row.sjs = -pitch_P.z() * row.sj;
         row.srhs = -(support.level ? w_P.z() : w_P.z() - support_w.z()) * row.sj;
       }
       {
@@ -490,11 +505,13 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         row.ad0 = K(0, 0) * j0 + K(0, 2) * j2;
         row.ad1 = K(1, 0) * j0 + K(1, 2) * j2;
         row.ad2 = K(2, 0) * j0 + K(2, 2) * j2;
-        row.ak = j0 * row.ad0 + j2 * row.ad2 + inverse_mass;
+        row.ads = -yield.y();
+        row.ak = j0 * row.ad0 + j2 * row.ad2 + inverse_mass - lever.y() * row.ads;
         const double effective = 1.0 / row.ak;
         row.aj0 = j0 * effective;
         row.aj2 = j2 * effective;
         row.ajy = -effective;
+        row.ajs = -lever.y() * effective;
         row.arhs = slip.y() * effective;
       }
       {
@@ -503,12 +520,14 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
         row.bd0 = K(0, 1) * j1 + K(0, 2) * j2;
         row.bd1 = K(1, 1) * j1 + K(1, 2) * j2;
         row.bd2 = K(2, 1) * j1 + K(2, 2) * j2;
-        row.bk = j1 * row.bd1 + j2 * row.bd2 + inverse_mass + motor.inverse_mass;
+        row.bds = problem.sprung ? yield.x() : -motor.inverse_mass;
+        row.bk = j1 * row.bd1 + j2 * row.bd2 + inverse_mass + motor.inverse_mass +
+                 lever.x() * row.bds;
         const double effective = 1.0 / row.bk;
         row.bj1 = j1 * effective;
         row.bj2 = j2 * effective;
         row.bjx = effective;
-        row.bjs = -effective;
+        row.bjs = problem.sprung ? lever.x() * effective : -effective;
         row.brhs = -slip.x() * effective;
       }
     }

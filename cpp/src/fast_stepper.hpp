@@ -72,12 +72,14 @@ struct Support {
   bool level = true;  ///< R_WP is the identity and w_WP zero: saves the rotations
 };
 
-/// A motor that drives the support along x and feels the contacts.
+/// A joint by which the support feels the contacts: a motor along x, or a sprung pitch about y.
 struct SupportMotor {
   double inverse_mass = 0.0;     ///< 0: no motor, the support's motion is prescribed [1/kg]
   double target_velocity = 0.0;  ///< [m/s]
   double maximum_impulse = 0.0;  ///< [N s]
-  double velocity_change = 0.0;  ///< result [m/s]
+  double pitch_response = 0.0;   ///< rate of pitch by an angular impulse [1 / (kg m^2)]
+  Eigen::Vector3d p_WA = Eigen::Vector3d::Zero();  ///< of the pitch axis [m]
+  double velocity_change = 0.0;  ///< result [m/s] or [rad/s]
 };
 
 class FastStepper {

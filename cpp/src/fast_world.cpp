@@ -30,6 +30,10 @@ class FastWorldOnBullet final : public FastWorld {
         stepper_(scene_->shapes().fast_model ? scene_->shapes().fast_model
                                              : std::make_shared<const FastModel>(*scene_),
                  std::max(settings.residual_threshold, scene_->engine().residual_threshold)) {
+    check_drive(scene_->pedestal(), drive_);
+    const EngineSettings& engine = scene_->engine();
+    if (scene_->pedestal().pitch_spring)
+      joint_.emplace(*scene_, engine.time_step / engine.substeps);
     pair_ = combine(scene_->rock().material, scene_->pedestal().material);
     touches_.reserve(4);
     const Pose& X_LP = stepper_.model().X_LP;
@@ -43,9 +47,14 @@ class FastWorldOnBullet final : public FastWorld {
     if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
         std::abs(X_WB.orientation.norm() - 1.0) > kQuaternionTolerance)
       throw InvalidInput("the rock's start pose is not finite or its quaternion is not of norm 1");
+    const RockState rock{X_WB.position, X_WB.orientation.normalized(), Eigen::Vector3d::Zero(),
+                         Eigen::Vector3d::Zero()};
+    if (joint_) {
+      joint_->start(rock, pedestal_);
+      pedestal_.excursion.pitch = joint_->pitch();
+    }
     stepper_.clear();
-    stepper_.state = {X_WB.position, X_WB.orientation.normalized(), Eigen::Vector3d::Zero(),
-                      Eigen::Vector3d::Zero()};
+    stepper_.state = rock;
     has_rock_ = true;
     if (RockMechanics::needed(*scene_)) {
       mechanics_.emplace(*scene_);
@@ -60,6 +69,7 @@ class FastWorldOnBullet final : public FastWorld {
     mechanics_.reset();
     if (!bullet_) return;
     pedestal_ = bullet_->pedestal();
+    joint_ = bullet_->pitch_joint();
     bullet_.reset();
     handover_ = Handover::none;
   }
@@ -78,15 +88,17 @@ class FastWorldOnBullet final : public FastWorld {
 
   void step(const DriveTarget& target) override {
     if (bullet_) return bullet_->step(target);
-    check_target(drive_, target);
+    check_target(scene_->pedestal(), drive_, target);
     const EngineSettings& engine = scene_->engine();
     const double dt = engine.time_step / engine.substeps;
     const PedestalState start = pedestal_;
     FastStepper::Snapshot before;
     std::optional<RockMechanics> mechanics_before;
+    std::optional<PitchJoint> joint_before;
     if (engine.substeps > 1) {
       before = stepper_.snapshot();
       mechanics_before = mechanics_;
+      joint_before = joint_;
     }
     for (int i = 0; i < engine.substeps; ++i) {
       if (substep(target, dt, start, i)) continue;
@@ -94,6 +106,7 @@ class FastWorldOnBullet final : public FastWorld {
       if (i > 0) {
         stepper_.restore(before);
         mechanics_ = mechanics_before;
+        joint_ = joint_before;
         pedestal_ = start;
       }
       return hand_over(target);
@@ -188,9 +201,19 @@ class FastWorldOnBullet final : public FastWorld {
         return false;
       }
     }
+    if (moving_rock && mechanics_) push_rock(dt);
     SupportMotor motor;
     PedestalState next;
-    if (drive_ == Drive::prescribed_spatial) {
+    if (joint_) {
+      next = on_the_way(start, pedestal_, target, i + 1, engine.substeps, dt);
+      const double rate = joint_->blow(next.velocity - pedestal_.velocity);
+      motor.pitch_response = joint_->inverse_inertia();
+      motor.p_WA = pitch_axis(scene_->pedestal(), pedestal_);
+      support.w_WP = {0, rate, 0};
+      support.v_WP = Eigen::Vector3d(next.velocity, next.excursion_rate.transverse,
+                                     next.excursion_rate.vertical) +
+                     support.w_WP.cross(support.p_WP - motor.p_WA);
+    } else if (drive_ == Drive::prescribed_spatial) {
       next = on_the_way(start, pedestal_, target, i + 1, engine.substeps, dt);
       const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
       support.w_WP = goal.w_WP;
@@ -216,16 +239,18 @@ class FastWorldOnBullet final : public FastWorld {
     last_turn_ = support.R_WP;
     if (moving_rock) {
       last_rock_ = stepper_.state.p_WB;
-      if (mechanics_) {
-        mechanics_->begin_step(stepper_.state, dt);
-        if (scene_->mechanisms().sets_friction()) set_friction();
-      }
+      if (mechanics_ && scene_->mechanisms().sets_friction()) set_friction();
       stepper_.advance(support, motor, dt);
     } else if (motor.inverse_mass > 0) {
       motor.velocity_change =
           std::clamp((motor.target_velocity - pedestal_.velocity) / motor.inverse_mass,
                      -motor.maximum_impulse, motor.maximum_impulse) *
           motor.inverse_mass;
+    }
+    if (joint_) {
+      next.excursion_rate.pitch = support.w_WP.y() + motor.velocity_change;
+      joint_->finish(next.excursion_rate.pitch);
+      next.excursion.pitch = joint_->pitch();
     }
     if (drive_ == Drive::prescribed_spatial) {
       pedestal_ = next;
@@ -240,10 +265,19 @@ class FastWorldOnBullet final : public FastWorld {
         touches_.push_back(
             {last_rock_ + last_turn_ * c.r_P, last_turn_.col(2), c.normal_impulse});
       }
-      mechanics_->end_step(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_),
-                           touches_, dt);
+      const RockState before = stepper_.state;
+      if (mechanics_->end_step(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_),
+                               touches_, dt) &&
+          joint_)
+        joint_->react(before, stepper_.state, pedestal_);
     }
     return true;
+  }
+
+  void push_rock(double dt) {
+    const RockState before = stepper_.state;
+    if (mechanics_->begin_step(stepper_.state, dt) && joint_)
+      joint_->react(before, stepper_.state, pedestal_);
   }
 
   void set_friction() {
@@ -256,8 +290,9 @@ class FastWorldOnBullet final : public FastWorld {
     bullet_ = make_bullet_world_with(scene_, drive_, std::make_unique<ExactSolver>(),
                                      scene_->shapes().scanned_rock);
     bullet_->set_pedestal(pedestal_);
+    if (joint_) bullet_->set_pitch_joint(*joint_);
     const RockState& rock = stepper_.state;
-    bullet_->spawn_rock({rock.p_WB, rock.q_WB});
+    bullet_->take_rock({rock.p_WB, rock.q_WB});
     bullet_->set_rock_velocity(rock.v_WB, rock.w_WB);
     std::vector<CachedContact> cached;
     const Eigen::Matrix3d R_WL = pedestal_motion(scene_->pedestal(), pedestal_).R_WP;
@@ -282,6 +317,7 @@ class FastWorldOnBullet final : public FastWorld {
   Eigen::Vector3d p_LP_ = Eigen::Vector3d::Zero();
   Eigen::Matrix3d R_LP_ = Eigen::Matrix3d::Identity();
   bool top_is_turned_ = false;
+  std::optional<PitchJoint> joint_;
   std::optional<RockMechanics> mechanics_;
   std::vector<Touch> touches_;
   bool has_rock_ = false;

@@ -4,6 +4,11 @@
 
 namespace vsr2 {
 
+Eigen::Vector3d pitch_axis(const PedestalSpec& pedestal, const PedestalState& state) {
+  return {pedestal.p_WP0.x() + state.position, pedestal.p_WP0.y() + state.excursion.transverse,
+          pedestal.pitch_pivot + state.excursion.vertical};
+}
+
 PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState& state) {
   // P's origin lies by this over the pitch axis.
   const double arm = pedestal.p_WP0.z() - pedestal.pitch_pivot;
@@ -37,10 +42,18 @@ PedestalState on_the_way(const PedestalState& start, const PedestalState& now,
   return next;
 }
 
-void check_target(Drive drive, const DriveTarget& target) {
+void check_drive(const PedestalSpec& pedestal, Drive drive) {
+  if (pedestal.pitch_spring && drive != Drive::prescribed_spatial)
+    throw InvalidInput("the pedestal has a sprung pitch joint; it needs the drive prescribed_spatial");
+}
+
+void check_target(const PedestalSpec& pedestal, Drive drive, const DriveTarget& target) {
   const Excursion& x = target.excursion;
   if (drive != Drive::prescribed_spatial && (x.transverse != 0 || x.vertical != 0 || x.pitch != 0))
     throw InvalidInput("the pedestal moves along x only with this drive; use prescribed_spatial");
+  if (pedestal.pitch_spring && x.pitch != 0)
+    throw InvalidInput(
+        "the pedestal pitches on a spring and takes no set-points of pitch; leave one of them out");
 }
 
 }  // namespace vsr2

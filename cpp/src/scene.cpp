@@ -62,6 +62,22 @@ void check_mechanisms(const Mechanisms& m) {
   if (!std::isnan(m.catch_slack)) at_least(m.catch_slack, 0.0, "catch_slack");
 }
 
+void check_pitch_spring(const PitchSpring& s, const EngineSettings& engine) {
+  const std::string what = "pedestal: pitch_spring: ";
+  const auto got = [](double value) { return ", got " + std::to_string(value); };
+  require(std::isfinite(s.frequency) && s.frequency > 0,
+          what + "frequency must be positive" + got(s.frequency) + " Hz");
+  // Within a step the joint must swing less than a quarter of its period.
+  const double greatest = 0.25 * engine.substeps / engine.time_step;
+  require(s.frequency < greatest, what + "frequency must lie below a quarter of the solver's steps in a second, " +
+                                      std::to_string(greatest) + " Hz" + got(s.frequency) +
+                                      " Hz; lower it, or engine.time_step");
+  require(std::isfinite(s.damping) && s.damping >= 0,
+          what + "damping must be at least 0" + got(s.damping));
+  require(std::isfinite(s.compliance), what + "compliance is not finite");
+  require(s.inertia > 0, what + "inertia must be positive" + got(s.inertia) + " kg m^2");
+}
+
 // Builds the shapes of one body. `X_BM` takes the parts' model frame into the body frame.
 class ShapeBuilder {
  public:
@@ -188,6 +204,7 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechan
           "pedestal: base sizes must be positive");
   require(finite(pedestal_.p_WP0) && std::isfinite(pedestal_.top) && std::isfinite(pedestal_.pitch_pivot),
           "pedestal: position is not finite");
+  if (pedestal_.pitch_spring) check_pitch_spring(*pedestal_.pitch_spring, engine_);
   check_pose(rock_.X_MB, "rock: body frame");
   if (mechanisms_.sets_impacts()) rock_.material.restitution = 0.0;
   require(!has_triangles(rock_.parts),

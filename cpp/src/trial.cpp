@@ -44,16 +44,20 @@ void reserve_rows(std::vector<double>& log, std::int64_t steps, std::int64_t eve
   if (every > 0) log.reserve(log.size() + static_cast<std::size_t>((steps / every + 1) * doubles_a_row));
 }
 
-// Counts how long the rock has been slow relative to the pedestal without a break.
+// Counts how long the rock has been slow relative to the pedestal, and a pedestal that swings on a
+// spring slow too, without a break.
 class RestClock {
  public:
-  RestClock(const RestCriterion& criterion, double time_step)
+  RestClock(const RestCriterion& criterion, double time_step, bool pedestal_swings)
       : criterion_(criterion),
+        pedestal_swings_(pedestal_swings),
         needed_(std::max<std::int64_t>(1, std::llround(criterion.window / time_step))) {}
   bool at_rest(const RockState& rock, const PedestalMotion& pedestal) {
     const Eigen::Vector3d v = rock.v_WB - pedestal.velocity_at(rock.p_WB);
     const Eigen::Vector3d w = rock.w_WB - pedestal.w_WP;
-    const bool slow = v.norm() < criterion_.linear_speed && w.norm() < criterion_.angular_speed;
+    const bool still = !pedestal_swings_ || pedestal.w_WP.norm() < criterion_.angular_speed;
+    const bool slow =
+        still && v.norm() < criterion_.linear_speed && w.norm() < criterion_.angular_speed;
     quiet_ = slow ? quiet_ + 1 : 0;
     return at_rest_for(1);
   }
@@ -62,6 +66,7 @@ class RestClock {
 
  private:
   RestCriterion criterion_;
+  bool pedestal_swings_;
   std::int64_t needed_;
   std::int64_t quiet_ = 0;
 };
@@ -84,6 +89,10 @@ void check(const TrialSpec& spec) {
       throw InvalidInput("the motion's channels differ in length");
     if (!all_finite(*channel)) throw InvalidInput("the motion has a value that is not finite");
   }
+  check_drive(spec.start->scene()->pedestal(), spec.start->drive());
+  if (spec.pitch && spec.start->scene()->pedestal().pitch_spring)
+    throw InvalidInput(
+        "the motion pitches, and the pedestal pitches on a spring; leave one of them out");
   if (spec.log_every < 0 || spec.contacts_every < 0)
     throw InvalidInput("log intervals must be at least 0");
   if (!(spec.tail >= 0)) throw InvalidInput("the tail must be at least 0 s");
@@ -135,6 +144,7 @@ class Run {
             Eigen::Quaterniond(motion.R_WP).conjugate() * rock_.q_WB};
   }
   double dt() const { return dt_; }
+  bool swings() const { return pedestal_spec_.pitch_spring.has_value(); }
 
   // Advances one step; false: the trial ends here (diverged or cancelled).
   bool advance(const DriveTarget& target) {
@@ -159,9 +169,10 @@ class Run {
   // Holds the pedestal until the rock rests. Log rows get times up to 0 at the end of settling.
   bool settle(const RestCriterion& criterion, double timeout, const DriveTarget& hold,
               std::int64_t log_every) {
-    RestClock rest(criterion, dt_);
+    RestClock rest(criterion, dt_, swings());
     const std::int64_t limit = steps_in(timeout, dt_);
     reserve_rows(result_.log, limit, log_every, kLogColumns);
+    if (spatial_) reserve_rows(result_.excursions, limit, log_every, kExcursionColumns);
     bool settled = limit == 0;
     for (std::int64_t i = 0; i < limit && !settled; ++i) {
       if (log_every > 0 && i % log_every == 0)
@@ -213,7 +224,7 @@ class Trial {
         result_(result),
         run_(spec.start->scene(), spec.start->drive(), settled.X_WB_settled, cancel, result),
         dt_(run_.dt()),
-        tail_rest_(spec.tail_rest, dt_) {}
+        tail_rest_(spec.tail_rest, dt_, run_.swings()) {}
 
   void run(const TrialResult& settled) {
     const SettledStart& start = *spec_.start;
@@ -232,6 +243,7 @@ class Trial {
     begin();
     if (shake() && come_to_rest()) judge();
     result_.log.shrink_to_fit();
+    result_.excursions.shrink_to_fit();
     result_.contacts.shrink_to_fit();
     result_.engine = run_.engine();
   }
@@ -250,6 +262,8 @@ class Trial {
     result_.peak_tracking_error = 0.0;
     const auto steps = static_cast<std::int64_t>(spec_.position->size()) + steps_in(spec_.tail, dt_);
     reserve_rows(result_.log, steps, spec_.log_every, kLogColumns);
+    if (spec_.start->drive() == Drive::prescribed_spatial)
+      reserve_rows(result_.excursions, steps, spec_.log_every, kExcursionColumns);
     reserve_rows(result_.contacts, steps, spec_.contacts_every, kManifoldPoints * kContactColumns);
     contacts_.reserve(kManifoldPoints);
     observe(0, set_point(spec_, 0, 0.0));

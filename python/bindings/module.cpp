@@ -124,14 +124,22 @@ void bind_scene(py::module_& m) {
            }),
            py::arg("vertices"), py::arg("faces"));
 
+  py::class_<PitchSpring>(m, "PitchSpring")
+      .def(py::init([](double frequency, double damping, double compliance, double inertia) {
+             return PitchSpring{frequency, damping, compliance, inertia};
+           }),
+           py::kw_only(), py::arg("frequency"), py::arg("damping"), py::arg("compliance"),
+           py::arg("inertia"));
   py::class_<PedestalSpec>(m, "PedestalSpec")
       .def(py::init([](std::vector<Part> parts, const Eigen::Vector3d& origin, double mass,
                        const Eigen::Vector3d& base_size, double top, const Material& material,
-                       double pitch_pivot) {
-             return PedestalSpec{std::move(parts), origin, mass, base_size, top, material, pitch_pivot};
+                       double pitch_pivot, const std::optional<PitchSpring>& pitch_spring) {
+             return PedestalSpec{std::move(parts), origin, mass, base_size, top, material,
+                                 pitch_pivot, pitch_spring};
            }),
            py::kw_only(), py::arg("parts"), py::arg("origin"), py::arg("mass"),
-           py::arg("base_size"), py::arg("top"), py::arg("material"), py::arg("pitch_pivot"));
+           py::arg("base_size"), py::arg("top"), py::arg("material"), py::arg("pitch_pivot"),
+           py::arg("pitch_spring") = std::nullopt);
   py::class_<RockSpec>(m, "RockSpec")
       .def(py::init([](std::vector<Part> parts, double mass, const Eigen::Vector3d& inertia,
                        bool inertia_from_aabb, const Eigen::Vector3d& mass_center,

@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Mechanisms', 'Outcome', 'PedestalSpec', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
+__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
 class InvalidInput(ValueError):
     pass
 class Material:
@@ -75,8 +75,11 @@ class BoxPart:
 class TrianglesPart:
     def __init__(self, vertices: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], faces: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> None:
         ...
+class PitchSpring:
+    def __init__(self, *, frequency: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, compliance: typing.SupportsFloat | typing.SupportsIndex, inertia: typing.SupportsFloat | typing.SupportsIndex) -> None:
+        ...
 class PedestalSpec:
-    def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], mass: typing.SupportsFloat | typing.SupportsIndex, base_size: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], top: typing.SupportsFloat | typing.SupportsIndex, material: Material, pitch_pivot: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], mass: typing.SupportsFloat | typing.SupportsIndex, base_size: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], top: typing.SupportsFloat | typing.SupportsIndex, material: Material, pitch_pivot: typing.SupportsFloat | typing.SupportsIndex, pitch_spring: PitchSpring | None = None) -> None:
         ...
 class RockSpec:
     def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], mass: typing.SupportsFloat | typing.SupportsIndex, principal_inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"], material: Material) -> None:

@@ -9,6 +9,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <variant>
@@ -17,6 +18,7 @@
 #include <Eigen/Dense>
 
 #include "vsr2/mechanisms.hpp"
+#include "vsr2/pitch_spring.hpp"
 
 namespace vsr2 {
 
@@ -100,6 +102,7 @@ struct PedestalSpec {
   double top = 2.5;   ///< greatest z of the pedestal at the start [m]
   Material material;
   double pitch_pivot = 2.5;  ///< height of the pitch axis in W at the start; it lies over P's origin [m]
+  std::optional<PitchSpring> pitch_spring;  ///< needs Drive::prescribed_spatial
 };
 
 /// A validated scene with its collision shapes. Thread safe: nothing changes after construction.

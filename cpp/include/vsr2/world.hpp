@@ -52,8 +52,12 @@ struct PedestalMotion {
 /// from `start` to the set-point; its rates are over that step of `dt` [s] from `now`.
 PedestalState on_the_way(const PedestalState& start, const PedestalState& now,
                          const DriveTarget& target, int i, int n, double dt);
-/// @throws InvalidInput for an excursion that the drive does not follow.
-void check_target(Drive drive, const DriveTarget& target);
+/// @throws InvalidInput for a drive that does not let the pedestal pitch on its spring.
+void check_drive(const PedestalSpec& pedestal, Drive drive);
+/// @throws InvalidInput for an excursion that the drive does not follow, or pitch on a spring.
+void check_target(const PedestalSpec& pedestal, Drive drive, const DriveTarget& target);
+/// Point of the pitch axis in W, over the start of P's origin but for the displacement [m].
+Eigen::Vector3d pitch_axis(const PedestalSpec& pedestal, const PedestalState& state);
 /// The pedestal turns about its pitch axis, which itself moves along x, y and z.
 PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState& state);
 

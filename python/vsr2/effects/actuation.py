@@ -18,16 +18,16 @@ from vsr2.effects.oscillator import (
     base_excited,
     limited,
     low_passed,
-    respond,
     ringing_samples,
 )
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.setup import Setup
-from vsr2.errors import MotionError
+from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass, build_recorded_motion
 from vsr2.motion.motion import SIDES
 from vsr2.motion.processing import differentiate
 from vsr2.motion.resample import resample
+from vsr2.scene import PitchSpring
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
 """Of the actuator's low-pass: Butterworth's."""
@@ -557,26 +557,31 @@ def _beside(setup: Setup, name: str, share: float) -> Setup:
 class TablePitch(Effect):
     """A table that pitches.
 
-    A joint about y, `depth` below the pedestal's top, on a spring and a dashpot. What drives it is
-    the table's acceleration; that the rock pushes back is left out, as a table is much heavier. So
-    its turn is solved exactly beforehand, and the pedestal's pitch joint follows it. Under a sine
-    it acts like a gain of 1 + compliance (1 + w^2 / p^2 + w^2 depth / g), p being the rock's
-    frequency parameter.
+    A joint about y, `depth` below the pedestal's top, on a spring and a dashpot. The table's
+    acceleration drives it, and the rock pushes back: its contacts and the joint are solved together
+    in every step. Under a sine, and a rock far lighter than the table, it acts like a gain of 1 +
+    compliance (1 + w^2 / p^2 + w^2 depth / g), p being the rock's frequency parameter.
+
+    How far the joint gives way to the rock follows from what drives it: a table of mass m, its
+    centre h above the joint, leans by m h g / k under 1 g. So the stiffness is k = moment g /
+    compliance with moment = m h, and the table's inertia about the joint k / w^2. As the compliance
+    goes to 0 the table becomes rigid. With a given inertia it would not: that table gives way to
+    every impact of the rock, whatever drives it.
     """
 
     name = "table_pitch"
     meaning = (
         "A sprung joint under the pedestal lets it pitch: an oscillator driven by the table's "
-        "acceleration, leaning back as the table accelerates"
+        "acceleration, leaning back as the table accelerates, and by the rock"
     )
     parameters = (
         Parameter(
             "compliance", "rad/g", 0.0, 0.0, 0.02, "uniform",
-            "pitch under a constant acceleration", limits=(-0.2, 0.2),
+            "pitch under a constant acceleration, without a rock", limits=(-0.2, 0.2),
         ),
         Parameter(
-            "frequency", "Hz", 10.0, 5.0, 20.0, "uniform", "of the pitching", limits=(1.0, 200.0),
-            secondary=True,
+            "frequency", "Hz", 10.0, 5.0, 20.0, "uniform", "of the pitching, without a rock",
+            limits=(1.0, 200.0), secondary=True,
         ),
         Parameter(
             "damping", "1", 0.1, 0.02, 1.0, "fixed", "damping ratio of the pitching",
@@ -586,56 +591,98 @@ class TablePitch(Effect):
             "depth", "m", 0.5, 0.0, 2.0, "fixed", "of the joint below the pedestal's top",
             limits=(0.0, 20.0), secondary=True,
         ),
+        Parameter(
+            "moment", "kg m", 1000.0, 200.0, 1e4, "fixed",
+            "mass of the table times the height of its centre over the joint: 2 t at 0.5 m; the "
+            "greater, the less the rock pushes back", limits=(1.0, 1e12), secondary=True,
+        ),
     )  # fmt: skip
     channels = ("motion", "tilt")
     confounded_with = ("table_gain",)
-    source = "pitch'' + 2 zeta w pitch' + w^2 pitch = -w^2 compliance a / g"
+    source = "pitch'' + 2 zeta w pitch' + w^2 pitch = -w^2 compliance a / g + M_rock / inertia"
     stage = "actuation"
     rank = 8
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        motion, frequency, ratio = setup.motion, values["frequency"], values["damping"]
-        step = motion.time_step
-        path = _path(motion).held(ringing_samples(frequency, ratio, step))
-        drive = -values["compliance"] / STANDARD_GRAVITY * (2 * math.pi * frequency) ** 2
-        # The first sample holds no state: the table is at rest before the motion.
-        acceleration = np.concatenate([[0.0], path.acceleration])
-        pitch, rate = respond(0.0, drive, frequency, ratio, acceleration, step)
-        pitch, rate = pitch[1:], rate[1:]
-        rate[0] = 0.0
-        pitch = pitch - pitch[0]
-        pedestal = replace(setup.pedestal, pitch_pivot=setup.pedestal.top - values["depth"])
-        return _driven(
-            replace(setup, pedestal=pedestal),
-            path,
-            f"pitch {values['compliance']:.12g} rad/g at {frequency:g} Hz",
-            pitch=SideMotion(pitch, rate),
+        frequency, compliance = values["frequency"], values["compliance"]
+        if setup.motion.pitch is not None:
+            raise MotionError(
+                f"effects.table_pitch: motion {setup.motion.name!r} pitches already; leave its "
+                "pitch out, or the effect"
+            )
+        fastest = 0.25 * setup.engine.substeps / setup.engine.time_step
+        if frequency >= fastest:
+            raise ConfigError(
+                f"effects.table_pitch.frequency: {frequency:g} Hz is not below a quarter of the "
+                f"solver's steps in a second, {fastest:g} Hz; lower it, or engine.time_step"
+            )
+        stiffness = values["moment"] * STANDARD_GRAVITY / abs(compliance)
+        weight = setup.rock.mass.mass * setup.engine.gravity
+        burden = weight * (mass_height(setup) + values["depth"])
+        if burden >= stiffness:
+            raise ConfigError(
+                f"effects.table_pitch.moment: {values['moment']:g} kg m makes a joint of "
+                f"{stiffness:.3g} N m/rad, which does not carry the rock, m g h = {burden:.3g} "
+                "N m; raise it, or lower compliance"
+            )
+        spring = PitchSpring(
+            frequency=frequency,
+            damping=values["damping"],
+            compliance=compliance / STANDARD_GRAVITY,
+            inertia=stiffness / (2 * math.pi * frequency) ** 2,
+        )
+        return replace(
+            setup,
+            pedestal=replace(
+                setup.pedestal,
+                pitch_pivot=setup.pedestal.top - values["depth"],
+                pitch_spring=spring,
+            ),
         )
 
     def verify(self, bench: Bench) -> Sequence[Check]:
-        compliance, zeta, frequency = 0.02, 0.1, 10.0
-        values = {
-            "compliance": compliance, "frequency": frequency, "damping": zeta, "depth": 0.5,
+        compliance, zeta, frequency, depth = 0.02, 0.1, 10.0, 0.5
+        light = {
+            "compliance": compliance, "frequency": frequency, "damping": zeta, "depth": depth,
+            "moment": 1e12,
         }  # fmt: skip
+        heavy = light | {"moment": 1000.0}
         setup = bench.block()
-        a = 1.0
-        step = self.change(replace(setup, motion=bench.push(a, duration=4.0)), values).motion
-        pitched = step.pitch
-        assert pitched is not None
-        settled = float(pitched.displacement[round(3.5 / step.time_step)])
-        end = int(np.flatnonzero(step.acceleration)[-1]) + 1
-        free = pitched.displacement[end:]
-        crossings = np.flatnonzero(np.diff(np.sign(free)) != 0)[:9]
-        period = 2 * float(np.diff(crossings).mean()) * step.time_step
-        damped = frequency * math.sqrt(1 - zeta**2)
+        rock, gravity = setup.rock.mass, setup.engine.gravity
+        pushed = bench.run(replace(setup, motion=bench.push(1.0, duration=2.0)), self, light)
+        steady = (pushed.time > 1.5) & (pushed.time < 2.0)
+        stiffness = heavy["moment"] * STANDARD_GRAVITY / compliance
+        inertia = stiffness / (2 * math.pi * frequency) ** 2
+        height = mass_height(setup) + depth
+        swinging = inertia + rock.principal_inertia[1] + rock.mass * height**2
+        loaded = math.sqrt((stiffness - rock.mass * gravity * height) / swinging)
+        share = zeta * 2 * math.pi * frequency * inertia / (swinging * loaded)
+        slow = loaded * math.sqrt(1 - share**2) / (2 * math.pi)
+        own = frequency * math.sqrt(1 - zeta**2)
         return [
             Check(
                 "pitch under a constant acceleration, -compliance a / g [rad]",
-                settled, -compliance * a / STANDARD_GRAVITY, 1e-5,
+                float(pushed.pitch[steady].mean()), -compliance / STANDARD_GRAVITY, 1e-5,
             ),
-            Check("frequency of free pitching [Hz]", 1 / period, damped, 0.01 * damped),
-            self._carried(bench, values),
+            Check(
+                "frequency of free pitching of a table far heavier than the rock [Hz]",
+                self._ringing(bench, light), own, 0.01 * own,
+            ),
+            Check(
+                "the same with a block that stands, sqrt((k - m g h) / (I + I_O)) / 2 pi [Hz]",
+                self._ringing(bench, heavy), slow, 0.01 * slow,
+            ),
+            self._carried(bench, heavy),
         ]  # fmt: skip
+
+    def _ringing(self, bench: Bench, values: Mapping[str, float]) -> float:
+        setup = replace(bench.block(), motion=bench.pulse(0.3, 4.0))
+        outcome = setup.outcome.model_copy(update={"stop_early": False})
+        response = bench.run(replace(setup, outcome=outcome), self, values, tail=1.5)
+        free = response.pitch[response.time > setup.motion.times[-1]]
+        before = np.flatnonzero(np.diff(np.sign(free)) != 0)[:9]
+        crossings = before + free[before] / (free[before] - free[before + 1])
+        return 1 / (2 * float(np.diff(crossings).mean()) * setup.motion.time_step)
 
     def _carried(self, bench: Bench, values: Mapping[str, float]) -> Check:
         # A rock that stands turns with the pedestal: its turn is the integral of its rate.
@@ -643,10 +690,10 @@ class TablePitch(Effect):
         response = bench.run(replace(bench.block(), motion=motion), self, values)
         pushed = response.time < motion.times[-1] - 0.3
         turn = float(response.angular_velocity[pushed, 1].sum()) * motion.time_step
+        lean = float(response.pitch[pushed][-1] - response.pitch[0])
         return Check(
-            "turn about y of a rock that stands on the pitched pedestal [rad]",
-            turn, -values["compliance"] / STANDARD_GRAVITY, 1e-4,
-        )  # fmt: skip
+            "turn about y of a rock that stands on the pitched pedestal [rad]", turn, lean, 1e-4
+        )
 
 
 ACTUATION: tuple[Effect, ...] = (

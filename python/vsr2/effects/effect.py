@@ -53,6 +53,10 @@ class Response(Protocol):
         """Displacement of the pedestal along x, shape (n,) [m]."""
 
     @property
+    def pitch(self) -> Array:
+        """Turn of the pedestal about y, shape (n,) [rad]."""
+
+    @property
     def observation(self) -> Observation:
         """What is written down, after effects on the outcome."""
 

@@ -53,7 +53,8 @@ cover effects.
 - Chance: what a trial draws (`placement`, `outcome_rule`) depends on the seed, the effect's name
   and the trial's place alone. With the same seed other values use the same draws.
 - Scenes: trials that end up with equal bodies share one native scene. `wear` has {wear} steps.
-- Motions beside x (`transverse`, `vertical`, `pitch`) need `motion.drive: prescribed`.
+- Motions beside x (`transverse`, `vertical`, `pitch`) and `table_pitch` need `motion.drive:
+  prescribed`; a motion that pitches and `table_pitch` exclude each other.
 
 ## Three checks
 
@@ -87,8 +88,9 @@ apart.
 
 With phi = tilt / alpha the planar equation of rocking holds the motion only as a / (g tan alpha).
 So `table_gain` and `slenderness` are one effect but for the frequency parameter, which a lower mass
-centre changes by a quarter as much. A stiff `table_pitch` acts like a gain of 1 + k,
-k = c (1 + w^2 / p^2), under a sine: in proportion to the acceleration. Measured
+centre changes by a quarter as much. A stiff `table_pitch` far heavier than the rock acts like a
+gain of 1 + k, k = c (1 + w^2 / p^2), under a sine: in proportion to the acceleration. The default
+table is not: the block of 778 kg swings along with it (last column of the table). Measured
 (`studies/effect_equivalences.py`, `docs/results/effects/equivalences.csv`; tests
 `test_table_gain_and_slenderness_are_one_effect` and `test_stiff_pitch_is_a_gain`):
 

@@ -1,6 +1,15 @@
 """Bodies as the native core needs them: meshes, mass properties, URDF, start poses, pedestals."""
 
-from vsr2.scene.body import Box, Hull, MassProperties, PedestalBody, Pose, RockBody, Triangles
+from vsr2.scene.body import (
+    Box,
+    Hull,
+    MassProperties,
+    PedestalBody,
+    PitchSpring,
+    Pose,
+    RockBody,
+    Triangles,
+)
 from vsr2.scene.build import build_pedestal, build_rock
 from vsr2.scene.mass import (
     aabb_mass_properties,
@@ -33,6 +42,7 @@ __all__ = [
     "Mechanisms",
     "MeshGroup",
     "PedestalBody",
+    "PitchSpring",
     "Pose",
     "RockBody",
     "Slenderness",

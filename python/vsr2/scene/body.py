@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -85,6 +86,27 @@ class RockBody:
     """What a repair changed, or other things the user should know."""
 
 
+@dataclass(frozen=True)
+class PitchSpring:
+    """The pedestal's pitch axis as a sprung and damped joint, on which the rock pushes back.
+
+    pitch'' + 2 damping w pitch' + w^2 pitch = -w^2 compliance a + M / inertia, with a the
+    acceleration along x and M the moment about the axis of all that the rock exerts on the
+    pedestal. docs/mechanisms.md; `cpp/include/vsr2/pitch_spring.hpp` is the definition.
+
+    Attributes:
+        frequency: without a rock and damping, w / (2 pi) [Hz].
+        damping: damping ratio [1].
+        compliance: lean against a constant acceleration [rad / (m/s^2)].
+        inertia: of the pedestal about the axis [kg m^2]; infinite: the rock does not push back.
+    """
+
+    frequency: float
+    damping: float
+    compliance: float
+    inertia: float = math.inf
+
+
 @dataclass(frozen=True, eq=False)
 class PedestalBody:
     """The pedestal: collision parts in the pedestal frame P, whose origin starts at `origin`.
@@ -96,7 +118,8 @@ class PedestalBody:
         mass: carried by the prismatic joint [kg].
         base_size: edge lengths of the static base, which stands on z = 0 [m].
         pitch_pivot: height in the world, at the start, of the axis about which a motion's pitch
-            turns the pedestal [m]; None: its top.
+            turns the pedestal, and of a sprung joint [m]; None: its top.
+        pitch_spring: of a pedestal that pitches by itself; None: it follows the motion's pitch.
     """
 
     parts: tuple[Hull | Box | Triangles, ...]
@@ -108,3 +131,4 @@ class PedestalBody:
     sha256: str = ""
     surface: Triangles | None = None
     pitch_pivot: float | None = None
+    pitch_spring: PitchSpring | None = None

@@ -216,7 +216,7 @@ class _Specifications:
         return samples
 
     def _start(self, trial: Trial) -> _native.SettledStart:
-        if trial.motion.is_spatial:
+        if _goes_beside_x(trial):
             drive = _native.Drive.prescribed_spatial
         elif trial.drive == "prescribed":
             drive = _native.Drive.prescribed
@@ -297,7 +297,8 @@ def check_trials(trials: Sequence[Trial]) -> None:
 
     Raises:
         SimulationError: a motion of another time step than its scene's, a motor asked to drive a
-            motion beside x, or a log that could outgrow memory.
+            motion beside x or a pedestal that pitches on a spring, a motion that pitches such a
+            pedestal, or a log that could outgrow memory.
     """
     for trial in trials:
         scene, motion = trial.scene, trial.motion
@@ -310,6 +311,16 @@ def check_trials(trials: Sequence[Trial]) -> None:
             raise SimulationError(
                 f"motion {motion.name!r} goes beside x; only drive: prescribed follows it"
             )
+        if scene.pitches and trial.drive != "prescribed":
+            raise SimulationError(
+                f"trial {trial.name or motion.name!r}: the pedestal pitches on a spring; only "
+                "drive: prescribed lets it"
+            )
+        if scene.pitches and motion.pitch is not None:
+            raise SimulationError(
+                f"motion {motion.name!r} pitches, and the pedestal pitches on a spring; leave one "
+                "of them out"
+            )
         size, every = _state_bytes(trial), trial.output.log_every * scene.engine.time_step
         if size > MAX_LOG_BYTES:
             raise SimulationError(
@@ -317,6 +328,11 @@ def check_trials(trials: Sequence[Trial]) -> None:
                 f"({_longest(trial):g} s, a row every {every:g} s); raise output.log_every or "
                 "shorten outcome.tail"
             )
+
+
+def _goes_beside_x(trial: Trial) -> bool:
+    """Whether the pedestal moves along y or z or pitches."""
+    return trial.motion.is_spatial or trial.scene.pitches
 
 
 def _longest(trial: Trial) -> float:
@@ -335,7 +351,7 @@ def _state_bytes(trial: Trial) -> float:
 
 def _state_columns(trial: Trial) -> int:
     """Columns of a trial's state log."""
-    return len(STATE_COLUMNS) + (3 if trial.motion.is_spatial else 0)
+    return len(STATE_COLUMNS) + (3 if _goes_beside_x(trial) else 0)
 
 
 def _sample_bytes(motion: Motion) -> int:

@@ -66,6 +66,7 @@ class BenchResponse:
     velocity: Array
     angular_velocity: Array
     pedestal: Array
+    pitch: Array
     observation: Observation
 
 
@@ -204,11 +205,12 @@ class EffectBench:
         if spin:
             simulation.set_rock_velocity((0.0, 0.0, 0.0), (0.0, 0.0, spin))
         upright = scene.body_pose(setup.start).orientation
-        rows = []
+        rows, pitch = [], []
         for _ in range(round(duration / simulation.time_step)):
             state = simulation.step(0.0)
             assert state is not None
             rows.append(state)
+            pitch.append(simulation.excursion[2])
         orientation = np.array([state.body_orientation for state in rows])
         tilts = np.array([_tilt(upright, q) for q in orientation])
         return BenchResponse(
@@ -218,6 +220,7 @@ class EffectBench:
             velocity=np.array([state.velocity for state in rows]),
             angular_velocity=np.array([state.angular_velocity for state in rows]),
             pedestal=np.zeros(len(rows)),
+            pitch=np.array(pitch),
             observation=Observation("rocked", float(tilts.max()), float(tilts[-1]), 0.0, 0.0),
         )
 
@@ -245,6 +248,7 @@ def _response(log: TrialLog, observation: Observation) -> BenchResponse:
         velocity=_columns(log, "rock_v", shaken),
         angular_velocity=_columns(log, "rock_w", shaken),
         pedestal=log.state[shaken, STATE_COLUMNS.index("pedestal_position")],
+        pitch=log.excursions[shaken, 2] if len(log.excursions) else np.zeros(int(shaken.sum())),
         observation=observation,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, astuple, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -76,6 +76,11 @@ class Scene:
         return _body_frame(self.rock)
 
     @property
+    def pitches(self) -> bool:
+        """Whether the pedestal pitches on a spring, whatever the motion."""
+        return self.pedestal.pitch_spring is not None
+
+    @property
     def pitch_pivot(self) -> float:
         """Height in the world, at the start, of the pedestal's pitch axis [m]."""
         return _pitch_pivot(self.pedestal)
@@ -128,6 +133,8 @@ def scene_sha256(
     digest.update(mechanisms.key.encode())
     if pedestal.pitch_pivot is not None:
         digest.update(b"pivot" + np.float64(pedestal.pitch_pivot).tobytes())
+    if pedestal.pitch_spring is not None:
+        digest.update(b"spring" + np.array(astuple(pedestal.pitch_spring)).tobytes())
     return digest.hexdigest()
 
 
@@ -188,6 +195,7 @@ def make_scene(
     """
     frame = _body_frame(rock)
     mechanisms = mechanisms or Mechanisms()
+    spring = pedestal.pitch_spring
     try:
         native = _native.Scene(
             engine=_native_engine(engine),
@@ -199,6 +207,7 @@ def make_scene(
                 top=pedestal.top,
                 material=_native_material(contact.pedestal),
                 pitch_pivot=_pitch_pivot(pedestal),
+                pitch_spring=None if spring is None else _native.PitchSpring(**asdict(spring)),
             ),
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),

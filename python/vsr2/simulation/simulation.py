@@ -56,7 +56,8 @@ class Simulation:
         study: a study, or the path of one; or a scene built before.
         drive: how the pedestal follows the set-points given to `step`; the default comes from the
             study's motion (`motor` follows the velocity too for cosine modes, S1.3).
-            `prescribed_spatial` takes set-points along y and z and in pitch too.
+            `prescribed_spatial` takes set-points along y and z and in pitch too; a pedestal that
+            pitches on a spring needs it, and takes none in pitch.
         spawn: put the rock in place at once.
 
     Raises:
@@ -72,7 +73,7 @@ class Simulation:
     ) -> None:
         if isinstance(study, Scene):
             self.scene = study
-            chosen: DriveName = drive or "prescribed"
+            chosen: DriveName = drive or ("prescribed_spatial" if study.pitches else "prescribed")
         else:
             loaded = study if isinstance(study, Study) else load_study(study)
             self.scene = build_scene(loaded)
@@ -84,7 +85,10 @@ class Simulation:
             )
         self._drive = getattr(_native.Drive, chosen)
         self._start = self.scene.rock.start
-        self._world = _native.World(self.scene.native, self._drive)
+        try:
+            self._world = _native.World(self.scene.native, self._drive)
+        except _native.InvalidInput as error:
+            raise SimulationError(f"drive {chosen!r}: {error}") from error
         self._steps = 0
         self._command = (0.0, 0.0)
         if spawn:
@@ -177,6 +181,10 @@ class Simulation:
                 f"step: the drive {self.drive} moves the pedestal along x only; use "
                 "prescribed_spatial"
             )
+        if pitch and self.scene.pitches:
+            raise SimulationError(
+                "step: the pedestal pitches on a spring and takes no set-points of pitch"
+            )
         if steps < 1:
             raise SimulationError(f"step: steps must be at least 1, got {steps}")
         for _ in range(steps):
@@ -202,7 +210,8 @@ class Simulation:
         rule = settling or Settling()
         if not self.has_rock:
             raise SimulationError("settle: there is no rock; spawn one first")
-        hold, excursion = self._world.pedestal[0], self._world.excursion
+        hold, (transverse, vertical, pitch) = self.pedestal[0], self.excursion
+        excursion = (transverse, vertical, 0.0 if self.scene.pitches else pitch)
         needed = max(1, round(rule.window / self.time_step))
         quiet = 0
         for i in range(round(rule.timeout / self.time_step)):
@@ -243,6 +252,12 @@ class Simulation:
         """Achieved position [m] and velocity [m/s] of the pedestal."""
         position, velocity = self._world.pedestal
         return float(position), float(velocity)
+
+    @property
+    def excursion(self) -> tuple[float, float, float]:
+        """Of the pedestal beside x: along y and z [m], pitch about y [rad]."""
+        transverse, vertical, pitch = self._world.excursion
+        return float(transverse), float(vertical), float(pitch)
 
     @property
     def state(self) -> State:
