@@ -76,7 +76,7 @@ def library() -> Mapping[str, Effect]:
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=12)
+    parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--campaigns", type=int, default=3)
     parser.add_argument("--motions", type=int, default=12)
     parser.add_argument("--scalings", type=int, default=6)
@@ -93,7 +93,12 @@ def main() -> None:
         return SceneSimulator(campaign, study, library=effects, threads=options.threads, seed=seed)
 
     rehearsal = Rehearsal(
-        simulator("prescribed", 1), campaign, draws=options.draws, screening_runs=10, noise=0.003
+        simulator("prescribed", 1),
+        campaign,
+        draws=options.draws,
+        screening_runs=10,
+        noise=0.003,
+        bank=options.out / "bank.sqlite",
     )
     exact, motor = simulator("prescribed", 10_001), simulator("motor", 10_001)
     fast: Effects = (("time_scale", (-0.2,)),)

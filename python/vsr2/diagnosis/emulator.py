@@ -45,6 +45,8 @@ _FAR = 3.0
 """Scales beyond which a residual is taken for stray."""
 _LEAST_STRAY = 0.03
 _STRAY_WEIGHT = 30.0
+ERROR = 0.15
+"""Relative error of an effect's polynomial that the regression allows for."""
 ERRORS = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0])
 """Relative errors that are tried."""
 _POOLED = 0.1
@@ -161,7 +163,8 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     outcome = _logistic(x, design.overturned)
-    fits = [_linear(x, design.features[:, :, k]) for k in range(design.features.shape[2])]
+    own = slice(1 + design.nuisances.shape[1], None)
+    fits = [_linear(x, own, design.features[:, :, k]) for k in range(design.features.shape[2])]
     features = _with_factors(x, design.features, fits)
     factors = features[0].loading.shape[1] if features else 0
     none = np.zeros((design.overturned.shape[1], factors))
@@ -228,7 +231,8 @@ def _logistic(x: Array, y: Array) -> Fit:
     return Fit(mean, covariance, np.zeros(trials), np.zeros((trials, 0)), np.zeros(trials))
 
 
-def _linear(x: Array, y: Array) -> Fit:
+def _linear(x: Array, own: slice, y: Array) -> Fit:
+    """Robust regression; `own`: columns that belong to effects."""
     trials, columns = y.shape[1], x.shape[1]
     known = np.isfinite(y).T
     target = np.where(known, y.T, 0.0)
@@ -243,7 +247,7 @@ def _linear(x: Array, y: Array) -> Fit:
     prior[0] = 100 * _INTERCEPT_VARIANCE * max(pooled, 1.0) / pooled
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
-    weight = use
+    weight, trust = use, np.ones_like(use)
     for _ in range(_EM_STEPS):
         gram = _weighted(x, weight)
         hessian = (gram + np.diag(1 / prior)) / noise[:, None, None]
@@ -252,9 +256,13 @@ def _linear(x: Array, y: Array) -> Fit:
         residual = use * (target - mean @ x.T)
         explained = np.einsum("tij,tji->t", covariance, gram)
         # Two pseudo-residuals of pooled size keep few data from claiming certainty.
-        noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (count + 2)
+        believed = (use * trust).sum(axis=1)
+        noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (believed + 2)
         noise = np.maximum(noise, 1e-8)
-        weight = use * (DEGREES + 1) / (DEGREES + residual**2 / noise[:, None])
+        # Where an effect is strong the polynomial is off by a share of it: that is not noise.
+        off = ERROR * mean[:, own] @ x[:, own].T
+        trust = 1 / (1 + off**2 / noise[:, None])
+        weight = use * trust * (DEGREES + 1) / (DEGREES + trust * residual**2 / noise[:, None])
         prior = _updated(mean, covariance, noise, prior)
     far = (use * (residual**2 > (_FAR**2) * noise[:, None])).sum(axis=1)
     share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)

@@ -30,6 +30,17 @@ PRIOR_NONE = 0.25
 SET_LEVEL = 0.9
 SHARPNESS_ERRORS = (0.0, 0.03, 0.06, 0.1, 0.2, 0.3)
 _LEAST_ALIKE = 8
+_LEAST_NEAR = 40
+
+
+def strengths(likelihood: Array) -> Array:
+    """S^2 of campaigns: 2 log (evidence of the best effect / evidence of none), at least 0.
+
+    Args:
+        likelihood: log probabilities of labels by route A, "none" first, shape (..., labels).
+    """
+    gain = likelihood[..., 1:].max(axis=-1) - likelihood[..., 0]
+    return np.asarray(2 * np.maximum(gain, 0.0), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,7 @@ class Tempering:
 
     def weight(self, likelihood: Array) -> Array:
         """Exponent, for route A's log probabilities of labels (..., labels), shape (...)."""
-        square = 2 * np.maximum(likelihood[..., 1:].max(axis=-1) - likelihood[..., 0], 0.0)
+        square = strengths(likelihood)
         return np.asarray(self.power / (1 + self.error**2 * square), dtype=np.float64)
 
 
@@ -229,7 +240,9 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         loss=loss,
         gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
         direction_p=upper_tail(against, float(_odds(probability[None])[0])),
-        novelty_p=_novelty_p(calibration, novelty, labels.index(best)),
+        novelty_p=_novelty_p(
+            calibration, novelty, labels.index(best), float(strengths(likelihood))
+        ),
         conformal=_sets(calibration, probability, likelihood, classifier),
     )
 
@@ -365,23 +378,32 @@ def _odds(probability: Array) -> Array:
     return np.asarray(np.log1p(-none) - np.log(none), dtype=np.float64)
 
 
-def _novelty_p(calibration: Calibration, value: Array, best: int) -> float:
-    """Share of the library's campaigns that fit no better: all, and those of the same best label.
+def _novelty_p(calibration: Calibration, value: Array, best: int, strength: float) -> float:
+    """Share of the library's campaigns that fit no better.
 
-    The larger share counts: an effect whose outcomes cannot be foretold (labels noted wrongly)
-    leaves every one of its campaigns with a poor fit.
+    Of those whose effect is about as strong, because the emulator's error grows with it, and of
+    those with the same best label, because an effect whose outcomes cannot be foretold (labels
+    noted wrongly) leaves every one of its campaigns with a poor fit. The larger share counts.
     """
     centre = np.median(calibration.novelty, axis=0)
     spread = np.quantile(calibration.novelty, 0.9, axis=0) - centre
     scale = np.maximum(spread, 1e-9)
     null = ((calibration.novelty - centre) / scale).max(axis=1)
     own = float(((value - centre) / scale).max())
-    weight = calibration.weight / calibration.weight.mean()
-    shares = [(weight[null >= own].sum() + 1) / (weight.sum() + 1)]
+    gap = np.abs(np.log1p(strengths(calibration.likelihood)) - np.log1p(strength))
+    count = min(max(_LEAST_NEAR, gap.size // 8), gap.size)
+    near = np.argsort(gap, kind="stable")[:count]
+    shares = [_share(null[near], own, calibration.weight[near])]
     alike = calibration.best == best
     if alike.sum() >= _LEAST_ALIKE:
-        shares.append((np.count_nonzero(null[alike] >= own) + 1) / (alike.sum() + 1))
+        shares.append(_share(null[alike], own, np.ones(int(alike.sum()))))
     return float(max(shares))
+
+
+def _share(null: Array, own: float, weight: Array) -> float:
+    """Weighted share of null values at or above `own`, which counts once: never 0."""
+    relative = weight / weight.mean()
+    return float((relative[null >= own].sum() + 1) / (relative.sum() + 1))
 
 
 def _sets(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +145,7 @@ class Rehearsal:
         most: trials kept.
         noise: standard error of the largest tilt [rad].
         series: whether the simulator gives series.
+        bank: file of simulations; None: in memory.
     """
 
     def __init__(
@@ -156,6 +158,7 @@ class Rehearsal:
         most: int = 400,
         noise: float = 0.003,
         series: bool = False,
+        bank: Path | None = None,
     ) -> None:
         self.simulator = simulator
         self._noise = noise
@@ -170,7 +173,7 @@ class Rehearsal:
         seen = observe_campaign(blank, "M")
         names = (*seen.names, *TILT_FEATURES) if series else seen.names
         self._seen = replace(seen, tier="T" if series else "M", names=names)
-        self.bank = Bank(simulator)
+        self.bank = Bank(simulator, bank)
         self.screening: Screening = screen(
             self.bank, self._seen, runs=screening_runs, most=most, seed=0
         )
