@@ -17,10 +17,10 @@ from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
 from vsr2.diagnosis.equivalence import classes, leading_class
-from vsr2.diagnosis.evidence import Data
+from vsr2.diagnosis.evidence import Data, mode
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
-from vsr2.diagnosis.library import NONE
+from vsr2.diagnosis.library import NONE, values_at
 from vsr2.diagnosis.next_measurement import next_measurement
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
@@ -31,6 +31,9 @@ from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.verdict import Findings, beyond_noise, decide, disagreement
 from vsr2.diagnosis.where import Conditions, residuals, scan
+
+CERTAINTY_RUNS = 8
+"""Simulations of a trial that contradicts its certainty, under the best effect."""
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, Mapping[str, float]], None]
@@ -103,6 +106,7 @@ def diagnose_with(
             last.prepared,
             last.inference,
             last.classes,
+            certainties(store, seen, screening, last.prepared, last.inference),
             earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
             seed=seed,
         )
@@ -219,6 +223,7 @@ def conclude(
     prepared: Prepared,
     found: Inference,
     groups: list[list[str]],
+    certain: Array,
     *,
     earlier: list[str] | None = None,
     seed: int = 0,
@@ -231,6 +236,7 @@ def conclude(
         prepared: the two routes.
         found: inference on the campaign.
         groups: classes of effects, the leading one first.
+        certain: as :func:`certainties` has it, shape (trials,).
         earlier: the leading class of a smaller budget.
         seed: of resamples and permutations.
     """
@@ -267,7 +273,7 @@ def conclude(
             found.conformal["likelihood"],
             found.conformal["classifier"],
         ),
-        novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening)),
+        novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening, certain)),
         after_low=float(np.quantile(after, 0.025)),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         pair=_accepted_pair(shrinkage, motion, seed),
@@ -326,14 +332,49 @@ def _accepted_pair(
     return common[0], common[1]
 
 
-def _surprise_p(seen: Observations, screening: Screening) -> float:
+def certainties(
+    store: Bank, seen: Observations, screening: Screening, prepared: Prepared, found: Inference
+) -> Array:
+    """Probability of overturning of every trial, as the best effect has it where it matters.
+
+    A trial that screening dropped as certain, and that did otherwise, counts against every effect,
+    unless it does so under the best effect too: those few are simulated again under it.
+
+    Args:
+        store: of simulations.
+        seen: the observed campaign.
+        screening: which trials were dropped, and how certain they were.
+        prepared: of the campaign.
+        found: inference on it.
+
+    Returns:
+        Shape (trials,).
+    """
+    out = screening.probability.copy()
+    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
+    wrong = dropped[np.abs(seen.overturned[dropped] - out[dropped]) > 0.5]
+    best = found.labels[1 + int(np.argmax(found.likelihood[1:]))]
+    if not wrong.size:
+        return out
+    node, _ = mode(prepared.tables[best], found.posteriors[best])
+    quantiles = prepared.tables[best].fine.quantiles[node]
+    effects = ((best, values_at(prepared.library[best], quantiles)),)
+    draws = range(1, CERTAINTY_RUNS + 1)
+    outcome = store.run([Request(int(i), effects, m, 1) for i in wrong for m in draws]).overturned
+    table = outcome.reshape(wrong.size, -1)
+    known = np.isfinite(table).sum(axis=1)
+    out[wrong] = (np.nansum(table, axis=1) + 0.5) / (known + 1)
+    return out
+
+
+def _surprise_p(seen: Observations, screening: Screening, probability: Array) -> float:
     """Chance of so many contradicted certainties among the trials that were dropped."""
     from scipy.stats import poisson
 
     dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
     if not dropped.size:
         return 1.0
-    p = screening.probability[dropped]
+    p = probability[dropped]
     wrong = np.abs(seen.overturned[dropped] - p) > 0.5
     expected = np.minimum(p, 1 - p).sum()
     return float(poisson.sf(wrong.sum() - 1, max(expected, 1e-9)))
