@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.design import Screening
+from vsr2.diagnosis.diagnose import with_contradictions
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import Data, posterior, predict, tabulate
 from vsr2.diagnosis.features import tilt_features
 from vsr2.diagnosis.inference import Tempering
 from vsr2.diagnosis.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
 from vsr2.diagnosis.where import Conditions, scan
@@ -298,3 +302,18 @@ def test_a_strong_effect_counts_less() -> None:
     # S^2 = 0 and 2 * 50.
     weights = tempering.weight(np.array([[0.0, -1.0, -3.0], [-50.0, 0.0, -2.0]]))
     np.testing.assert_allclose(weights, [0.5, 0.5 / 2])
+
+
+@pytest.mark.parametrize(("contradicted", "kept"), [(1, 0), (8, 8)])
+def test_contradicted_certainties_are_kept_where_they_are_no_chance(contradicted, kept) -> None:
+    """50 dropped trials with p = 0.02: one that overturned is expected, eight are not."""
+    campaign = shaken_campaign(6, 10)
+    rows = tuple(
+        dataclasses.replace(trial, overturned=bool(i < 5 or 10 <= i < 10 + contradicted))
+        for i, trial in enumerate(campaign.trials)
+    )
+    seen = observe_campaign(dataclasses.replace(campaign, trials=rows), "B")
+    probability = np.where(np.arange(60) < 10, 0.5, 0.02)
+    screening = Screening(np.arange(10), np.arange(0), probability, 0)
+    found = with_contradictions(screening, seen)
+    assert found.kept.tolist() == [*range(10), *range(10, 10 + kept)]

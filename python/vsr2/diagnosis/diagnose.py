@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -32,6 +32,8 @@ from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.verdict import Findings, beyond_noise, decide, disagreement
 from vsr2.diagnosis.where import Conditions, residuals, scan
 
+SURPRISE_LEVEL = 0.05
+"""Chance of so many contradicted certainties below which these trials are kept."""
 CERTAINTY_RUNS = 8
 """Simulations of a trial that contradicts its certainty, under the best effect."""
 
@@ -95,6 +97,7 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("screening", n / m, {}),
         )
+        screening = with_contradictions(screening, seen)
         schedule.fit(screening.kept.size)
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(store, seen, screening, schedule, shared, seed, tell)
@@ -330,6 +333,19 @@ def _accepted_pair(
     if low <= 0 or 2 * names.count(common) <= len(names):
         return None
     return common[0], common[1]
+
+
+def with_contradictions(screening: Screening, seen: Observations) -> Screening:
+    """Keep trials that contradict their certainty too, where they are more than chance has it.
+
+    Then the scene lacks more than any effect was seen to change, and these trials hold most of what
+    is known of it.
+    """
+    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
+    wrong = dropped[np.abs(seen.overturned[dropped] - screening.probability[dropped]) > 0.5]
+    if not wrong.size or _surprise_p(seen, screening, screening.probability) > SURPRISE_LEVEL:
+        return screening
+    return replace(screening, kept=np.union1d(screening.kept, wrong))
 
 
 def certainties(

@@ -24,7 +24,7 @@ from vsr2.diagnosis.where import residuals
 Array = NDArray[np.float64]
 Step = Callable[[float], None]
 
-FOLDS = 6
+FOLDS = 4
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
