@@ -82,13 +82,13 @@ class Floor:
 class FloorMeter:
     """Measures floors on one engine, scene and part of a protocol with common random numbers.
 
-    The null campaign is simulated with 4 R draws of nuisances and starts, R / 2 of them again
+    The null campaign is simulated with 10 R draws of nuisances and starts, R / 2 of them again
     under the effect. The observations (outcomes and ln largest tilts) are regressed on the
     nuisances, which gives their covariance S: slopes times slopes, and each observation's own
-    scatter, the latter scaled by trials of the design over trials of the campaign. With d the mean
-    change under the effect, signal over noise is (d' S^-1 d)^(1/2), what Monte Carlo error adds to
-    the form taken off: how far a campaign under the effect lies
-    from the nominal one where nuisances are unknown.
+    scatter, the latter scaled by trials of the design over trials of the campaign, and the slopes'
+    error. With d the mean change under the effect, signal over noise is (d' S^-1 d)^(1/2), what
+    Monte Carlo error adds to the form taken off: how far a campaign under the effect lies from the
+    nominal one where nuisances are unknown.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class FloorMeter:
         rng = np.random.default_rng([seed, 202])
         self._places = [int(i) for i in np.sort(rng.permutation(trials)[:count])]
         self._design = [(protocol.rows[i], protocol.motions[i]) for i in self._places]
-        count = 4 * settings.replicates
+        count = 10 * settings.replicates
         self._null = np.stack([self._run(r, {}) for r in range(count)])
         drawn = np.stack([self._drawn(r) for r in range(count)])
         slopes, *_ = np.linalg.lstsq(
@@ -115,8 +115,9 @@ class FloorMeter:
         chance = (self._null[:, :outcomes].sum(axis=0) + 1) / (count + 2)
         scatter[:outcomes] = np.maximum(scatter[:outcomes], chance * (1 - chance))
         scatter[outcomes:] += _SMALL**2
-        # All of the campaign's trials, of which the design is a part.
-        scatter *= outcomes / settings.trials
+        # All of the campaign's trials, of which the design is a part; and the slopes' own error,
+        # without which a nuisance in disguise would seem to be a signal.
+        scatter *= outcomes / settings.trials + drawn.shape[1] / count
         self._inverse = np.linalg.inv(slopes[1:].T @ slopes[1:] + np.diag(scatter))
 
     def _drawn(self, replicate: int) -> Array:
