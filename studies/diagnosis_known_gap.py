@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from vsr2.campaign import Tier
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis.planted import Rehearsal, shaken_campaign
 from vsr2.diagnosis.scene_simulator import SceneSimulator
@@ -40,6 +41,7 @@ NAMES = (
     "rolling_resistance",
     "catch",
 )
+TIERS: tuple[Tier, ...] = ("B", "M", "T")
 WANTED = {
     "time base": {"time_scale"},
     "inertia": {"inertia", "time_scale"},
@@ -76,7 +78,7 @@ def library() -> Mapping[str, Effect]:
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=12)
+    parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--campaigns", type=int, default=3)
     parser.add_argument("--motions", type=int, default=12)
     parser.add_argument("--scalings", type=int, default=6)
@@ -90,10 +92,18 @@ def main() -> None:
     def simulator(drive: str, seed: int) -> SceneSimulator:
         scene = SCENE | {"motion": {**SCENE["motion"], "drive": drive}}  # type: ignore[dict-item]
         study = study_from_mapping(scene, base=Path())
-        return SceneSimulator(campaign, study, library=effects, threads=options.threads, seed=seed)
+        return SceneSimulator(
+            campaign, study, library=effects, series=True, threads=options.threads, seed=seed
+        )
 
     rehearsal = Rehearsal(
-        simulator("prescribed", 1), campaign, draws=options.draws, screening_runs=10, noise=0.003
+        simulator("prescribed", 1),
+        campaign,
+        draws=options.draws,
+        screening_runs=10,
+        noise=0.003,
+        series=True,
+        bank=options.out / "bank.sqlite",
     )
     exact, motor = simulator("prescribed", 10_001), simulator("motor", 10_001)
     fast: Effects = (("time_scale", (-0.2,)),)
@@ -106,12 +116,12 @@ def main() -> None:
         "all three": (motor, (*heavy, *fast)),
     }
     rows = []
-    for tier in ("B", "M"):
-        prepared = rehearsal.prepared(tier)  # type: ignore[arg-type]
+    for tier in TIERS:
+        prepared = rehearsal.prepared(tier)
         for defect, (truth, planted) in cases.items():
             for draw in range(1, options.campaigns + 1):
                 seen = rehearsal.observed(truth, planted, nuisance=draw)
-                judged = rehearsal.judge(prepared, seen, tier)  # type: ignore[arg-type]
+                judged = rehearsal.judge(prepared, seen, tier)
                 content = judged.diagnosis.content
                 verdict = content["verdict"]
                 wanted = WANTED.get(defect, set())

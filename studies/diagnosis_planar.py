@@ -248,7 +248,7 @@ def measure(
                     judged = rehearsal.judge(lacking, seen, tier)
                     rows.append(row_of(judged, tier, "unknown", name, relative))
             write(options.out / "campaigns.csv", rows)
-        say(f"tier {tier}: {len(rows)} rows, exponents {prepared.calibration.exponents}")
+        say(f"tier {tier}: {len(rows)} rows, combination {prepared.calibration.combination}")
         write(options.out / "campaigns.csv", rows)
         write(options.out / "table.csv", table(rows))
     return rows

@@ -113,7 +113,7 @@ def main() -> int:
                 "trials": int(judged.sum()),
                 "failed": int((~judged).sum()),
                 "overturned_observed": int(truth[judged].sum()),
-                "overturned_simulated": metrics.tp + metrics.fp,
+                "overturned_simulated": metrics.true_positives + metrics.false_positives,
                 "accuracy": f"{metrics.accuracy:.3f}",
                 "precision": f"{metrics.precision:.3f}",
                 "recall": f"{metrics.recall:.3f}",

@@ -22,7 +22,7 @@ from blind_samples import QuickEngine, diagnosis
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.baselines import BASELINES, baseline_scores
 from vsr2.blind.design import catalogue, draw_protocol
-from vsr2.blind.diagnose import at_tier
+from vsr2.blind.diagnose import at_tier, uncertainties
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import Floor, FloorMeter
 from vsr2.blind.mujoco import GroundMotion
@@ -554,3 +554,16 @@ def test_scores_need_another_pack_to_train(small, tmp_path) -> None:
     key = tmp_path / "key"
     with pytest.raises(BlindError, match="another pack"):
         score_pack(small, key, tmp_path / "out", tmp_path / "s", training=(small, key))
+
+
+def test_a_diagnosis_takes_its_uncertainties_from_the_published_tolerances() -> None:
+    found = uncertainties(
+        {"width": 0.03, "height": 0.04, "friction": 0.05, "yaw": math.radians(2), "offset": 0.003,
+         "input_gain": [0.004, 0.004]}
+    )  # fmt: skip
+    assert found == pytest.approx(
+        {"slenderness": 0.05, "inertia": 0.16, "friction": 0.05, "yaw": 2.0, "offset": 0.003,
+         "trial_gain": 0.004}
+    )  # fmt: skip
+    assert uncertainties({}) == {}
+    Nuisances(**found)

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 
 from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.design import Screening
+from vsr2.diagnosis.diagnose import with_contradictions
 from vsr2.diagnosis.emulator import Design, fit_emulator
+from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import Data, posterior, predict, tabulate
 from vsr2.diagnosis.features import tilt_features
+from vsr2.diagnosis.inference import Tempering
 from vsr2.diagnosis.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
 from vsr2.diagnosis.where import Conditions, scan
@@ -91,8 +97,8 @@ def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
     free = free_parameters(entry)
     nulls = [null_quantile(p) for p in free]
     primary = [null for p, null in zip(free, nulls, strict=True) if not p.secondary]
-    if any(null is None for null in primary):
-        # Presence itself is one of the functions.
+    if any(null is None or not 1e-6 < null < 1 - 1e-6 for null in primary):
+        # Presence itself is one of the functions of an effect with one side.
         assert basis(entry, np.full((1, len(free)), 0.5)).shape[1] >= len(free)
         return
     u = np.array([[0.3 if null is None else null for null in nulls]])
@@ -237,6 +243,7 @@ CLEAR = Findings(
     direction_p=0.005,
     none_probability=0.01,
     leading=("table_gain",),
+    offered=20,
     class_probability=0.9,
     agreement=None,
     novelty_p=0.5,
@@ -260,7 +267,8 @@ CLEAR = Findings(
         ({"after_low": 0.01}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"stable": False}, "unresolved"),
-        ({"class_probability": 0.7}, "unresolved"),
+        ({"leading": tuple("abcde")}, "class"),
+        ({"leading": tuple("abcdef")}, "unresolved"),
         ({"pair": ("table_gain", "wear")}, "effect"),
         (
             {"pair": ("table_gain", "wear"), "novelty_p": 0.01, "after_low": 0.01, "left": 0.5},
@@ -276,3 +284,36 @@ def test_routes_that_contradict_each_other_are_told() -> None:
     assert disagreement(("a",), "a", "b", ("a", "b"), ("b", "a")) is None
     assert disagreement(("a",), "a", "b", ("a",), ("b",)) is not None
     assert disagreement(("a",), "a", "b", ("a",), ("b", "a")) is not None
+
+
+def test_a_class_grows_until_it_is_probable() -> None:
+    probability = {"none": 0.2, "a": 0.4, "b": 0.1, "c": 0.2, "d": 0.1}
+    assert leading_class(probability, [["a", "b"], ["c"], ["d"]]) == (
+        ("a", "c", "b"),
+        pytest.approx(0.875),
+    )
+    members, within = leading_class(probability | {"a": 0.6}, [["a", "b"], ["c"], ["d"]])
+    assert members == ("a", "b")
+    assert within == pytest.approx(0.875)
+
+
+def test_a_strong_effect_counts_less() -> None:
+    tempering = Tempering(power=0.5, error=0.1)
+    # S^2 = 0 and 2 * 50.
+    weights = tempering.weight(np.array([[0.0, -1.0, -3.0], [-50.0, 0.0, -2.0]]))
+    np.testing.assert_allclose(weights, [0.5, 0.5 / 2])
+
+
+@pytest.mark.parametrize(("contradicted", "kept"), [(1, 0), (8, 8)])
+def test_contradicted_certainties_are_kept_where_they_are_no_chance(contradicted, kept) -> None:
+    """50 dropped trials with p = 0.02: one that overturned is expected, eight are not."""
+    campaign = shaken_campaign(6, 10)
+    rows = tuple(
+        dataclasses.replace(trial, overturned=bool(i < 5 or 10 <= i < 10 + contradicted))
+        for i, trial in enumerate(campaign.trials)
+    )
+    seen = observe_campaign(dataclasses.replace(campaign, trials=rows), "B")
+    probability = np.where(np.arange(60) < 10, 0.5, 0.02)
+    screening = Screening(np.arange(10), np.arange(0), probability, 0)
+    found = with_contradictions(screening, seen)
+    assert found.kept.tolist() == [*range(10), *range(10, 10 + kept)]

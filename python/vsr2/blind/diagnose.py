@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -55,6 +56,31 @@ def at_tier(campaign: Campaign, tier: Tier) -> Campaign:
         for t in campaign.trials
     )
     return replace(campaign, trials=trials, noise=noise)
+
+
+def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
+    """Standard deviations for the diagnosis from those that a pack publishes.
+
+    What it does not publish keeps the diagnosis' own. Edges that are off by s change the frequency
+    parameter p^2 by s, as a moment of inertia does that is off by 4 s: of the moment about an edge,
+    4/3 m R^2, a quarter is about the centre.
+    """
+    out: dict[str, float] = {}
+    if {"width", "height"} <= set(tolerances):
+        out["slenderness"] = math.hypot(tolerances["width"], tolerances["height"])
+        out["inertia"] = 4 * tolerances["height"]
+    if "friction" in tolerances:
+        out["friction"] = tolerances["friction"]
+    if "yaw" in tolerances:
+        out["yaw"] = math.degrees(tolerances["yaw"])
+    if "offset" in tolerances:
+        out["offset"] = tolerances["offset"]
+    if "input_gain" in tolerances:
+        # Root mean square of a log-uniform draw.
+        low, high = tolerances["input_gain"]
+        spread = 2 * math.log(high / low) if high > low > 0 else 0.0
+        out["trial_gain"] = math.sqrt((high**2 - low**2) / spread) if spread else high
+    return out
 
 
 def diagnose_pack(
@@ -112,8 +138,9 @@ def diagnose_pack(
     if draws is None:
         budget = {"budget_minutes": budget_minutes}
     _same_submission(out, pack, budget | {"seed": seed})
-    from vsr2.diagnosis import Shared
+    from vsr2.diagnosis import Nuisances, Shared
 
+    nuisances = Nuisances(**uncertainties(pack.get("tolerances", {})))
     shared = Shared(out / BANK_FILE, series="T" in offered)
     failed = []
     for tier, name in _in_groups(wanted, chosen, listed):
@@ -129,6 +156,7 @@ def diagnose_pack(
                 threads=threads,
                 exclude=tuple(listed[name].get("exclude", ())),
                 shared=shared,
+                nuisances=nuisances,
                 seed=seed,
                 **budget,
             )

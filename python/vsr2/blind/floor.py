@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 DETECTED = 3.0
 """Signal over noise at the floor."""
+NUISANCES = ("width", "depth", "height", "energy_ratio", "friction")
 _SMALL = 0.05
 """Standard deviation of ln tilt beyond what replicates show."""
 _TRIES = 4
@@ -32,11 +33,10 @@ def observations(overturned: Sequence[bool], peak_tilt: Sequence[float]) -> Arra
 
 def draw_nuisances(rng: np.random.Generator, settings: PackSettings) -> Nuisances:
     """Of one campaign: normal, cut at three standard deviations."""
-    names = ("width", "depth", "height", "energy_ratio", "friction")
-    draws = np.clip(rng.standard_normal(len(names)), -3, 3)
+    draws = np.clip(rng.standard_normal(len(NUISANCES)), -3, 3)
     factors = {
         name: float(1 + getattr(settings.tolerances, name) * draw)
-        for name, draw in zip(names, draws, strict=True)
+        for name, draw in zip(NUISANCES, draws, strict=True)
     }
     return Nuisances(**factors)
 
@@ -82,12 +82,13 @@ class Floor:
 class FloorMeter:
     """Measures floors on one engine, scene and part of a protocol with common random numbers.
 
-    The null campaign is simulated with R draws of nuisances and starts, half of them again under
-    the effect. With d the mean change of the observations (outcomes and ln largest tilts), S their
-    covariance over the null replicates (half of it its diagonal alone, for R is small) and N the
-    campaign's trials, signal over noise is (d' S^-1 d)^(1/2), what Monte Carlo error adds to the
-    form taken off, scaled by (N / trials of the design)^(1/2): how far a campaign under the effect
-    lies from the nominal one where nuisances are unknown.
+    The null campaign is simulated with 10 R draws of nuisances and starts, R / 2 of them again
+    under the effect. The observations (outcomes and ln largest tilts) are regressed on the
+    nuisances, which gives their covariance S: slopes times slopes, and each observation's own
+    scatter, the latter scaled by trials of the design over trials of the campaign, and the slopes'
+    error. With d the mean change under the effect, signal over noise is (d' S^-1 d)^(1/2), what
+    Monte Carlo error adds to the form taken off: how far a campaign under the effect lies from the
+    nominal one where nuisances are unknown.
     """
 
     def __init__(
@@ -101,15 +102,36 @@ class FloorMeter:
         rng = np.random.default_rng([seed, 202])
         self._places = [int(i) for i in np.sort(rng.permutation(trials)[:count])]
         self._design = [(protocol.rows[i], protocol.motions[i]) for i in self._places]
-        self._null = np.stack([self._run(r, {}) for r in range(settings.replicates)])
-        centered = self._null - self._null.mean(axis=0)
-        sample = centered.T @ centered / (settings.replicates - 1)
+        count = 10 * settings.replicates
+        self._null = np.stack([self._run(r, {}) for r in range(count)])
+        drawn = np.stack([self._drawn(r) for r in range(count)])
+        slopes, *_ = np.linalg.lstsq(
+            np.hstack([np.ones((count, 1)), drawn]), self._null, rcond=None
+        )
+        fitted = slopes[0] + drawn @ slopes[1:]
+        scatter = ((self._null - fitted) ** 2).sum(axis=0) / (count - 1 - drawn.shape[1])
         # Few replicates do not tell that an outcome is certain: Laplace's rule of succession.
         outcomes = len(self._design)
-        chance = (self._null[:, :outcomes].sum(axis=0) + 1) / (settings.replicates + 2)
-        beyond = np.concatenate([chance * (1 - chance), np.full(outcomes, _SMALL**2)])
-        half = 0.5 * sample + np.diag(0.5 * np.diag(sample) + beyond)
-        self._inverse = np.linalg.inv(half)
+        chance = (self._null[:, :outcomes].sum(axis=0) + 1) / (count + 2)
+        scatter[:outcomes] = np.maximum(scatter[:outcomes], chance * (1 - chance))
+        scatter[outcomes:] += _SMALL**2
+        # All of the campaign's trials, of which the design is a part; and the slopes' own error,
+        # without which a nuisance in disguise would seem to be a signal.
+        scatter *= outcomes / settings.trials + drawn.shape[1] / count
+        self._inverse = np.linalg.inv(slopes[1:].T @ slopes[1:] + np.diag(scatter))
+
+    def _drawn(self, replicate: int) -> Array:
+        """Standardised nuisances of a replicate."""
+        nuisances = draw_nuisances(
+            np.random.default_rng([self._seed, 203, replicate]), self._settings
+        )
+        tolerances = self._settings.tolerances
+        return np.array(
+            [
+                (getattr(nuisances, name) - 1) / max(getattr(tolerances, name), 1e-9)
+                for name in NUISANCES
+            ]
+        )
 
     def _run(self, replicate: int, effects: dict[str, dict[str, float]]) -> Array:
         settings = self._settings
@@ -144,8 +166,7 @@ class FloorMeter:
         mean = change.mean(axis=0)
         noise = change.var(axis=0, ddof=1) / count
         square = float(mean @ self._inverse @ mean - np.diag(self._inverse) @ noise)
-        scale = self._settings.trials / len(self._design)
-        return math.sqrt(max(square, 0.0) * scale)
+        return math.sqrt(max(square, 0.0))
 
     def floor(self, effect: Drawable, sign: int) -> Floor:
         """Where signal over noise is 3, by at most four simulated magnitudes.

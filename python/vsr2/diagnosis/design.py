@@ -23,6 +23,10 @@ Progress = Callable[[int, int], None]
 
 SCREENING_NONE = 8
 """Screening draws without effect at most, each with its own nuisances."""
+FIRST_LOOK = 16
+"""Screening simulations that every trial gets; the others go to trials that may be uncertain."""
+STIRRED = 0.02
+"""Largest tilt of a trial that may yet overturn under another effect [rad]."""
 GUARD = 0.1
 """Share of certain trials kept at random."""
 NONE_SHARE = 4
@@ -71,10 +75,11 @@ def screen(
 ) -> Screening:
     """Tell certain trials from uncertain ones.
 
-    Every trial is simulated `SCREENING_NONE` times without effect and with effects in turn, all
-    with nuisances. It is certain if all draws overturn, or none does. From tier M on a standing
-    trial is uncertain too if its largest tilt rises above the noise in half the draws. A random
-    tenth of the certain trials is kept as a guard.
+    Every trial is simulated without effect and with effects in turn, all with nuisances:
+    `FIRST_LOOK` times, and up to `runs` times if it rocked or always overturned. It is certain if
+    all draws overturn, or none does. From tier M on a standing trial is uncertain too if its
+    largest tilt rises above the noise in half the draws. A random tenth of the certain trials is
+    kept as a guard.
 
     Args:
         bank: of simulations.
@@ -88,33 +93,74 @@ def screen(
     plain = min(SCREENING_NONE, max(runs // 2, 1))
     spots = [(effect_draw(e, m, seed), m) for m in (1, 2) for e in library.values()]
     each = min(runs - plain, len(spots))
-    requests = []
-    for i in range(len(seen)):
-        requests += [Request(i, (), m, 1) for m in range(1, plain + 1)]
-        for j in range(each):
-            label, draw = spots[(i * each + j) % len(spots)]
-            requests.append(Request(i, label, draw, 1))
-    total = len(requests)
-    found = bank.run(requests, done=None if progress is None else lambda n: progress(n, total))
-    outcome = found.overturned.reshape(len(seen), -1).T
-    peaks = found.peak_tilt.reshape(len(seen), -1).T
+
+    def requests_of(i: int) -> list[Request]:
+        """Without and with effects in turn, other effects for each trial."""
+        bare = [Request(i, (), m, 1) for m in range(1, plain + 1)]
+        chosen = [spots[(i * each + j) % len(spots)] for j in range(each)]
+        dressed = [Request(i, label, draw, 1) for label, draw in chosen]
+        first = min(plain, FIRST_LOOK // 2)
+        return (
+            bare[:first]
+            + dressed[: FIRST_LOOK - first]
+            + bare[first:]
+            + dressed[FIRST_LOOK - first :]
+        )
+
+    asked = [requests_of(i) for i in range(len(seen))]
+    total = sum(len(row) for row in asked)
+    done = None if progress is None else (lambda n: progress(n, total))
+    first = [row[:FIRST_LOOK] for row in asked]
+    outcome, peaks = _screened(bank, first, done)
+    uncertain, rocking = _worthwhile(outcome, peaks, seen)
+    # What neither moved nor nearly overturned needs no second look, nor does what is kept anyway.
+    standing = np.nanmax(np.where(outcome < 0.5, peaks, 0.0), axis=0)
+    near = (np.nanmin(outcome, axis=0) > 0.5) | (standing > STIRRED)
+    again = np.flatnonzero(near & ~uncertain & ~rocking)
+    rest = [asked[i][FIRST_LOOK:] for i in again]
+    if rest and rest[0]:
+        more, higher = _screened(bank, rest, None)
+        blank = np.full((len(more), len(seen)), np.nan)
+        outcome, peaks = np.vstack([outcome, blank]), np.vstack([peaks, blank])
+        outcome[-len(more) :, again], peaks[-len(more) :, again] = more, higher
+        uncertain, rocking = _worthwhile(outcome, peaks, seen)
+    if progress is not None:
+        progress(total, total)
     count = np.isfinite(outcome).sum(axis=0)
     probability = (np.nansum(outcome, axis=0) + 0.5) / (count + 1)
-    ones = np.nansum(outcome, axis=0)
-    uncertain = (ones > 0) & (ones < count)
-    rocking = np.zeros(len(seen), dtype=bool)
-    if seen.tier != "B":
-        rocking = np.nan_to_num(_median_standing(outcome, peaks)) > max(3 * seen.tilt_noise, 0.01)
     certain = np.flatnonzero(~(uncertain | rocking))
     rng = np.random.default_rng([seed, 77])
     size = min(int(np.ceil(GUARD * certain.size)), most // 10 + 1)
     guard = np.sort(rng.choice(certain, size=size, replace=False)) if size else certain[:0]
     # Nearest to the verge first; of rocking trials, those that rock most.
     worth = np.where(uncertain, 2 - np.abs(2 * probability - 1), 0.0)
-    worth += np.where(rocking & ~uncertain, 0.5 * np.tanh(np.nan_to_num(peaks.mean(axis=0))), 0.0)
+    worth += np.where(
+        rocking & ~uncertain, 0.5 * np.tanh(np.nan_to_num(np.nanmean(peaks, axis=0))), 0.0
+    )
     wanted = np.flatnonzero(uncertain | rocking)
     ranked = wanted[np.argsort(-worth[wanted], kind="stable")][: max(most - guard.size, 1)]
     return Screening(np.union1d(ranked, guard), guard, probability, int(wanted.size - ranked.size))
+
+
+def _screened(
+    bank: Bank, requests: Sequence[Sequence[Request]], done: Callable[[int], None] | None
+) -> tuple[Array, Array]:
+    """Overturned and largest tilt, shape (runs, trials)."""
+    found = bank.run([request for row in requests for request in row], done=done)
+    shape = (len(requests), -1)
+    return found.overturned.reshape(shape).T, found.peak_tilt.reshape(shape).T
+
+
+def _worthwhile(
+    outcome: Array, peaks: Array, seen: Observations
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Trials whose outcome is uncertain, and those that rock measurably."""
+    ones, count = np.nansum(outcome, axis=0), np.isfinite(outcome).sum(axis=0)
+    uncertain = (ones > 0) & (ones < count)
+    rocking = np.zeros(len(seen), dtype=bool)
+    if seen.tier != "B":
+        rocking = np.nan_to_num(_median_standing(outcome, peaks)) > max(3 * seen.tilt_noise, 0.01)
+    return uncertain, rocking
 
 
 def _median_standing(found: Array, peaks: Array) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -16,11 +16,11 @@ from vsr2.diagnosis.amortised import Places
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
-from vsr2.diagnosis.equivalence import classes
-from vsr2.diagnosis.evidence import Data
+from vsr2.diagnosis.equivalence import classes, leading_class
+from vsr2.diagnosis.evidence import Data, mode
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
-from vsr2.diagnosis.library import NONE
+from vsr2.diagnosis.library import NONE, values_at
 from vsr2.diagnosis.next_measurement import next_measurement
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
@@ -31,6 +31,11 @@ from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.verdict import Findings, beyond_noise, decide, disagreement
 from vsr2.diagnosis.where import Conditions, residuals, scan
+
+SURPRISE_LEVEL = 0.05
+"""Chance of so many contradicted certainties below which these trials are kept."""
+CERTAINTY_RUNS = 8
+"""Simulations of a trial that contradicts its certainty, under the best effect."""
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, Mapping[str, float]], None]
@@ -92,6 +97,7 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("screening", n / m, {}),
         )
+        screening = with_contradictions(screening, seen)
         schedule.fit(screening.kept.size)
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(store, seen, screening, schedule, shared, seed, tell)
@@ -103,6 +109,7 @@ def diagnose_with(
             last.prepared,
             last.inference,
             last.classes,
+            certainties(store, seen, screening, last.prepared, last.inference),
             earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
             seed=seed,
         )
@@ -176,7 +183,9 @@ def _rounds(
             prepared.tables,
             inference.posteriors,
             observed,
-            exponent=min(prepared.calibration.exponents[0], 1.0),
+            exponent=min(
+                float(prepared.calibration.combination.likelihood.weight(inference.likelihood)), 1.0
+            ),
         )
         out.append(_Round(prepared, inference, groups, dict(draws)))
         more = schedule.next_draws(draws, probability)
@@ -217,6 +226,7 @@ def conclude(
     prepared: Prepared,
     found: Inference,
     groups: list[list[str]],
+    certain: Array,
     *,
     earlier: list[str] | None = None,
     seed: int = 0,
@@ -229,6 +239,7 @@ def conclude(
         prepared: the two routes.
         found: inference on the campaign.
         groups: classes of effects, the leading one first.
+        certain: as :func:`certainties` has it, shape (trials,).
         earlier: the leading class of a smaller budget.
         seed: of resamples and permutations.
     """
@@ -236,8 +247,8 @@ def conclude(
     kept = screening.kept
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
     motion = seen.motion[kept]
-    leading = tuple(groups[0])
     probability = dict(zip(found.labels, found.probability, strict=True))
+    leading, within = leading_class(probability, groups)
     floor = prepared.calibration.floor
     gap_low = _gap_low(prepared, found, motion, seed)
     shrinkage = judge(
@@ -250,14 +261,13 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
-    something = max(1 - float(probability[NONE]), 1e-9)
-    within = min(sum(float(probability[name]) for name in leading) / something, 1.0)
     findings = Findings(
         gap_low=gap_low,
         gap_p=found.gap_p,
         direction_p=found.direction_p,
         none_probability=float(probability[NONE]),
         leading=leading,
+        offered=len(library),
         class_probability=within,
         agreement=disagreement(
             leading,
@@ -266,7 +276,7 @@ def conclude(
             found.conformal["likelihood"],
             found.conformal["classifier"],
         ),
-        novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening)),
+        novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening, certain)),
         after_low=float(np.quantile(after, 0.025)),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         pair=_accepted_pair(shrinkage, motion, seed),
@@ -325,14 +335,62 @@ def _accepted_pair(
     return common[0], common[1]
 
 
-def _surprise_p(seen: Observations, screening: Screening) -> float:
+def with_contradictions(screening: Screening, seen: Observations) -> Screening:
+    """Keep trials that contradict their certainty too, where they are more than chance has it.
+
+    Then the scene lacks more than any effect was seen to change, and these trials hold most of what
+    is known of it.
+    """
+    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
+    wrong = dropped[np.abs(seen.overturned[dropped] - screening.probability[dropped]) > 0.5]
+    if not wrong.size or _surprise_p(seen, screening, screening.probability) > SURPRISE_LEVEL:
+        return screening
+    return replace(screening, kept=np.union1d(screening.kept, wrong))
+
+
+def certainties(
+    store: Bank, seen: Observations, screening: Screening, prepared: Prepared, found: Inference
+) -> Array:
+    """Probability of overturning of every trial, as the best effect has it where it matters.
+
+    A trial that screening dropped as certain, and that did otherwise, counts against every effect,
+    unless it does so under the best effect too: those few are simulated again under it.
+
+    Args:
+        store: of simulations.
+        seen: the observed campaign.
+        screening: which trials were dropped, and how certain they were.
+        prepared: of the campaign.
+        found: inference on it.
+
+    Returns:
+        Shape (trials,).
+    """
+    out = screening.probability.copy()
+    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
+    wrong = dropped[np.abs(seen.overturned[dropped] - out[dropped]) > 0.5]
+    best = found.labels[1 + int(np.argmax(found.likelihood[1:]))]
+    if not wrong.size:
+        return out
+    node, _ = mode(prepared.tables[best], found.posteriors[best])
+    quantiles = prepared.tables[best].fine.quantiles[node]
+    effects = ((best, values_at(prepared.library[best], quantiles)),)
+    draws = range(1, CERTAINTY_RUNS + 1)
+    outcome = store.run([Request(int(i), effects, m, 1) for i in wrong for m in draws]).overturned
+    table = outcome.reshape(wrong.size, -1)
+    known = np.isfinite(table).sum(axis=1)
+    out[wrong] = (np.nansum(table, axis=1) + 0.5) / (known + 1)
+    return out
+
+
+def _surprise_p(seen: Observations, screening: Screening, probability: Array) -> float:
     """Chance of so many contradicted certainties among the trials that were dropped."""
     from scipy.stats import poisson
 
     dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
     if not dropped.size:
         return 1.0
-    p = screening.probability[dropped]
+    p = probability[dropped]
     wrong = np.abs(seen.overturned[dropped] - p) > 0.5
     expected = np.minimum(p, 1 - p).sum()
     return float(poisson.sf(wrong.sum() - 1, max(expected, 1e-9)))

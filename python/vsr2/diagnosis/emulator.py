@@ -6,11 +6,11 @@ For trial i, effect e at prior quantiles u and standardised nuisances z (each ab
     feature_ik          = a_ik + c_ik . z + b_iek . phi_e(u) + s_ik t_4   (robust regression)
 
 with the functions phi_e of :func:`vsr2.diagnosis.library.basis`. All effects share the nuisances'
-coefficients, so that every simulation informs them. Coefficients of one column have a normal prior
-over trials, whose variance is estimated from all trials (empirical Bayes, EM: C. M. Bishop,
-"Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not touch
-shrinks to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error of the
-emulator, and enters every probability drawn from it.
+coefficients, so that every simulation informs them. A trial's coefficients, in units of its noise,
+have a normal prior whose variance by column is estimated from all trials (empirical Bayes: C. M.
+Bishop, "Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not
+touch shrinks to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error
+of the emulator, and enters every probability drawn from it.
 
 What the features of a campaign have in common beyond that (curvature in z, an effect that changes
 how z acts) would make errors of trials alike where they are taken for independent, and the
@@ -22,7 +22,7 @@ stand as further nuisances of unit variance that act on the features alone.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,15 +40,20 @@ _MOST_SHARED = 0.8
 """Share of a feature's noise that factors may take."""
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
-_LEAST_VARIANCE = 1e-4
-_GREATEST_VARIANCE = 25.0
+_LEAST_VARIANCE = 1e-6
 _FAR = 3.0
 """Scales beyond which a residual is taken for stray."""
 _LEAST_STRAY = 0.03
 _STRAY_WEIGHT = 30.0
+ERROR = 0.15
+"""Relative error of an effect's polynomial that the regression allows for."""
+ERRORS = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0])
+"""Relative errors that are tried."""
+_POOLED = 0.1
+"""Weight of the mean effect's score in each effect's choice."""
 _NEWTON_STEPS = (6, 2)
 """In the first EM step, and in each later one."""
-_EM_STEPS = 4
+_EM_STEPS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +117,8 @@ class Emulator:
         factors: common to the features' residuals.
         outcome: fit of the logit.
         features: one fit a feature.
+        wrong: relative error of each effect's part of the logit, and of the features, beyond what
+            the coefficients' covariance says.
     """
 
     library: Library
@@ -120,6 +127,7 @@ class Emulator:
     factors: int
     outcome: Fit
     features: tuple[Fit, ...]
+    wrong: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def columns(self, effect: str) -> NDArray[np.int64]:
         """Columns that a campaign under `effect` uses: intercept, nuisances, its own."""
@@ -155,7 +163,8 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     outcome = _logistic(x, design.overturned)
-    fits = [_linear(x, design.features[:, :, k]) for k in range(design.features.shape[2])]
+    own = slice(1 + design.nuisances.shape[1], None)
+    fits = [_linear(x, own, design.features[:, :, k]) for k in range(design.features.shape[2])]
     features = _with_factors(x, design.features, fits)
     factors = features[0].loading.shape[1] if features else 0
     none = np.zeros((design.overturned.shape[1], factors))
@@ -202,27 +211,28 @@ def _logistic(x: Array, y: Array) -> Fit:
     share = (target * use).sum(axis=1) + 0.5
     mean = np.zeros((trials, columns))
     mean[:, 0] = np.log(share / (use.sum(axis=1) + 1.0 - share))
-    variance = np.full(columns, _START_VARIANCE)
-    variance[0] = _INTERCEPT_VARIANCE
+    prior = np.full(columns, _START_VARIANCE)
+    prior[0] = _INTERCEPT_VARIANCE
     covariance = np.zeros((trials, columns, columns))
+    ones = np.ones(trials)
     for em in range(_EM_STEPS):
+        precision = np.diag(1 / prior)
         for _ in range(_NEWTON_STEPS[min(em, 1)]):
             logits = np.clip(mean @ x.T, -30, 30)
             p = 1.0 / (1.0 + np.exp(-logits))
-            slope = (use * (target - p)) @ x - mean / variance
-            weight = use * p * (1 - p)
-            hessian = _weighted(x, weight)
-            hessian[:, np.arange(columns), np.arange(columns)] += 1.0 / variance
+            slope = (use * (target - p)) @ x - mean @ precision
+            hessian = _weighted(x, use * p * (1 - p)) + precision
             step = np.linalg.solve(hessian, slope[:, :, None])[:, :, 0]
             # A full step may overshoot where outcomes separate.
             largest = np.abs(step @ x.T).max(axis=1)
             mean += step * np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-        variance = _updated(mean, covariance, variance)
+        prior = _updated(mean, covariance, ones, prior)
     return Fit(mean, covariance, np.zeros(trials), np.zeros((trials, 0)), np.zeros(trials))
 
 
-def _linear(x: Array, y: Array) -> Fit:
+def _linear(x: Array, own: slice, y: Array) -> Fit:
+    """Robust regression; `own`: columns that belong to effects."""
     trials, columns = y.shape[1], x.shape[1]
     known = np.isfinite(y).T
     target = np.where(known, y.T, 0.0)
@@ -233,28 +243,78 @@ def _linear(x: Array, y: Array) -> Fit:
     pooled = float(np.median(spread[use.sum(axis=1) > 2])) if (use.sum(axis=1) > 2).any() else 1.0
     pooled = max(pooled, 1e-8)
     noise = np.maximum(spread, 0.05 * pooled)
-    variance = np.full(columns, _START_VARIANCE * pooled)
+    prior = np.full(columns, _START_VARIANCE)
+    prior[0] = 100 * _INTERCEPT_VARIANCE * max(pooled, 1.0) / pooled
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
-    weight = use
+    weight, trust = use, np.ones_like(use)
     for _ in range(_EM_STEPS):
-        variance[0] = _INTERCEPT_VARIANCE * max(pooled, 1.0)
         gram = _weighted(x, weight)
-        hessian = gram / noise[:, None, None]
-        hessian[:, np.arange(columns), np.arange(columns)] += 1.0 / variance
+        hessian = (gram + np.diag(1 / prior)) / noise[:, None, None]
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         mean = np.einsum("tij,tj->ti", covariance, ((weight * target) @ x) / noise[:, None])
         residual = use * (target - mean @ x.T)
         explained = np.einsum("tij,tji->t", covariance, gram)
         # Two pseudo-residuals of pooled size keep few data from claiming certainty.
-        noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (count + 2)
+        believed = (use * trust).sum(axis=1)
+        noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (believed + 2)
         noise = np.maximum(noise, 1e-8)
-        weight = use * (DEGREES + 1) / (DEGREES + residual**2 / noise[:, None])
-        variance = _updated(mean, covariance, variance, scale=pooled)
+        # Where an effect is strong the polynomial is off by a share of it: that is not noise.
+        off = ERROR * mean[:, own] @ x[:, own].T
+        trust = 1 / (1 + off**2 / noise[:, None])
+        weight = use * trust * (DEGREES + 1) / (DEGREES + trust * residual**2 / noise[:, None])
+        prior = _updated(mean, covariance, noise, prior)
     far = (use * (residual**2 > (_FAR**2) * noise[:, None])).sum(axis=1)
     share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)
     breadth = np.sqrt(np.maximum(2 * np.pi * spread, pooled))
     return Fit(mean, covariance, noise, np.zeros((trials, 0)), share / breadth)
+
+
+def relative_errors(
+    library: Library, held: Sequence[tuple[Emulator, Design]]
+) -> dict[str, tuple[float, float]]:
+    """How wrong each effect's part of the predictions is, by maximum likelihood.
+
+    The emulator is a short polynomial; where an effect is strong, its error is about proportional
+    to the effect. One number an effect for the logit and one for the features, from simulated
+    campaigns that the emulators did not see.
+
+    Args:
+        library: effects.
+        held: emulators, each with the campaigns that it was not fitted to.
+    """
+    score = {name: np.zeros((2, ERRORS.size)) for name in library}
+    for emulator, design in held:
+        x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
+        for name, block in blocks.items():
+            rows = np.flatnonzero(design.effect == name)
+            part, own = x[rows], x[rows][:, block]
+            for kind, fit, y in [
+                (0, emulator.outcome, design.overturned[rows]),
+                *((1, f, design.features[rows, :, k]) for k, f in enumerate(emulator.features)),
+            ]:
+                mean, by_effect = part @ fit.mean.T, own @ fit.mean[:, block].T
+                variance = np.einsum("ri,tij,rj->rt", part, fit.covariance, part, optimize=True)
+                variance += fit.noise + (fit.loading**2).sum(axis=1)
+                for k, error in enumerate(ERRORS):
+                    whole = variance + (error * by_effect) ** 2
+                    log = _log_score(kind == 0, y, mean, whole, fit.stray)
+                    score[name][kind, k] += float(np.nansum(log))
+    pooled = sum(score.values()) / max(len(score), 1)
+    out = {}
+    for name, own_score in score.items():
+        best = np.argmax(own_score + _POOLED * pooled, axis=1)
+        out[name] = (float(ERRORS[best[0]]), float(ERRORS[best[1]]))
+    return out
+
+
+def _log_score(outcome: bool, y: Array, mean: Array, variance: Array, stray: Array) -> Array:
+    if outcome:
+        logit = mean / np.sqrt(1 + np.pi / 8 * variance)
+        p = 0.996 / (1 + np.exp(-np.clip(logit, -30, 30))) + 0.002
+        return np.asarray(np.log(np.where(y > 0.5, p, 1 - p)) + 0 * y, dtype=np.float64)
+    ratio = 1 / (1 + (y - mean) ** 2 / (DEGREES * variance))
+    return np.asarray(np.log(0.375 * ratio**2.5 / np.sqrt(variance) + stray), dtype=np.float64)
 
 
 def _weighted(x: Array, weight: Array) -> Array:
@@ -267,8 +327,14 @@ def _weighted(x: Array, weight: Array) -> Array:
     return out
 
 
-def _updated(mean: Array, covariance: Array, old: Array, scale: float = 1.0) -> Array:
-    second = mean**2 + np.diagonal(covariance, axis1=1, axis2=2)
-    out = np.clip(second.mean(axis=0), _LEAST_VARIANCE * scale, _GREATEST_VARIANCE * scale)
+def _updated(mean: Array, covariance: Array, noise: Array, old: Array) -> Array:
+    """Variance of each column over trials, in units of each trial's noise.
+
+    D. J. C. MacKay's fixed point ("Bayesian interpolation", Neural Computation 4, 1992), which
+    drops columns that say nothing far sooner than EM does.
+    """
+    own = np.diagonal(covariance, axis1=1, axis2=2) / noise[:, None]
+    known = np.maximum(1 - own / old, 1e-3).sum(axis=0)
+    out = np.clip((mean**2 / noise[:, None]).sum(axis=0) / known, _LEAST_VARIANCE, None)
     out[0] = old[0]
     return np.asarray(out, dtype=np.float64)

@@ -12,13 +12,15 @@ picked wrongly with probability Phi(-sqrt(D / 2)) (H. Chernoff's problem for nea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from vsr2.diagnosis.evidence import Data, Posterior, Table, mode, posterior
 from vsr2.diagnosis.library import NONE
 
+LEAST_PROBABILITY = 0.8
+"""Of a class that is named, given that something is missing."""
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
 
@@ -91,3 +93,26 @@ def classes(
         out.append(members)
         left = [n for n in left if n not in members]
     return out
+
+
+def leading_class(
+    probability: Mapping[str, float], groups: Sequence[Sequence[str]]
+) -> tuple[tuple[str, ...], float]:
+    """The fewest leading classes that hold most of the probability of something missing.
+
+    Args:
+        probability: of each hypothesis.
+        groups: classes, the leading one first.
+
+    Returns:
+        Their members, most probable first, and their probability given that something is missing.
+    """
+    something = max(1 - float(probability[NONE]), 1e-9)
+    members = list(groups[0])
+    within = sum(float(probability[name]) for name in members) / something
+    for group in sorted(groups[1:], key=lambda g: -sum(probability[name] for name in g)):
+        if within >= LEAST_PROBABILITY:
+            break
+        members += group
+        within += sum(float(probability[name]) for name in group) / something
+    return tuple(sorted(members, key=lambda n: -probability[n])), min(within, 1.0)

@@ -65,7 +65,10 @@ class Layout:
 
     def at(self, node: int) -> Layout:
         """One node."""
-        one = slice(node, node + 1)
+        return self.at_some(slice(node, node + 1))
+
+    def at_some(self, one: slice) -> Layout:
+        """Some nodes."""
         return Layout(
             self.quantiles[one],
             self.logit[one],
@@ -167,20 +170,24 @@ def _spread(parameters: int, count: int, seed: int) -> Array:
 
 @lru_cache(maxsize=32)
 def _refined(angles: tuple[bool, ...]) -> tuple[Array, Array]:
-    """Fine nodes and the weights that interpolate to them; `angles`: which parameters turn."""
-    from scipy.interpolate import CubicSpline, RBFInterpolator
+    """Fine nodes and how each is mixed of coarse ones; `angles`: which parameters turn.
 
+    Shares are not negative and sum to 1: what lies between nodes of very different evidence must
+    not overshoot.
+    """
     count = len(angles)
     coarse = node_quantiles(count)
     fine = _spread(count, FINE.get(count, FINE_MORE), 3)
     if count == 0:
         return fine, np.ones((1, 1))
     if count == 1 and not angles[0]:
-        return fine, np.asarray(CubicSpline(coarse[:, 0], np.eye(len(coarse)))(fine[:, 0]))
-    surface = RBFInterpolator(
-        coordinates(coarse, angles), np.eye(len(coarse)), kernel="cubic", degree=2
-    )
-    return fine, np.asarray(surface(coordinates(fine, angles)), dtype=np.float64)
+        hats = [np.interp(fine[:, 0], coarse[:, 0], row) for row in np.eye(len(coarse))]
+        return fine, np.stack(hats, axis=1)
+    here, there = coordinates(fine, angles), coordinates(coarse, angles)
+    square = ((here[:, None, :] - there[None, :, :]) ** 2).sum(axis=2)
+    near = np.sort(square, axis=1)[:, here.shape[1] + 1]
+    shares = np.maximum(near[:, None] / np.maximum(square, 1e-12) - 1.0, 0.0) + 1e-12
+    return fine, shares / shares.sum(axis=1, keepdims=True)
 
 
 def tabulate(emulator: Emulator, effect: str) -> Table:
@@ -222,10 +229,12 @@ def _regressors(emulator: Emulator, effect: str, given: Array) -> tuple[Array, d
 def _layout(emulator: Emulator, x: Array, used: NDArray[np.int64], quantiles: Array) -> Layout:
     q = emulator.nuisances
     logit, variance = _predicted(emulator.outcome, x, used, q)
+    variance += _model_error(emulator, emulator.outcome, x, 0)
     factor = 1.0 / np.sqrt(1.0 + np.pi * (variance + DISCREPANCY**2) / 8.0)
     centre, spread = [], []
     for fit in emulator.features:
         value, own = _predicted(fit, x, used, q)
+        own += _model_error(emulator, fit, x, 1)
         centre.append(value)
         spread.append(own + fit.noise[None, :])
     return Layout(quantiles, logit * factor, factor, tuple(centre), tuple(spread))
@@ -251,6 +260,16 @@ def _predicted(fit: Fit, x: Array, used: NDArray[np.int64], q: int) -> tuple[Arr
     # Nuisances of unit variance carry their coefficients' errors along.
     variance += np.einsum("tii->t", fit.covariance[:, 1 : 1 + q, 1 : 1 + q])[None, :]
     return part @ fit.mean[:, used].T, variance
+
+
+def _model_error(emulator: Emulator, fit: Fit, x: Array, kind: int) -> Array:
+    """Variance of what the effects' polynomials leave out, shape (nodes, trials)."""
+    out = np.zeros((len(x), len(fit.mean)))
+    for name, block in emulator.blocks.items():
+        error = emulator.wrong.get(name, (0.0, 0.0))[kind]
+        if error and x[:, block].any():
+            out += (error * (x[:, block] @ fit.mean[:, block].T)) ** 2
+    return out
 
 
 def _lapsed(p: Array) -> Array:
@@ -307,9 +326,12 @@ def _posterior(table: Table, data: Data) -> Posterior:
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         z = z + step * np.minimum(1.0, 2.0 / np.maximum(length, 1e-12))
     peak = log_likelihood(table, at, data, z).sum(axis=-1) - 0.5 * (z**2).sum(axis=-1)
-    value = peak - 0.5 * np.linalg.slogdet(hessian)[1]
-    middle = hessian[np.arange(campaigns), value.argmax(axis=1)]
-    value = value @ table.weights.T
+    bend = 0.5 * np.linalg.slogdet(hessian)[1]
+    middle = hessian[np.arange(campaigns), (peak - bend).argmax(axis=1)]
+    if table.fine is not table.coarse:
+        peak = _between(table, data, z)
+        bend = bend @ table.weights.T
+    value = peak - bend
     top = value.max(axis=1, keepdims=True)
     evidence = np.log(np.exp(value - top).mean(axis=1)) + top[:, 0]
     return Posterior(
@@ -317,8 +339,20 @@ def _posterior(table: Table, data: Data) -> Posterior:
         value - evidence[:, None] - np.log(value.shape[1]),
         z,
         np.asarray(np.linalg.inv(middle), dtype=np.float64),
-        np.asarray((peak @ table.weights.T).max(axis=1), dtype=np.float64),
+        np.asarray(peak.max(axis=1), dtype=np.float64),
     )
+
+
+def _between(table: Table, data: Data, z: Array) -> Array:
+    """Log likelihood plus log prior of the nuisances at the fine nodes, nuisances mixed."""
+    size = len(table.coarse.logit)
+    parts = []
+    for start in range(0, len(table.weights), size):
+        some = slice(start, start + size)
+        own = table.weights[some] @ z
+        found = log_likelihood(table, table.fine.at_some(some), data, own).sum(axis=-1)
+        parts.append(found - 0.5 * (own**2).sum(axis=-1))
+    return np.concatenate(parts, axis=1)
 
 
 class _Part(NamedTuple):

@@ -8,14 +8,14 @@ so that stated probabilities are those at which labels are right.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.amortised import Classifier, Places, train
-from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator
+from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator, relative_errors
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
 from vsr2.diagnosis.library import NONE, Library
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
@@ -24,11 +24,60 @@ from vsr2.diagnosis.where import residuals
 Array = NDArray[np.float64]
 Step = Callable[[float], None]
 
-FOLDS = 3
+FOLDS = 4
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
+SHARPNESS_ERRORS = (0.0, 0.03, 0.06, 0.1, 0.2, 0.3)
 _LEAST_ALIKE = 8
+_LEAST_NEAR = 40
+
+
+def strengths(likelihood: Array) -> Array:
+    """S^2 of campaigns: 2 log (evidence of the best effect / evidence of none), at least 0.
+
+    Args:
+        likelihood: log probabilities of labels by route A, "none" first, shape (..., labels).
+    """
+    gain = likelihood[..., 1:].max(axis=-1) - likelihood[..., 0]
+    return np.asarray(2 * np.maximum(gain, 0.0), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Tempering:
+    """How much a log likelihood counts.
+
+    Where an effect is strong, the emulator's error is about proportional to it. With S^2 = 2 log
+    (evidence of the best effect / evidence of none), the squared strength in noise's units, an
+    error e S beside unit noise leaves 1 / (1 + e^2 S^2) of a log likelihood ratio.
+
+    Attributes:
+        power: of weak effects.
+        error: e.
+    """
+
+    power: float
+    error: float
+
+    def weight(self, likelihood: Array) -> Array:
+        """Exponent, for route A's log probabilities of labels (..., labels), shape (...)."""
+        square = strengths(likelihood)
+        return np.asarray(self.power / (1 + self.error**2 * square), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """How the two routes' log probabilities become one: exponents of routes A and B."""
+
+    likelihood: Tempering
+    classifier: float
+
+    def log_probability(self, likelihood: Array, classifier: Array) -> Array:
+        """Of each label, normalised, shape (..., labels)."""
+        # Route A is bounded, so that no single route rules a label out beyond all evidence.
+        bounded = np.maximum(likelihood, likelihood.max(axis=-1, keepdims=True) - 30.0)
+        weight = self.likelihood.weight(likelihood)[..., None]
+        return _normal(weight * bounded + self.classifier * classifier)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +90,8 @@ class Calibration:
         weight: of each campaign, its label's prior probability over the label's number of
             campaigns, shape (rows,).
         likelihood, classifier: log probabilities of routes A and B, shape (rows, labels).
-        exponents: of A and of B.
-        sharpness: exponent of the posterior of parameters, at most 1.
+        combination: of A and B.
+        sharpness: of the posterior of parameters.
         probability: weighted and normalised, shape (rows, labels).
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
@@ -56,8 +105,8 @@ class Calibration:
     weight: Array
     likelihood: Array
     classifier: Array
-    exponents: tuple[float, float]
-    sharpness: float
+    combination: Combination
+    sharpness: Tempering
     probability: Array
     gap: Array
     floor: Array
@@ -145,8 +194,19 @@ def prepare(
     """
     labels = (NONE, *library)
     report = (lambda share: None) if step is None else step
-    calibration = _calibrate(library, design, draws, places, motion, labels, seed, report)
-    emulator = fit_emulator(library, design)
+    folds = [
+        (np.flatnonzero(draws % FOLDS != fold), np.flatnonzero(draws % FOLDS == fold))
+        for fold in range(FOLDS)
+    ]
+    emulators = [fit_emulator(library, design.take(inside)) for inside, _ in folds]
+    wrong = relative_errors(
+        library, [(e, design.take(held)) for e, (_, held) in zip(emulators, folds, strict=True)]
+    )
+    emulators = [replace(emulator, wrong=wrong) for emulator in emulators]
+    calibration = _calibrate(
+        library, design, folds, emulators, places, motion, labels, seed, report
+    )
+    emulator = replace(fit_emulator(library, design), wrong=wrong)
     tables = {label: tabulate(emulator, "" if label == NONE else label) for label in labels}
     classifier = train(library, design, places, labels, seed)
     report(1.0)
@@ -161,7 +221,7 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         np.array([posteriors[label].evidence[0] for label in labels]) + log_prior(labels)
     )
     classifier = prepared.classifier.log_probability(observed)[0]
-    probability = np.exp(_combined(likelihood, classifier, calibration.exponents))
+    probability = np.exp(calibration.combination.log_probability(likelihood, classifier))
     best = labels[int(np.argmax(likelihood))]
     novelty = novelty_statistics(
         predict(tables[best], posteriors[best]), observed, prepared.places.directions()
@@ -180,7 +240,9 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         loss=loss,
         gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
         direction_p=upper_tail(against, float(_odds(probability[None])[0])),
-        novelty_p=_novelty_p(calibration, novelty, labels.index(best)),
+        novelty_p=_novelty_p(
+            calibration, novelty, labels.index(best), float(strengths(likelihood))
+        ),
         conformal=_sets(calibration, probability, likelihood, classifier),
     )
 
@@ -200,7 +262,8 @@ def upper_tail(null: Array, value: float) -> float:
 def _calibrate(
     library: Library,
     design: Design,
-    draws: NDArray[np.int64],
+    folds: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]],
+    emulators: Sequence[Emulator],
     places: Places,
     motion: NDArray[np.int64],
     labels: tuple[str, ...],
@@ -213,12 +276,9 @@ def _calibrate(
     loss = np.zeros((rows, motion.size))
     novelty: Array | None = None
     null: list[tuple[Array, Array]] = []
-    known: list[tuple[Array, int]] = []
+    known: list[tuple[Array, int, Array]] = []
     directions = places.directions()
-    for fold in range(FOLDS):
-        inside = np.flatnonzero(draws % FOLDS != fold)
-        held = np.flatnonzero(draws % FOLDS == fold)
-        emulator = fit_emulator(library, design.take(inside))
+    for fold, ((inside, held), emulator) in enumerate(zip(folds, emulators, strict=True)):
         data = Data(design.overturned[held], design.features[held])
         tables = [tabulate(emulator, "" if label == NONE else label) for label in labels]
         found = [posterior(table, data) for table in tables]
@@ -226,7 +286,7 @@ def _calibrate(
         for k in range(1, len(labels)):
             for row in np.flatnonzero(truth[held] == k):
                 node = tables[k].nearest(library[labels[k]], design.quantiles[held[row]])
-                known.append((found[k].nodes[row], node))
+                known.append((found[k].nodes[row], node, a[held[row]] + log_prior(labels)))
         plain = crossfitted_none(tables[0], data, motion)
         loss[held] = losses(plain, data)
         gap_free = np.flatnonzero(truth[held] == 0)
@@ -248,8 +308,8 @@ def _calibrate(
     a = _normal(a + log_prior(labels))
     counts = np.bincount(truth, minlength=len(labels))
     weight = np.exp(log_prior(labels))[truth] / counts[truth]
-    exponents = _exponents(a, b, truth, weight)
-    probability = np.exp(_combined(a, b, exponents))
+    combination = _combination(a, b, truth, weight)
+    probability = np.exp(combination.log_probability(a, b))
     assert novelty is not None
     floor = loss[truth == 0].mean(axis=0)
     gap = loss.mean(axis=1)
@@ -259,7 +319,7 @@ def _calibrate(
         weight,
         a,
         b,
-        exponents,
+        combination,
         _sharpness(known),
         probability,
         gap,
@@ -282,36 +342,35 @@ def _normal(logs: Array) -> Array:
     return np.asarray(logs - logsumexp(logs, axis=-1, keepdims=True), dtype=np.float64)
 
 
-def _combined(a: Array, b: Array, exponents: tuple[float, float]) -> Array:
-    # Route A is bounded, so that no single route rules a label out beyond all evidence.
-    return _normal(
-        exponents[0] * np.maximum(a, a.max(axis=-1, keepdims=True) - 30.0) + exponents[1] * b
-    )
-
-
-def _exponents(a: Array, b: Array, truth: NDArray[np.int64], weight: Array) -> tuple[float, float]:
+def _combination(a: Array, b: Array, truth: NDArray[np.int64], weight: Array) -> Combination:
     from scipy.optimize import minimize
 
     rows = np.arange(truth.size)
 
+    def made(theta: Array) -> Combination:
+        tempering = Tempering(float(np.exp(theta[0])), abs(float(theta[1])))
+        return Combination(tempering, float(np.exp(theta[2])))
+
     def loss(theta: Array) -> float:
-        pair = (float(np.exp(theta[0])), float(np.exp(theta[1])))
-        return -float((weight * _combined(a, b, pair)[rows, truth]).sum() / weight.sum())
+        found = made(theta).log_probability(a, b)
+        return -float((weight * found[rows, truth]).sum() / weight.sum())
 
-    found = minimize(loss, np.log([0.5, 0.5]), method="Nelder-Mead", options={"maxiter": 120})
-    return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
+    start = np.array([np.log(0.5), 0.1, np.log(0.5)])
+    found = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 200})
+    return made(found.x)
 
 
-def _sharpness(known: list[tuple[Array, int]]) -> float:
-    """Exponent at which posteriors of parameters give their true values the best log score."""
+def _sharpness(known: list[tuple[Array, int, Array]]) -> Tempering:
+    """At which posteriors of parameters give their true values the best log score."""
     from scipy.special import logsumexp
 
-    powers = np.geomspace(0.03, 1.0, 25)
-    score = np.zeros(powers.size)
-    for nodes, true in known:
+    options = [Tempering(p, e) for p in np.geomspace(0.03, 1.0, 13) for e in SHARPNESS_ERRORS]
+    score = np.zeros(len(options))
+    for nodes, true, likelihood in known:
+        powers = np.array([float(option.weight(likelihood)) for option in options])
         scaled = powers[:, None] * nodes[None]
         score += scaled[:, true] - logsumexp(scaled, axis=1)
-    return float(powers[int(np.argmax(score))]) if known else 1.0
+    return options[int(np.argmax(score))] if known else Tempering(1.0, 0.0)
 
 
 def _odds(probability: Array) -> Array:
@@ -319,23 +378,32 @@ def _odds(probability: Array) -> Array:
     return np.asarray(np.log1p(-none) - np.log(none), dtype=np.float64)
 
 
-def _novelty_p(calibration: Calibration, value: Array, best: int) -> float:
-    """Share of the library's campaigns that fit no better: all, and those of the same best label.
+def _novelty_p(calibration: Calibration, value: Array, best: int, strength: float) -> float:
+    """Share of the library's campaigns that fit no better.
 
-    The larger share counts: an effect whose outcomes cannot be foretold (labels noted wrongly)
-    leaves every one of its campaigns with a poor fit.
+    Of those whose effect is about as strong, because the emulator's error grows with it, and of
+    those with the same best label, because an effect whose outcomes cannot be foretold (labels
+    noted wrongly) leaves every one of its campaigns with a poor fit. The larger share counts.
     """
     centre = np.median(calibration.novelty, axis=0)
     spread = np.quantile(calibration.novelty, 0.9, axis=0) - centre
     scale = np.maximum(spread, 1e-9)
     null = ((calibration.novelty - centre) / scale).max(axis=1)
     own = float(((value - centre) / scale).max())
-    weight = calibration.weight / calibration.weight.mean()
-    shares = [(weight[null >= own].sum() + 1) / (weight.sum() + 1)]
+    gap = np.abs(np.log1p(strengths(calibration.likelihood)) - np.log1p(strength))
+    count = min(max(_LEAST_NEAR, gap.size // 8), gap.size)
+    near = np.argsort(gap, kind="stable")[:count]
+    shares = [_share(null[near], own, calibration.weight[near])]
     alike = calibration.best == best
     if alike.sum() >= _LEAST_ALIKE:
-        shares.append((np.count_nonzero(null[alike] >= own) + 1) / (alike.sum() + 1))
+        shares.append(_share(null[alike], own, np.ones(int(alike.sum()))))
     return float(max(shares))
+
+
+def _share(null: Array, own: float, weight: Array) -> float:
+    """Weighted share of null values at or above `own`, which counts once: never 0."""
+    relative = weight / weight.mean()
+    return float((relative[null >= own].sum() + 1) / (relative.sum() + 1))
 
 
 def _sets(

@@ -71,6 +71,9 @@ def free_parameters(entry: Entry) -> tuple[Parameter, ...]:
     return tuple(p for p in entry.parameters if p.prior != "fixed" and p.lower < p.upper)
 
 
+HINGES = (0.5, 1.25)
+"""Distances from the null, of at most 2, at which an effect may begin to act."""
+
 _NULLS: dict[Hashable, float | None] = {}
 
 
@@ -128,11 +131,12 @@ def is_angle(parameter: Parameter) -> bool:
 def basis(entry: Entry, quantiles: Array) -> Array:
     """Smooth functions of an effect's free parameters that the emulator is linear in.
 
-    With c_j = 2 (u_j - u_j0), u_j the position of parameter j in its prior and u_j0 its null's
-    (1/2 where the prior does not reach it): the primary parameters' c_j and c_j c_k, led by 1 where
-    none of them reaches its null; and each of the linear ones of these times functions of every
-    secondary parameter: c and c^2, or cosine and sine of a full turn. They vanish where the effect
-    is absent.
+    With c_j = 2 (u_j - u_j0), u_j the position of parameter j in its prior and u_j0 its null's (the
+    end next to it where the prior does not reach it): c, c^2 and c^3 of a primary parameter with
+    values on both sides of its null; of one with values on one side 1, c, c^2 and two squared
+    hinges, because such an effect may start with a jump (any bump under a flat base) or not act
+    before a threshold (a cap); products c_j c_k; and 1 or c times functions of every secondary
+    parameter: c and c^2, or cosine and sine of a full turn.
 
     Args:
         entry: the effect.
@@ -143,14 +147,21 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     """
     parameters = free_parameters(entry)
     u = positions(entry, quantiles)
-    primary = [j for j, p in enumerate(parameters) if not p.secondary]
-    nulls = [null_quantile(parameters[j]) for j in primary]
-    reached = any(null is not None for null in nulls)
-    centres = [0.5 if null is None else null for null in nulls]
-    c = [2.0 * (u[:, j] - centre) for j, centre in zip(primary, centres, strict=True)]
-    linear = ([] if reached else [np.ones(len(u))]) + c
-    columns = list(linear)
-    columns += [c[j] * c[k] for j in range(len(c)) for k in range(j, len(c))]
+    columns: list[Array] = []
+    distances: list[Array] = []
+    for j in (j for j, p in enumerate(parameters) if not p.secondary):
+        null = null_quantile(parameters[j])
+        if null is None:
+            null = 1.0 if parameters[j].null > parameters[j].upper else 0.0
+        c = 2.0 * (u[:, j] - null)
+        distances.append(c)
+        if 1e-6 < null < 1 - 1e-6:
+            columns += [c, c**2, c**3]
+        else:
+            columns += [np.ones(len(u)), c, c**2]
+            columns += [np.maximum(np.abs(c) - knot, 0.0) ** 2 for knot in HINGES]
+    for j, one in enumerate(distances):
+        columns += [one * other for other in distances[:j]]
     for j, parameter in enumerate(parameters):
         if parameter.secondary:
             if is_angle(parameter):
@@ -158,7 +169,7 @@ def basis(entry: Entry, quantiles: Array) -> Array:
                 functions = [np.cos(turn), np.sin(turn)]
             else:
                 functions = [2 * u[:, j] - 1, (2 * u[:, j] - 1) ** 2]
-            columns += [one * function for one in linear for function in functions]
+            columns += [one * function for one in distances for function in functions]
     return np.stack(columns, axis=1)
 
 

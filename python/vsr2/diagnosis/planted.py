@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, T
 from vsr2.diagnosis.amortised import Places
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import Screening, screen, simulate_design
-from vsr2.diagnosis.diagnose import conclude
+from vsr2.diagnosis.diagnose import certainties, conclude
 from vsr2.diagnosis.emulator import Design
 from vsr2.diagnosis.equivalence import classes
 from vsr2.diagnosis.evidence import Data
@@ -144,6 +145,7 @@ class Rehearsal:
         most: trials kept.
         noise: standard error of the largest tilt [rad].
         series: whether the simulator gives series.
+        bank: file of simulations; None: in memory.
     """
 
     def __init__(
@@ -156,6 +158,7 @@ class Rehearsal:
         most: int = 400,
         noise: float = 0.003,
         series: bool = False,
+        bank: Path | None = None,
     ) -> None:
         self.simulator = simulator
         self._noise = noise
@@ -170,7 +173,7 @@ class Rehearsal:
         seen = observe_campaign(blank, "M")
         names = (*seen.names, *TILT_FEATURES) if series else seen.names
         self._seen = replace(seen, tier="T" if series else "M", names=names)
-        self.bank = Bank(simulator)
+        self.bank = Bank(simulator, bank)
         self.screening: Screening = screen(
             self.bank, self._seen, runs=screening_runs, most=most, seed=0
         )
@@ -220,9 +223,10 @@ class Rehearsal:
             prepared.tables,
             found.posteriors,
             observed,
-            min(prepared.calibration.exponents[0], 1.0),
+            min(float(prepared.calibration.combination.likelihood.weight(found.likelihood)), 1.0),
         )
-        evidence = conclude(part, self.screening, prepared, found, groups)
+        certain = certainties(self.bank, part, self.screening, prepared, found)
+        evidence = conclude(part, self.screening, prepared, found, groups, certain)
         spent = {"budget": {"limited": False}}
         diagnosis = compose(part, self.screening, prepared, found, evidence, {}, spent)
         return Judged(evidence, found, diagnosis)

@@ -46,6 +46,8 @@ class Nuisances:
         com_offset: of the mass centre along the shaking [m].
         friction: of the logarithm of the coefficient [1].
         contact_stiffness: [decades].
+        restitution: of the energy that an impact leaves, relative [1]; about Housner's where the
+            scene does not set it.
         table_gain: relative [1].
         yaw: of the placement, a fresh one for each trial [degree].
         offset: of the placement in plan, a fresh one for each trial [m].
@@ -57,6 +59,7 @@ class Nuisances:
     com_offset: float = 0.001
     friction: float = 0.1
     contact_stiffness: float = 0.1
+    restitution: float = 0.02
     table_gain: float = 0.005
     yaw: float = 1.0
     offset: float = 0.002
@@ -69,6 +72,7 @@ CAMPAIGN_WIDE = (
     "com_offset",
     "friction",
     "contact_stiffness",
+    "restitution",
     "table_gain",
 )
 
@@ -248,14 +252,19 @@ class SceneSimulator:
             ).generate_state(1, np.uint64)[0]
         )
         out = {}
+        kept = self._energy_ratio(nuisance)
         given = self._nuisance_effects(nuisance, replicate)
-        given += [
-            (
-                self._library[name],
-                {p.name: v for p, v in zip(self._library[name].parameters, values, strict=True)},
-            )
-            for name, values in effects
-        ]
+        for name, numbers in effects:
+            effect = self._library[name]
+            values = {p.name: v for p, v in zip(effect.parameters, numbers, strict=True)}
+            if name == "restitution":
+                values["energy_ratio"] *= kept
+            given.append((effect, values))
+        if nuisance and "restitution" not in dict(effects):
+            own = self._trials[0].scene.mechanisms.impact_energy_ratio
+            ratio = kept * (1.0 if np.isnan(own) else own)
+            effect = known_effects()["restitution"]
+            given.append((effect, effect.complete({"energy_ratio": ratio})))
         base = self._perturbed(nuisance, replicate, wanted)
         ranks = {e.name: i for i, e in enumerate(in_order({e.name: e for e, _ in given}))}
         given.sort(key=lambda pair: ranks[pair[0].name])
@@ -265,6 +274,11 @@ class SceneSimulator:
         for i in wanted:
             out[i] = made[i]
         return out
+
+    def _energy_ratio(self, nuisance: int) -> float:
+        """Energy that an impact leaves in a draw, over the scene's own."""
+        z = self.nuisance_draw(nuisance)[CAMPAIGN_WIDE.index("restitution")]
+        return float(np.exp(self._sd.restitution * z))
 
     def _nuisance_effects(
         self, nuisance: int, replicate: int

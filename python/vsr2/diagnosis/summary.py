@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -127,7 +127,7 @@ def compose(
         "routes": {
             "likelihood": _top(found.labels, np.exp(found.likelihood)),
             "classifier": _top(found.labels, np.exp(found.classifier)),
-            "exponents": list(prepared.calibration.exponents),
+            "combination": asdict(prepared.calibration.combination),
         },
         "next_measurement": evidence.next_measurement,
         "limits": _limits(seen, screening, prepared, layers, provenance),
@@ -247,7 +247,10 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
     """Posterior means and central 95 % intervals."""
     entry = prepared.library[name]
     nodes = positions(entry, prepared.tables[name].fine.quantiles)
-    nodes_log = prepared.calibration.sharpness * found.posteriors[name].nodes[0]
+    nodes_log = (
+        float(prepared.calibration.sharpness.weight(found.likelihood))
+        * found.posteriors[name].nodes[0]
+    )
     weight = np.exp(nodes_log - nodes_log.max())
     out = {}
     for j, parameter in enumerate(free_parameters(entry)):

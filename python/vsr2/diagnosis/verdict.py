@@ -10,8 +10,8 @@ Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
 NOVELTY_LEVEL = 0.05
-LEAST_PROBABILITY = 0.8
-"""Of a class that is named."""
+MOST_NAMED = 0.25
+"""Share of the library that a class may hold: that it is one of more is no finding."""
 UNEXPLAINED = 0.2
 """Share of the gap that the best effect must leave to be called no explanation. A strong effect
 that closes nearly all of a large gap leaves a significant rest, because no emulator is perfect."""
@@ -43,6 +43,7 @@ class Findings:
         gap_p, direction_p: against gap-free campaigns (see `Inference`).
         none_probability: calibrated.
         leading: the leading class, most probable effect first.
+        offered: effects in the library.
         class_probability: of it, given that something is missing.
         agreement: None, or why the routes disagree.
         novelty_p: of the best single effect's misfit.
@@ -57,6 +58,7 @@ class Findings:
     direction_p: float
     none_probability: float
     leading: tuple[str, ...]
+    offered: int
     class_probability: float
     agreement: str | None
     novelty_p: float
@@ -96,17 +98,17 @@ def decide(f: Findings) -> Verdict:
     if not f.stable:
         reasons.append("half the simulations led to another answer: spend a larger budget")
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    if f.class_probability < LEAST_PROBABILITY:
+    if len(f.leading) > max(2, MOST_NAMED * f.offered):
         reasons.append(
-            f"no class of effects reaches a probability of {LEAST_PROBABILITY}: the data do not "
-            "decide between several"
+            f"{len(f.leading)} of the library's {f.offered} effects explain it about as well: the "
+            "data do not decide"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if f.pair is not None and misfit:
         reasons.append("a second effect improves the score on motions that the choice did not see")
         return Verdict("pair", f.pair, f.class_probability, tuple(reasons))
     if len(f.leading) > 1:
-        reasons.append("this campaign cannot tell these effects apart")
+        reasons.append("this campaign does not tell these effects apart")
         return Verdict("class", f.leading, f.class_probability, tuple(reasons))
     return Verdict("effect", f.leading, f.class_probability, tuple(reasons))
 
