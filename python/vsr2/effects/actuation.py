@@ -28,6 +28,7 @@ from vsr2.motion.motion import SIDES
 from vsr2.motion.processing import differentiate
 from vsr2.motion.resample import resample
 from vsr2.scene import PitchSpring
+from vsr2.scene.rotation import IDENTITY
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
 """Of the actuator's low-pass: Butterworth's."""
@@ -60,6 +61,8 @@ def _driven(setup: Setup, path: Path, note: str, **sides: SideMotion | None) -> 
             velocity=_held(samples[1], size, 0.0),
             acceleration=_held(samples[2], size, 0.0),
             source=f"{motion.source}; {note}",
+            # From here on the record no longer tells the motion.
+            recording=None,
             **kept,
         ),
     )
@@ -90,7 +93,7 @@ class TimeScale(Effect):
     confounded_with = ("inertia",)
     source = "sampling interval misread; accelerations change by 1 / (1 + change)^2"
     stage = "actuation"
-    rank = 0
+    rank = 1
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         motion, factor = setup.motion, 1.0 + values["change"]
@@ -127,7 +130,8 @@ class InputFilter(Effect):
 
     `corner` is a Butterworth filter of order 3, run forward and backward: gain 1 / (1 + (f /
     fc)^6), no delay. `input` builds the motion again from another channel of the record, with the
-    study's own filter and scale; it needs a recorded motion that has the channel.
+    study's own filter and scale; it needs a recorded motion that has the channel. Both come before
+    all else that is done to the motion, `time_scale` included: `corner` is in the record's time.
     """
 
     name = "input_filter"
@@ -149,7 +153,7 @@ class InputFilter(Effect):
     confounded_with = ("table_bandwidth",)
     source = "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2); docs/motions.md on fusion"
     stage = "actuation"
-    rank = 1
+    rank = 0
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         if values["input"] != 0:
@@ -184,18 +188,25 @@ class InputFilter(Effect):
         recording = motion.recording
         if recording is None:
             raise MotionError(
-                f"effects.input_filter.input: {channel} needs a recorded motion, and "
-                f"{motion.name!r} is none; leave it at `study`"
+                f"effects.input_filter.input: {channel} needs a recorded motion that no effect has "
+                f"changed yet, and {motion.name!r} is none; leave it at `study`, or apply it "
+                "together with the other effects"
             )
-        built = build_recorded_motion(
-            recording.record,
-            motion.time_step,
-            channel=channel,
-            baseline=recording.baseline,
-            filter=recording.filter or (Filter() if channel == "acceleration" else None),
-            scale=recording.scale,
-            name=motion.name,
-        )
+        try:
+            built = build_recorded_motion(
+                recording.record,
+                motion.time_step,
+                channel=channel,
+                baseline=recording.baseline,
+                filter=recording.filter or (Filter() if channel == "acceleration" else None),
+                scale=recording.scale,
+                name=motion.name,
+            )
+        except MotionError as error:
+            raise MotionError(
+                f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
+                f"{error}; set effects.input_filter.input to a channel of the record, or `study`"
+            ) from error
         return replace(setup, motion=built)
 
     def verify(self, bench: Bench) -> Sequence[Check]:
@@ -550,7 +561,12 @@ def _beside(setup: Setup, name: str, share: float) -> Setup:
     sides: dict[str, Any] = {name: SideMotion(displacement, velocity)}
     return replace(
         setup,
-        motion=replace(motion, source=f"{motion.source}; {name} {share:.12g} of it", **sides),
+        motion=replace(
+            motion,
+            source=f"{motion.source}; {name} {share:.12g} of it",
+            recording=None,
+            **sides,
+        ),
     )
 
 
@@ -625,6 +641,11 @@ class TablePitch(Effect):
                 f"{stiffness:.3g} N m/rad, which does not carry the rock, m g h = {burden:.3g} "
                 "N m; raise it, or lower compliance"
             )
+        # A slope raises one rim of the top; the joint stays below where the rock stands.
+        pedestal = setup.pedestal
+        level = pedestal.top
+        if pedestal.slope != IDENTITY and pedestal.pitch_pivot is not None:
+            level = pedestal.pitch_pivot
         spring = PitchSpring(
             frequency=frequency,
             damping=values["damping"],
@@ -634,8 +655,8 @@ class TablePitch(Effect):
         return replace(
             setup,
             pedestal=replace(
-                setup.pedestal,
-                pitch_pivot=setup.pedestal.top - values["depth"],
+                pedestal,
+                pitch_pivot=level - values["depth"],
                 pitch_spring=spring,
             ),
         )

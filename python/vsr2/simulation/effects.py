@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.effects import Applied, Circumstances, Effect, Setup, chosen
-from vsr2.errors import ConfigError, SimulationError
+from vsr2.errors import ConfigError, SimulationError, Vsr2Error
 from vsr2.simulation.batch import Trial
 from vsr2.simulation.scene import Scene, make_scene, scene_sha256
 
@@ -155,7 +155,12 @@ class _Workshop:
             shared += (id(setup.motion), setup.drive)
         key = (id(one.effect), repr(one.values), repr(shared))
         if key not in self._changed:
-            changed = one.effect.change(setup, values)
+            try:
+                changed = one.effect.change(setup, values)
+            except Vsr2Error as error:
+                if "effects." in str(error):
+                    raise
+                raise type(error)(f"effects.{one.effect.name}: {error}") from error
             if not isinstance(changed, Setup):
                 raise SimulationError(
                     f"effect {one.effect.name!r}: `change` must return a Setup (returned "
