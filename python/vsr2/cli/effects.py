@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsr2.errors import GeometryError
+
 if TYPE_CHECKING:
     from vsr2.effects import Effect, Parameter
     from vsr2.simulation.effect_checks import EffectReport
@@ -116,6 +118,8 @@ def _null(parameter: Parameter) -> str:
 def _check(options: argparse.Namespace) -> int:
     from vsr2.simulation.effect_checks import EffectChecker
 
+    if options.mesh is not None and not options.mesh.is_file():
+        raise GeometryError(f"{options.mesh}: no such file; correct --mesh")
     effects = _wanted(options.what)
     checker = EffectChecker(options.mesh)
     failed = 0

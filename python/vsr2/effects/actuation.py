@@ -22,7 +22,7 @@ from vsr2.effects.oscillator import (
 )
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.setup import Setup
-from vsr2.errors import ConfigError, MotionError
+from vsr2.errors import ConfigError, MotionError, SimulationError
 from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass, build_recorded_motion
 from vsr2.motion.motion import SIDES
 from vsr2.motion.processing import differentiate
@@ -192,6 +192,14 @@ class InputFilter(Effect):
                 f"changed yet, and {motion.name!r} is none; leave it at `study`, or apply it "
                 "together with the other effects"
             )
+        needed = ("displacement", "acceleration") if channel == "fused" else (channel,)
+        missing = [name for name in needed if getattr(recording.record, name) is None]
+        if missing:
+            raise MotionError(
+                f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
+                f"{recording.record.label} has no {missing[0]} channel; set "
+                "effects.input_filter.input to a channel of the record, or to `study`"
+            )
         try:
             built = build_recorded_motion(
                 recording.record,
@@ -205,7 +213,7 @@ class InputFilter(Effect):
         except MotionError as error:
             raise MotionError(
                 f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
-                f"{error}; set effects.input_filter.input to a channel of the record, or `study`"
+                f"{error}"
             ) from error
         return replace(setup, motion=built)
 
@@ -494,7 +502,7 @@ class OffAxisMotion(Effect):
     rank = 6
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _beside(setup, "transverse", values["share"])
+        return _beside(setup, self.name, "transverse", values["share"])
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         from vsr2.effects.geometry import half_widths
@@ -532,7 +540,7 @@ class VerticalMotion(Effect):
     rank = 7
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _beside(setup, "vertical", values["share"])
+        return _beside(setup, self.name, "vertical", values["share"])
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         from vsr2.effects.geometry import half_widths
@@ -552,7 +560,8 @@ class VerticalMotion(Effect):
         ]
 
 
-def _beside(setup: Setup, name: str, share: float) -> Setup:
+def _beside(setup: Setup, effect: str, name: str, share: float) -> Setup:
+    _assert_prescribed(setup, effect)
     motion = setup.motion
     side: SideMotion | None = getattr(motion, name)
     displacement, velocity = share * motion.displacement, share * motion.velocity
@@ -568,6 +577,14 @@ def _beside(setup: Setup, name: str, share: float) -> Setup:
             **sides,
         ),
     )
+
+
+def _assert_prescribed(setup: Setup, effect: str) -> None:
+    if setup.drive != "prescribed":
+        raise SimulationError(
+            f"effects.{effect}: moves the pedestal beside x, which motion.drive: {setup.drive} "
+            "cannot follow; set motion.drive to prescribed, or leave the effect out"
+        )
 
 
 class TablePitch(Effect):
@@ -620,6 +637,7 @@ class TablePitch(Effect):
     rank = 8
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        _assert_prescribed(setup, self.name)
         frequency, compliance = values["frequency"], values["compliance"]
         if setup.motion.pitch is not None:
             raise MotionError(

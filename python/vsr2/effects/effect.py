@@ -208,10 +208,14 @@ class Effect:
         """Values as a study writes them, checked and completed.
 
         Raises:
-            ConfigError: an unknown parameter, or a value that cannot be used.
+            ConfigError: an unknown parameter, a value that cannot be used, or none but parameters
+                that do nothing on their own.
         """
-        for name in given:
-            self.parameter(name)
+        if all([self.parameter(name).secondary for name in given]):
+            key = f"effects.{self.name}" + (f".{next(iter(given))}" if given else "")
+            own = " or ".join(f"`{p.name}`" for p in self.parameters if not p.secondary)
+            what = "does nothing on its own" if given else "without parameters does nothing"
+            raise ConfigError(f"{key}: {what}; give {own} too, or leave the effect out")
         return {
             parameter.name: parameter.accept(
                 given.get(parameter.name, parameter.null), f"effects.{self.name}.{parameter.name}"

@@ -668,9 +668,7 @@ def _effects_given(trials: Sequence[Trial]) -> dict[str, list[dict[str, float | 
     """
     given: dict[str, list[dict[str, float | None]]] = {}
     for applied in dict.fromkeys(one for trial in trials for one in trial.effects):
-        values = {
-            name: value if math.isfinite(value) else None for name, value in applied.given
-        }
+        values = {name: value if math.isfinite(value) else None for name, value in applied.given}
         if values not in given.setdefault(applied.effect.name, []):
             given[applied.effect.name].append(values)
     return given
