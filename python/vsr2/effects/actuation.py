@@ -158,10 +158,10 @@ class InputFilter(Effect):
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         if values["input"] != 0:
             setup = self._from_channel(setup, int(values["input"]))
-        corner = values["corner"]
-        if not math.isfinite(corner):
+        corner, motion = values["corner"], setup.motion
+        # What lies beyond half the sampling rate passes everything.
+        if corner >= 0.5 / motion.time_step:
             return setup
-        motion = setup.motion
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(2.0 / corner / motion.time_step)
         amid = np.concatenate(
@@ -443,7 +443,10 @@ class TableResonance(Effect):
     """
 
     name = "table_resonance"
-    meaning = "Between actuator and rock the table is a mass on a spring and a dashpot"
+    meaning = (
+        "Between actuator and rock the table is a mass on a spring and a dashpot: a filter of the "
+        "motion, which the rock does not push back"
+    )
     parameters = (
         Parameter(
             "amplification", "1", 1.0, 1.0, 2.0, "uniform", "of a sine at the frequency",

@@ -128,6 +128,7 @@ class Effect:
         source: where it is described.
         stage: what it changes; fixes the order of application (`STAGES`).
         rank: order within the stage, smallest first; then by name.
+        jump: why responses jump beside the null value, where they do; empty: they do not.
     """
 
     name: ClassVar[str]
@@ -138,6 +139,7 @@ class Effect:
     source: ClassVar[str] = ""
     stage: ClassVar[Stage]
     rank: ClassVar[int] = 0
+    jump: ClassVar[str] = ""
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         """The setup with the effect. Called only where `values` are not null.

@@ -29,6 +29,8 @@ AZIMUTH = Parameter(
     "azimuth", "degree", 0.0, 0.0, 360.0, "uniform",
     "direction in plan, anticlockwise from x", limits=(-360.0, 360.0), secondary=True,
 )  # fmt: skip
+LEAST_RADIUS = 1e-4
+"""Of the rounding of a hull [m]."""
 SETTLING_FACTOR = 4.0
 """Times the default speeds, at which the rounded hull of a scan counts as settled."""
 
@@ -236,7 +238,10 @@ class EdgeRounding(Effect):
     rolls over 1 mm. The contacts of a hull are found one by one, those of a box at once: the hull
     of a sharp block rocks up to 9 % higher or lower than the box. So on a box a radius means
     something from about 2 mm. The rounded hull of a scan may tremble on its contacts, so it counts
-    as at rest before the motion below 4 times the default speeds at least.
+    as at rest before the motion below 4 times the default speeds at least. Below 0.1 mm a hull is
+    left as it is: facets that small would only upset the engine's choice of contact points. From
+    there on its points are others, which a scan that is chaotic tells by as much as a start some
+    micrometres away.
     """
 
     name = "edge_rounding"
@@ -244,7 +249,8 @@ class EdgeRounding(Effect):
     parameters = (
         Parameter(
             "radius", "m", 0.0, 0.0, 0.015, "uniform",
-            "of the rounding; on a box below about 2 mm the contacts of a hull matter more",
+            "of the rounding; on a box below about 2 mm the contacts of a hull matter more, on a "
+            "hull below 0.1 mm it does nothing",
             limits=(0.0, 0.5),
         ),
     )  # fmt: skip
@@ -265,11 +271,13 @@ class EdgeRounding(Effect):
                 hull = box_with_margin(part, setup, radius)
             elif isinstance(part, Box):
                 hull = rounded_hull(points, radius, down, ball=radius - margin)
+            elif radius < LEAST_RADIUS:
+                hull = part.points
             else:
                 hull = rounded_hull(points, radius, down)
             parts.append(Hull(hull))
         kept = tuple(parts)
-        if not all(isinstance(part, Box) for part in setup.rock.parts):
+        if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in setup.rock.parts):
             setup = settle_at(setup, SETTLING_FACTOR)
         return replace(setup, rock=replace(setup.rock, parts=kept), start=restand(setup, kept))
 
@@ -352,6 +360,7 @@ class BaseAsperity(Effect):
     source = "statics; ElGawady et al. (2011), EESD 40, on the role of the interface"
     stage = "geometry"
     rank = 2
+    jump = "an impact on bumps has three parts however low they are, and leaves more energy"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         # In the frame of the pedestal's top.

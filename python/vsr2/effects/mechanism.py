@@ -98,7 +98,7 @@ class RockingDamping(Effect):
     )
     channels = ("tilt",)
     confounded_with = ("restitution", "rolling_resistance")
-    source = "docs/mechanisms.md"
+    source = "this library: viscous damping of Housner's rocking oscillator; docs/mechanisms.md"
     stage = "mechanism"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
