@@ -2,9 +2,10 @@
 
     python benchmarks/effects.py [--mesh MESH] [--rounds N] [--engine MODE]
 
-On the block and on a scanned rock, each under the pulses of the checks (three that make it rock, one
-that makes it slide). In every round a batch with the effect follows one without, so that a change of
-the machine's speed meets both; the table gives the median of the rounds' ratios and its quartiles.
+On the block and on a scanned rock, each under the pulses of the checks (three that make it rock,
+one that makes it slide). In every round a batch with the effect follows one without, so that a
+change of the machine's speed meets both; the table gives the median of the rounds' ratios and its
+quartiles.
 CPU time of whole trials over their steps, building of the worlds included. A part of a ratio is the
 changed response: a rock that slides or stands is cheaper than one that rocks, whatever the effect.
 """

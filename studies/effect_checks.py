@@ -1,11 +1,11 @@
 """The three checks of every effect, and how the engines agree: docs/results/effects/checks.csv.
 
-Step: change of the response over the noise floor, a millionth of the prior beside null (jump: one is
-declared; none: null has no value beside it). Alive: the same change at the prior's end far from null and at the
-other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
+Step: change of the response over the noise floor, a millionth of the prior beside null (jump: one
+is declared; none: null has no value beside it). Alive: that at the prior's end far from null and at
+the other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
 `exact` and `fast` over the first 0.3 s of shaking; and, over 24 trials whose starts lie some tenths
 of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `fast` less that of
-`exact`, with its standard error (paired). Run from the repository's root (about 130 s on
+`exact`, with its standard error (paired). Run from the repository's root (about 150 s on
 one core); docs/effects.md shows the table, `vsr2.effects.page` writes that:
 
     python studies/effect_checks.py [NAME ...]
@@ -24,13 +24,11 @@ import numpy as np
 
 from vsr2 import run_batch
 from vsr2.effects import Effect, in_order, library
-from vsr2.effects.setup import settle_at
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation.bench import EffectBench, trial_of
 from vsr2.simulation.effect_checks import (
     ROCKS,
-    SETTLING_FACTOR,
     TURN,
     EffectChecker,
     Rock,
@@ -63,8 +61,6 @@ def shift(effect: Effect, rock: Rock) -> tuple[float, float]:
     for mode in ("exact", "fast"):
         bench = EffectBench("exact" if mode == "exact" else "fast", MESH)
         setup = bench.block() if rock == "block" else bench.scan()
-        if rock == "scan":
-            setup = settle_at(setup, SETTLING_FACTOR)
         first = trial_of(setup, tail=1.5, log_every=0)
         trials = []
         for draw in range(DRAWS):

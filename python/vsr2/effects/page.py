@@ -180,7 +180,8 @@ def _faint(text: str) -> str:
 def _checks_table(text: str) -> str:
     rows = _rows(text)
     out = [
-        "| effect | neutral | step | alive, block | alive, scan | other end | right | fast | shift |",
+        "| effect | neutral | step | alive, block | alive, scan | other end | right | fast "
+        "| shift |",
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in rows:
