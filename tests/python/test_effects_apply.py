@@ -543,7 +543,7 @@ def test_an_effect_that_fails_a_check_is_told(
         ),
         (
             OWN + "    def change(self, setup, values):\n        return values['length']\n",
-            "effect 'own' fails at the far end of its prior: KeyError: 'length'",
+            "effect 'own' fails a small step from its null value: KeyError: 'length'",
         ),
     ],
 )  # fmt: skip

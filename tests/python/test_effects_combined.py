@@ -60,8 +60,8 @@ def test_every_pair_builds_a_trial_on_the_block() -> None:
 def test_on_a_slope_trials_run(given: tuple[str, dict[str, float]]) -> None:
     setup = replace(EffectBench("auto").block(), motion=EffectBench().pulse(3.6, 2.0))
     names = {"base_slope": SLOPE, given[0]: given[1]}
-    result = run_batch(apply_effects([trial_of(setup, tail=0.5)], names), threads=1)
-    assert result["status"][0] in ("ok", "tail_timeout")
+    result = run_batch(apply_effects([trial_of(setup, tail=0.5)] * 2, names), threads=1)
+    assert set(result["status"]) <= {"ok", "tail_timeout"}
 
 
 def test_a_slope_leaves_the_frame_of_the_top_as_it_was() -> None:

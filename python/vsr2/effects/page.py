@@ -93,7 +93,8 @@ of the prior far from null, "other end" that at the end near null, where that is
 of a prior on both sides of null (-0.15 to 0.15) it is simply the other sign. So an effect's upper
 end stands in one of the two. Two samples of chance alone give about 1. An effect may be dead at the
 other end, as a contact ten times as stiff is on these rocks, or a cap that the table does not
-reach. {faint}
+reach.
+{faint}
 "Fast" is the greatest difference of the tilt between the engines `exact` and `fast` over the first
 0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 24 trials, `fast`
 less `exact`, with its standard error; both on the block and on the scan. A scan on three points is
