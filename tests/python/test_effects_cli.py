@@ -118,7 +118,7 @@ def test_effects_are_refused_by_file_and_line(
         f"{at('radius')}: effects.edge_rounding.radius: 6 m is outside 0 to 0.5 m",
         f"{at('waer')}: effects.waer: there is no effect 'waer'; did you mean `wear`",
         f"{at('chang')}: effects.table_gain.chang: has no parameter 'chang'; did you mean `change`",
-        f"{at('table_pitch')}: effects.table_pitch: ",
+        f"{at('frequency')}: effects.table_pitch.frequency: does nothing on its own; give `comp",
     ]
     for command in (
         ["run", str(path)],

@@ -136,7 +136,7 @@ def check_study_effects(
             try:
                 one.accept(values)
             except ConfigError as error:
-                problems.append(_problem(("effects", name), error))
+                problems.append(_problem(("effects", name, *list(values)[:1]), error))
     if problems:
         raise config_error(problems, os.fspath(label), places_in(label))
 
