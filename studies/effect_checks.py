@@ -1,10 +1,11 @@
 """The three checks of every effect, and how the engines agree: docs/results/effects/checks.csv.
 
-Alive: change of the response over the noise floor, at the prior's end far from null and at the
-other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
+Step: change of the response over the noise floor, a millionth of the prior beside null (jump: one
+is declared; none: null has no value beside it). Alive: that at the prior's end far from null and at
+the other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
 `exact` and `fast` over the first 0.3 s of shaking; and, over 24 trials whose starts lie some tenths
 of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `fast` less that of
-`exact`, with its standard error (paired). Run from the repository's root (about 130 s on
+`exact`, with its standard error (paired). Run from the repository's root (about 150 s on
 one core); docs/effects.md shows the table, `vsr2.effects.page` writes that:
 
     python studies/effect_checks.py [NAME ...]
@@ -26,7 +27,13 @@ from vsr2.effects import Effect, in_order, library
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation.bench import EffectBench, trial_of
-from vsr2.simulation.effect_checks import ROCKS, TURN, EffectChecker, Rock, shaking
+from vsr2.simulation.effect_checks import (
+    ROCKS,
+    TURN,
+    EffectChecker,
+    Rock,
+    shaking,
+)
 from vsr2.simulation.effects import with_effects
 
 MESH = Path("models/pbr_scan.obj")
@@ -76,7 +83,7 @@ def main() -> None:
     names = parser.parse_args().names
     kept = {line.split(",")[0]: line for line in OUT.read_text().splitlines()} if names else {}
     checker = EffectChecker(MESH)
-    columns = ["effect", "neutral"]
+    columns = ["effect", "neutral", "step_block", "step_scan"]
     for rock in ROCKS:
         columns += [f"alive_{rock}", f"feature_{rock}", f"other_end_{rock}"]
     columns += ["right", "fast"]
@@ -91,6 +98,8 @@ def main() -> None:
         report = checker.check(effect)
         near = other_end(effect)
         cells = [effect.name, str(report.neutral).lower()]
+        beside = "jump" if effect.jump else "none"
+        cells += [f"{report.step[rock].ratio:.2g}" if report.step else beside for rock in ROCKS]
         for rock in ROCKS:
             found = report.alive[rock]
             end = "" if near is None else f"{checker.alive(effect, rock, near).ratio:.3g}"

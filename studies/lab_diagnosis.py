@@ -6,7 +6,7 @@
 Runs `vsr2 diagnose` on the trials that have a motion, in the scene of lab_diagnosis.yaml, with all
 effects but `base_slope` (ten times as dear as the others on this specimen, and in one class with
 `com_offset`). A run that was interrupted is continued. Writes to OUT what `vsr2 diagnose` writes
-and, to OUT/committed, what may be committed (no outcome of a trial is): diagnosis.json,
+and, to OUT/committed, what may be committed (no table of trials): diagnosis.json,
 effects.csv, where.csv, the page's figures, and metrics.csv: agreement with the observed outcomes of
 the model before and after the diagnosed effects are added, each motion judged by models that were
 fitted to, and whose effect was chosen on, other motions.
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,7 @@ def main() -> None:
         "reliability": reliability_figure(found.trials),
     }
     for name, figure in figures.items():
+        figure = re.sub(r"<title>.*?</title>", "", figure)
         (folder / f"{name}.svg").write_text(
             figure.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         )

@@ -20,7 +20,7 @@ class SoftPad(Effect):
             unit="m/N",
             null=0.0,
             lower=0.0,
-            upper=2e-7,
+            upper=5e-8,
             prior="uniform",
             meaning="of the pad under one contact point",
             limits=(0.0, 1e-4),

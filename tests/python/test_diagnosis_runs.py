@@ -31,7 +31,7 @@ outcome: {tail: 2.0}
 """
 KEPT = ("table_gain", "catch", "wear")
 EXCLUDED = [name for name in library() if name not in KEPT]
-SIMULATIONS = 900
+SIMULATIONS = 1500
 
 
 @pytest.fixture(scope="module")

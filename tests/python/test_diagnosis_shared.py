@@ -38,7 +38,9 @@ def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
         for campaign in campaigns
     ]
     assert len(fits) == 1
-    assert together[1].content["provenance"]["budget"]["simulated"] == 0
+    # All but the few trials that are looked at again under this campaign's own best effect.
+    budgets = [d.content["provenance"]["budget"]["simulated"] for d in (alone, together[1])]
+    assert budgets[1] < 0.05 * budgets[0]
     assert without_cost(together[1]) == without_cost(alone)
     assert without_cost(together[0]) != without_cost(alone)
 

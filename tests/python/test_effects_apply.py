@@ -158,8 +158,10 @@ def test_refusals_name_what_is_near(trials: list[Trial]) -> None:
     with pytest.raises(ConfigError, match="positive lower end"):
         Parameter("a", "1", 0.0, 0.0, 1.0, "loguniform", "")
     motor = [replace(trial, drive="motor") for trial in trials]
-    with pytest.raises(SimulationError, match="prescribed"):
-        run_batch(apply_effects(motor, {"vertical_motion": {"share": 0.1}}))
+    with pytest.raises(SimulationError, match=r"effects\.vertical_motion: .*set motion\.drive to"):
+        apply_effects(motor, {"vertical_motion": {"share": 0.1}})
+    with pytest.raises(ConfigError, match=r"table_pitch\.frequency: does nothing on its own"):
+        apply_effects(trials, {"table_pitch": {"frequency": 8.0}})
 
 
 def test_a_study_names_its_effects(tmp_path: Path) -> None:
@@ -476,6 +478,15 @@ class Own(Effect):
 """
 
 
+GRAVITY = """    stage = "inertia"
+    parameters = (Parameter("size", "1", {null}, -0.05, 0.05, "uniform", "of it"),)
+
+    def change(self, setup, values):
+        gravity = setup.engine.gravity * ({factor})
+        return replace(setup, engine=setup.engine.model_copy(update={{"gravity": gravity}}))
+"""
+
+
 @pytest.mark.parametrize(
     ("body", "told"),
     [
@@ -489,8 +500,18 @@ class Own(Effect):
             "        return replace(setup, contact=contact)\n",
             ["neutral: NO: the trajectory differs at the null value"],
         ),
+        (
+            # As if its null value were -0.05.
+            GRAVITY.format(null=0.0, factor="1.05 + values['size']"),
+            ["neutral: yes", "continuous: NO: responses jump beside the null value"],
+        ),
+        (
+            # Null is 0, not 0.04.
+            GRAVITY.format(null=0.04, factor="1 + values['size']"),
+            ["neutral: yes", "continuous: NO: responses jump beside the null value"],
+        ),
     ],
-    ids=["dead", "leaky"],
+    ids=["dead", "leaky", "shifted", "wrong null"],
 )
 def test_an_effect_that_fails_a_check_is_told(
     body: str, told: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
@@ -522,7 +543,7 @@ def test_an_effect_that_fails_a_check_is_told(
         ),
         (
             OWN + "    def change(self, setup, values):\n        return values['length']\n",
-            "effect 'own' fails at the far end of its prior: KeyError: 'length'",
+            "effect 'own' fails a small step from its null value: KeyError: 'length'",
         ),
     ],
 )  # fmt: skip

@@ -146,7 +146,7 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
         ("start: {yaw: 10.0}", "start: {mode: pose, position: [0, 0, 3]}", "use `mode: yaw`"),
         ("  points: 5", "  point: 5", r"fragility.point: .*did you mean `points`"),
         ("fragility:", "fragilty:", "did you mean `fragility`"),
-        ("outcome:", "effects: {table_gian: {change: 0.1}}\noutcome:", "effects: .*table_gain"),
+        ("outcome:", "effects: {table_gian: {change: 0.1}}\noutcome:", "table_gian.*`table_gain`"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(study, old, new, match):

@@ -14,7 +14,7 @@ from pydantic import Field, Strict, model_validator
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.problems import shown
 from vsr2.config.study import FilePath, NonNegative, Real, Section, Study
-from vsr2.effects import chosen
+from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 
 Value = (
@@ -247,10 +247,7 @@ def _check_sets(study: CalibrationStudy) -> None:
 
 
 def _with_known_effects(study: Study, label: str) -> None:
-    try:
-        chosen(study.effects)
-    except ConfigError as error:
-        raise ConfigError(f"{label}: effects: {error}") from None
+    check_study_effects(study.effects, label)
 
 
 def start_values(study: CalibrationStudy) -> dict[str, Plain]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import re
 from collections.abc import Mapping, Sequence
@@ -205,7 +206,7 @@ def simulate_campaign(
         "seed": seed,
         "noise": asdict(noise),
         "series_every": series_every,
-        "effects": wanted,
+        "effects": {name: _finite(values) for name, values in wanted.items()},
     }
     if result is not None:
         facts = result.provenance.items()
@@ -225,6 +226,14 @@ def simulate_campaign(
         noise=noise,
         provenance=json.loads(json.dumps(provenance, default=str)),
     )
+
+
+def _finite(values: Mapping[str, float | str]) -> dict[str, float | str | None]:
+    """None where a value is infinite or NaN, which stands for none given."""
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in values.items()
+    }
 
 
 def _generator(seed: int, trial: int, stream: int) -> np.random.Generator:

@@ -196,11 +196,13 @@ def _simulate(options: argparse.Namespace) -> int:
     )
     from vsr2.campaign.folder import prepare_destination
     from vsr2.config import load_study
+    from vsr2.effects import check_study_effects
     from vsr2.errors import CampaignError, SimulationError
     from vsr2.results import has_journal, prepare_folder, remove_result
     from vsr2.simulation import connect
 
     study = load_study(options.study, overrides=options.set)
+    check_study_effects(study.effects, options.study)
     noise = MeasurementNoise(
         displacement=options.noise_displacement,
         acceleration=options.noise_acceleration,

@@ -40,10 +40,10 @@ def add_verbs(verbs: Any) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     from vsr2.config import dump_study, load_study
-    from vsr2.effects import chosen
+    from vsr2.effects import check_study_effects
 
     study = load_study(options.study)
-    chosen(study.effects)
+    check_study_effects(study.effects, options.study)
     print(dump_study(study), end="")
     return 0
 

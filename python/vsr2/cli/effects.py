@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsr2.errors import GeometryError
+
 if TYPE_CHECKING:
     from vsr2.effects import Effect, Parameter
-    from vsr2.simulation.effect_checks import EffectReport
+    from vsr2.simulation.effect_checks import EffectReport, Liveness, Rock
 
 
 def add_verbs(verbs: Any) -> None:
@@ -33,9 +36,10 @@ def add_verbs(verbs: Any) -> None:
         "check",
         help="check effects: neutral, alive, right",
         description="Check effects. Neutral: at the null value a trial is the same to the last "
-        "bit. Alive: at the far end of the prior responses change by more than three times the "
-        "noise floor, on a block and on a rock with the hull of a scan. Right: the closed forms "
-        "of its `verify` are met.",
+        "bit, and a millionth of the prior beside it responses change by no more than chance "
+        "does, unless the effect declares a `jump`. Alive: at the far end of the prior responses "
+        "change by more than the noise floor (faint: by less than three times it), on a block "
+        "and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.",
     )
     check.add_argument(
         "what",
@@ -116,6 +120,8 @@ def _null(parameter: Parameter) -> str:
 def _check(options: argparse.Namespace) -> int:
     from vsr2.simulation.effect_checks import EffectChecker
 
+    if options.mesh is not None and not options.mesh.is_file():
+        raise GeometryError(f"{options.mesh}: no such file; correct --mesh")
     effects = _wanted(options.what)
     checker = EffectChecker(options.mesh)
     failed = 0
@@ -141,15 +147,26 @@ def _wanted(what: list[str]) -> list[Effect]:
     return found
 
 
+def _ratios(found: Mapping[Rock, Liveness], word: str = "") -> str:
+    return ", ".join(
+        f"{one.ratio:.3g} times the floor on the {rock} ({one.feature}"
+        f"{word if word and one.is_faint else ''})"
+        for rock, one in found.items()
+    )
+
+
 def _print(report: EffectReport) -> None:
     print(f"{report.effect.name}: {'passes' if report.good else 'FAILS'}")
     neutral = "yes" if report.neutral else "NO: the trajectory differs at the null value"
     print(f"  neutral: {neutral}")
-    ratios = ", ".join(
-        f"{found.ratio:.3g} times the floor on the {rock} ({found.feature})"
-        for rock, found in report.alive.items()
-    )
-    print(f"  alive: {'yes' if report.is_alive else 'NO'}, {ratios}")
+    if report.step:
+        told = "yes" if report.is_continuous else "NO: responses jump beside the null value"
+        print(f"  continuous: {told}, {_ratios(report.step)}")
+    elif report.effect.jump:
+        print(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
+    else:
+        print("  continuous: not told, the null value has no value beside it")
+    print(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive, ', faint')}")
     if not report.right:
         print("  right: NO, its `verify` gives no check")
     for check in report.right:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
 
 from vsr2.cli import (
     blind,
@@ -19,6 +22,7 @@ from vsr2.cli import (
     replay,
     study,
 )
+from vsr2.effects import EffectWarning
 from vsr2.errors import Vsr2Error
 
 EXIT_CODES = """\
@@ -57,6 +61,30 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+@contextmanager
+def _one_line_warnings() -> Iterator[None]:
+    """Warnings about effects as one line on stderr, each once."""
+    with warnings.catch_warnings():
+        usual, told = warnings.showwarning, set()
+
+        def show(
+            message: Warning | str,
+            category: type[Warning],
+            filename: str,
+            lineno: int,
+            file: TextIO | None = None,
+            line: str | None = None,
+        ) -> None:
+            if not issubclass(category, EffectWarning):
+                usual(message, category, filename, lineno, file, line)
+            elif str(message) not in told:
+                told.add(str(message))
+                print(f"vsr2: warning: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        yield
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     parser = build_parser()
@@ -70,7 +98,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.print_help()
         return 2
     try:
-        return int(options.run(options))
+        with _one_line_warnings():
+            return int(options.run(options))
     except Vsr2Error as error:
         print(f"vsr2: {error}", file=sys.stderr)
         return 2

@@ -64,10 +64,12 @@ def add_verbs(verbs: Any) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     from vsr2.config import load_study
+    from vsr2.effects import check_study_effects
     from vsr2.errors import SimulationError
     from vsr2.simulation import connect, study_trials
 
     study = load_study(options.study, overrides=options.set)
+    check_study_effects(study.effects, options.study)
     folder = options.out or Path("out") / study.name
     trials = study_trials(study)
     if options.shard is not None:

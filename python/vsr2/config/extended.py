@@ -12,10 +12,10 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from vsr2.config.load import apply_override, build_study
+from vsr2.config.load import apply_override, build_study, places
 from vsr2.config.problems import Problem, config_error, problems_of, shown
 from vsr2.config.study import Section, Study
-from vsr2.config.yaml_file import KeyPath, read_yaml
+from vsr2.config.yaml_file import read_yaml
 from vsr2.errors import ConfigError
 
 T = TypeVar("T", bound=Section)
@@ -133,12 +133,7 @@ def load_extended(
     for override in overrides:
         apply_override(data, override)
 
-    def place(key_path: KeyPath) -> str:
-        for length in range(len(key_path), 0, -1):
-            if key_path[:length] in document.lines:
-                return f"{label}:{document.lines[key_path[:length]]}"
-        return label
-
+    place = places(label, document.lines)
     known = [*Study.model_fields, *own.model_fields]
     odd = [key for key in data if key not in known]
     if odd:

@@ -39,16 +39,37 @@ def load_study(
     document = read_yaml(path)
     for override in overrides:
         apply_override(document.data, override)
-
-    def place(key_path: KeyPath) -> str:
-        # A missing key has no line of its own: its section's serves.
-        for length in range(len(key_path), 0, -1):
-            if key_path[:length] in document.lines:
-                return f"{label}:{document.lines[key_path[:length]]}"
-        return label
-
+    place = places(label, document.lines)
     base = Path.cwd().joinpath(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)
+
+
+def places(label: str, lines: Mapping[KeyPath, int]) -> Callable[[KeyPath], str]:
+    """Tells where in a file a key path stands, as `file:line`.
+
+    Args:
+        label: name of the file.
+        lines: of its keys; a missing key has no line of its own: its section's serves.
+    """
+
+    def place(key_path: KeyPath) -> str:
+        for length in range(len(key_path), 0, -1):
+            if key_path[:length] in lines:
+                return f"{label}:{lines[key_path[:length]]}"
+        return label
+
+    return place
+
+
+def places_in(label: str | os.PathLike[str]) -> Callable[[KeyPath], str]:
+    """As :func:`places`, for a file that was read before; its name alone where there is none."""
+    name = os.fspath(label)
+    if not os.path.isfile(name):
+        return places(name, {})
+    try:
+        return places(name, read_yaml(name).lines)
+    except ConfigError:
+        return places(name, {})
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:

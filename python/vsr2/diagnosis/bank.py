@@ -54,6 +54,8 @@ class Bank:
                 "WITHOUT ROWID"
             )
             self._file.execute("CREATE TABLE IF NOT EXISTS spent (seconds REAL, count INTEGER)")
+            self._file.execute("SELECT key, response FROM runs LIMIT 1")
+            self._file.execute("SELECT seconds, count FROM spent LIMIT 1")
         except sqlite3.Error as error:
             raise DiagnosisError(
                 f"{path}: cannot be used as a bank of simulations ({error}); remove it or choose "
@@ -126,6 +128,11 @@ class Bank:
             if done is not None:
                 done(len(requests) - len(pending) + start + len(part))
         content = b"".join(known[key] for key in keys)
+        sizes = {len(known[key]) for key in keys}
+        if len(sizes) > 1 or any(size < 16 or size % 8 for size in sizes):
+            raise DiagnosisError(
+                f"{self._path}: holds damaged simulations; remove it, and they are made again"
+            )
         table = np.frombuffer(content, dtype="<f8").reshape(len(requests), -1)
         features = table[:, 2:].copy() if table.shape[1] > 2 else None
         return Responses(table[:, 0].copy(), table[:, 1].copy(), features)

@@ -9,7 +9,10 @@ from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import SCREENING_NONE, none_draws
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
 
-FIRST_DRAWS = 12
+FIRST_DRAWS = 24
+"""Of every effect, before trials beyond `ENOUGH_TRIALS` are kept: the emulator's Monte Carlo error
+hides a weak effect in any number of trials."""
+ENOUGH_TRIALS = 100
 FEWEST_DRAWS = 6
 MAX_DRAWS = 192
 HALVING = 0.002
@@ -71,7 +74,9 @@ class Schedule:
         self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
         rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
         fewest = FEWEST_DRAWS * effects + none_draws(FEWEST_DRAWS)
-        self.most_trials = max(FEWEST_TRIALS, rest // fewest)
+        wanted = FIRST_DRAWS * effects + none_draws(FIRST_DRAWS)
+        enough = min(ENOUGH_TRIALS, rest // fewest)
+        self.most_trials = max(FEWEST_TRIALS, enough, rest // wanted)
         if self._fixed is not None:
             self.most_trials = trials
         self.first_draws = FIRST_DRAWS

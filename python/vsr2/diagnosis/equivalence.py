@@ -12,15 +12,19 @@ picked wrongly with probability Phi(-sqrt(D / 2)) (H. Chernoff's problem for nea
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from vsr2.diagnosis.evidence import Data, Posterior, Table, mode, posterior
 from vsr2.diagnosis.library import NONE
+from vsr2.effects import library
 
 LEAST_PROBABILITY = 0.8
 """Of a class that is named, given that something is missing."""
+CONFOUNDED = 5.0
+"""How much more separation effects need that theory takes for about the same: what is left between
+them is of second order, where the emulator is weakest."""
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
 
@@ -71,6 +75,7 @@ def classes(
     posteriors: Mapping[str, Posterior],
     observed: Data,
     exponent: float = 1.0,
+    confounded: Mapping[str, Collection[str]] | None = None,
 ) -> list[list[str]]:
     """Partition of the effects: each leader takes all that are inseparable from it.
 
@@ -80,16 +85,26 @@ def classes(
         posteriors: of each hypothesis.
         observed: the campaign.
         exponent: that the log likelihood needs to be calibrated; D is multiplied by it.
+        confounded: effects that theory takes for about the same as each effect; None: as the
+            library of effects declares.
 
     Returns:
         Classes, most probable leader first.
     """
+    if confounded is None:
+        confounded = {name: effect.confounded_with for name, effect in library().items()}
     left = sorted((n for n in tables if n != NONE), key=lambda n: -probability[n])
     out: list[list[str]] = []
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        members = [leader] + [n for n in left[1:] if exponent * found[n] < INSEPARABLE]
+        rivals = frozenset(confounded.get(leader, ()))
+        members = [leader]
+        for name in left[1:]:
+            known = name in rivals or leader in confounded.get(name, ())
+            limit = INSEPARABLE * (CONFOUNDED if known else 1.0)
+            if exponent * found[name] < limit:
+                members.append(name)
         out.append(members)
         left = [n for n in left if n not in members]
     return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,10 @@ def compose(
     provenance: Mapping[str, Any],
 ) -> Diagnosis:
     """The diagnosis as data."""
-    whole = _Whole(seen, screening, prepared, evidence.shrinkage)
+    shrinkage = evidence.shrinkage
+    if evidence.verdict.kind == "pair" and shrinkage.pair is not None:
+        shrinkage = replace(shrinkage, after=shrinkage.pair)
+    whole = _Whole(seen, screening, prepared, shrinkage)
     closure = whole.closure("after")
     placebo = whole.closure("placebo")
     recalibration = whole.closure("recalibrated")
@@ -298,7 +301,7 @@ def _limits(
     if seen.session.max() == 0:
         out.append("one session: a change between sessions cannot be told from a trend")
     uncertain = int(screening.kept.size - screening.guard.size)
-    if uncertain < 20:
+    if uncertain < 20 and not screening.left_out:
         out.append(
             f"only {uncertain} trials are uncertain under the library's effects: choose motions "
             "nearer to the verge of overturning"
@@ -314,7 +317,13 @@ def _limits(
         out.append(
             f"{screening.left_out} uncertain trials were not used: the budget does not reach them"
         )
-    if provenance["budget"]["limited"]:
+    budget = provenance["budget"]
+    if budget.get("simulations", 0) > budget.get("allowed", np.inf):
+        out.append(
+            f"a diagnosis of these trials needs at least {budget['simulations']} simulations, more "
+            f"than the budget of {budget['allowed']}"
+        )
+    if budget["limited"]:
         out.append("the budget ended before the answer stood on two doublings of the simulations")
     if layers.get("physical") is None:
         out.append("no repeats: the physical noise floor is unknown")

@@ -4,7 +4,8 @@ The score of a place is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of
 cross-fitted model without effects, v its variance, w the place's weights (1 inside, 0 outside; a
 centred trend; a step). The nulls are
 
-- for every place: campaigns simulated without effect, nuisances drawn;
+- for every place: campaigns simulated without effect, nuisances drawn, each counted once, so that n
+  of them can show p = 1 / (n + 1) at best;
 - for places over the order of execution besides: block permutations of the observed residuals, in
   which whole sessions, or whole runs of one motion, change places (sessions themselves: runs of one
   motion). Residuals that hang together within a session look like a trend; permuting single trials
@@ -25,7 +26,7 @@ from vsr2.diagnosis.evidence import Data, Prediction
 
 Array = NDArray[np.float64]
 
-NULLS = 999
+PERMUTATIONS = 999
 
 
 @dataclass(frozen=True)
@@ -99,14 +100,15 @@ def scan(
     residual, variance = observed[0][0], observed[1][0]
     rng = np.random.default_rng([seed, 5])
     score = _scores(residual[None], variance[None], weights)[0]
-    rows = rng.integers(0, len(null[0]), NULLS)
-    p_value = _family_p(score, _scores(null[0], null[1], weights)[rows])
+    p_value = _family_p(score, _scores(null[0], null[1], weights))
     for inside, labels in (
         (by_order, (conditions.session, conditions.motion)),
         (by_session, (conditions.motion,)),
     ):
         if inside.any():
-            orders = np.stack([_permutation(labels[b % len(labels)], rng) for b in range(NULLS)])
+            orders = np.stack(
+                [_permutation(labels[b % len(labels)], rng) for b in range(PERMUTATIONS)]
+            )
             moved = _scores(
                 residual[:, orders].swapaxes(0, 1),
                 variance[:, orders].swapaxes(0, 1),

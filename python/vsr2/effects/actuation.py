@@ -22,12 +22,13 @@ from vsr2.effects.oscillator import (
 )
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.setup import Setup
-from vsr2.errors import ConfigError, MotionError
+from vsr2.errors import ConfigError, MotionError, SimulationError
 from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass, build_recorded_motion
 from vsr2.motion.motion import SIDES
 from vsr2.motion.processing import differentiate
 from vsr2.motion.resample import resample
 from vsr2.scene import PitchSpring
+from vsr2.scene.rotation import IDENTITY
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
 """Of the actuator's low-pass: Butterworth's."""
@@ -60,6 +61,8 @@ def _driven(setup: Setup, path: Path, note: str, **sides: SideMotion | None) -> 
             velocity=_held(samples[1], size, 0.0),
             acceleration=_held(samples[2], size, 0.0),
             source=f"{motion.source}; {note}",
+            # From here on the record no longer tells the motion.
+            recording=None,
             **kept,
         ),
     )
@@ -90,7 +93,7 @@ class TimeScale(Effect):
     confounded_with = ("inertia",)
     source = "sampling interval misread; accelerations change by 1 / (1 + change)^2"
     stage = "actuation"
-    rank = 0
+    rank = 1
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         motion, factor = setup.motion, 1.0 + values["change"]
@@ -127,7 +130,8 @@ class InputFilter(Effect):
 
     `corner` is a Butterworth filter of order 3, run forward and backward: gain 1 / (1 + (f /
     fc)^6), no delay. `input` builds the motion again from another channel of the record, with the
-    study's own filter and scale; it needs a recorded motion that has the channel.
+    study's own filter and scale; it needs a recorded motion that has the channel. Both come before
+    all else that is done to the motion, `time_scale` included: `corner` is in the record's time.
     """
 
     name = "input_filter"
@@ -149,15 +153,15 @@ class InputFilter(Effect):
     confounded_with = ("table_bandwidth",)
     source = "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2); docs/motions.md on fusion"
     stage = "actuation"
-    rank = 1
+    rank = 0
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         if values["input"] != 0:
             setup = self._from_channel(setup, int(values["input"]))
-        corner = values["corner"]
-        if not math.isfinite(corner):
+        corner, motion = values["corner"], setup.motion
+        # What lies beyond half the sampling rate passes everything.
+        if corner >= 0.5 / motion.time_step:
             return setup
-        motion = setup.motion
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(2.0 / corner / motion.time_step)
         amid = np.concatenate(
@@ -184,18 +188,33 @@ class InputFilter(Effect):
         recording = motion.recording
         if recording is None:
             raise MotionError(
-                f"effects.input_filter.input: {channel} needs a recorded motion, and "
-                f"{motion.name!r} is none; leave it at `study`"
+                f"effects.input_filter.input: {channel} needs a recorded motion that no effect has "
+                f"changed yet, and {motion.name!r} is none; leave it at `study`, or apply it "
+                "together with the other effects"
             )
-        built = build_recorded_motion(
-            recording.record,
-            motion.time_step,
-            channel=channel,
-            baseline=recording.baseline,
-            filter=recording.filter or (Filter() if channel == "acceleration" else None),
-            scale=recording.scale,
-            name=motion.name,
-        )
+        needed = ("displacement", "acceleration") if channel == "fused" else (channel,)
+        missing = [name for name in needed if getattr(recording.record, name) is None]
+        if missing:
+            raise MotionError(
+                f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
+                f"{recording.record.label} has no {missing[0]} channel; set "
+                "effects.input_filter.input to a channel of the record, or to `study`"
+            )
+        try:
+            built = build_recorded_motion(
+                recording.record,
+                motion.time_step,
+                channel=channel,
+                baseline=recording.baseline,
+                filter=recording.filter or (Filter() if channel == "acceleration" else None),
+                scale=recording.scale,
+                name=motion.name,
+            )
+        except MotionError as error:
+            raise MotionError(
+                f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
+                f"{error}"
+            ) from error
         return replace(setup, motion=built)
 
     def verify(self, bench: Bench) -> Sequence[Check]:
@@ -424,7 +443,10 @@ class TableResonance(Effect):
     """
 
     name = "table_resonance"
-    meaning = "Between actuator and rock the table is a mass on a spring and a dashpot"
+    meaning = (
+        "Between actuator and rock the table is a mass on a spring and a dashpot: a filter of the "
+        "motion, which the rock does not push back"
+    )
     parameters = (
         Parameter(
             "amplification", "1", 1.0, 1.0, 2.0, "uniform", "of a sine at the frequency",
@@ -483,7 +505,7 @@ class OffAxisMotion(Effect):
     rank = 6
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _beside(setup, "transverse", values["share"])
+        return _beside(setup, self.name, "transverse", values["share"])
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         from vsr2.effects.geometry import half_widths
@@ -521,7 +543,7 @@ class VerticalMotion(Effect):
     rank = 7
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _beside(setup, "vertical", values["share"])
+        return _beside(setup, self.name, "vertical", values["share"])
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         from vsr2.effects.geometry import half_widths
@@ -541,7 +563,8 @@ class VerticalMotion(Effect):
         ]
 
 
-def _beside(setup: Setup, name: str, share: float) -> Setup:
+def _beside(setup: Setup, effect: str, name: str, share: float) -> Setup:
+    _assert_prescribed(setup, effect)
     motion = setup.motion
     side: SideMotion | None = getattr(motion, name)
     displacement, velocity = share * motion.displacement, share * motion.velocity
@@ -550,8 +573,21 @@ def _beside(setup: Setup, name: str, share: float) -> Setup:
     sides: dict[str, Any] = {name: SideMotion(displacement, velocity)}
     return replace(
         setup,
-        motion=replace(motion, source=f"{motion.source}; {name} {share:.12g} of it", **sides),
+        motion=replace(
+            motion,
+            source=f"{motion.source}; {name} {share:.12g} of it",
+            recording=None,
+            **sides,
+        ),
     )
+
+
+def _assert_prescribed(setup: Setup, effect: str) -> None:
+    if setup.drive != "prescribed":
+        raise SimulationError(
+            f"effects.{effect}: moves the pedestal beside x, which motion.drive: {setup.drive} "
+            "cannot follow; set motion.drive to prescribed, or leave the effect out"
+        )
 
 
 class TablePitch(Effect):
@@ -604,6 +640,7 @@ class TablePitch(Effect):
     rank = 8
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+        _assert_prescribed(setup, self.name)
         frequency, compliance = values["frequency"], values["compliance"]
         if setup.motion.pitch is not None:
             raise MotionError(
@@ -625,6 +662,11 @@ class TablePitch(Effect):
                 f"{stiffness:.3g} N m/rad, which does not carry the rock, m g h = {burden:.3g} "
                 "N m; raise it, or lower compliance"
             )
+        # A slope raises one rim of the top; the joint stays below where the rock stands.
+        pedestal = setup.pedestal
+        level = pedestal.top
+        if pedestal.slope != IDENTITY and pedestal.pitch_pivot is not None:
+            level = pedestal.pitch_pivot
         spring = PitchSpring(
             frequency=frequency,
             damping=values["damping"],
@@ -634,8 +676,8 @@ class TablePitch(Effect):
         return replace(
             setup,
             pedestal=replace(
-                setup.pedestal,
-                pitch_pivot=setup.pedestal.top - values["depth"],
+                pedestal,
+                pitch_pivot=level - values["depth"],
                 pitch_spring=spring,
             ),
         )

@@ -128,6 +128,7 @@ class Effect:
         source: where it is described.
         stage: what it changes; fixes the order of application (`STAGES`).
         rank: order within the stage, smallest first; then by name.
+        jump: why responses jump beside the null value, where they do; empty: they do not.
     """
 
     name: ClassVar[str]
@@ -138,6 +139,7 @@ class Effect:
     source: ClassVar[str] = ""
     stage: ClassVar[Stage]
     rank: ClassVar[int] = 0
+    jump: ClassVar[str] = ""
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         """The setup with the effect. Called only where `values` are not null.
@@ -208,10 +210,14 @@ class Effect:
         """Values as a study writes them, checked and completed.
 
         Raises:
-            ConfigError: an unknown parameter, or a value that cannot be used.
+            ConfigError: an unknown parameter, a value that cannot be used, or none but parameters
+                that do nothing on their own.
         """
-        for name in given:
-            self.parameter(name)
+        if all([self.parameter(name).secondary for name in given]):
+            key = f"effects.{self.name}" + (f".{next(iter(given))}" if given else "")
+            own = " or ".join(f"`{p.name}`" for p in self.parameters if not p.secondary)
+            what = "does nothing on its own" if given else "without parameters does nothing"
+            raise ConfigError(f"{key}: {what}; give {own} too, or leave the effect out")
         return {
             parameter.name: parameter.accept(
                 given.get(parameter.name, parameter.null), f"effects.{self.name}.{parameter.name}"

@@ -14,7 +14,7 @@ from vsr2.effects.parameter import Parameter
 from vsr2.effects.rounding import rounded_hull
 from vsr2.effects.setup import Setup, restand, settle_at
 from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull, PedestalBody, Pose, Triangles, start_support
+from vsr2.scene import Box, Hull, PedestalBody, Pose, Support, Triangles, start_support
 from vsr2.scene.rotation import (
     matrix_from_quaternion,
     multiply,
@@ -29,6 +29,8 @@ AZIMUTH = Parameter(
     "azimuth", "degree", 0.0, 0.0, 360.0, "uniform",
     "direction in plan, anticlockwise from x", limits=(-360.0, 360.0), secondary=True,
 )  # fmt: skip
+LEAST_RADIUS = 1e-4
+"""Of the rounding of a hull [m]."""
 SETTLING_FACTOR = 4.0
 """Times the default speeds, at which the rounded hull of a scan counts as settled."""
 
@@ -60,34 +62,47 @@ def with_mass_center(setup: Setup, shift: Array) -> Setup:
     return replace(setup, rock=replace(rock, parts=parts, surface=surface), start=start)
 
 
+def support_of(setup: Setup) -> Support:
+    """What the rock stands on, in the frame of the pedestal's top, which may slope."""
+    x, y, z, w = setup.pedestal.slope
+    level = multiply((-x, -y, -z, w), setup.start.orientation)
+    return start_support(replace(setup.rock, start=Pose(setup.start.position, level)))
+
+
 def mass_height(setup: Setup) -> float:
-    """Height of the mass centre above the support at the start [m]."""
-    return start_support(setup.body).height
+    """Height of the mass centre above the support at the start, along the top's normal [m]."""
+    return support_of(setup).height
 
 
 def half_widths(setup: Setup) -> tuple[float, float]:
-    """Distances along x from the mass centre to the ends of the support, towards -x and +x [m]."""
-    polygon = start_support(setup.body).polygon
+    """Distances along x from the mass centre to the ends of the support, towards -x and +x [m].
+
+    Along the top where it slopes.
+    """
+    polygon = support_of(setup).polygon
     return float(-polygon[:, 0].min()), float(polygon[:, 0].max())
 
 
-def assert_stands(setup: Setup, drop: Array, where: str) -> None:
+def assert_stands(setup: Setup, shift: Array, slope: Array, where: str) -> None:
     """Refuse to take the mass centre beyond a rock's support: it would fall while it settles.
 
     Starts in which a rock does not stand anyway are left to the settling.
 
     Args:
-        setup: before the change, on a level top.
-        drop: by which the vertical through the mass centre moves over the base, shape (2,) [m].
+        setup: before the change.
+        shift: by which the mass centre moves over the base, along the top, shape (2,) [m].
+        slope: rotation of the top from level after the change, shape (3, 3).
         where: what does it, in front of the error.
 
     Raises:
-        GeometryError: it leaves the support.
+        GeometryError: the vertical through the mass centre leaves the support.
     """
     try:
-        support = start_support(setup.body)
+        support = support_of(setup)
     except GeometryError:
         return
+    plumb = -slope[2]  # In the frame of the top.
+    drop = shift - support.height * plumb[:2] / plumb[2]
     following = np.roll(support.polygon, -1, axis=0) - support.polygon
     normal = np.column_stack([following[:, 1], -following[:, 0]])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -127,8 +142,8 @@ def _triple(vector: Array) -> tuple[float, float, float]:
 class Slenderness(Effect):
     """The mass centre raised or lowered.
 
-    The mass centre moves along the vertical of the start pose; shape and inertia about it stay. The
-    frequency parameter p changes with it, by about a quarter of the change for a slender block.
+    The mass centre moves along the normal of the pedestal's top; shape and inertia about it stay.
+    The frequency parameter p changes with it, by about a quarter of the change for a slender block.
     Uplift begins at a = g (1 + change) b / h.
     """
 
@@ -151,7 +166,8 @@ class Slenderness(Effect):
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         height = mass_height(setup)
         lift = height / (1.0 + values["change"]) - height
-        return with_mass_center(setup, np.array([0.0, 0.0, lift]))
+        up = matrix_from_quaternion(setup.pedestal.slope) @ np.array([0.0, 0.0, 1.0])
+        return with_mass_center(setup, lift * up)
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         setup = bench.block()
@@ -190,8 +206,10 @@ class ComOffset(Effect):
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         shift = values["distance"] * direction(values["azimuth"])
-        assert_stands(setup, shift[:2], f"effects.com_offset.distance: {values['distance']:g} m")
-        return with_mass_center(setup, shift)
+        slope = matrix_from_quaternion(setup.pedestal.slope)
+        where = f"effects.com_offset.distance: {values['distance']:g} m"
+        assert_stands(setup, shift[:2], slope, where)
+        return with_mass_center(setup, slope @ shift)
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         setup, distance = bench.block(), 0.015
@@ -220,7 +238,10 @@ class EdgeRounding(Effect):
     rolls over 1 mm. The contacts of a hull are found one by one, those of a box at once: the hull
     of a sharp block rocks up to 9 % higher or lower than the box. So on a box a radius means
     something from about 2 mm. The rounded hull of a scan may tremble on its contacts, so it counts
-    as at rest before the motion below 4 times the default speeds at least.
+    as at rest before the motion below 4 times the default speeds at least. Below 0.1 mm a hull is
+    left as it is: facets that small would only upset the engine's choice of contact points. From
+    there on its points are others, which a scan that is chaotic tells by as much as a start some
+    micrometres away.
     """
 
     name = "edge_rounding"
@@ -228,7 +249,8 @@ class EdgeRounding(Effect):
     parameters = (
         Parameter(
             "radius", "m", 0.0, 0.0, 0.015, "uniform",
-            "of the rounding; on a box below about 2 mm the contacts of a hull matter more",
+            "of the rounding; on a box below about 2 mm the contacts of a hull matter more, on a "
+            "hull below 0.1 mm it does nothing",
             limits=(0.0, 0.5),
         ),
     )  # fmt: skip
@@ -240,7 +262,7 @@ class EdgeRounding(Effect):
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         rotation = matrix_from_quaternion(setup.start.orientation)
-        down = -rotation[2]
+        down = -rotation.T @ matrix_from_quaternion(setup.pedestal.slope)[:, 2]
         radius, margin = values["radius"], setup.engine.collision_margin
         parts: list[Hull | Box] = []
         for part, points in zip(setup.rock.parts, part_points(setup.rock.parts), strict=True):
@@ -249,11 +271,13 @@ class EdgeRounding(Effect):
                 hull = box_with_margin(part, setup, radius)
             elif isinstance(part, Box):
                 hull = rounded_hull(points, radius, down, ball=radius - margin)
+            elif radius < LEAST_RADIUS:
+                hull = part.points
             else:
                 hull = rounded_hull(points, radius, down)
             parts.append(Hull(hull))
         kept = tuple(parts)
-        if not all(isinstance(part, Box) for part in setup.rock.parts):
+        if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in setup.rock.parts):
             setup = settle_at(setup, SETTLING_FACTOR)
         return replace(setup, rock=replace(setup.rock, parts=kept), start=restand(setup, kept))
 
@@ -336,18 +360,20 @@ class BaseAsperity(Effect):
     source = "statics; ElGawady et al. (2011), EESD 40, on the role of the interface"
     stage = "geometry"
     rank = 2
+    jump = "an impact on bumps has three parts however low they are, and leaves more energy"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        rotation = matrix_from_quaternion(setup.start.orientation)
-        center = rotation @ setup.rock.mass.mass_center + np.asarray(setup.start.position)
-        support = start_support(setup.body)
+        # In the frame of the pedestal's top.
+        slope = matrix_from_quaternion(setup.pedestal.slope)
+        rotation = slope.T @ matrix_from_quaternion(setup.start.orientation)
+        support = support_of(setup)
         tips = np.column_stack(
             [
-                center[:2] + values["reach"] * bump_places(support.polygon),
-                np.full(4, center[2] - support.height - values["height"]),
+                values["reach"] * bump_places(support.polygon),
+                np.full(4, -support.height - values["height"]),
             ]
         )
-        in_model = (tips - np.asarray(setup.start.position)) @ rotation
+        in_model = tips @ rotation + setup.rock.mass.mass_center
         points = part_points(setup.rock.parts)
         parts: tuple[Hull | Box, ...]
         if len(setup.rock.parts) == 1:
@@ -368,7 +394,7 @@ class BaseAsperity(Effect):
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         setup, values = bench.block(), {"height": 0.002, "reach": 0.7}
-        support = start_support(setup.body)
+        support = support_of(setup)
         reach = 0.7 * float(bump_places(support.polygon)[:, 0].max())
         expected = setup.engine.gravity * reach / (support.height + 0.002)
         return [
@@ -383,7 +409,7 @@ class BaseAsperity(Effect):
 
     def _impact(self, bench: Bench) -> Check:
         setup, tilt, values = bench.block(), 0.1, {"height": 1e-4, "reach": 0.7}
-        support = start_support(setup.body)
+        support = support_of(setup)
         edge, h = half_widths(setup)[1], support.height
         tip = values["reach"] * float(bump_places(support.polygon)[:, 0].max())
         per_mass = float(setup.rock.mass.principal_inertia[1]) / setup.rock.mass.mass + h * h
@@ -431,7 +457,8 @@ def box_with_margin(box: Box, setup: Setup, radius: float = 0.0) -> Array:
     """
     margin = setup.engine.collision_margin
     start = matrix_from_quaternion(setup.start.orientation)
-    axes = start @ matrix_from_quaternion(box.orientation)
+    slope = matrix_from_quaternion(setup.pedestal.slope)
+    axes = slope.T @ start @ matrix_from_quaternion(box.orientation)
     inwards = [radius, radius, radius]
     inwards[int(np.argmax(np.abs(axes[2])))] = margin
     x, y, z = (edge - 2 * inward for edge, inward in zip(box.size, inwards, strict=True))
@@ -473,16 +500,13 @@ class BaseSlope(Effect):
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         turn = slope_rotation(values["angle"], values["azimuth"])
-        drop = mass_height(setup) * math.tan(math.radians(values["angle"]))
-        assert_stands(
-            setup,
-            drop * direction(values["azimuth"])[:2],
-            f"effects.base_slope.angle: {values['angle']:g} degree",
-        )
+        before = matrix_from_quaternion(setup.pedestal.slope)
+        where = f"effects.base_slope.angle: {values['angle']:g} degree"
+        assert_stands(setup, np.zeros(2), turn @ before, where)
         rotation = matrix_from_quaternion(setup.start.orientation)
         position = np.asarray(setup.start.position)
         foot = rotation @ setup.rock.mass.mass_center + position
-        foot[2] -= mass_height(setup)
+        foot = foot - mass_height(setup) * before[:, 2]
         start = Pose(
             _triple(turn @ (position - foot) + foot),
             multiply(quaternion_from_matrix(turn), setup.start.orientation),
@@ -547,6 +571,7 @@ def _turned(pedestal: PedestalBody, turn: Array, about: Array) -> PedestalBody:
         top=float(origin[2]) + max(highest),
         surface=None if surface is None else Triangles(moved(surface.vertices), surface.faces),
         pitch_pivot=pedestal.top if pedestal.pitch_pivot is None else pedestal.pitch_pivot,
+        slope=multiply(quaternion, pedestal.slope),
     )
 
 

@@ -10,10 +10,9 @@ import numpy as np
 
 from vsr2.effects.contact import Friction
 from vsr2.effects.effect import Bench, Check, Effect, Response
-from vsr2.effects.geometry import half_widths, mass_height, uplift_acceleration
+from vsr2.effects.geometry import half_widths, mass_height, support_of, uplift_acceleration
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.setup import Setup
-from vsr2.scene import start_support
 
 
 def _with(setup: Setup, **values: float) -> Setup:
@@ -99,7 +98,7 @@ class RockingDamping(Effect):
     )
     channels = ("tilt",)
     confounded_with = ("restitution", "rolling_resistance")
-    source = "docs/mechanisms.md"
+    source = "this library: viscous damping of Housner's rocking oscillator; docs/mechanisms.md"
     stage = "mechanism"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
@@ -239,7 +238,7 @@ class Adhesion(Effect):
     def verify(self, bench: Bench) -> Sequence[Check]:
         setup, strength = bench.block(), 5.0
         _, b = half_widths(setup)
-        polygon = start_support(setup.body).polygon
+        polygon = support_of(setup).polygon
         following = np.roll(polygon, -1, axis=0)
         area = 0.5 * float(
             (polygon[:, 0] * following[:, 1] - polygon[:, 1] * following[:, 0]).sum()

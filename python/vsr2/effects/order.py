@@ -33,7 +33,7 @@ class Wear(Effect):
     )  # fmt: skip
     channels = ("tilt",)
     confounded_with = ("change_point",)
-    source = "chipping of edges in repeated tests"
+    source = "this library: edges that chip in repeated tests, taken as linear in their order"
     stage = "order"
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
@@ -110,7 +110,7 @@ class ChangePoint(Effect):
     )  # fmt: skip
     channels = ("tilt",)
     confounded_with = ("wear",)
-    source = "damage between sessions"
+    source = "this library: damage between sessions"
     stage = "order"
     rank = 1
 

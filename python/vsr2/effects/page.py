@@ -29,8 +29,9 @@ effects:
 ```
 
 `vsr2 effects list` prints all, `vsr2 effects show NAME` one. A parameter that is not given has its
-null value, without effect. A value outside the prior is warned of, one outside what can be
-simulated refused. In Python:
+null value, without effect; one with only parameters that do nothing on their own (`table_pitch:
+{frequency: 8}`) is refused. A value outside the prior is warned of, one outside what can be
+simulated refused, and an order effect that reaches no trial is warned of. In Python:
 
 ```python
 from vsr2 import apply_effects, load_study, run_batch
@@ -43,13 +44,18 @@ result = run_batch(changed)
 
 `simulate_campaign(study, effects=...)` simulates campaigns with effects; the motions it writes are
 those that were asked for, so that the effect does not show in them. Hashes, journals and provenance
-cover effects.
+cover effects; a parameter that was not given and whose null value is no finite number is `null`
+there.
 
 ## Rules
 
 - Neutral: a trial in which an effect is null is the same object as without it.
 - Order: {stages}; within a stage as `vsr2 effects list` prints them. So a table's pitch follows the
-  motion after gain and filters, and a rock worn and rounded is rounded first.
+  motion after gain and filters, and a rock worn and rounded is rounded first. `input_filter` comes
+  first of those on the motion: the channel is chosen, then filtered, then `time_scale` acts. A
+  channel of a motion that an earlier `apply_effects` has changed is refused.
+- On a slope (`base_slope`) heights, base and mass centre are told in the frame of the pedestal's
+  top, and the joint of `table_pitch` lies as deep below the rock as it does under a level top.
 - Chance: what a trial draws (`placement`, `outcome_rule`) depends on the seed, the effect's name
   and the trial's place alone. With the same seed other values use the same draws.
 - Scenes: trials that end up with equal bodies share one native scene. `wear` has {wear} steps.
@@ -61,12 +67,18 @@ cover effects.
 `vsr2 effects check` runs them on the library, `vsr2 effects check FILE.py` on one's own effects;
 `--mesh FILE` takes a rock of one's own for the scan.
 
-- Neutral: the trajectory at the null value is that without the effect, to the last bit.
+- Neutral: the trajectory at the null value is that without the effect, to the last bit; and a
+  millionth of the prior beside null no feature of the response changes by more than twice its noise
+  floor, so that the null value is the right one. Exempt are effects that declare a `jump`, with the
+  reason, and those whose null value has no value beside it ("as in the study").
 - Alive: at the end of the prior that is far from null some feature of the response (log of the
-  largest tilt, yaw, slip, outcome) changes by more than three times its noise floor, on a block and
-  on a rock with the irregular hull of a scan, both under three pulses that make them rock and one
-  that makes them slide. The floor is measured: what moving the start by 10 micrometres and 10
-  microradians does; and at least 1 % of the largest tilt, 0.5 mrad of yaw, 0.1 mm of slip.
+  largest tilt, yaw, slip, outcome) changes by more than its noise floor, on a block and on a rock
+  with the irregular hull of a scan, both under three pulses that make them rock and one that makes
+  them slide. Below three times the floor it is called faint. The floor is measured: what moving the
+  start by 10 micrometres and 10 microradians along and about all axes does; and at least 1 % of the
+  largest tilt, 0.5 mrad of yaw, 0.1 mm of slip. Trials go on for 30 s after the motion, so that the
+  rock is at rest in the end; on the scan it counts as at rest before the motion below 4 times the
+  default speeds.
 - Right: the closed forms, conservation laws or independent computations of the effect's own
   `verify` are met. `vsr2 effects check NAME` prints them, with what was measured and expected.
 
@@ -76,8 +88,13 @@ In `tests/python/test_effects_library.py` they are `test_neutral`, `test_alive` 
 
 {checks}
 
-"Other end" is the end of the prior near null, where that is not null itself. An effect may be dead
-there, as a contact ten times as stiff is on these rocks, or a cap that the table does not reach.
+"Step" is the change a millionth of the prior beside null, over the floor, "alive" that at the end
+of the prior far from null, "other end" that at the end near null, where that is not null itself;
+of a prior on both sides of null (-0.15 to 0.15) it is simply the other sign. So an effect's upper
+end stands in one of the two. Two samples of chance alone give about 1. An effect may be dead at the
+other end, as a contact ten times as stiff is on these rocks, or a cap that the table does not
+reach.
+{faint}
 "Fast" is the greatest difference of the tilt between the engines `exact` and `fast` over the first
 0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 24 trials, `fast`
 less `exact`, with its standard error; both on the block and on the scan. A scan on three points is
@@ -119,7 +136,8 @@ In a program, `vsr2.effects.register(SoftPad)` adds it.
 Figures show a block of 0.4 m x 0.6 m x 1.2 m with the values in their titles (the far end of the
 prior, or less where then nothing rocks): its tilt under one cosine pulse, and the overturning
 diagram, one trial a cell. `python studies/figure_effects.py` writes them and
-`docs/results/effects/thresholds.csv`, in about 95 s on one core.
+`docs/results/effects/thresholds.csv`, in about 95 s on one core. What each costs a step is in
+`docs/results/mechanism_cost.txt`.
 """
 
 
@@ -133,21 +151,45 @@ def page_markdown(example: str, checks: str) -> str:
     from vsr2.effects.order import WEAR_STEPS
 
     head = HEAD.replace("{stages}", ", ".join(STAGES)).replace("{wear}", str(WEAR_STEPS))
+    head = head.replace("{faint}\n", textwrap.fill(_faint(checks), 100) + "\n")
     parts = [head.replace("{example}", example).replace("{checks}", _checks_table(checks))]
     for effect in in_order({effect.name: effect for effect in BUILT_IN}):
         parts += _section(effect)
     return "\n".join(parts)
 
 
+def _rows(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
+
+
+def _faint(text: str) -> str:
+    """What the table says of effects that are not clearly alive."""
+    found = [
+        f"`{row['effect']}` on the {rock}"
+        for row in _rows(text)
+        for rock in _ROCKS
+        if float(row[f"alive_{rock}"]) <= 3.0
+    ]
+    if not found:
+        return "No effect is faint."
+    return (
+        f"Faint, between 1 and 3 times the floor, and so hardly told from chance: "
+        f"{', '.join(found)}."
+    )
+
+
 def _checks_table(text: str) -> str:
-    rows = csv.DictReader(line for line in text.splitlines() if not line.startswith("#"))
+    rows = _rows(text)
     out = [
-        "| effect | neutral | alive, block | alive, scan | other end | right | fast | shift |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| effect | neutral | step | alive, block | alive, scan | other end | right | fast "
+        "| shift |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for row in rows:
         ends = [row[f"other_end_{rock}"] for rock in _ROCKS]
         cells = [f"`{row['effect']}`", "yes" if row["neutral"] == "true" else "NO"]
+        steps = [row[f"step_{rock}"] for rock in _ROCKS]
+        cells.append(steps[0] if steps[0] in ("jump", "none") else ", ".join(steps))
         cells += [f"{row[f'alive_{rock}']} ({row[f'feature_{rock}']})" for rock in _ROCKS]
         cells += [", ".join(ends) if all(ends) else "", row["right"]]
         if row["fast"] == "yes":
@@ -166,7 +208,8 @@ _ROCKS = ("block", "scan")
 def _section(effect: Effect) -> Iterator[str]:
     yield f"### `{effect.name}`\n"
     details = (inspect.getdoc(type(effect)) or "").partition("\n\n")[2]
-    yield _wrapped(f"{effect.meaning}. {details}") + "\n"
+    jump = f" Jumps beside null: {effect.jump}." if effect.jump else ""
+    yield _wrapped(f"{effect.meaning}. {details}{jump}") + "\n"
     yield "| parameter | unit | prior | none given | meaning |"
     yield "| --- | --- | --- | --- | --- |"
     for parameter in effect.parameters:

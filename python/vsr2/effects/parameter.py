@@ -11,7 +11,11 @@ from typing import Literal
 from vsr2.errors import ConfigError
 
 
-class EffectRangeWarning(UserWarning):
+class EffectWarning(UserWarning):
+    """An effect that may not do what was meant."""
+
+
+class EffectRangeWarning(EffectWarning):
     """A value outside its parameter's prior, though it can be simulated."""
 
 
@@ -98,12 +102,13 @@ class Parameter:
         """Whether `value` is the null value."""
         return value == self.null or (math.isnan(value) and math.isnan(self.null))
 
-    def accept(self, value: float | str, where: str) -> float:
+    def accept(self, value: float | str, where: str, *, warn: bool = True) -> float:
         """The value as a number.
 
         Args:
             value: a number, or one of the `choices`.
             where: key in front of errors and warnings.
+            warn: of a value outside the prior.
 
         Raises:
             ConfigError: no such word, no number, or outside the limits.
@@ -128,7 +133,7 @@ class Parameter:
             )
         slack = 1e-9 * max(abs(self.lower), abs(self.upper))
         inside = self.lower - slack <= number <= self.upper + slack
-        if not inside and self.prior != "fixed":
+        if warn and not inside and self.prior != "fixed":
             warnings.warn(
                 f"{where}: {number:g}{unit} is outside the prior, {self.lower:g} to "
                 f"{self.upper:g}{unit}",

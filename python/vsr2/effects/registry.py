@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import os
 import sys
 from collections.abc import Mapping
 from functools import cache
@@ -12,6 +13,8 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import get_args
 
+from vsr2.config.load import places_in
+from vsr2.config.problems import Problem, config_error
 from vsr2.effects.actuation import ACTUATION
 from vsr2.effects.contact import CONTACT
 from vsr2.effects.effect import STAGES, Channel, Effect
@@ -104,6 +107,48 @@ def chosen(given: Mapping[str, Mapping[str, float | str]]) -> list[tuple[Effect,
     return [(one, one.accept(values)) for one, values in picked]
 
 
+def check_study_effects(
+    given: Mapping[str, Mapping[str, float | str]], label: str | os.PathLike[str]
+) -> None:
+    """Refuse effects of a study that :func:`chosen` refuses, all at once and by their lines.
+
+    Args:
+        given: `effects` of the study.
+        label: its file, or what stands for it.
+
+    Raises:
+        ConfigError: lists every problem as `file:line: key.path: what is wrong, remedy`.
+    """
+    problems = []
+    for name, values in given.items():
+        try:
+            one = effect(name)
+        except ConfigError as error:
+            problems.append(_problem(("effects", name), error))
+            continue
+        found = len(problems)
+        for key, value in values.items():
+            try:
+                one.parameter(key).accept(value, f"effects.{name}.{key}", warn=False)
+            except ConfigError as error:
+                problems.append(_problem(("effects", name, key), error))
+        if len(problems) == found:
+            try:
+                one.accept(values)
+            except ConfigError as error:
+                problems.append(_problem(("effects", name, *list(values)[:1]), error))
+    if problems:
+        raise config_error(problems, os.fspath(label), places_in(label))
+
+
+def _problem(path: tuple[str, ...], error: ConfigError) -> Problem:
+    # The place names the key already.
+    text = str(error)
+    for length in range(len(path), 0, -1):
+        text = text.removeprefix(f"{'.'.join(path[:length])}: ")
+    return Problem(path, text)
+
+
 def in_order(effects: Mapping[str, Effect]) -> list[Effect]:
     """Effects in the order of application: by stage, rank, name."""
     return sorted(effects.values(), key=_place)
@@ -120,10 +165,13 @@ def _found() -> dict[str, Effect]:
     for entry in entry_points(group=GROUP):
         try:
             own = _checked(entry.load(), f"entry point {entry.value}")
-        except (ImportError, AttributeError) as error:
+        except ConfigError:
+            raise
+        # Any code of another package runs here.
+        except Exception as error:
             raise ConfigError(
-                f"entry point {entry.value} of the group {GROUP}: cannot be loaded ({error}); "
-                "correct or remove the package"
+                f"entry point {entry.value} of the group {GROUP}: cannot be loaded "
+                f"({type(error).__name__}: {error}); correct or remove the package"
             ) from error
         if own.name in built_in or own.name in found:
             raise ConfigError(

@@ -12,7 +12,7 @@ from vsr2.effects.effect import Bench, Check, Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.setup import Circumstances, Setup, restand
 from vsr2.scene import Pose
-from vsr2.scene.rotation import matrix_from_quaternion, multiply, yaw_quaternion
+from vsr2.scene.rotation import IDENTITY, matrix_from_quaternion, multiply, yaw_quaternion
 
 
 class Placement(Effect):
@@ -52,9 +52,14 @@ class Placement(Effect):
         position = np.asarray(setup.start.position)
         center = position + rotation @ setup.rock.mass.mass_center
         turn = yaw_quaternion(math.radians(values["yaw"]))
+        # About the normal of the top and along it, where it slopes.
+        x, y, z, w = slope = setup.pedestal.slope
+        if slope != IDENTITY:
+            turn = multiply(multiply(slope, turn), (-x, -y, -z, w))
         azimuth = math.radians(values["azimuth"])
+        shift = values["offset"] * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
         moved = center + matrix_from_quaternion(turn) @ (position - center)
-        moved[:2] += values["offset"] * np.array([math.cos(azimuth), math.sin(azimuth)])
+        moved += matrix_from_quaternion(slope) @ shift
         start = Pose(
             (float(moved[0]), float(moved[1]), float(moved[2])),
             multiply(turn, setup.start.orientation),

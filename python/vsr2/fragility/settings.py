@@ -10,7 +10,7 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, load_extended
 from vsr2.config.study import AllRecordings, Real, Section, SingleRecording
-from vsr2.effects import chosen
+from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 
 Measure = Literal[
@@ -108,10 +108,7 @@ def load_fragility(
         ConfigError: what is wrong, by file, line and key.
     """
     study = load_extended(path, FragilityKeys, overrides=overrides)
-    try:
-        chosen(study.study.effects)
-    except ConfigError as error:
-        raise ConfigError(f"{study.label}: effects: {error}") from None
+    check_study_effects(study.study.effects, study.label)
     own = study.own.fragility
     if own.target_pga is not None and not isinstance(
         study.study.motion, (SingleRecording, AllRecordings)

@@ -120,6 +120,8 @@ class PedestalBody:
         pitch_pivot: height in the world, at the start, of the axis about which a motion's pitch
             turns the pedestal, and of a sprung joint [m]; None: its top.
         pitch_spring: of a pedestal that pitches by itself; None: it follows the motion's pitch.
+        slope: rotation from level by which the pedestal was turned, quaternion x, y, z, w. Bodies
+            on it stand level in that frame; for statics, the parts are turned already.
     """
 
     parts: tuple[Hull | Box | Triangles, ...]
@@ -132,3 +134,4 @@ class PedestalBody:
     surface: Triangles | None = None
     pitch_pivot: float | None = None
     pitch_spring: PitchSpring | None = None
+    slope: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import math
 import os
 import signal
 import threading
@@ -660,11 +661,14 @@ def _model_hashes(trials: Sequence[Trial]) -> dict[str, str]:
     return {body.source: body.sha256 for body in bodies if body.sha256}
 
 
-def _effects_given(trials: Sequence[Trial]) -> dict[str, list[dict[str, float]]]:
-    """Effects of the trials by name: all values that were asked for."""
-    given: dict[str, list[dict[str, float]]] = {}
+def _effects_given(trials: Sequence[Trial]) -> dict[str, list[dict[str, float | None]]]:
+    """Effects of the trials by name: all values that were asked for; None where none was.
+
+    A null value may be infinite or NaN, which JSON does not hold.
+    """
+    given: dict[str, list[dict[str, float | None]]] = {}
     for applied in dict.fromkeys(one for trial in trials for one in trial.effects):
-        values = dict(applied.given)
+        values = {name: value if math.isfinite(value) else None for name, value in applied.given}
         if values not in given.setdefault(applied.effect.name, []):
             given[applied.effect.name].append(values)
     return given

@@ -1,9 +1,10 @@
 """Three checks of an effect: neutral, alive, right.
 
-- Neutral: at its null value a trial is the same as without it, to the last bit.
+- Neutral: at its null value a trial is the same as without it, to the last bit; and a millionth of
+  its prior beside null responses change by no more than chance does, unless it declares a jump.
 - Alive: at the far end of its prior it changes responses by more than the noise floor, on a block
   and on a rock with the hull of a scan. The floor is what perturbing the start by some micrometres
-  does; effect and no effect are compared at equal starts.
+  does; effect and no effect are compared at equal starts, once the rock is at rest again.
 - Right: it meets the closed forms of its own `verify`.
 """
 
@@ -20,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.effects import Check, Effect, Setup
+from vsr2.effects.setup import settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
 from vsr2.results import BatchResult
 from vsr2.scene import Pose, start_support
-from vsr2.scene.rotation import multiply, yaw_quaternion
+from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import Trial, run_batch
 from vsr2.simulation.bench import EffectBench, fast_violation, trial_of
 from vsr2.simulation.effects import with_effects
@@ -37,16 +39,24 @@ PULSES = ((1.55, 2.0), (1.9, 2.1), (2.75, 3.3))
 """PGA over that of uplift, and frequency [Hz], of motions under which effects must be alive."""
 SLIDING_PULSE = (25.0, 6.0)
 """PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
-DRAWS = 4
+DRAWS = 6
 """Starts."""
-TAIL = 1.5
-"""Of these trials [s]."""
-ALIVE = 3.0
+TAIL = 30.0
+"""Of these trials [s]; rocks are at rest before, so that no trial ends at another phase."""
+ALIVE = 1.0
 """Times the floor by which responses must change."""
+CLEAR = 3.0
+"""Times the floor from which on an effect is clearly alive; below it is told to be faint."""
+CONTINUOUS = 2.0
+"""Times the floor that a small step from null may reach: two samples of chance differ by one."""
+STEP = 1e-6
+"""Of the way from null to the far end of the prior."""
 FEATURES = {"largest tilt": 0.004, "yaw": 5e-4, "slip": 1e-4, "overturned": 0.03}
 """What is compared, with the least floor: log10 [1], [rad], [m], [1]."""
 PERTURBATION = 1e-5
-"""Standard deviation of the place [m] and turn [rad] of a start."""
+"""Standard deviation of each component of the place [m] and the turn [rad] of a start."""
+SETTLING_FACTOR = 4.0
+"""Times the default speeds, at which a scan, which may tremble on its points, counts as at rest."""
 TURN = 30.0
 """Of the block, so that its response is not plane [degree]."""
 
@@ -68,6 +78,16 @@ class Liveness:
         """Alive."""
         return self.ratio > ALIVE
 
+    @property
+    def is_faint(self) -> bool:
+        """Alive, though not clearly."""
+        return ALIVE < self.ratio <= CLEAR
+
+    @property
+    def is_continuous(self) -> bool:
+        """Of a small step: no more than chance."""
+        return self.ratio <= CONTINUOUS
+
 
 @dataclass(frozen=True)
 class EffectReport:
@@ -76,6 +96,8 @@ class EffectReport:
     Attributes:
         effect: that was checked.
         neutral: the trial at its null value is the same to the last bit.
+        step: change of responses a small step from null, by rock; empty where null stands alone, or
+            a jump is declared.
         alive: by rock.
         right: its closed forms.
         fast: why the engine `fast` does not take it on the block; empty: it does.
@@ -83,9 +105,15 @@ class EffectReport:
 
     effect: Effect
     neutral: bool
+    step: dict[Rock, Liveness]
     alive: dict[Rock, Liveness]
     right: tuple[Check, ...]
     fast: str
+
+    @property
+    def is_continuous(self) -> bool:
+        """No jump at null, but for a declared one."""
+        return all(found.is_continuous for found in self.step.values())
 
     @property
     def is_alive(self) -> bool:
@@ -100,7 +128,7 @@ class EffectReport:
     @property
     def good(self) -> bool:
         """Passes all three."""
-        return self.neutral and self.is_alive and self.is_right
+        return self.neutral and self.is_continuous and self.is_alive and self.is_right
 
 
 class EffectChecker:
@@ -124,12 +152,14 @@ class EffectChecker:
         """
         with _naming(effect, "at its null value"):
             neutral = self.neutral(effect)
+        with _naming(effect, "a small step from its null value"):
+            step = {} if effect.jump else self.step(effect)
         with _naming(effect, "at the far end of its prior"):
             alive = {rock: self.alive(effect, rock) for rock in ROCKS}
             fast = self.fast(effect)
         with _naming(effect, "in `verify`"):
             right = tuple(effect.verify(self.bench))
-        return EffectReport(effect=effect, neutral=neutral, alive=alive, right=right, fast=fast)
+        return EffectReport(effect, neutral, step, alive, right, fast)
 
     def neutral(self, effect: Effect) -> bool:
         """Whether a trial with the null values is the same to the last bit, on both rocks."""
@@ -146,6 +176,13 @@ class EffectChecker:
             for a, b in zip(first.logs, second.logs, strict=True)
         ]
         return all(same) and list(first["outcome"]) == list(second["outcome"])
+
+    def step(self, effect: Effect) -> dict[Rock, Liveness]:
+        """Change of responses over the floor a small step from null, by rock; see `beside_null`."""
+        values = beside_null(effect)
+        if values is None:
+            return {}
+        return {rock: self.alive(effect, rock, values) for rock in ROCKS}
 
     def alive(
         self, effect: Effect, rock: Rock, values: Mapping[str, float] | None = None
@@ -203,10 +240,30 @@ class EffectChecker:
 
     def _without(self, rock: Rock) -> tuple[list[Trial], Array]:
         if rock not in self._plain:
-            trials = ensemble(self._setup(rock), TURN if rock == "block" else 0.0)
+            setup = self._setup(rock)
+            if rock == "scan":
+                setup = settle_at(setup, SETTLING_FACTOR)
+            trials = ensemble(setup, TURN if rock == "block" else 0.0)
             features = _features(run_batch(trials, threads=1))
             self._plain[rock] = (trials, features.reshape(-1, DRAWS, len(FEATURES)))
         return self._plain[rock]
+
+
+def beside_null(effect: Effect) -> dict[str, float] | None:
+    """Values a small step from null; None where null has none beside it.
+
+    A null value of infinity has, in its stead, one far beyond the prior; NaN and words have none.
+    """
+    values = effect.null()
+    for parameter in effect.parameters:
+        if parameter.secondary or parameter.prior == "fixed" or math.isnan(parameter.null):
+            continue
+        if math.isinf(parameter.null):
+            values[parameter.name] = parameter.upper / STEP
+        else:
+            way = parameter.extreme - parameter.null
+            values[parameter.name] = parameter.null + STEP * way
+    return None if effect.is_null(values) else values
 
 
 @contextmanager
@@ -251,18 +308,22 @@ def ensemble(setup: Setup, turn: float) -> list[Trial]:
 def _start(start: Pose, turn: float, draw: int) -> Pose:
     rng = np.random.default_rng(draw)
     x, y, z = start.position
-    dx, dy, yaw = (PERTURBATION * rng.standard_normal(3)) if draw else np.zeros(3)
-    rotation = yaw_quaternion(math.radians(turn) + float(yaw))
-    return Pose((float(x + dx), float(y + dy), z), multiply(rotation, start.orientation))
+    moved = (PERTURBATION * rng.standard_normal(6)) if draw else np.zeros(6)
+    dx, dy, dz, *about = (float(value) for value in moved)
+    small = normalized((0.5 * about[0], 0.5 * about[1], 0.5 * about[2], 1.0))
+    rotation = multiply(small, yaw_quaternion(math.radians(turn)))
+    # Let down from higher, never from within the pedestal.
+    return Pose((x + dx, y + dy, z + abs(dz)), multiply(rotation, start.orientation))
 
 
 def _features(result: BatchResult) -> Array:
     """Shape (trials, 4), as FEATURES."""
+    # A rock may tremble on its contacts without end: then 30 s are long enough.
     bad = [str(s) for s in result["status"] if s not in ("ok", "tail_timeout")]
     if bad:
         raise SimulationError(
-            f"effect check: a trial at the far end of the prior ended with status {bad[0]}; make "
-            "the prior milder"
+            f"effect check: a trial ended with status {bad[0]}; make the prior milder, so that the "
+            "rock comes to rest before the motion"
         )
     tilt = np.clip(result["peak_tilt"].astype(float), 1e-5, 1.4)
     overturned = result["outcome"] == "overturned"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import zlib
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
@@ -9,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.effects import Applied, Circumstances, Effect, Setup, chosen
-from vsr2.errors import ConfigError, SimulationError
+from vsr2.effects import Applied, Circumstances, Effect, EffectWarning, Setup, chosen
+from vsr2.errors import ConfigError, SimulationError, Vsr2Error
 from vsr2.simulation.batch import Trial
 from vsr2.simulation.scene import Scene, make_scene, scene_sha256
 
@@ -47,7 +48,19 @@ def apply_effects(
             another length than the trials.
         GeometryError, MotionError, SimulationError: an effect cannot be applied to a trial.
     """
-    return with_effects(trials, chosen(effects), orders=orders, sessions=sessions, seed=seed)
+    wanted = chosen(effects)
+    changed = with_effects(trials, wanted, orders=orders, sessions=sessions, seed=seed)
+    acting = {applied.effect.name for trial in changed for applied in trial.effects}
+    for one, values in wanted:
+        if one.stage == "order" and not one.is_null(values) and one.name not in acting:
+            many = f"none of the {len(trials)} trials" if len(trials) != 1 else "the only trial"
+            warnings.warn(
+                f"effects.{one.name}: comes in over a campaign and does not act in {many}; give "
+                "more motions, or use an effect that acts from the first trial on",
+                EffectWarning,
+                stacklevel=2,
+            )
+    return changed
 
 
 def with_effects(
@@ -155,7 +168,12 @@ class _Workshop:
             shared += (id(setup.motion), setup.drive)
         key = (id(one.effect), repr(one.values), repr(shared))
         if key not in self._changed:
-            changed = one.effect.change(setup, values)
+            try:
+                changed = one.effect.change(setup, values)
+            except Vsr2Error as error:
+                if "effects." in str(error):
+                    raise
+                raise type(error)(f"effects.{one.effect.name}: {error}") from error
             if not isinstance(changed, Setup):
                 raise SimulationError(
                     f"effect {one.effect.name!r}: `change` must return a Setup (returned "
