@@ -257,7 +257,9 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
     assert child.stdout.readline().strip() == "finished 0"
     child.send_signal(signal.SIGINT)
     rest, _ = child.communicate(timeout=30)
-    assert rest.splitlines()[-1] == "status ok cancelled cancelled True"
+    # The third trial may not have begun: the first one's thread takes it after the word is out.
+    last = rest.splitlines()[-1]
+    assert last in ("status ok cancelled cancelled True", "status ok cancelled not_run True")
     assert child.returncode == 0
 
 
