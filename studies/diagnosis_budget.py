@@ -4,8 +4,7 @@
 
 A block of configs/blind.yaml is shaken 300 times with 20 motions under one planted effect (impacts
 that leave 0.85 of Housner's energy), nuisances drawn from another seed, tier M. The campaign is
-diagnosed with the whole library for each budget, a fresh bank each time. Writes `table.csv`,
-committed as docs/results/diagnosis_budget.csv.
+diagnosed with the whole library for each budget, a fresh bank each time. Writes `table.csv`.
 """
 
 from __future__ import annotations
