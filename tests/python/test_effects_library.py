@@ -25,6 +25,9 @@ NAMES = {
 }  # fmt: skip
 EFFECTS = in_order(library())
 
+DEAD = {("edge_rounding", "scan"), ("wear", "scan")}
+NOT_ALIVE = "below three noise floors on the scan: a known defect, docs/effects.md names it"
+
 
 @pytest.fixture(scope="module")
 def checker() -> EffectChecker:
@@ -58,13 +61,24 @@ def test_null_values_alone_are_those_of_the_study() -> None:
     assert alone == {"spin_friction", "restitution"}
 
 
-@pytest.mark.parametrize("rock", ROCKS)
-@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+@pytest.mark.parametrize(
+    ("effect", "rock"),
+    [
+        pytest.param(
+            effect,
+            rock,
+            id=f"{effect.name}-{rock}",
+            marks=[pytest.mark.xfail(reason=NOT_ALIVE, strict=True)]
+            if (effect.name, rock) in DEAD
+            else [],
+        )
+        for effect in EFFECTS
+        for rock in ROCKS
+    ],
+)
 def test_alive(effect: Effect, rock: Rock, checker: EffectChecker) -> None:
     found = checker.alive(effect, rock)
-    assert found.good
-    # A block answers clearly; of a scan, which is chaotic, the page names the faint ones.
-    assert rock == "scan" or not found.is_faint
+    assert found.ratio > 3.0, found
 
 
 @pytest.mark.parametrize("rock", ROCKS)
@@ -144,8 +158,9 @@ def test_the_table_of_checks_holds_every_effect_and_none_that_fails() -> None:
         assert row["fast"] == "yes"
         met, of, all_of = row["right"].split()
         assert (met, of) == (all_of, "of")
-        assert float(row["alive_block"]) > 3.0
-        assert float(row["alive_scan"]) > 1.0
+        for rock in ROCKS:
+            dead = float(row[f"alive_{rock}"]) <= 3.0
+            assert dead == ((row["effect"], rock) in DEAD), row["effect"]
         for rock in ROCKS:
             step = row[f"step_{rock}"]
             assert step in ("jump", "none") or float(step) <= 2.0

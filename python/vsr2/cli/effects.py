@@ -38,8 +38,8 @@ def add_verbs(verbs: Any) -> None:
         description="Check effects. Neutral: at the null value a trial is the same to the last "
         "bit, and a millionth of the prior beside it responses change by no more than chance "
         "does, unless the effect declares a `jump`. Alive: at the far end of the prior responses "
-        "change by more than the noise floor (faint: by less than three times it), on a block "
-        "and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.",
+        "change by more than three times the noise floor, on a block and on a rock "
+        "with the hull of a scan. Right: the closed forms of its `verify` are met.",
     )
     check.add_argument(
         "what",
@@ -147,10 +147,9 @@ def _wanted(what: list[str]) -> list[Effect]:
     return found
 
 
-def _ratios(found: Mapping[Rock, Liveness], word: str = "") -> str:
+def _ratios(found: Mapping[Rock, Liveness]) -> str:
     return ", ".join(
-        f"{one.ratio:.3g} times the floor on the {rock} ({one.feature}"
-        f"{word if word and one.is_faint else ''})"
+        f"{one.ratio:.3g} times the floor on the {rock} ({one.feature})"
         for rock, one in found.items()
     )
 
@@ -166,7 +165,7 @@ def _print(report: EffectReport) -> None:
         print(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
     else:
         print("  continuous: not told, the null value has no value beside it")
-    print(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive, ', faint')}")
+    print(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
     if not report.right:
         print("  right: NO, its `verify` gives no check")
     for check in report.right:

@@ -72,9 +72,9 @@ there.
   floor, so that the null value is the right one. Exempt are effects that declare a `jump`, with the
   reason, and those whose null value has no value beside it ("as in the study").
 - Alive: at the end of the prior that is far from null some feature of the response (log of the
-  largest tilt, yaw, slip, outcome) changes by more than its noise floor, on a block and on a rock
-  with the irregular hull of a scan, both under three pulses that make them rock and one that makes
-  them slide. Below three times the floor it is called faint. The floor is measured: what moving the
+  largest tilt, yaw, slip, outcome) changes by more than three times its noise floor, on a block and
+  on a rock with the irregular hull of a scan, both under three pulses that make them rock and one
+  that makes them slide. The floor is measured: what moving the
   start by 10 micrometres and 10 microradians along and about all axes does; and at least 1 % of the
   largest tilt, 0.5 mrad of yaw, 0.1 mm of slip. Trials go on for 30 s after the motion, so that the
   rock is at rest in the end; on the scan it counts as at rest before the motion below 4 times the
@@ -94,7 +94,7 @@ of a prior on both sides of null (-0.15 to 0.15) it is simply the other sign. So
 end stands in one of the two. Two samples of chance alone give about 1. An effect may be dead at the
 other end, as a contact ten times as stiff is on these rocks, or a cap that the table does not
 reach.
-{faint}
+{dead}
 "Fast" is the greatest difference of the tilt between the engines `exact` and `fast` over the first
 0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 24 trials, `fast`
 less `exact`, with its standard error; both on the block and on the scan. A scan on three points is
@@ -151,7 +151,7 @@ def page_markdown(example: str, checks: str) -> str:
     from vsr2.effects.order import WEAR_STEPS
 
     head = HEAD.replace("{stages}", ", ".join(STAGES)).replace("{wear}", str(WEAR_STEPS))
-    head = head.replace("{faint}\n", textwrap.fill(_faint(checks), 100) + "\n")
+    head = head.replace("{dead}\n", textwrap.fill(_not_alive(checks), 100) + "\n")
     parts = [head.replace("{example}", example).replace("{checks}", _checks_table(checks))]
     for effect in in_order({effect.name: effect for effect in BUILT_IN}):
         parts += _section(effect)
@@ -162,20 +162,17 @@ def _rows(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
 
 
-def _faint(text: str) -> str:
-    """What the table says of effects that are not clearly alive."""
+def _not_alive(text: str) -> str:
+    """What the table says of effects that fail to be alive."""
     found = [
-        f"`{row['effect']}` on the {rock}"
+        f"`{row['effect']}` on the {rock} ({row[f'alive_{rock}']})"
         for row in _rows(text)
         for rock in _ROCKS
         if float(row[f"alive_{rock}"]) <= 3.0
     ]
     if not found:
-        return "No effect is faint."
-    return (
-        f"Faint, between 1 and 3 times the floor, and so hardly told from chance: "
-        f"{', '.join(found)}."
-    )
+        return "No effect fails."
+    return f"Not alive, hardly told from chance: {', '.join(found)}."
 
 
 def _checks_table(text: str) -> str:

@@ -43,10 +43,8 @@ DRAWS = 6
 """Starts."""
 TAIL = 30.0
 """Of these trials [s]; rocks are at rest before, so that no trial ends at another phase."""
-ALIVE = 1.0
+ALIVE = 3.0
 """Times the floor by which responses must change."""
-CLEAR = 3.0
-"""Times the floor from which on an effect is clearly alive; below it is told to be faint."""
 CONTINUOUS = 2.0
 """Times the floor that a small step from null may reach: two samples of chance differ by one."""
 STEP = 1e-6
@@ -77,11 +75,6 @@ class Liveness:
     def good(self) -> bool:
         """Alive."""
         return self.ratio > ALIVE
-
-    @property
-    def is_faint(self) -> bool:
-        """Alive, though not clearly."""
-        return ALIVE < self.ratio <= CLEAR
 
     @property
     def is_continuous(self) -> bool:
