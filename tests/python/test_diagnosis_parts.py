@@ -267,6 +267,7 @@ CLEAR = Findings(
         ({"after_low": 0.01}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"stable": False}, "unresolved"),
+        ({"class_probability": 0.7}, "unresolved"),
         ({"leading": tuple("abcde")}, "class"),
         ({"leading": tuple("abcdef")}, "unresolved"),
         ({"pair": ("table_gain", "wear")}, "effect"),

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from vsr2.diagnosis.equivalence import LEAST_PROBABILITY
+
 Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 
 GAP_LEVEL = 0.025
@@ -97,6 +99,12 @@ def decide(f: Findings) -> Verdict:
         return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
     if not f.stable:
         reasons.append("half the simulations led to another answer: spend a larger budget")
+        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+    if f.class_probability < LEAST_PROBABILITY:
+        reasons.append(
+            f"no class of effects reaches a probability of {LEAST_PROBABILITY}: the data do not "
+            "decide between several"
+        )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if len(f.leading) > max(2, MOST_NAMED * f.offered):
         reasons.append(
