@@ -10,10 +10,11 @@ diagnosed with the whole library for each budget, a fresh bank each time. Writes
 from __future__ import annotations
 
 import argparse
-import csv
 import time
 from dataclasses import replace
 from pathlib import Path
+
+from diagnosis_planar import write
 
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
@@ -77,10 +78,7 @@ def main() -> None:
             }
         )
         print(rows[-1], flush=True)
-        with (options.out / "table.csv").open("w", newline="") as file:
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write(options.out / "table.csv", rows)
 
 
 if __name__ == "__main__":

@@ -17,10 +17,11 @@ enough. Writes `table.csv`, committed as docs/results/diagnosis_known_gap.csv.
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+
+from diagnosis_planar import write
 
 from vsr2.campaign import Tier
 from vsr2.config import study_from_mapping
@@ -148,10 +149,7 @@ def main() -> None:
                     }
                 )
                 print(rows[-1], flush=True)
-                with (options.out / "table.csv").open("w", newline="") as file:
-                    writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-                    writer.writeheader()
-                    writer.writerows(rows)
+                write(options.out / "table.csv", rows)
 
 
 if __name__ == "__main__":
