@@ -96,7 +96,7 @@ other end, as a contact ten times as stiff is on these rocks, or a cap that the 
 reach.
 {dead}
 "Fast" is the greatest difference of the tilt between the engines `exact` and `fast` over the first
-0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 24 trials, `fast`
+0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 30 trials, `fast`
 less `exact`, with its standard error; both on the block and on the scan. A scan on three points is
 chaotic: there differences of rounding may grow within 0.3 s, and shifts come from trials that went
 apart.

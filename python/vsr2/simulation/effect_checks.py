@@ -35,8 +35,11 @@ Array = NDArray[np.float64]
 Rock = Literal["block", "scan"]
 ROCKS: tuple[Rock, ...] = ("block", "scan")
 
-PULSES = ((1.55, 2.0), (1.9, 2.1), (2.75, 3.3))
-"""PGA over that of uplift, and frequency [Hz], of motions under which effects must be alive."""
+PULSES = ((1.3, 2.5), (1.55, 2.0), (1.9, 2.1), (2.75, 3.3))
+"""PGA over that of uplift, and frequency [Hz], of motions under which effects must be alive.
+
+From a rock that just lifts, which tells edges and slenderness, to one that may overturn.
+"""
 SLIDING_PULSE = (25.0, 6.0)
 """PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
 DRAWS = 6
