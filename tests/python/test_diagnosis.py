@@ -19,10 +19,11 @@ from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
 from vsr2.diagnosis.planar_simulator import PlanarSimulator
 from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
 from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulator import Request
+from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, verdict_sentence
+from vsr2.simulation import run_batch
 
 NAMES = ("table_gain", "slenderness", "restitution", "com_offset", "wear", "catch")
 DRAWS = 12
@@ -68,6 +69,8 @@ def bench():
         ("M", "com_offset", (0.014,)),
         ("M", "restitution", (0.68,)),
         ("T", "restitution", (0.7,)),
+        ("T", "catch", (0.12,)),
+        ("T", "com_offset", (0.014,)),
     ],
 )
 def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:
@@ -87,14 +90,38 @@ def test_campaigns_without_gap_are_left_alone(bench) -> None:
     assert alarms <= 4
 
 
-def test_gain_and_slenderness_come_out_as_one_class(bench) -> None:
+@pytest.mark.parametrize(
+    ("tier", "effect", "nuisance"),
+    [
+        ("B", ("table_gain", (-0.1,)), 0),
+        ("B", ("table_gain", (0.08,)), 2),
+        ("M", ("slenderness", (-0.06,)), 3),
+    ],
+)
+def test_gain_and_slenderness_come_out_as_one_class(bench, tier, effect, nuisance) -> None:
     # The planar equation holds the motion only through a / (g alpha).
-    for effect in (("slenderness", (-0.04,)), ("table_gain", (0.04,))):
-        evidence = bench.judge("B", effect, nuisance=0).evidence
-        together = next(group for group in evidence.classes if "table_gain" in group)
-        assert "slenderness" in together
-        assert evidence.verdict.kind in ("class", "none", "unresolved")
-        assert evidence.next_measurement is None or evidence.next_measurement["what"]
+    evidence = bench.judge(tier, effect, nuisance=nuisance).evidence
+    assert evidence.verdict.kind == "class", evidence.verdict
+    assert set(evidence.verdict.effects) == {"table_gain", "slenderness"}
+    assert "tilt the base slowly" in evidence.next_measurement["what"]
+    assert set(evidence.next_measurement["splits"]) == {"table_gain", "slenderness"}
+
+
+@pytest.mark.parametrize(
+    ("tier", "first", "second"),
+    [
+        ("M", ("restitution", (0.7,)), ("com_offset", (0.014,))),
+        ("T", ("wear", (0.14,)), ("catch", (0.12,))),
+        ("T", ("com_offset", (0.014,)), ("catch", (0.1,))),
+    ],
+)
+def test_a_planted_pair_is_named(bench, tier, first, second) -> None:
+    evidence = bench.judge(tier, first, second, nuisance=3).evidence
+    assert evidence.verdict.kind == "pair", evidence.verdict
+    assert set(evidence.verdict.effects) == {first[0], second[0]}
+    shrinkage = evidence.shrinkage
+    assert shrinkage.pair is not None
+    assert shrinkage.pair.mean() < shrinkage.after.mean()
 
 
 def test_an_effect_that_the_library_lacks_is_not_given_a_wrong_name(bench) -> None:
@@ -186,10 +213,18 @@ def test_the_result_follows_its_schema(found, tmp_path) -> None:
     content = json.loads(path.read_text())
     jsonschema.Draft202012Validator.check_schema(schema())
     jsonschema.validate(content, schema())
-    for change in ({"kind": "guess"}, {"kind": "class", "effects": ["catch"]}):
-        wrong = content | {"verdict": content["verdict"] | change}
+    assert set(content) == set(schema()["properties"])
+    for part, change in (
+        ("verdict", {"kind": "guess"}),
+        ("verdict", {"kind": "class", "effects": ["catch"]}),
+        ("verdict", {"probability": 1.2}),
+        ("verdict", {"probabilty": 0.9}),
+        ("gap", {"closure": {"value": 0.5}}),
+        ("campaign", {"tier": "X"}),
+        ("placebo", {"effect": 3}),
+    ):
         with pytest.raises(jsonschema.ValidationError):
-            jsonschema.validate(wrong, schema())
+            jsonschema.validate(content | {part: content[part] | change}, schema())
     assert sum(e["probability"] for e in content["effects"]) + content[
         "none_probability"
     ] == pytest.approx(1)
@@ -216,7 +251,7 @@ def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> N
 def test_the_page_says_it_all_and_needs_nothing_else(found) -> None:
     page = diagnosis_page(found)
     assert verdict_sentence(found.content) in page
-    assert page.count("<svg") == page.count("</svg>") == 5
+    assert page.count("<svg") == page.count("</svg>") == 6
     assert not re.search(r"(?:src|href)=|https?://|@import", page)
     for text in found.content["limits"]:
         assert text.replace("'", "&#x27;") in page
@@ -269,6 +304,26 @@ def test_real_trials_answer_alike_alone_and_together(shaken, tmp_path) -> None:
     assert together.peak_tilt[3] != together.peak_tilt[1]
 
 
+def test_rest_features_are_those_of_the_batch(shaken, tmp_path) -> None:
+    library = {"off_axis_motion": full_library()["off_axis_motion"]}
+    study = study_from_mapping(BOX, base=tmp_path)
+    simulator = SceneSimulator(shaken, study, library=library, series=True)
+    some = [14, 22, 37]
+    given = [Request(i, (), 0, 0) for i in some]
+    found = simulator.run(given)
+    built = simulator._built((), 0, 0, set(some))
+    batch = run_batch([built[i] for i in some])
+    assert found.features is not None
+    np.testing.assert_allclose(found.features[:, 6], batch["final_slip"], atol=1e-8)
+    np.testing.assert_allclose(found.features[:, 5], np.abs(batch["final_yaw"]), atol=1e-6)
+    assert (found.features[:, 6] > 0.01).all()
+    # Numerical variants: near the plain ones, but not the same.
+    for variant in (HALF_STEP, FINE_SOLVER, PERTURBED):
+        other = simulator.run([Request(i, (), 0, variant) for i in some])
+        assert (other.peak_tilt != found.peak_tilt).all()
+        np.testing.assert_allclose(other.peak_tilt, found.peak_tilt, rtol=0.05)
+
+
 def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, capsys) -> None:
     study = study_from_mapping(BOX, base=tmp_path)
     library = {name: full_library()[name] for name in ("table_gain", "catch")}
@@ -292,7 +347,10 @@ def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, ca
     )
     assert result.content["campaign"]["tier"] == "B"
     assert result.kind in ("none", "unresolved")
-    jsonschema.validate(json.loads((tmp_path / "out" / "diagnosis.json").read_text()), schema())
+    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    jsonschema.validate(content, schema())
+    layers = content["gap"]["layers"]
+    assert all(0 <= layers[name] <= 1 for name in ("numerical", "time_step", "solver", "input"))
     save_campaign(observed, tmp_path / "campaign")
     scene = tmp_path / "scene.yaml"
     scene.write_text("rock: {shape: box, size: [1, 1, 1]}\n")

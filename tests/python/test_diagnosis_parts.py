@@ -13,15 +13,16 @@ from vsr2.diagnosis.diagnose import with_contradictions
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import Data, posterior, predict, tabulate
-from vsr2.diagnosis.features import tilt_features
+from vsr2.diagnosis.features import rest_features, tilt_features
 from vsr2.diagnosis.inference import Tempering
 from vsr2.diagnosis.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.novelty import Misfit, Strangers
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
-from vsr2.diagnosis.where import Conditions, scan
+from vsr2.diagnosis.where import OUTCOME, Conditions, scan
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 
@@ -199,7 +200,7 @@ def places(residual, conditions, seed=0):
         (residual[None, None], variance),
         (null, np.broadcast_to(variance, null.shape)),
         conditions,
-        ("outcome",),
+        (OUTCOME,),
         seed=seed,
     )
 
@@ -235,6 +236,20 @@ def test_nothing_is_found_where_nothing_is() -> None:
     assert fired <= 3
 
 
+def test_turn_and_travel_are_those_between_the_rests() -> None:
+    rows = 40
+    half = 0.5 * np.linspace(0.0, 0.3, rows).clip(0, 0.2)
+    orientation = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1)
+    position = np.tile([0.13, -0.04, 0.0], (rows, 1))
+    tilt, table = np.zeros(rows), np.full(rows, 0.1)
+    # A quaternion and its negative are one orientation.
+    for sign in (1.0, -1.0):
+        found = rest_features(tilt, position, sign * orientation, table)
+        np.testing.assert_allclose(found, [0.2, 0.05], rtol=1e-9)
+    np.testing.assert_allclose(rest_features(None, position, orientation, None), [0.2, np.nan])
+    assert np.isnan(rest_features(tilt + 1.2, position, orientation, table)).all()
+
+
 # --- the verdict --------------------------------------------------------------------------------
 
 CLEAR = Findings(
@@ -247,6 +262,8 @@ CLEAR = Findings(
     class_probability=0.9,
     agreement=None,
     novelty_p=0.5,
+    strange_probability=0.9,
+    favoured="table_gain",
     after_low=-0.01,
     left=0.1,
     pair=None,
@@ -262,6 +279,10 @@ CLEAR = Findings(
         ({"gap_low": -0.01, "direction_p": 0.3}, "none"),
         ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
         ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
+        (
+            {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "strange_probability": 0.4},
+            "effect",
+        ),
         ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
         ({"novelty_p": 0.01}, "effect"),
         ({"after_low": 0.01}, "effect"),
@@ -279,6 +300,38 @@ CLEAR = Findings(
 )
 def test_the_verdict_follows_its_rules(changes, kind) -> None:
     assert decide(dataclasses.replace(CLEAR, **changes)).kind == kind
+
+
+def test_no_gap_with_a_favoured_effect_says_so() -> None:
+    verdict = decide(
+        dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2)
+    )
+    assert verdict.kind == "none"
+    assert "table_gain" in verdict.reasons[1]
+    calm = dataclasses.replace(CLEAR, gap_p=0.4, direction_p=0.3, none_probability=0.9)
+    assert len(decide(calm).reasons) == 1
+
+
+def test_novelty_is_measured_among_campaigns_alike() -> None:
+    rng = np.random.default_rng(0)
+    strength = np.repeat([1.0, 1000.0], 100)
+    # Strong effects fit worse, because the emulator is off by a share of them.
+    statistics = rng.normal(size=(200, 1)) + np.where(strength > 10, 3.0, 0.0)[:, None]
+    misfit = Misfit(statistics, np.zeros(200, dtype=np.int64), strength, np.ones(200))
+    # Of label 1 there is none, so that strength alone tells which are alike.
+    weak = misfit.p_value(np.array([3.0]), 1, 1.0)
+    assert weak <= 1 / 40
+    assert 0.3 < misfit.p_value(np.array([3.0]), 1, 1000.0) < 0.7
+
+
+def test_probability_of_a_stranger_rests_on_those_that_were_left_out() -> None:
+    seen = Strangers(np.array([0.01, 0.02, 0.02, 0.5]))
+    assert seen.noticed == 0.75
+    assert seen.probability(0.02) == pytest.approx((3.5 / 5) / (3.5 / 5 + 0.02))
+    # Strangers that look like all others: a small p value says little.
+    same = Strangers(np.linspace(0.005, 1.0, 200))
+    assert same.probability(0.05) == pytest.approx(0.5, abs=0.03)
+    assert Strangers(np.array([])).noticed is None
 
 
 def test_routes_that_contradict_each_other_are_told() -> None:

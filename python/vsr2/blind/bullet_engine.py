@@ -207,15 +207,12 @@ class BulletEngine:
 
 def _observed(overturned: bool, peak_tilt: float, log: TrialLog) -> Observed:
     kept = (log.time >= 0) & np.isfinite(log.state).all(axis=1)
-    rest = log.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
-    orientation = quaternion_product(
-        log.body_orientation[kept], np.broadcast_to(rest, (int(kept.sum()), 4))
-    )
+    position, orientation = log.from_rest(kept)
     return Observed(
         overturned,
         peak_tilt,
         log.time[kept],
         log.tilt[kept],
-        log.position[kept] - log.settled_position,
+        position,
         orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
     )

@@ -289,9 +289,7 @@ def _series(log: TrialLog, noise: MeasurementNoise, rng: np.random.Generator) ->
         return None
     rows = int(kept.sum())
     tilt = log.tilt[kept]
-    position = log.position[kept] - log.settled_position
-    rest = log.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
-    orientation = quaternion_product(log.body_orientation[kept], np.broadcast_to(rest, (rows, 4)))
+    position, orientation = log.from_rest(kept)
     # Drawn whether used or not, so that one channel's noise does not depend on another's.
     draws = rng.standard_normal((rows, 7))
     if noise.tilt:

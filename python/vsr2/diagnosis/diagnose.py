@@ -21,7 +21,7 @@ from vsr2.diagnosis.evidence import Data, mode
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
 from vsr2.diagnosis.library import NONE, values_at
-from vsr2.diagnosis.next_measurement import next_measurement
+from vsr2.diagnosis.next_measurement import measurement_of_the_unknown, next_measurement
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
@@ -30,7 +30,7 @@ from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.verdict import Findings, beyond_noise, decide, disagreement
-from vsr2.diagnosis.where import Conditions, residuals, scan
+from vsr2.diagnosis.where import OUTCOME, Conditions, residuals, scan
 
 SURPRISE_LEVEL = 0.05
 """Chance of so many contradicted certainties below which these trials are kept."""
@@ -261,6 +261,7 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
+    novelty_p = min(found.novelty_p, 2 * _surprise_p(seen, screening, certain))
     findings = Findings(
         gap_low=gap_low,
         gap_p=found.gap_p,
@@ -276,7 +277,9 @@ def conclude(
             found.conformal["likelihood"],
             found.conformal["classifier"],
         ),
-        novelty_p=min(found.novelty_p, 2 * _surprise_p(seen, screening, certain)),
+        novelty_p=novelty_p,
+        strange_probability=prepared.calibration.strangers.probability(novelty_p),
+        favoured=found.labels[1 + int(np.argmax(found.probability[1:]))],
         after_low=float(np.quantile(after, 0.025)),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         pair=_accepted_pair(shrinkage, motion, seed),
@@ -295,15 +298,17 @@ def conclude(
         residuals(found.before, observed),
         prepared.calibration.null,
         conditions,
-        ("outcome", *seen.names),
+        (OUTCOME, *seen.measured),
         seed=seed,
     )
-    members = list(verdict.effects) or list(leading)
-    measure = (
-        None
-        if verdict.kind == "none"
-        else next_measurement(members, prepared, found.posteriors, observed, seen, kept)
-    )
+    measure = None
+    if verdict.kind == "unknown":
+        excess = np.zeros(len(seen))
+        excess[kept] = shrinkage.after - floor
+        measure = measurement_of_the_unknown(seen, excess, where)
+    elif verdict.kind != "none":
+        members = list(verdict.effects)
+        measure = next_measurement(members, prepared, found.posteriors, observed, seen, kept)
     return Evidence(verdict, findings, groups, where, shrinkage, measure)
 
 

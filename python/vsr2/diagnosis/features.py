@@ -1,4 +1,4 @@
-"""Numbers drawn from a tilt's series, the same for measured and simulated ones.
+"""Numbers drawn from the response in time, the same for measured and simulated ones.
 
 Series are compared in time up to the divergence horizon only, which is the first two excursions;
 beyond it only through what does not need them to agree in time: the time to rest, the final turn
@@ -7,24 +7,49 @@ about the vertical and the final travel.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+
+class Feature(NamedTuple):
+    """What a number tells of.
+
+    Attributes:
+        name: of it.
+        channel: tilt, yaw or slip.
+        phase: of the response.
+    """
+
+    name: str
+    channel: str
+    phase: str
+
+
+LARGEST_TILT = Feature("largest_tilt", "tilt", "strong shaking")
+"""Logarithm of the largest tilt [rad]: all that tier M knows."""
 TILT_FEATURES = (
-    "uplift_time",
-    "first_excursion",
-    "first_duration",
-    "second_excursion",
-    "rest_time",
+    Feature("uplift_time", "tilt", "uplift"),
+    Feature("first_excursion", "tilt", "first impacts"),
+    Feature("first_duration", "tilt", "first impacts"),
+    Feature("second_excursion", "tilt", "first impacts"),
+    Feature("rest_time", "tilt", "free decay"),
 )
 """Time of the first uplift [s], logarithm of the first excursion's largest tilt [rad] and of its
 duration [s], the same tilt of the second excursion, time of the last uplift [s]."""
-PHASES = ("uplift", "first impacts", "first impacts", "strong shaking", "free decay")
-"""Phase of the response that each feature of `TILT_FEATURES` belongs to."""
+REST_FEATURES = (
+    Feature("final_yaw", "yaw", "rest pose"),
+    Feature("final_travel", "slip", "rest pose"),
+)
+"""Turn about the vertical [rad] and travel in plan [m] from rest to rest, both magnitudes: which
+way a rock turns is often chance."""
 UPLIFT = 0.01
 """Tilt above which a rock has lifted off [rad]."""
+_LAST = 10
+"""Rows of the end whose median is the rest."""
 
 
 def tilt_features(time: Array, tilt: Array, uplift: float = UPLIFT) -> Array:
@@ -66,4 +91,34 @@ def tilt_features(time: Array, tilt: Array, uplift: float = UPLIFT) -> Array:
         out[done2, 3] = np.log(np.where(inside2, tilt, 0.0).max(axis=0))[done2]
     rests = lifted & ~up[-1]
     out[rests, 4] = time[last[rests]]
+    return out
+
+
+def rest_features(
+    tilt: Array | None,
+    position: Array | None,
+    orientation: Array | None,
+    table: Array | None,
+) -> Array:
+    """Turn and travel of a rock that came to rest upright.
+
+    Args:
+        tilt: magnitudes, shape (t,) [rad]; where it ends above `UPLIFT` nothing is told.
+        position: travel of the mass centre since the rest before the motion, shape (t, 3) [m].
+        orientation: rotation since then, in world axes, x, y, z, w, shape (t, 4).
+        table: its own travel since then, along x, shape (t,) [m]; None: not known.
+
+    Returns:
+        Shape (2,): magnitudes of the turn [rad] and of the travel [m]; NaN where not known.
+    """
+    out = np.full(len(REST_FEATURES), np.nan)
+    if tilt is not None and np.median(np.abs(tilt[-_LAST:])) > UPLIFT:
+        return out
+    if orientation is not None:
+        # The twist about the vertical; its sign and that of the quaternion do not matter.
+        twist = 2 * np.arctan2(orientation[-_LAST:, 2], orientation[-_LAST:, 3])
+        out[0] = abs(np.median((twist + np.pi) % (2 * np.pi) - np.pi))
+    if position is not None and table is not None:
+        along = np.median((position[:, 0] - table)[-_LAST:])
+        out[1] = np.hypot(along, np.median(position[-_LAST:, 1]))
     return out

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.observations import Observations
-from vsr2.diagnosis.simulator import Request
+from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 
 Array = NDArray[np.float64]
 
 REPLICATES = 4
 MAX_TRIALS = 40
-FLOOR_RUNS = 1 + 3 * REPLICATES
+FLOOR_RUNS = 1 + 3 * REPLICATES + 2
 
 
 def noise_floor(
@@ -36,7 +36,8 @@ def noise_floor(
         seed: of that draw.
 
     Returns:
-        `numerical`: under perturbations of the start by 1e-6 to 1e-4 m (replicates below 0);
+        `numerical`: under perturbations of the start by 1e-6 to 1e-4 m; `time_step`: at half the
+        time step; `solver`: with twice the iterations (None: the simulator has no such variant);
         `input`: under fresh placement and motion noise (replicates above 0); `nuisance`: under
         fresh geometry, contact and the like; `physical`: between repeats of one motion file in the
         campaign, None without repeats; `trials` and `repeats` behind them. Shares are of the
@@ -46,19 +47,25 @@ def noise_floor(
     count = min(kept.size, most)
     trials = np.sort(rng.choice(kept, size=count, replace=False))
     spots = [(0, 0)]
-    spots += [(0, -r) for r in range(1, REPLICATES + 1)]
+    spots += [(0, PERTURBED - r) for r in range(REPLICATES)]
     spots += [(0, r) for r in range(1, REPLICATES + 1)]
     spots += [(n, 0) for n in range(1, REPLICATES + 1)]
+    variants = [v for v in (HALF_STEP, FINE_SOLVER) if v in bank.simulator.variants]
+    spots += [(0, v) for v in variants]
     requests = [Request(int(t), (), n, r) for n, r in spots for t in trials]
     found = bank.run(requests).overturned.reshape(len(spots), -1)
     differs = np.where(
         np.isfinite(found[1:]) & np.isfinite(found[0]), found[1:] != found[0], np.nan
     )
-    layers = differs.reshape(3, REPLICATES, -1)
+    layers = differs[: 3 * REPLICATES].reshape(3, REPLICATES, -1)
     numerical, own, nuisance = (float(np.nanmean(layer)) for layer in layers)
+    varied = dict(zip(variants, differs[3 * REPLICATES :], strict=True))
+    shares = {v: float(np.nanmean(row)) for v, row in varied.items()}
     pairs, unequal = _repeats(seen)
     return {
         "numerical": numerical,
+        "time_step": shares.get(HALF_STEP),
+        "solver": shares.get(FINE_SOLVER),
         "input": own,
         "nuisance": nuisance,
         "physical": unequal / pairs if pairs else None,

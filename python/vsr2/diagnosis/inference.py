@@ -18,6 +18,7 @@ from vsr2.diagnosis.amortised import Classifier, Places, train
 from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator, relative_errors
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
 from vsr2.diagnosis.library import NONE, Library
+from vsr2.diagnosis.novelty import Misfit, Strangers
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
 from vsr2.diagnosis.where import residuals
 
@@ -29,9 +30,6 @@ PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
 SHARPNESS_ERRORS = (0.0, 0.03, 0.06, 0.1, 0.2, 0.3)
-_LEAST_ALIKE = 24
-"""Fewer campaigns cannot show a significance of 0.05 with any margin."""
-_LEAST_NEAR = 40
 
 
 def strengths(likelihood: Array) -> Array:
@@ -96,8 +94,8 @@ class Calibration:
         probability: weighted and normalised, shape (rows, labels).
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
-        best: index of the best hypothesis by route A, shape (rows,).
-        novelty: statistics of misfit of the best hypothesis, shape (rows, statistics).
+        misfit: of the best hypotheses by route A.
+        strangers: the same test with each campaign's effect left out.
         null: residuals and variances of the gap-free campaigns, each (campaigns, channels, trials).
     """
 
@@ -111,8 +109,8 @@ class Calibration:
     probability: Array
     gap: Array
     floor: Array
-    best: NDArray[np.int64]
-    novelty: Array
+    misfit: Misfit
+    strangers: Strangers
     null: tuple[Array, Array]
 
 
@@ -241,8 +239,8 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         loss=loss,
         gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
         direction_p=upper_tail(against, float(_odds(probability[None])[0])),
-        novelty_p=_novelty_p(
-            calibration, novelty, labels.index(best), float(strengths(likelihood))
+        novelty_p=calibration.misfit.p_value(
+            novelty, labels.index(best), float(strengths(likelihood))
         ),
         conformal=_sets(calibration, probability, likelihood, classifier),
     )
@@ -275,7 +273,7 @@ def _calibrate(
     truth = np.array([labels.index(name or NONE) for name in design.effect])
     a, b = np.zeros((rows, len(labels))), np.zeros((rows, len(labels)))
     loss = np.zeros((rows, motion.size))
-    novelty: Array | None = None
+    known_misfit, strange_misfit = np.zeros((rows, 0)), np.zeros((rows, 0))
     null: list[tuple[Array, Array]] = []
     known: list[tuple[Array, int, Array]] = []
     directions = places.directions()
@@ -292,17 +290,14 @@ def _calibrate(
         loss[held] = losses(plain, data)
         gap_free = np.flatnonzero(truth[held] == 0)
         null.append(residuals(_rows(plain, gap_free), data.take(gap_free)))
-        best = np.argmax(a[held] + log_prior(labels), axis=1)
-        for k, table in enumerate(tables):
-            mine = np.flatnonzero(best == k)
-            if mine.size:
-                part = data.take(mine)
-                values = novelty_statistics(
-                    predict(table, posterior(table, part)), part, directions
-                )
-                if novelty is None:
-                    novelty = np.zeros((rows, values.shape[1]))
-                novelty[held[mine]] = values
+        own = a[held] + log_prior(labels)
+        known_misfit = _placed(
+            known_misfit, held, _misfits(tables, data, np.argmax(own, axis=1), directions)
+        )
+        left = np.where(_is_truth(truth[held], own), -np.inf, own)
+        strange_misfit = _placed(
+            strange_misfit, held, _misfits(tables, data, np.argmax(left, axis=1), directions)
+        )
         classifier = train(library, design.take(inside), places, labels, seed)
         b[held] = classifier.log_probability(data)
         report((fold + 1) / (FOLDS + 1))
@@ -311,9 +306,9 @@ def _calibrate(
     weight = np.exp(log_prior(labels))[truth] / counts[truth]
     combination = _combination(a, b, truth, weight)
     probability = np.exp(combination.log_probability(a, b))
-    assert novelty is not None
     floor = loss[truth == 0].mean(axis=0)
     gap = loss.mean(axis=1)
+    misfit = Misfit(known_misfit, np.argmax(a, axis=1), strengths(a), weight)
     return Calibration(
         labels,
         truth,
@@ -325,10 +320,57 @@ def _calibrate(
         probability,
         gap,
         floor,
-        np.argmax(a, axis=1),
-        novelty,
+        misfit,
+        _strangers(misfit, strange_misfit, a, truth, _shows_gap(probability, gap, truth)),
         (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])),
     )
+
+
+def _is_truth(truth: NDArray[np.int64], table: Array) -> NDArray[np.bool_]:
+    """Where the columns of effects are a row's own effect; gap-free campaigns have none."""
+    columns = np.arange(table.shape[1])
+    return np.asarray((columns == truth[:, None]) & (columns > 0))
+
+
+def _misfits(
+    tables: Sequence[Table], data: Data, best: NDArray[np.int64], directions: Array
+) -> Array:
+    """Statistics of misfit of campaigns to the hypotheses given, shape (campaigns, statistics)."""
+    out = np.zeros((best.size, 0))
+    for k, table in enumerate(tables):
+        mine = np.flatnonzero(best == k)
+        if mine.size:
+            part = data.take(mine)
+            found = novelty_statistics(predict(table, posterior(table, part)), part, directions)
+            out = _placed(out, mine, found)
+    return out
+
+
+def _placed(table: Array, rows: NDArray[np.int64], values: Array) -> Array:
+    """The table with some rows filled; an empty one gets its columns."""
+    if table.shape[1] == 0:
+        table = np.zeros((len(table), values.shape[1]))
+    table[rows] = values
+    return table
+
+
+def _shows_gap(probability: Array, gap: Array, truth: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Campaigns of effects with a larger gap, or greater odds, than nearly all gap-free ones."""
+    none, odds = truth == 0, _odds(probability)
+    large = gap > np.quantile(gap[none], 0.975)
+    return np.asarray(~none & (large | (odds > np.quantile(odds[none], 0.975))))
+
+
+def _strangers(
+    misfit: Misfit, statistics: Array, a: Array, truth: NDArray[np.int64], used: NDArray[np.bool_]
+) -> Strangers:
+    left = np.where(_is_truth(truth, a), -np.inf, a)
+    best, strength = np.argmax(left, axis=1), strengths(left)
+    found = [
+        misfit.p_value(statistics[i], int(best[i]), float(strength[i]))
+        for i in np.flatnonzero(used)
+    ]
+    return Strangers(np.sort(np.array(found)))
 
 
 def _rows(prediction: Prediction, rows: NDArray[np.int64]) -> Prediction:
@@ -377,34 +419,6 @@ def _sharpness(known: list[tuple[Array, int, Array]]) -> Tempering:
 def _odds(probability: Array) -> Array:
     none = np.clip(probability[:, 0], 1e-12, 1 - 1e-12)
     return np.asarray(np.log1p(-none) - np.log(none), dtype=np.float64)
-
-
-def _novelty_p(calibration: Calibration, value: Array, best: int, strength: float) -> float:
-    """Share of the library's campaigns that fit no better.
-
-    Of those whose effect is about as strong, because the emulator's error grows with it, and of
-    those with the same best label, because an effect whose outcomes cannot be foretold (labels
-    noted wrongly) leaves every one of its campaigns with a poor fit. The larger share counts.
-    """
-    centre = np.median(calibration.novelty, axis=0)
-    spread = np.quantile(calibration.novelty, 0.9, axis=0) - centre
-    scale = np.maximum(spread, 1e-9)
-    null = ((calibration.novelty - centre) / scale).max(axis=1)
-    own = float(((value - centre) / scale).max())
-    gap = np.abs(np.log1p(strengths(calibration.likelihood)) - np.log1p(strength))
-    count = min(max(_LEAST_NEAR, gap.size // 8), gap.size)
-    near = np.argsort(gap, kind="stable")[:count]
-    shares = [_share(null[near], own, calibration.weight[near])]
-    alike = calibration.best == best
-    if alike.sum() >= _LEAST_ALIKE:
-        shares.append(_share(null[alike], own, np.ones(int(alike.sum()))))
-    return float(max(shares))
-
-
-def _share(null: Array, own: float, weight: Array) -> float:
-    """Weighted share of null values at or above `own`, which counts once: never 0."""
-    relative = weight / weight.mean()
-    return float((relative[null >= own].sum() + 1) / (relative.sum() + 1))
 
 
 def _sets(

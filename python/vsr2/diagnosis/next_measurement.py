@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.equivalence import INSEPARABLE, expected_campaign
 from vsr2.diagnosis.evidence import Data, Posterior, log_likelihood, mode, posterior
 from vsr2.diagnosis.inference import Prepared
+from vsr2.diagnosis.library import Entry
 from vsr2.diagnosis.observations import Observations
+from vsr2.diagnosis.where import SIGNIFICANT, Place
 
 INSTRUMENTS = {
     "geometry": "scan the specimen and its base, and tilt the base slowly until it overturns: the "
@@ -29,6 +31,20 @@ INSTRUMENTS = {
     "sessions",
     "outcome": "film every trial and judge all of them anew by one rule",
 }
+"""By stage."""
+OWN_INSTRUMENTS = {
+    "catch": "measure the slack of all that can hold the specimen, and film whether it is taut",
+    "adhesion": "pull the specimen up from its base with a load cell before the first trial",
+    "rolling_resistance": "look for soft or loose contact under the edges, and measure the torque "
+    "that turns the specimen about one",
+    "spin_friction": "turn the specimen slowly about the vertical and measure the torque",
+    "base_asperity": "look under the specimen for grains and bumps, with feeler gauges or carbon "
+    "paper between the base and the table",
+    "table_pitch": "record the rotation of the table beside the specimen under one of the motions",
+    "off_axis_motion": "record the table across the shaking and about the vertical",
+    "vertical_motion": "record the table's vertical acceleration",
+}
+"""Of effects for which a stage's instrument says too little."""
 
 
 def next_measurement(
@@ -41,10 +57,10 @@ def next_measurement(
 ) -> dict[str, Any]:
     """What to measure next.
 
-    For a class, both sides of its most different stages: the instrument that looks at a stage
-    directly, and the trial of the campaign whose repetition separates the first two members most,
-    each at its own best parameters and nuisances (expected log likelihood ratio per repeat, and the
-    repeats after which the better one is picked wrongly less than one time in ten).
+    For a class, the instruments that look directly at its first two members, and the trial of the
+    campaign whose repetition separates these two most, each at its own best parameters and
+    nuisances (expected log likelihood ratio per repeat, and the repeats after which the better one
+    is picked wrongly less than one time in ten).
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
@@ -56,8 +72,8 @@ def next_measurement(
     """
     library, tables = prepared.library, prepared.tables
     leader = members[0]
-    stages = list(dict.fromkeys(library[name].stage for name in members))
-    direct = "; or ".join(INSTRUMENTS.get(stage, f"measure the {stage}") for stage in stages[:2])
+    ways = list(dict.fromkeys(_instrument(library[name]) for name in members))
+    direct = "; or ".join(ways[:2])
     out: dict[str, Any] = {"what": direct, "splits": members[:2] if len(members) > 1 else members}
     if len(members) == 1:
         return out
@@ -84,3 +100,30 @@ def next_measurement(
         else int(np.ceil(INSEPARABLE / information)),
     }
     return out
+
+
+def measurement_of_the_unknown(
+    seen: Observations, excess: NDArray[np.float64], places: Sequence[Place]
+) -> dict[str, Any]:
+    """What to measure where no effect of the library explains the gap.
+
+    Args:
+        seen: the whole campaign.
+        excess: loss of each trial over the floor under the best effect, shape (trials,).
+        places: found by the scan, most significant first.
+    """
+    worst = seen.campaign.trials[int(np.argmax(excess))].trial
+    missing = {"B": "largest tilt and series", "M": "series", "T": "contacts and a second table"}
+    what = (
+        f"no effect of the library fits: repeat trial {worst}, which the best of them explains "
+        f"least, with instruments beyond tier {seen.tier} ({missing[seen.tier]} channel), and film "
+        "base and edges"
+    )
+    if places and places[0].p_familywise <= SIGNIFICANT:
+        what += f"; the residuals point to: {places[0].place}"
+    return {"what": what, "splits": [], "trial": worst, "repeats": None}
+
+
+def _instrument(effect: Entry) -> str:
+    own = OWN_INSTRUMENTS.get(effect.name)
+    return own or INSTRUMENTS.get(effect.stage, f"measure the {effect.stage}")

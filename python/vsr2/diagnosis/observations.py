@@ -7,9 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.campaign import Campaign, Tier, intensity_measures
-from vsr2.diagnosis.features import TILT_FEATURES, tilt_features
+from vsr2.campaign import Campaign, CampaignTrial, Tier, intensity_measures
+from vsr2.diagnosis.features import (
+    LARGEST_TILT,
+    REST_FEATURES,
+    TILT_FEATURES,
+    Feature,
+    rest_features,
+    tilt_features,
+)
 from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
 
 Array = NDArray[np.float64]
 
@@ -19,6 +27,8 @@ LEAST_MOTIONS = 4
 """Fewer ground motions cannot be split into fit, choose and judge with something to resample."""
 LEAST_TILT = 0.003
 """Added to largest tilts before the logarithm where the campaign states no noise [rad]."""
+LEAST_REST = (0.003, 0.001)
+"""The same for the final turn [rad] and the final travel [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +41,10 @@ class Observations:
         overturned: 1 or 0, shape (n,).
         features: shape (n, k): none (B), logarithm of the largest tilt (M), and features of the
             series (T); NaN where one does not apply.
-        names: of the features.
+        measured: what the features are.
         tilt_offset: added to tilts before the logarithm [rad].
         tilt_noise: standard error of the largest tilt [rad].
+        rest_noise: standard errors of the final turn [rad] and of the final travel [m].
         motion, session, specimen: indices from 0, shape (n,).
         order: 0 at the first trial, 1 at the last, shape (n,).
         log_pga, log_ratio: ln PGA [m/s^2] and ln PGV/PGA [s], shape (n,).
@@ -43,9 +54,10 @@ class Observations:
     tier: Tier
     overturned: Array
     features: Array
-    names: tuple[str, ...]
+    measured: tuple[Feature, ...]
     tilt_offset: float
     tilt_noise: float
+    rest_noise: tuple[float, float]
     motion: NDArray[np.int64]
     session: NDArray[np.int64]
     specimen: NDArray[np.int64]
@@ -62,22 +74,31 @@ class Observations:
         Args:
             overturned: shape (..., n).
             peak: largest tilts [rad], shape (..., n).
-            series: of simulated series, shape (..., n, k), needed for tier T.
-            seed: of the noise of the largest tilt.
+            series: of simulated series, as `Responses.features`, shape (..., n, k), needed for
+                tier T.
+            seed: of the measurements' noise.
 
         Returns:
             Shape (..., n, features).
         """
-        shape = (*overturned.shape, len(self.names))
-        out = np.full(shape, np.nan)
+        out = np.full((*overturned.shape, len(self.measured)), np.nan)
         if self.tier == "B":
             return out
-        noise = np.random.default_rng(seed).standard_normal(overturned.shape) * self.tilt_noise
+        rng = np.random.default_rng(seed)
         standing = overturned < 0.5
+        noise = self.tilt_noise * rng.standard_normal(overturned.shape)
         seen = np.log(np.maximum(peak + noise, 0.0) + self.tilt_offset)
         out[..., 0] = np.where(standing, seen, np.nan)
-        if self.tier == "T" and series is not None:
-            out[..., 1:] = series
+        if self.tier != "T" or series is None:
+            return out
+        tilts = len(TILT_FEATURES)
+        out[..., 1 : 1 + tilts] = series[..., :tilts]
+        for k, feature in enumerate(REST_FEATURES[: series.shape[-1] - tilts]):
+            noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
+            if feature in self.measured:
+                raw = np.abs(series[..., tilts + k] + noise)
+                known = np.log(raw + max(LEAST_REST[k], self.rest_noise[k]))
+                out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
         return out
 
 
@@ -89,8 +110,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         tier: information to use; None: all that the campaign shares.
 
     Raises:
-        DiagnosisError: too few trials or motions, outcomes all alike, or a tier that the campaign
-            does not reach.
+        DiagnosisError: too few trials or motions, or a tier that the campaign does not reach.
     """
     kept = [
         i
@@ -117,17 +137,24 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     overturned = used.overturned
     noise = used.noise.peak_tilt or 0.0
     offset = max(LEAST_TILT, noise)
+    rest_noise = (used.noise.orientation or 0.0, used.noise.position or 0.0)
     columns: list[Array] = []
-    names: list[str] = []
+    measured: list[Feature] = []
     if tier != "B":
         peaks = np.array([_peak(trial) for trial in used.trials])
         seen = np.log(np.maximum(peaks, 0.0) + offset)
         columns.append(np.where(overturned < 0.5, seen, np.nan))
-        names.append("largest_tilt")
+        measured.append(LARGEST_TILT)
     if tier == "T":
-        rows = np.stack([_series_features(trial) for trial in used.trials])
-        columns.extend(rows.T)
-        names.extend(TILT_FEATURES)
+        found = np.stack([_tilt_features(trial) for trial in used.trials])
+        columns.extend(found.T)
+        measured.extend(TILT_FEATURES)
+        rest = np.stack([_rest_features(trial, used.record(trial)) for trial in used.trials])
+        for k, feature in enumerate(REST_FEATURES):
+            if np.isfinite(rest[:, k]).any():
+                raw = np.log(rest[:, k] + max(LEAST_REST[k], rest_noise[k]))
+                columns.append(np.where(overturned < 0.5, raw, np.nan))
+                measured.append(feature)
     order = np.array([trial.order for trial in used.trials], dtype=np.float64)
     measures = intensity_measures(used)
     with np.errstate(divide="ignore"):
@@ -137,9 +164,10 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         tier=tier,
         overturned=overturned,
         features=np.stack(columns, axis=1) if columns else np.zeros((len(used), 0)),
-        names=tuple(names),
+        measured=tuple(measured),
         tilt_offset=offset,
         tilt_noise=noise,
+        rest_noise=rest_noise,
         motion=_index([trial.motion for trial in used.trials]),
         session=_index([trial.session for trial in used.trials]),
         specimen=_index([trial.specimen for trial in used.trials]),
@@ -161,19 +189,28 @@ def _index(names: list[str]) -> NDArray[np.int64]:
     return np.array([places[name] for name in names], dtype=np.int64)
 
 
-def _peak(trial: object) -> float:
-    peak = getattr(trial, "peak_tilt", None)
-    if peak is not None:
-        return float(peak)
-    series = getattr(trial, "series", None)
-    if series is not None and series.tilt is not None:
-        return float(np.max(np.abs(series.tilt)))
+def _peak(trial: CampaignTrial) -> float:
+    if trial.peak_tilt is not None:
+        return trial.peak_tilt
+    if trial.series is not None and trial.series.tilt is not None:
+        return float(np.max(np.abs(trial.series.tilt)))
     return float("nan")
 
 
-def _series_features(trial: object) -> Array:
-    series = getattr(trial, "series", None)
+def _tilt_features(trial: CampaignTrial) -> Array:
+    series = trial.series
     if series is None or series.tilt is None:
         return np.full(len(TILT_FEATURES), np.nan)
     found = tilt_features(series.time, np.abs(series.tilt)[:, None])
     return np.asarray(found[0], dtype=np.float64)
+
+
+def _rest_features(trial: CampaignTrial, record: Record | None) -> Array:
+    series = trial.series
+    if series is None:
+        return np.full(len(REST_FEATURES), np.nan)
+    moved = None
+    if record is not None and record.displacement is not None:
+        moved = record.displacement - record.displacement[0]
+        moved = np.interp(series.time, record.sample_interval * np.arange(moved.size), moved)
+    return rest_features(series.tilt, series.position, series.orientation, moved)

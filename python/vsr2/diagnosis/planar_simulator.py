@@ -107,6 +107,11 @@ class PlanarSimulator:
         return str(trial)
 
     @property
+    def variants(self) -> tuple[int, ...]:
+        """None: the step is fixed and nothing iterates."""
+        return ()
+
+    @property
     def nuisance_names(self) -> tuple[str, ...]:
         """Drawn once a campaign."""
         return ("slenderness", "size", "energy_ratio", "slope")

@@ -171,8 +171,8 @@ class Rehearsal:
         )
         # Any outcomes will do: screening reads none, and the tier decides what else counts.
         seen = observe_campaign(blank, "M")
-        names = (*seen.names, *TILT_FEATURES) if series else seen.names
-        self._seen = replace(seen, tier="T" if series else "M", names=names)
+        measured = (*seen.measured, *TILT_FEATURES) if series else seen.measured
+        self._seen = replace(seen, tier="T" if series else "M", measured=measured)
         self.bank = Bank(simulator, bank)
         self.screening: Screening = screen(
             self.bank, self._seen, runs=screening_runs, most=most, seed=0
@@ -214,7 +214,9 @@ class Rehearsal:
         """From observations to diagnosis."""
         kept = self.screening.kept
         count = {"B": 0, "M": 1}.get(tier, seen.features.shape[1])
-        part = replace(seen, tier=tier, names=seen.names[:count], features=seen.features[:, :count])
+        part = replace(
+            seen, tier=tier, measured=seen.measured[:count], features=seen.features[:, :count]
+        )
         observed = Data(part.overturned[None, kept], part.features[None, kept])
         found = infer(prepared, observed)
         probability: Mapping[str, float] = dict(zip(found.labels, found.probability, strict=True))

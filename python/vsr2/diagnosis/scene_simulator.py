@@ -12,14 +12,23 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.config.study import AllRecordings, Filter, SingleRecording, Study
-from vsr2.diagnosis.features import TILT_FEATURES, tilt_features
-from vsr2.diagnosis.simulator import Effects, Request, Responses, nuisance_normal
+from vsr2.diagnosis.features import REST_FEATURES, TILT_FEATURES, rest_features, tilt_features
+from vsr2.diagnosis.simulator import (
+    FINE_SOLVER,
+    HALF_STEP,
+    PERTURBED,
+    Effects,
+    Request,
+    Responses,
+    nuisance_normal,
+)
 from vsr2.effects import Effect, in_order
 from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import TrialLog
 from vsr2.scene import Pose
+from vsr2.scene.rotation import multiply, yaw_quaternion
 
 if TYPE_CHECKING:
     import distributed
@@ -124,7 +133,9 @@ class SceneSimulator:
         self._threads = threads
         self._client = client
         self._seed = seed
+        self._campaign, self._study = campaign, study
         self._trials = _base_trials(campaign, study, series)
+        self._varied: dict[int, list[Trial]] = {}
         orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
         self._sessions = [trial.session for trial in campaign.trials]
@@ -153,7 +164,7 @@ class SceneSimulator:
                 self._orders,
                 self._sessions,
                 [getattr(self._sd, f.name) for f in fields(self._sd)],
-                self._series,
+                (*TILT_FEATURES, *REST_FEATURES) if self._series else (),
                 self._seed,
                 study.settling.model_dump_json(),
                 study.outcome.model_dump_json(),
@@ -190,6 +201,11 @@ class SceneSimulator:
         return str(trial)
 
     @property
+    def variants(self) -> tuple[int, ...]:
+        """Half the time step, twice the solver's iterations."""
+        return HALF_STEP, FINE_SOLVER
+
+    @property
     def nuisance_names(self) -> tuple[str, ...]:
         """Drawn once a campaign."""
         return CAMPAIGN_WIDE
@@ -213,14 +229,15 @@ class SceneSimulator:
             for i in members:
                 made[i] = built[requests[i].trial]
         trials = [trial for trial in made if trial is not None]
-        features = np.full((len(trials), len(TILT_FEATURES)), np.nan) if self._series else None
+        count = len(TILT_FEATURES) + len(REST_FEATURES)
+        features = np.full((len(trials), count), np.nan) if self._series else None
 
         def take(index: int, log: TrialLog | None) -> None:
             if features is not None and log is not None and len(log.time):
                 tilt = log.tilt
                 kept = (log.time >= 0) & np.isfinite(tilt)
                 if kept.any():
-                    features[index] = tilt_features(log.time[kept], tilt[kept][:, None])[0]
+                    features[index] = _features(log, kept, tilt[kept])
 
         result = run_batch(
             trials,
@@ -305,17 +322,23 @@ class SceneSimulator:
         return out
 
     def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
-        """Base trials with the motion's noise (replicates above 0) or a tiny shift (below 0)."""
+        """Base trials with the motion's noise (replicates above 0), a variant or a tiny shift."""
         if replicate == 0:
             return self._trials
+        if replicate in self.variants:
+            if replicate not in self._varied:
+                study = _variant(self._study, replicate)
+                self._varied[replicate] = _base_trials(self._campaign, study, self._series)
+            return self._varied[replicate]
         out = list(self._trials)
         for i in wanted:
             trial = out[i]
             if replicate < 0:
-                shift = 1e-6 * 10.0 ** ((-replicate - 1) % 3)
+                shift = 1e-6 * 10.0 ** ((PERTURBED - replicate) % 3)
                 start = trial.start or trial.scene.rock.start
                 x, y, z = start.position
-                out[i] = replace(trial, start=Pose((x + shift, y, z), start.orientation))
+                turned = multiply(yaw_quaternion(shift), start.orientation)
+                out[i] = replace(trial, start=Pose((x + shift, y + shift, z), turned))
             else:
                 rng = np.random.Generator(
                     np.random.Philox(key=self._seed, counter=[1, i, nuisance, replicate])
@@ -323,6 +346,22 @@ class SceneSimulator:
                 gain = 1.0 + self._sd.trial_gain * float(rng.standard_normal())
                 out[i] = replace(trial, motion=trial.motion.scaled(gain, name=trial.motion.name))
         return out
+
+
+def _features(log: TrialLog, rows: NDArray[np.bool_], tilt: Array) -> Array:
+    position, orientation = log.from_rest(rows)
+    rest = rest_features(tilt, position, orientation, log.column("pedestal_position")[rows])
+    return np.concatenate([tilt_features(log.time[rows], tilt[:, None])[0], rest])
+
+
+def _variant(study: Study, replicate: int) -> Study:
+    engine = study.engine
+    changes = (
+        {"time_step": 0.5 * engine.time_step}
+        if replicate == HALF_STEP
+        else {"solver_iterations": 2 * engine.solver_iterations}
+    )
+    return study.model_copy(update={"engine": engine.model_copy(update=changes)})
 
 
 def _base_trials(campaign: Campaign, study: Study, series: bool) -> list[Trial]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -14,6 +14,12 @@ from vsr2.diagnosis.library import Library
 Array = NDArray[np.float64]
 Effects = tuple[tuple[str, tuple[float, ...]], ...]
 
+HALF_STEP, FINE_SOLVER = -1, -2
+"""Replicates at half the time step, and with twice the solver's iterations."""
+PERTURBED = -3
+"""This and lower replicates: the start is moved in plan by 1e-6, 1e-5 and 1e-4 m in turn and turned
+by as many radians."""
+
 
 class Request(NamedTuple):
     """One simulation of one trial.
@@ -22,7 +28,8 @@ class Request(NamedTuple):
         trial: index in the campaign.
         effects: name and parameter values of each effect that acts; empty: none.
         nuisance: index of a draw of the nuisances; 0: all at their nominal values.
-        replicate: index of the draws that belong to the trial alone (start pose, input noise).
+        replicate: index of the draws that belong to the trial alone (start pose, input noise); 0:
+            none of them; below 0: numerical variants, see `HALF_STEP`, `FINE_SOLVER`, `PERTURBED`.
     """
 
     trial: int
@@ -38,7 +45,9 @@ class Responses:
     Attributes:
         overturned: 1 or 0; NaN where a simulation has no trustworthy outcome, shape (n,).
         peak_tilt: largest tilt [rad], shape (n,).
-        features: of the series, NaN where one does not apply, shape (n, k); None: not asked for.
+        features: of the series, NaN where one does not apply, shape (n, k), those of
+            `features.TILT_FEATURES` and, where the simulator knows them, of `REST_FEATURES`, the
+            latter as plain numbers; None: not asked for.
     """
 
     overturned: Array
@@ -67,6 +76,11 @@ class Simulator(Protocol):
 
     def trial_key(self, trial: int) -> str:
         """Hash of what belongs to one trial: its motion and place in the campaign."""
+        ...
+
+    @property
+    def variants(self) -> Collection[int]:
+        """Which of `HALF_STEP` and `FINE_SOLVER` it knows as replicates."""
         ...
 
     @property

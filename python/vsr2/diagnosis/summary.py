@@ -17,15 +17,15 @@ from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
 from vsr2.diagnosis.verdict import Findings, Verdict
-from vsr2.diagnosis.where import Place
+from vsr2.diagnosis.where import SIGNIFICANT, Place
 
 Array = NDArray[np.float64]
 
 FEW_TRIALS = 100
 FEW_MOTIONS = 10
+FEW_NOTICED = 0.5
 _PLACES = 20
-_SIGNIFICANT = 0.05
-"""Family-wise p value up to which a place lists its trials."""
+"""The most significant, beside those that hold all trials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ def compose(
     shrinkage = evidence.shrinkage
     if evidence.verdict.kind == "pair" and shrinkage.pair is not None:
         shrinkage = replace(shrinkage, after=shrinkage.pair)
-    whole = _Whole(seen, screening, prepared, shrinkage)
+    whole = _Whole(seen, screening, prepared, shrinkage, evidence.findings.gap_low)
     closure = whole.closure("after")
     placebo = whole.closure("placebo")
     recalibration = whole.closure("recalibrated")
@@ -88,7 +88,7 @@ def compose(
             "floor": whole.mean("floor"),
             "after": whole.mean("after"),
             "closure": closure,
-            "excess": whole.excess("before", findings.gap_low),
+            "excess": whole.excess("before"),
             "excess_after": whole.excess("after"),
             "headline": whole.headline(),
             "p_size": findings.gap_p,
@@ -99,13 +99,16 @@ def compose(
             {
                 "place": place.place,
                 "axis": place.axis,
+                "channel": place.feature.channel,
+                "phase": place.feature.phase,
                 "effect_size": place.effect_size,
                 "p_familywise": place.p_familywise,
                 "trials": [seen.campaign.trials[int(screening.kept[i])].trial for i in place.trials]
-                if place.p_familywise <= _SIGNIFICANT
+                if place.p_familywise <= SIGNIFICANT
                 else None,
             }
-            for place in evidence.where[:_PLACES]
+            for k, place in enumerate(evidence.where)
+            if k < _PLACES or place.is_whole
         ],
         "verdict": {
             "kind": verdict.kind,
@@ -126,6 +129,8 @@ def compose(
         "unknown": {
             "novelty_p": findings.novelty_p,
             "excess_after_low": findings.after_low,
+            "probability": findings.strange_probability,
+            "noticed": prepared.calibration.strangers.noticed,
         },
         "routes": {
             "likelihood": _top(found.labels, np.exp(found.likelihood)),
@@ -147,10 +152,17 @@ class _Whole:
     """Losses of all trials, those that screening dropped included."""
 
     def __init__(
-        self, seen: Observations, screening: Screening, prepared: Prepared, shrinkage: Shrinkage
+        self,
+        seen: Observations,
+        screening: Screening,
+        prepared: Prepared,
+        shrinkage: Shrinkage,
+        gap_low: float,
     ) -> None:
         self._seen = seen
         self._kept = screening.kept
+        # Of uncertain trials; the others have hardly any.
+        self._gap_low = gap_low * screening.kept.size / len(seen)
         p = screening.probability
         y = seen.overturned
         loss = -np.where(y > 0.5, np.log(p), np.log1p(-p))
@@ -186,31 +198,36 @@ class _Whole:
         """Mean loss."""
         return _estimate(*self._column(name))
 
-    def excess(self, name: str, low: float | None = None) -> dict[str, Any]:
-        """Mean loss over the floor; `low`: of uncertain trials, where another bound is wider."""
+    def excess(self, name: str) -> dict[str, Any]:
+        """Mean loss over the floor; the gap's interval is the wider of two, see `_gap_low`."""
         value, draws = self._column(name)
         floor, floors = self._column("floor")
         out = _estimate(value - floor, draws - floors)
-        if low is not None:
-            out["ci95"][0] = min(out["ci95"][0], low * self._kept.size / len(self._seen))
+        if name == "before":
+            out["ci95"][0] = min(out["ci95"][0], self._gap_low)
         return out
+
+    @property
+    def _touches_floor(self) -> bool:
+        gap = self.excess("before")
+        return bool(gap["ci95"][0] <= 0 or gap["value"] <= 0)
 
     def closure(self, name: str) -> dict[str, Any]:
         """(before - model) / (before - floor); nothing where the gap's interval touches zero."""
+        if self._touches_floor:
+            return {"value": None, "ci95": None}
         before, befores = self._column("before")
         floor, floors = self._column("floor")
-        if np.quantile(befores - floors, 0.025) <= 0 or before <= floor:
-            return {"value": None, "ci95": None}
         value, draws = self._column(name)
         ratio = (befores - draws) / np.maximum(befores - floors, 1e-9)
         return _estimate((before - value) / (before - floor), ratio)
 
     def headline(self) -> dict[str, Any]:
         """Closure minus the better placebo's."""
+        if self._touches_floor:
+            return {"value": None, "ci95": None}
         before, befores = self._column("before")
         floor, floors = self._column("floor")
-        if np.quantile(befores - floors, 0.025) <= 0 or before <= floor:
-            return {"value": None, "ci95": None}
         after, afters = self._column("after")
         options = [self._column(name) for name in ("placebo", "recalibrated")]
         best, bests = min(options, key=lambda option: option[0])
@@ -297,6 +314,19 @@ def _limits(
         out.append(
             "outcomes alone: what changes the response without changing who overturns cannot be "
             "seen; the largest tilt of each trial would say much more"
+        )
+    alike = set(seen.overturned[np.isfinite(seen.overturned)])
+    if len(alike) == 1:
+        out.append(
+            f"every trial {'overturned' if alike == {1.0} else 'stood'}: outcomes tell only that "
+            "the verge of overturning lies elsewhere; add motions on its other side"
+        )
+    noticed = prepared.calibration.strangers.noticed
+    if noticed is None or noticed < FEW_NOTICED:
+        share = "none" if noticed is None else f"{noticed:.0%}"
+        out.append(
+            f"of gaps from a cause outside the library, {share} would be noticed as unknown (each "
+            "effect left out in turn): a named effect may stand for one that the library lacks"
         )
     if seen.session.max() == 0:
         out.append("one session: a change between sessions cannot be told from a trend")

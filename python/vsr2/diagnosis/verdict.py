@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from vsr2.diagnosis.equivalence import LEAST_PROBABILITY
+from vsr2.diagnosis.novelty import LEVEL as NOVELTY_LEVEL
 
 Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
-NOVELTY_LEVEL = 0.05
 MOST_NAMED = 0.25
 """Share of the library that a class may hold: that it is one of more is no finding."""
 UNEXPLAINED = 0.2
@@ -49,6 +49,8 @@ class Findings:
         class_probability: of it, given that something is missing.
         agreement: None, or why the routes disagree.
         novelty_p: of the best single effect's misfit.
+        strange_probability: that the effect is none of the library's, by that p value.
+        favoured: most probable hypothesis.
         after_low: lower end of the interval of the gap that the best effect leaves.
         left: share of the gap that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero.
@@ -64,6 +66,8 @@ class Findings:
     class_probability: float
     agreement: str | None
     novelty_p: float
+    strange_probability: float
+    favoured: str
     after_low: float
     left: float
     pair: tuple[str, str] | None
@@ -83,18 +87,29 @@ def decide(f: Findings) -> Verdict:
             f"effect (p = {f.gap_p:.2g}), and none of the effects is favoured beyond what such "
             f"campaigns show (p = {f.direction_p:.2g})"
         )
-        return Verdict("none", (), f.none_probability, (reason,))
+        reasons = [reason]
+        if f.none_probability < 0.5:
+            reasons.append(
+                f"weighed by its prior, {f.favoured} or another effect is more probable than none, "
+                "but no more than in gap-free campaigns by chance: too weak to be called a gap"
+            )
+        return Verdict("none", (), f.none_probability, tuple(reasons))
     reasons = [
         f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
         "direction, against campaigns simulated without any effect"
     ]
-    misfit = f.novelty_p <= NOVELTY_LEVEL and f.after_low > 0 and f.left > UNEXPLAINED
+    misfit = (
+        f.novelty_p <= NOVELTY_LEVEL
+        and f.strange_probability > 0.5
+        and f.after_low > 0
+        and f.left > UNEXPLAINED
+    )
     if misfit and f.pair is None:
         reasons.append(
             "the best effect leaves a gap above the floor on motions that it did not see, and fits "
             f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
         )
-        return Verdict("unknown", (), 1 - f.novelty_p, tuple(reasons))
+        return Verdict("unknown", (), f.strange_probability, tuple(reasons))
     if f.agreement is not None:
         return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
     if not f.stable:

@@ -23,10 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.evidence import Data, Prediction
+from vsr2.diagnosis.features import Feature
 
 Array = NDArray[np.float64]
 
 PERMUTATIONS = 999
+SIGNIFICANT = 0.05
+"""Family-wise p value up to which a place counts as found."""
+OUTCOME = Feature("outcome", "outcome", "whole response")
+EVERYWHERE = "all trials"
 
 
 @dataclass(frozen=True)
@@ -35,7 +40,8 @@ class Place:
 
     Attributes:
         place: name.
-        axis: conditions, order, session, specimen, or the response's channel.
+        axis: conditions, order, session or specimen.
+        feature: of the response: which channel and which phase.
         effect_size: mean residual inside over its noise, in standard deviations of one trial.
         p_familywise: of the largest score of the whole family.
         trials: inside the place, of those scanned.
@@ -43,9 +49,15 @@ class Place:
 
     place: str
     axis: str
+    feature: Feature
     effect_size: float
     p_familywise: float
     trials: tuple[int, ...] = ()
+
+    @property
+    def is_whole(self) -> bool:
+        """A feature over all trials."""
+        return self.place.endswith(EVERYWHERE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +90,7 @@ def scan(
     observed: tuple[Array, Array],
     null: tuple[Array, Array],
     conditions: Conditions,
-    channels: tuple[str, ...],
+    features: tuple[Feature, ...],
     *,
     seed: int = 0,
 ) -> list[Place]:
@@ -88,7 +100,7 @@ def scan(
         observed: residuals and variances, shape (1, channels, trials).
         null: the same of campaigns simulated without effect, shape (campaigns, channels, trials).
         conditions: of the trials.
-        channels: names, the outcome first.
+        features: of the residuals' channels, `OUTCOME` first.
         seed: of permutations.
 
     Returns:
@@ -116,16 +128,15 @@ def scan(
             )
             p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
     out = []
-    for c, channel in enumerate(channels):
+    for c, feature in enumerate(features):
         for j, name in enumerate(names):
             inside = np.abs(weights[j]) > 0
             count = max(int(np.count_nonzero(variance[c] * inside)), 1)
-            label = name if channel == "outcome" else f"{channel}: {name}"
-            axis = axes[j] if channel == "outcome" else f"{channel}, {axes[j]}"
+            label = name if feature is OUTCOME else f"{feature.name}: {name}"
             size = float(score[c, j] / np.sqrt(count))
             # Of a trend, the later half; of a step, what follows it.
             members = tuple(int(i) for i in np.flatnonzero(weights[j] > 0))
-            out.append(Place(label, axis, size, float(p_value[c, j]), members))
+            out.append(Place(label, axes[j], feature, size, float(p_value[c, j]), members))
     return sorted(out, key=lambda place: (place.p_familywise, -abs(place.effect_size)))
 
 
@@ -136,7 +147,7 @@ def _scores(residual: Array, variance: Array, weights: Array) -> Array:
 
 
 def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
-    names: list[str] = ["all trials"]
+    names: list[str] = [EVERYWHERE]
     axes: list[str] = ["conditions"]
     weights: list[Array] = [np.ones(conditions.order.size)]
 

@@ -11,6 +11,7 @@ from typing import Any
 from vsr2.diagnosis import Diagnosis
 from vsr2.report.diagnosis_figures import (
     bars_figure,
+    channels_figure,
     map_figure,
     order_figure,
     posterior_figure,
@@ -142,6 +143,13 @@ def diagnosis_page(found: Diagnosis) -> str:
             "session. A trend or a step speaks for wear or a change of the set-up.",
         ),
         _card(
+            "Where: channels and phases",
+            channels_figure(content),
+            "Mean residual over all trials of each number that the tier knows, against the model "
+            "without effects. Filled: significant once all places are accounted for. "
+            + _channels_note(content),
+        ),
+        _card(
             "Predicted against observed",
             reliability_figure(found.trials),
             "Share overturned among trials with similar predictions, before and after; on the "
@@ -186,6 +194,17 @@ def _closure_note(content: Mapping[str, Any]) -> str:
     )
 
 
+def _channels_note(content: Mapping[str, Any]) -> str:
+    unseen = {
+        "B": "Outcomes alone tell nothing of phases; largest tilts and series would.",
+        "M": "Series would tell uplift, impacts, decay and rest pose apart.",
+    }
+    return unseen.get(
+        content["campaign"]["tier"],
+        "The table's own motion is taken as recorded: its errors show in the response alone.",
+    )
+
+
 def _next(content: Mapping[str, Any]) -> str:
     measure = content["next_measurement"]
     if not measure:
@@ -219,6 +238,7 @@ def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
     )
     body = "".join(
         f"<tr><td>{escape(row['place'])}</td><td>{escape(row['axis'])}</td>"
+        f"<td>{escape(row['channel'])}, {escape(row['phase'])}</td>"
         f'<td class="n">{row["effect_size"]:+.2f}</td><td class="n">{row["p_familywise"]:.3f}</td>'
         "</tr>"
         for row in shown
@@ -226,6 +246,7 @@ def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
     return (
         f"<section><h2>Where: places, phases and channels</h2><p>{lead}</p>"
         "<div class='wide'><table><tr><th>place</th><th>axis</th>"
+        "<th>channel, phase</th>"
         "<th>effect size (above 0: more than predicted)</th>"
         f"<th>family-wise p</th></tr>{body}</table></div></section>"
     )

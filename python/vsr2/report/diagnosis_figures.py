@@ -14,6 +14,7 @@ Rows = Sequence[Mapping[str, Any]]
 _COLOURS = ("#1f6f8b", "#c8553d", "#7a5195", "#5b8c5a", "#b8860b", "#5b6675")
 _SURPRISED, _CALM = "#c8553d", "#9aa5b1"
 _GRAVITY = 9.81
+_LEVEL = 0.05
 
 
 def posterior_figure(content: Mapping[str, Any]) -> str:
@@ -136,6 +137,41 @@ def order_figure(rows: Rows) -> str:
             f'stroke="{_COLOURS[1]}" stroke-width="3"',
         )
     return chart.render()
+
+
+def channels_figure(content: Mapping[str, Any]) -> str:
+    """Mean standardised residual of each channel and phase over all trials."""
+    whole = [row for row in content["where"] if row["place"].endswith("all trials")]
+    order = {"whole response": 0, "uplift": 1, "first impacts": 2, "strong shaking": 3}
+    order |= {"free decay": 4, "rest pose": 5}
+    rows = sorted(whole, key=lambda row: order.get(row["phase"], 9))
+    reach = 1.15 * max([0.25, *(abs(row["effect_size"]) for row in rows)])
+    chart = Chart(
+        "gap over channels and phases",
+        "mean residual [standard deviations of a trial]",
+        "",
+        (-reach, reach),
+        (len(rows), 0.0),
+        height=60 + 30 * max(len(rows), 2),
+        left=190,
+    )
+    chart.line([(0.0, 0.0), (0.0, float(len(rows)))], 'stroke="#9aa5b1"')
+    labels = []
+    for i, row in enumerate(rows):
+        found = row["p_familywise"] <= _LEVEL
+        colour = _SURPRISED if found else _CALM
+        size = row["effect_size"]
+        chart.bar(
+            min(size, 0.0),
+            max(size, 0.0),
+            i + 0.25,
+            i + 0.75,
+            f'fill="{colour if found else "#fff"}" stroke="{colour}"',
+            f"{row['place']}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}",
+        )
+        what = row["place"].removesuffix("all trials").rstrip(": ").replace("_", " ")
+        labels.append((i + 0.5, f"{what or 'outcome'} ({row['phase']})"))
+    return chart.render(y_ticks=labels)
 
 
 def reliability_figure(rows: Rows) -> str:

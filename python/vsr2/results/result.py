@@ -261,6 +261,20 @@ class TrialLog:
         sign = np.where(q[:, 3] < 0, -1.0, 1.0)
         return np.unwrap(2.0 * np.arctan2(sign * q[:, 2], sign * q[:, 3]))
 
+    def from_rest(self, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Pose away from the settled one, both in world axes.
+
+        Args:
+            rows: that are wanted, mask of shape (n,).
+
+        Returns:
+            Travel of the mass centre (m, 3) [m], rotation q_WB q_WB0* as x, y, z, w (m, 4).
+        """
+        inverse = self.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
+        body = self.body_orientation[rows]
+        turned = quaternion_product(body, np.broadcast_to(inverse, body.shape))
+        return self.position[rows] - self.settled_position, turned
+
     @property
     def slip(self) -> Array:
         """Horizontal travel (x, y) of the foot relative to the pedestal, shape (n, 2) [m]."""
