@@ -26,6 +26,7 @@ from vsr2.diagnosis import diagnose
 from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     bars_figure,
+    channels_figure,
     map_figure,
     order_figure,
     posterior_figure,
@@ -67,6 +68,7 @@ def main() -> None:
         "bars": bars_figure(found.content),
         "map": map_figure(found.trials),
         "order": order_figure(found.trials),
+        "channels": channels_figure(found.content),
         "reliability": reliability_figure(found.trials),
     }
     for name, figure in figures.items():

@@ -173,6 +173,8 @@ def test_how_far_is_judged_on_motions_that_were_not_seen(bench) -> None:
     assert set(shrinkage.chosen["after"]) == {"catch"}
     assert "catch" not in shrinkage.chosen["placebo"]
     assert shrinkage.after.mean() < shrinkage.placebo.mean() < shrinkage.before.mean() + 0.05
+    # A tether that holds most of what should overturn: a shift of the logits alone helps a lot.
+    assert shrinkage.after.mean() < shrinkage.recalibrated.mean() < 0.7 * shrinkage.before.mean()
 
 
 # --- the whole ----------------------------------------------------------------------------------

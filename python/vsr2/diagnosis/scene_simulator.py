@@ -164,7 +164,7 @@ class SceneSimulator:
                 self._orders,
                 self._sessions,
                 [getattr(self._sd, f.name) for f in fields(self._sd)],
-                (*TILT_FEATURES, *REST_FEATURES) if self._series else (),
+                self._series and (*TILT_FEATURES, *REST_FEATURES),
                 self._seed,
                 study.settling.model_dump_json(),
                 study.outcome.model_dump_json(),

@@ -25,7 +25,7 @@ from vsr2.diagnosis.evidence import (
     tabulate_pair,
 )
 from vsr2.diagnosis.library import NONE, Library, free_parameters
-from vsr2.diagnosis.score import losses
+from vsr2.diagnosis.score import crossfitted, losses
 from vsr2.diagnosis.simulator import quasi_random
 
 Array = NDArray[np.float64]
@@ -112,8 +112,6 @@ def judge(
         placebo[judged] = loss[wrong][judged]
         p_before[judged] = predicted[NONE].probability[0, judged]
         p_after[judged] = predicted[best].probability[0, judged]
-        scaled = _recalibrated(predicted[NONE], observed, judged)
-        recalibrated[judged] = losses(scaled, observed)[0][judged]
         for name in library:
             each[name][judged] = loss[name][judged]
         chosen["after"].append(best)
@@ -122,6 +120,11 @@ def judge(
             second, table, own = best_pair(library, emulator, best, seen)
             pair[judged] = losses(predict(table, own), observed)[0][judged]
             chosen["pair"].append(second)
+    plain = crossfitted(tables[NONE], observed, group)
+    for k in np.unique(group):
+        judged = group == k
+        scaled = _recalibrated(plain, observed, judged)
+        recalibrated[judged] = losses(scaled, observed)[0][judged]
     return Shrinkage(before, after, placebo, recalibrated, each, pair, chosen, p_before, p_after)
 
 
@@ -145,20 +148,29 @@ def best_pair(
 
 
 def _recalibrated(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Prediction:
-    """Platt's scaling, fitted to the trials that are not judged, with a weak pull to no change."""
+    """Platt's scaling, fitted to the trials that are not judged, with a weak pull to no change.
+
+    Each of these is predicted by a model that did not see it, as the judged ones are: predictions
+    of trials that a model was fitted to are too good to learn a scaling from.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import expit
+
     p = prediction.probability[0]
     logit = np.log(p) - np.log1p(-p)
     y = observed.overturned[0]
     used = ~judged & np.isfinite(y)
-    x = np.stack([np.ones(used.sum()), logit[used]], axis=1)
-    prior = np.array([0.0, 1.0])
-    theta = prior.copy()
-    for _ in range(20):
-        q = 1 / (1 + np.exp(-np.clip(x @ theta, -30, 30)))
-        slope = x.T @ (y[used] - q) - (theta - prior) / 4.0
-        hessian = (x * (q * (1 - q))[:, None]).T @ x + np.eye(2) / 4.0
-        theta = theta + np.linalg.solve(hessian, slope)
-    scaled = 1 / (1 + np.exp(-np.clip(theta[0] + theta[1] * logit, -30, 30)))
+    x, target = logit[used], y[used]
+
+    def cost(theta: Array) -> tuple[float, Array]:
+        line = theta[0] + theta[1] * x
+        pull = (theta - [0.0, 1.0]) / 4.0
+        wrong = expit(line) - target
+        value = np.logaddexp(0.0, line).sum() - (target * line).sum() + 2.0 * (pull**2).sum()
+        return float(value), np.array([wrong.sum(), (wrong * x).sum()]) + pull
+
+    shift, slope = minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x
+    scaled = expit(shift + slope * logit)
     scaled = np.clip(scaled, 1e-3, 1 - 1e-3)
     return Prediction(scaled[None], prediction.centre, prediction.deviation)
 

@@ -14,9 +14,9 @@ from vsr2.diagnosis.library import Library
 Array = NDArray[np.float64]
 Effects = tuple[tuple[str, tuple[float, ...]], ...]
 
-HALF_STEP, FINE_SOLVER = -1, -2
+HALF_STEP, FINE_SOLVER = -5, -6
 """Replicates at half the time step, and with twice the solver's iterations."""
-PERTURBED = -3
+PERTURBED = -7
 """This and lower replicates: the start is moved in plan by 1e-6, 1e-5 and 1e-4 m in turn and turned
 by as many radians."""
 

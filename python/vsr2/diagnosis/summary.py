@@ -382,10 +382,12 @@ def _versions() -> dict[str, str]:
     import scipy
     import sklearn
 
-    from vsr2.results.provenance import base_provenance
+    from vsr2 import _native
 
+    built = _native.build_facts()
     return {
-        "vsr2": str(base_provenance()["vsr2"]),
+        "vsr2": str(built["version"]),
+        "bullet": str(built["bullet"]),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
