@@ -2,7 +2,7 @@
 
 Left: the tilt of a block with and without the effect under one pulse. Right: the overturning
 diagram: where in the plane of PGV/PGA and PGA a cosine pulse overturns the block, for both. Run
-from the repository's root (about 95 s on one core):
+from the repository's root (about two minutes on one core):
 
     python studies/figure_effects.py [NAME ...]
 """
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vsr2 import run_batch
 from vsr2.config.study import Output
-from vsr2.effects import Effect, effect, in_order, library
+from vsr2.effects import Effect, Setup, effect, in_order, library
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
@@ -42,7 +42,7 @@ OWN_PULSE = {
 }  # fmt: skip
 """Of effects that show elsewhere only: where the rock slides, or is about to overturn."""
 TURNED = ("spin_friction", "placement", "off_axis_motion")
-"""Effects shown on a block that stands at 30 degrees."""
+"""Effects shown on a block that stands at 30 degrees, in both panels."""
 MILD = {
     "friction": {"factor": 0.75},
     "adhesion": {"strength": 15.0},
@@ -66,10 +66,7 @@ def with_it(trials: list[Trial], one: Effect) -> list[Trial]:
 
 def response(bench: EffectBench, one: Effect) -> tuple[Array, ...]:
     """Times [s] and tilts [degree] without and with the effect."""
-    setup = bench.block()
-    if one.name in TURNED:
-        turn = multiply(yaw_quaternion(math.radians(30)), setup.start.orientation)
-        setup = replace(setup, start=Pose(setup.start.position, turn))
+    setup = turned(bench) if one.name in TURNED else bench.block()
     pga, frequency = OWN_PULSE.get(one.name, PULSE)
     trial = trial_of(replace(setup, motion=bench.pulse(pga, frequency)), tail=2.0)
     result = run_batch([trial, *with_it([trial], one)], threads=1)
@@ -81,9 +78,16 @@ def response(bench: EffectBench, one: Effect) -> tuple[Array, ...]:
     return tuple(out)
 
 
-def overturned(bench: EffectBench, one: Effect | None) -> NDArray[np.bool_]:
+def turned(bench: EffectBench) -> Setup:
+    """The block at 30 degrees."""
+    setup = bench.block()
+    turn = multiply(yaw_quaternion(math.radians(30)), setup.start.orientation)
+    return replace(setup, start=Pose(setup.start.position, turn))
+
+
+def overturned(bench: EffectBench, setup: Setup, one: Effect | None) -> NDArray[np.bool_]:
     """Whether each pulse overturns the block, shape (PGA, PGV/PGA)."""
-    base = replace(trial_of(bench.block(), tail=3.0), output=Output(log_every=0))
+    base = replace(trial_of(setup, tail=3.0), output=Output(log_every=0))
     trials = [
         replace(base, motion=bench.pulse(pga * STANDARD_GRAVITY, 1 / (2 * math.pi * ratio)))
         for pga in PGAS
@@ -155,16 +159,22 @@ def main() -> None:
     names = parser.parse_args().names
     bench = EffectBench(mode="auto")
     effects = [effect(name) for name in names] or in_order(library())
-    plain = overturned(bench, None)
+    setups = {False: bench.block(), True: turned(bench)}
+    plain = {at: overturned(bench, setup, None) for at, setup in setups.items()}
     rows = ["effect," + ",".join(f"{ratio:.3f}" for ratio in RATIOS)]
-    rows.append("none," + ",".join(f"{value:.2f}" for value in least(plain)))
+    for at, name in ((False, "none"), (True, "none at 30 degrees")):
+        rows.append(f"{name}," + ",".join(f"{value:.2f}" for value in least(plain[at])))
     for one in effects:
-        own = overturned(bench, one)
-        draw(one, response(bench, one), plain, own)
+        at = one.name in TURNED
+        own = overturned(bench, setups[at], one)
+        draw(one, response(bench, one), plain[at], own)
         rows.append(f"{one.name}," + ",".join(f"{value:.2f}" for value in least(own)))
         print(rows[-1], flush=True)
     if not names:
-        text = "# least PGA [g] that overturns the block, over PGV/PGA [s]; nan: none up to 2.2 g\n"
+        text = (
+            "# least PGA [g] that overturns the block, over PGV/PGA [s]; nan: none up to 2.2 g; "
+            f"{', '.join(TURNED)}: on the block at 30 degrees\n"
+        )
         (OUT / "thresholds.csv").write_text(text + "\n".join(rows) + "\n")
 
 

@@ -47,7 +47,7 @@ def test_neutral(effect: Effect, checker: EffectChecker) -> None:
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
 def test_continuous(effect: Effect, checker: EffectChecker) -> None:
     if effect.jump:
-        assert effect.name in ("base_asperity", "outcome_rule")
+        assert effect.name in ("base_asperity", "edge_rounding", "outcome_rule")
         return
     for found in checker.step(effect).values():
         assert found.is_continuous, found
@@ -67,15 +67,17 @@ def test_alive(effect: Effect, rock: Rock, checker: EffectChecker) -> None:
 
 @pytest.mark.parametrize("rock", ROCKS)
 def test_trials_of_the_checks_end_at_rest(rock: Rock, checker: EffectChecker) -> None:
-    trials = ensemble(checker.bench.block() if rock == "block" else checker.bench.scan(), 0.0)
+    setup = checker.bench.block() if rock == "block" else checker.bench.scan()
+    trials = ensemble(setup, checker.motions(rock), 0.0)
     quick = [trials[0], trials[-1]]
     assert all(status == "ok" for status in run_batch(quick, threads=1)["status"])
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
 def test_exact_and_fast_agree(effect: Effect, checker: EffectChecker) -> None:
-    # By rounding, over the first swing; a rounded edge lies flat on facets, which adds some.
-    assert checker.engines_differ(effect, "block", 0.3) < 2e-6
+    # By rounding, until the fastest pulse has swung the rock once; on the verge of overturning
+    # differences grow fast from there. A rounded edge lies flat on facets, which adds some.
+    assert checker.engines_differ(effect, "block", 0.25) < 2e-6
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)

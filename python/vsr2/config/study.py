@@ -558,7 +558,7 @@ def _effects_mapping(given: object) -> object:
         if not isinstance(values, Mapping) or not values:
             raise _inapplicable(
                 key,
-                f"must hold parameters, such as {{change: 0.03}}; `vsr2 effects show {name}` "
+                f"must hold parameters, {{PARAMETER: VALUE, ...}}; `vsr2 effects show {name}` "
                 "prints them",
             )
         for parameter, value in values.items():

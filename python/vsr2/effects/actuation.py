@@ -457,7 +457,7 @@ class TableResonance(Effect):
             secondary=True,
         ),
     )  # fmt: skip
-    channels = ("motion", "tilt")
+    channels = ("motion", "tilt", "slip")
     confounded_with = ("table_pitch",)
     source = "transmissibility sqrt(1 + 1 / (4 zeta^2)) at the frequency; den Hartog (1956)"
     stage = "actuation"
@@ -536,7 +536,7 @@ class VerticalMotion(Effect):
             "share", "1", 0.0, 0.0, 0.5, "uniform", "of the motion along x", limits=(-2.0, 2.0)
         ),
     )
-    channels = ("motion", "tilt")
+    channels = ("motion", "tilt", "slip")
     confounded_with = ()
     source = "statics under g plus the vertical acceleration"
     stage = "actuation"
@@ -633,7 +633,7 @@ class TablePitch(Effect):
             "greater, the less the rock pushes back", limits=(1.0, 1e12), secondary=True,
         ),
     )  # fmt: skip
-    channels = ("motion", "tilt")
+    channels = ("motion", "tilt", "slip")
     confounded_with = ("table_gain",)
     source = "pitch'' + 2 zeta w pitch' + w^2 pitch = -w^2 compliance a / g + M_rock / inertia"
     stage = "actuation"

@@ -151,7 +151,7 @@ class SpinFriction(Effect):
             limits=(0.0, 10.0),
         ),
     )  # fmt: skip
-    channels = ("yaw",)
+    channels = ("yaw", "tilt", "slip")
     confounded_with = ("off_axis_motion",)
     source = "Bullet: the pair's is spin_a mu_b + spin_b mu_a (supplement Table S1)"
     stage = "contact"

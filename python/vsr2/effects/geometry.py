@@ -259,6 +259,7 @@ class EdgeRounding(Effect):
     source = "opening of a convex body by a ball (Serra 1982, Image Analysis and Math. Morphology)"
     stage = "geometry"
     rank = 1
+    jump = "a box becomes a hull, whose contacts are found one by one, however small the radius"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         rotation = matrix_from_quaternion(setup.start.orientation)
@@ -355,7 +356,7 @@ class BaseAsperity(Effect):
             limits=(0.1, 0.99), secondary=True,
         ),
     )  # fmt: skip
-    channels = ("tilt", "yaw", "rest pose")
+    channels = ("tilt", "yaw", "slip", "rest pose")
     confounded_with = ("restitution", "edge_rounding")
     source = "statics; ElGawady et al. (2011), EESD 40, on the role of the interface"
     stage = "geometry"

@@ -227,7 +227,7 @@ class Adhesion(Effect):
             limits=(0.0, 1e5),
         ),
     )  # fmt: skip
-    channels = ("tilt",)
+    channels = ("tilt", "slip")
     confounded_with = ("contact_stiffness",)
     source = "statics of a bonded block"
     stage = "mechanism"

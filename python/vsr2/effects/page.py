@@ -73,8 +73,9 @@ there.
   reason, and those whose null value has no value beside it ("as in the study").
 - Alive: at the end of the prior that is far from null some feature of the response (log of the
   largest tilt, yaw, slip, outcome) changes by more than three times its noise floor, on a block and
-  on a rock with the irregular hull of a scan, both under three pulses that make them rock and one
-  that makes them slide. The floor is measured: what moving the
+  on a rock with the irregular hull of a scan. Both are shaken by pulses that just lift them, by
+  pulses 5 % below and above the least that overturns them (found by halving), and by one under
+  which they slide. The floor is measured: what moving the
   start by 10 micrometres and 10 microradians along and about all axes does; and at least 1 % of the
   largest tilt, 0.5 mrad of yaw, 0.1 mm of slip. Trials go on for 30 s after the motion, so that the
   rock is at rest in the end; on the scan it counts as at rest before the motion below 4 times the
@@ -96,7 +97,7 @@ other end, as a contact ten times as stiff is on these rocks, or a cap that the 
 reach.
 {dead}
 "Fast" is the greatest difference of the tilt between the engines `exact` and `fast` over the first
-0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 30 trials, `fast`
+0.3 s of shaking [rad], "shift" the mean difference of log10(largest tilt) over 42 trials, `fast`
 less `exact`, with its standard error; both on the block and on the scan. A scan on three points is
 chaotic: there differences of rounding may grow within 0.3 s, and shifts come from trials that went
 apart.
@@ -135,8 +136,10 @@ In a program, `vsr2.effects.register(SoftPad)` adds it.
 
 Figures show a block of 0.4 m x 0.6 m x 1.2 m with the values in their titles (the far end of the
 prior, or less where then nothing rocks): its tilt under one cosine pulse, and the overturning
-diagram, one trial a cell. `python studies/figure_effects.py` writes them and
-`docs/results/effects/thresholds.csv`, in about 95 s on one core. What each costs a step is in
+diagram, one trial a cell. For `spin_friction`, `placement` and `off_axis_motion` the block stands
+at 30 degrees; effects that show where the rock slides have a pulse of their own.
+`python studies/figure_effects.py` writes them and `docs/results/effects/thresholds.csv`, in about
+two minutes on one core. What each costs a step is in
 `docs/results/mechanism_cost.txt`.
 """
 

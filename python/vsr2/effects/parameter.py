@@ -6,7 +6,7 @@ import difflib
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from vsr2.errors import ConfigError
 
@@ -17,6 +17,9 @@ class EffectWarning(UserWarning):
 
 class EffectRangeWarning(EffectWarning):
     """A value outside its parameter's prior, though it can be simulated."""
+
+
+Prior = Literal["uniform", "loguniform", "normal", "fixed"]
 
 
 @dataclass(frozen=True)
@@ -44,13 +47,18 @@ class Parameter:
     null: float
     lower: float
     upper: float
-    prior: Literal["uniform", "loguniform", "normal", "fixed"]
+    prior: Prior
     meaning: str
     limits: tuple[float, float] | None = None
     secondary: bool = False
     choices: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.prior not in get_args(Prior):
+            raise ConfigError(
+                f"parameter {self.name!r}: prior is {self.prior!r}; give one of "
+                f"{', '.join(get_args(Prior))}"
+            )
         if not (math.isfinite(self.lower) and self.lower <= self.upper < math.inf):
             raise ConfigError(
                 f"parameter {self.name!r}: lower ({self.lower}) and upper ({self.upper}) must be "
@@ -129,7 +137,8 @@ class Parameter:
         slack = 1e-9 * max(abs(low), abs(high))
         if not low - slack <= number <= high + slack:
             raise ConfigError(
-                f"{where}: {number:g}{unit} is outside {low:g} to {high:g}{unit}; check the unit"
+                f"{where}: {number:g}{unit} is outside {low:g} to {high:g}{unit}; "
+                "check unit and sign"
             )
         slack = 1e-9 * max(abs(self.lower), abs(self.upper))
         inside = self.lower - slack <= number <= self.upper + slack

@@ -89,10 +89,14 @@ def module_effects(module: str) -> list[Effect]:
         if isinstance(value, type)
         and issubclass(value, Effect)
         and value.__module__ == loaded.__name__
-        and "name" in vars(value)
     ]
     if not own:
         raise ConfigError(f"{module}: defines no class derived from vsr2.effects.Effect")
+    own = [value for value in own if "name" in vars(value)]
+    if not own:
+        raise ConfigError(
+            f"{module}: its classes derived from vsr2.effects.Effect have no `name`; give one"
+        )
     return [register(found) for found in own]
 
 
@@ -190,7 +194,7 @@ def _checked(own: object, where: str) -> Effect:
     for key in ("name", "meaning", "parameters", "stage"):
         if not hasattr(own, key):
             raise ConfigError(f"{label}: lacks the attribute `{key}`")
-    if not own.name.isidentifier():
+    if not (isinstance(own.name, str) and own.name.isidentifier()):
         raise ConfigError(f"{label}: {own.name!r} is no name: letters, digits and _")
     if own.stage not in STAGES:
         raise ConfigError(f"{label}: stage {own.stage!r} is not one of {', '.join(STAGES)}")

@@ -35,13 +35,18 @@ Array = NDArray[np.float64]
 Rock = Literal["block", "scan"]
 ROCKS: tuple[Rock, ...] = ("block", "scan")
 
-PULSES = ((1.3, 2.5), (1.55, 2.0), (1.9, 2.1), (2.75, 3.3))
-"""PGA over that of uplift, and frequency [Hz], of motions under which effects must be alive.
-
-From a rock that just lifts, which tells edges and slenderness, to one that may overturn.
-"""
+LIFTING = 1.3
+"""PGA over that of uplift of pulses that just lift the rock: they tell edges and slenderness."""
+VERGE = (0.95, 1.05)
+"""PGA over the least that overturns of pulses on the verge: they tell what is small elsewhere."""
+FREQUENCIES = (2.0, 3.0)
+"""Of these pulses [Hz]."""
 SLIDING_PULSE = (25.0, 6.0)
 """PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
+HARDEST = 12.0
+"""PGA over that of uplift up to which the verge is looked for."""
+HALVINGS = 9
+"""Of the logarithm of its PGA."""
 DRAWS = 6
 """Starts."""
 TAIL = 30.0
@@ -58,7 +63,7 @@ PERTURBATION = 1e-5
 """Standard deviation of each component of the place [m] and the turn [rad] of a start."""
 SETTLING_FACTOR = 4.0
 """Times the default speeds, at which a scan, which may tremble on its points, counts as at rest."""
-TURN = 30.0
+TURNS: dict[Rock, float] = {"block": 30.0, "scan": 0.0}
 """Of the block, so that its response is not plane [degree]."""
 
 
@@ -138,6 +143,7 @@ class EffectChecker:
         self.bench = EffectBench(mesh=mesh)
         # The engine that studies get, which is the fast one where it takes the scene.
         self._quick = EffectBench("auto", mesh)
+        self._motions: dict[Rock, list[Motion]] = {}
         self._plain: dict[Rock, tuple[list[Trial], Array]] = {}
 
     def check(self, effect: Effect) -> EffectReport:
@@ -218,10 +224,8 @@ class EffectChecker:
         for mode in ("exact", "fast"):
             setup = self._setup(rock)
             setup = replace(setup, engine=setup.engine.model_copy(update={"mode": mode}))
-            turn = TURN if rock == "block" else 0.0
-            start = _start(setup.start, turn, 0)
-            first = replace(trial_of(setup), start=start)
-            trials = [replace(first, motion=motion) for motion in shaking(setup, self._quick)]
+            first = replace(trial_of(setup), start=_start(setup.start, TURNS[rock], 0))
+            trials = [replace(first, motion=motion) for motion in self.motions(rock)]
             trials = with_effects(trials, [(effect, effect.extreme())], orders=[1.0] * len(trials))
             early = []
             for log in run_batch(trials, threads=1).logs:
@@ -234,12 +238,19 @@ class EffectChecker:
     def _setup(self, rock: Rock) -> Setup:
         return self._quick.block() if rock == "block" else self._quick.scan()
 
+    def motions(self, rock: Rock) -> list[Motion]:
+        """Motions under which effects must be alive: lifting, on the verge, sliding."""
+        if rock not in self._motions:
+            self._motions[rock] = shaking(self._shaken(rock), TURNS[rock])
+        return self._motions[rock]
+
+    def _shaken(self, rock: Rock) -> Setup:
+        setup = self._setup(rock)
+        return settle_at(setup, SETTLING_FACTOR) if rock == "scan" else setup
+
     def _without(self, rock: Rock) -> tuple[list[Trial], Array]:
         if rock not in self._plain:
-            setup = self._setup(rock)
-            if rock == "scan":
-                setup = settle_at(setup, SETTLING_FACTOR)
-            trials = ensemble(setup, TURN if rock == "block" else 0.0)
+            trials = ensemble(self._shaken(rock), self.motions(rock), TURNS[rock])
             features = _features(run_batch(trials, threads=1))
             self._plain[rock] = (trials, features.reshape(-1, DRAWS, len(FEATURES)))
         return self._plain[rock]
@@ -275,28 +286,51 @@ def _naming(effect: Effect, where: str) -> Iterator[None]:
         ) from error
 
 
-def shaking(setup: Setup, bench: EffectBench) -> list[Motion]:
-    """Motions under which the rock of a setup rocks, and slides."""
-    support = start_support(setup.body)
-    ends = support.polygon[:, 0]
-    slope = min(-float(ends.min()), float(ends.max())) / support.height
-    motions = [
-        bench.pulse(over * slope * setup.engine.gravity, frequency) for over, frequency in PULSES
-    ]
-    return [*motions, bench.pulse(*SLIDING_PULSE)]
-
-
-def ensemble(setup: Setup, turn: float) -> list[Trial]:
-    """Trials of all pulses with perturbed starts, pulse by pulse, on one scene.
+def shaking(setup: Setup, turn: float) -> list[Motion]:
+    """Motions under which the rock of a setup just lifts, is on the verge, and slides.
 
     Args:
         setup: of the bench.
         turn: of the rock about the vertical [degree].
     """
+    bench = EffectBench()
+    support = start_support(setup.body)
+    ends = support.polygon[:, 0]
+    slope = min(-float(ends.min()), float(ends.max())) / support.height
+    lifting = slope * setup.engine.gravity
+    motions = []
+    for frequency in FREQUENCIES:
+        verge = _verge(setup, turn, lifting, frequency)
+        accelerations = [LIFTING * lifting, *(share * verge for share in VERGE)]
+        motions += [bench.pulse(pga, frequency) for pga in accelerations]
+    return [*motions, bench.pulse(*SLIDING_PULSE)]
+
+
+def _verge(setup: Setup, turn: float, lifting: float, frequency: float) -> float:
+    """A PGA beside which pulses of a frequency overturn and do not, by halving [m/s^2]."""
+    bench = EffectBench()
+    first = replace(trial_of(setup, tail=TAIL, log_every=0), start=_start(setup.start, turn, 0))
+    low, high = math.log(lifting), math.log(HARDEST * lifting)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        trial = replace(first, motion=bench.pulse(math.exp(middle), frequency))
+        fell = run_batch([trial], threads=1)["outcome"][0] == "overturned"
+        low, high = (low, middle) if fell else (middle, high)
+    return math.exp(low)
+
+
+def ensemble(setup: Setup, motions: list[Motion], turn: float) -> list[Trial]:
+    """Trials of all motions with perturbed starts, motion by motion, on one scene.
+
+    Args:
+        setup: of the bench.
+        motions: of :func:`shaking`.
+        turn: of the rock about the vertical [degree].
+    """
     first = trial_of(setup, tail=TAIL, log_every=0)
     return [
         replace(first, motion=motion, start=_start(setup.start, turn, draw))
-        for motion in shaking(setup, EffectBench())
+        for motion in motions
         for draw in range(DRAWS)
     ]
 
