@@ -2,6 +2,7 @@
 
     python studies/blind_check.py development --minutes 30
     python studies/blind_check.py validation --minutes 60      # again and again until it says done
+    python studies/blind_check.py validation --part 2          # beside one of another part
     python studies/blind_check.py validation --score           # once
     python studies/blind_check.py leave-one-out
 
@@ -85,11 +86,15 @@ def main() -> int:
     parser.add_argument("--scene", type=Path, default=ROOT / "configs" / "blind.yaml")
     parser.add_argument("--minutes", type=float, help="stop after so many (default: at the end)")
     parser.add_argument("--tier", action="append", choices=["B", "M", "T"])
+    parser.add_argument("--part", type=int, action="append", help="these alone (default: all)")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--score", action="store_true", help="score finished parts, each once")
     options = parser.parse_args()
     check = CHECKS[options.check]
-    folders = [options.out / options.check / f"part{i + 1}" for i in range(check.parts)]
+    numbers = options.part or range(1, check.parts + 1)
+    if not set(numbers) <= set(range(1, check.parts + 1)):
+        parser.error(f"--part: {options.check} has parts 1 to {check.parts}")
+    folders = [options.out / options.check / f"part{i}" for i in numbers]
     if options.score:
         return score(options.check, folders, options.out)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes

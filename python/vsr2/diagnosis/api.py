@@ -66,7 +66,7 @@ def diagnose(
         exclude: names of effects left out.
         nuisances: priors of what is uncertain about the set-up.
         seed: of everything random.
-        progress: write stage, share done and leading hypotheses to standard error.
+        progress: write stage, share done and leading classes to standard error.
 
     Returns:
         The diagnosis.

@@ -39,7 +39,7 @@ CERTAINTY_RUNS = 8
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, Mapping[str, float]], None]
-"""Called with stage, share done of it and the leading hypotheses' probabilities."""
+"""Called with stage, share done of it and the probabilities of the leading classes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def diagnose_with(
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(store, seen, screening, schedule, shared, seed, tell)
         last = rounds[-1]
-        tell("judging", 0.0, _leading(last.inference))
+        tell("judging", 0.0, _leading(last))
         evidence = conclude(
             seen,
             screening,
@@ -113,7 +113,7 @@ def diagnose_with(
             earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
             seed=seed,
         )
-        tell("judging", 1.0, _leading(last.inference))
+        tell("judging", 1.0, _leading(last))
         provenance = {
             "seed": seed,
             "budget": {
@@ -150,7 +150,7 @@ def _rounds(
     out: list[_Round] = []
     draws = dict.fromkeys(library, schedule.first_draws)
     while True:
-        leading = _leading(out[-1].inference) if out else {}
+        leading = _leading(out[-1]) if out else {}
         stage = f"simulating, {max(draws.values())} draws"
         design, index = simulate_design(
             store,
@@ -215,9 +215,13 @@ def _settled(rounds: list[_Round]) -> bool:
     return bool(common) and len(tests) == 1
 
 
-def _leading(inference: Inference) -> dict[str, float]:
-    order = np.argsort(-inference.probability)[:4]
-    return {inference.labels[i]: float(inference.probability[i]) for i in order}
+def _leading(found: _Round) -> dict[str, float]:
+    """The four most probable of "none" and the classes, members joined by a stroke."""
+    probability = dict(zip(found.inference.labels, found.inference.probability, strict=True))
+    sums = {"/".join(group): sum(probability[n] for n in group) for group in found.classes}
+    sums[NONE] = probability[NONE]
+    order = sorted(sums, key=lambda name: -sums[name])[:4]
+    return {name: float(sums[name]) for name in order}
 
 
 def conclude(

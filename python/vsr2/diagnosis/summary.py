@@ -138,7 +138,10 @@ def compose(
             "combination": asdict(prepared.calibration.combination),
         },
         "next_measurement": evidence.next_measurement,
-        "limits": _limits(seen, screening, prepared, layers, provenance),
+        "limits": [
+            *_doubts(verdict, whole.headline()),
+            *_limits(seen, screening, prepared, layers, provenance),
+        ],
         "provenance": {
             "versions": _versions(),
             **provenance,
@@ -289,6 +292,17 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
 def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
     order = np.argsort(-probability)[:5]
     return {labels[i]: float(probability[i]) for i in order}
+
+
+def _doubts(verdict: Verdict, headline: Mapping[str, Any]) -> list[str]:
+    if verdict.kind not in ("effect", "class", "pair") or headline["ci95"] is None:
+        return []
+    if headline["ci95"][0] > 0:
+        return []
+    return [
+        "a wrong effect, or a plain rescaling of the probabilities, closes about as much of the gap "
+        "on motions not seen: that the gap shrinks does not speak for what is named"
+    ]
 
 
 def _limits(
