@@ -300,8 +300,8 @@ def _doubts(verdict: Verdict, headline: Mapping[str, Any]) -> list[str]:
     if headline["ci95"][0] > 0:
         return []
     return [
-        "a wrong effect, or a plain rescaling of the probabilities, closes about as much of the gap "
-        "on motions not seen: that the gap shrinks does not speak for what is named"
+        "a wrong effect, or a plain rescaling of the probabilities, closes about as much of the "
+        "gap on motions not seen: that the gap shrinks does not speak for what is named"
     ]
 
 
