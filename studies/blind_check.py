@@ -63,7 +63,9 @@ CHECKS = {
     ),
     "validation": Check(
         4,
-        PackSettings(engines=ENGINES, single=(15, 5), none=(8, 2), unknown=(5, 2), pair=(5, 1)),
+        PackSettings(
+            engines=ENGINES, single=(15, 5), none=(8, 2), unknown=(5, 2), pair=(5, 1), hidden=5
+        ),
         24,
     ),
     "leave-one-out": Check(

@@ -318,12 +318,19 @@ def _log_score(outcome: bool, y: Array, mean: Array, variance: Array, stray: Arr
 
 
 def _weighted(x: Array, weight: Array) -> Array:
-    """X' W_i X for each row i of `weight`, shape (rows, columns, columns)."""
-    out = np.empty((len(weight), x.shape[1], x.shape[1]))
-    for i, row in enumerate(weight):
-        used = row > 1e-9
-        part = x[used]
-        out[i] = part.T @ (part * row[used, None])
+    """X' W_i X for each row i of `weight`, shape (rows, columns, columns).
+
+    A campaign has entries in the common columns and in those of its own effect alone: campaigns
+    with entries in the same columns are summed at once.
+    """
+    used, group = np.unique(x != 0, axis=0, return_inverse=True)
+    out = np.zeros((len(weight), x.shape[1], x.shape[1]))
+    for k, mask in enumerate(used):
+        rows, columns = np.flatnonzero(group.ravel() == k), np.flatnonzero(mask)
+        part = x[np.ix_(rows, columns)]
+        products = (part[:, :, None] * part[:, None, :]).reshape(rows.size, -1)
+        block = (weight[:, rows] @ products).reshape(-1, columns.size, columns.size)
+        out[:, columns[:, None], columns[None, :]] += block
     return out
 
 
