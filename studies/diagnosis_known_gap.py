@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--campaigns", type=int, default=3)
     parser.add_argument("--motions", type=int, default=12)
-    parser.add_argument("--scalings", type=int, default=6)
+    parser.add_argument("--scalings", type=int, default=12)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out/diagnosis_known_gap"))
     options = parser.parse_args()

@@ -162,7 +162,6 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         beaten = [np.mean([n > u["novelty_p"] for n in novelty]) for u in unknown]
         ties = [np.mean([n == u["novelty_p"] for n in novelty]) for u in unknown]
         classes = len(single and {class_of(row["effect"]) for row in single}) + 1
-        log = np.mean([-np.log(max(row["p_true"], 1e-3)) for row in known])
         closed = [row for row in strong if row["closure"] is not None and row["oracle"]]
         out.append(
             {
@@ -175,8 +174,12 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "named_wrongly": _mean(not row["right"] for row in spoken),
                 "covered": _mean(row["covered"] for row in known),
                 "set_size": float(np.median([row["set_size"] for row in known])),
-                "log_score_gain": 1 - log / np.log(classes),
+                "covered_strong": _mean(row["covered"] for row in strong),
+                "set_size_strong": float(np.median([row["set_size"] for row in strong])),
+                "log_score_gain": 1 - _log_loss(known) / np.log(classes),
+                "log_score_gain_strong": 1 - _log_loss(strong) / np.log(classes),
                 "calibration_error": _calibration(known),
+                "calibration_error_strong": _calibration(strong),
                 "nones": len(none),
                 "false_alarms": _mean(row["verdict"] != "none" for row in none),
                 "order_alarms": _mean(row["order_p"] <= 0.05 for row in none),
@@ -197,6 +200,10 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def _mean(values: Any) -> float:
     found = [float(value) for value in values]
     return float(np.mean(found)) if found else float("nan")
+
+
+def _log_loss(rows: list[dict[str, Any]]) -> float:
+    return float(np.mean([-np.log(max(row["p_true"], 1e-3)) for row in rows]))
 
 
 def _calibration(rows: list[dict[str, Any]]) -> float:

@@ -109,6 +109,11 @@ def decide(f: Findings) -> Verdict:
             "the best effect leaves a gap above the floor on motions that it did not see, and fits "
             f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
         )
+        if f.left < 0.5:
+            reasons.append(
+                f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: it "
+                "may be a part of the cause, beside what the library lacks"
+            )
         return Verdict("unknown", (), f.strange_probability, tuple(reasons))
     if f.agreement is not None:
         return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
