@@ -21,7 +21,7 @@ import numpy as np
 from vsr2.effects import in_order, library
 from vsr2.simulation import Trial, run_batch
 from vsr2.simulation.bench import EffectBench
-from vsr2.simulation.effect_checks import DRAWS, TURNS, ensemble, shaking
+from vsr2.simulation.effect_checks import TURNS, ensemble, shaking
 from vsr2.simulation.effects import with_effects
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -45,7 +45,7 @@ def main() -> None:
     bench = EffectBench(arguments.engine, arguments.mesh)
     print(f"{'engine':8} {'effect':20} {'block':>6}  {'quartiles':14} {'scan':>6}  quartiles")
     plain = {
-        rock: ensemble(setup, shaking(setup, TURNS[rock]), TURNS[rock])[::DRAWS]
+        rock: ensemble(setup, shaking(setup, TURNS[rock]), TURNS[rock], 1)
         for rock, setup in (("block", bench.block()), ("scan", bench.scan()))
     }
     for effect in in_order(library()):

@@ -13,7 +13,7 @@ from vsr2.diagnosis.diagnose import with_contradictions
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import Data, posterior, predict, tabulate
-from vsr2.diagnosis.features import rest_features, tilt_features
+from vsr2.diagnosis.features import Sampling, rest_features, tilt_features
 from vsr2.diagnosis.inference import Tempering
 from vsr2.diagnosis.library import basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.novelty import Misfit, Strangers
@@ -267,6 +267,7 @@ CLEAR = Findings(
     after_low=-0.01,
     left=0.1,
     pair=None,
+    pair_probability=0.0,
     stable=True,
 )
 
@@ -286,6 +287,8 @@ CLEAR = Findings(
         ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
         ({"novelty_p": 0.01}, "effect"),
         ({"after_low": 0.01}, "effect"),
+        ({"after_low": 0.01, "left": 0.9}, "unresolved"),
+        ({"after_low": -0.01, "left": 0.9}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"stable": False}, "unresolved"),
         ({"class_probability": 0.7}, "unresolved"),
@@ -349,6 +352,22 @@ def test_a_class_grows_until_it_is_probable() -> None:
     members, within = leading_class(probability | {"a": 0.6}, [["a", "b"], ["c"], ["d"]])
     assert members == ("a", "b")
     assert within == pytest.approx(0.875)
+
+
+def test_members_of_a_class_that_are_ruled_out_are_not_named() -> None:
+    probability = {"none": 0.0, "a": 0.9, "b": 0.0998, "c": 0.0002}
+    assert leading_class(probability, [["a", "b", "c"]])[0] == ("a", "b")
+
+
+def test_simulated_series_are_measured_as_the_campaign_was() -> None:
+    time = np.arange(0, 2, 0.01)
+    tilt = 0.1 * np.sin(np.pi * time).clip(0)
+    coarse, seen = Sampling(0.05, 0.0).measured(time, tilt, None)
+    np.testing.assert_allclose(np.diff(coarse), 0.05)
+    np.testing.assert_allclose(seen, tilt[::5], atol=1e-12)
+    noisy = Sampling(0.05, 0.002).measured(time, tilt, np.random.default_rng(1))[1]
+    assert 0.001 < (noisy - seen).std() < 0.003
+    assert (noisy >= 0).all()
 
 
 def test_a_strong_effect_counts_less() -> None:

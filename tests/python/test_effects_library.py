@@ -68,7 +68,7 @@ def test_alive(effect: Effect, rock: Rock, checker: EffectChecker) -> None:
 @pytest.mark.parametrize("rock", ROCKS)
 def test_trials_of_the_checks_end_at_rest(rock: Rock, checker: EffectChecker) -> None:
     setup = checker.bench.block() if rock == "block" else checker.bench.scan()
-    trials = ensemble(setup, checker.motions(rock), 0.0)
+    trials = ensemble(setup, checker.motions(rock), 0.0, 1)
     quick = [trials[0], trials[-1]]
     assert all(status == "ok" for status in run_batch(quick, threads=1)["status"])
 

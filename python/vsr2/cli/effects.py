@@ -36,7 +36,7 @@ def add_verbs(verbs: Any) -> None:
         "check",
         help="check effects: neutral, alive, right",
         description="Check effects. Neutral: at the null value a trial is the same to the last "
-        "bit, and a millionth of the prior beside it responses change by no more than chance "
+        "bit, and 1e-8 of the prior beside it responses change by no more than chance "
         "does, unless the effect declares a `jump`. Alive: at the far end of the prior responses "
         "change by more than three times the noise floor, on a block and on a rock "
         "with the hull of a scan. Right: the closed forms of its `verify` are met.",

@@ -29,7 +29,13 @@ from vsr2.diagnosis.shared import Shared, fingerprint
 from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
-from vsr2.diagnosis.verdict import Findings, beyond_noise, decide, disagreement
+from vsr2.diagnosis.verdict import (
+    PAIR_UNEXPLAINED,
+    Findings,
+    beyond_noise,
+    decide,
+    disagreement,
+)
 from vsr2.diagnosis.where import OUTCOME, Conditions, residuals, scan
 
 SURPRISE_LEVEL = 0.05
@@ -265,6 +271,7 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
+    pair, gain = _accepted_pair(shrinkage, floor, motion, seed)
     novelty_p = min(found.novelty_p, 2 * _surprise_p(seen, screening, certain))
     findings = Findings(
         gap_low=gap_low,
@@ -286,7 +293,8 @@ def conclude(
         favoured=found.labels[1 + int(np.argmax(found.probability[1:]))],
         after_low=float(np.quantile(after, 0.025)),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
-        pair=_accepted_pair(shrinkage, motion, seed),
+        pair=pair,
+        pair_probability=within * gain,
         stable=earlier is None or bool(set(earlier) & set(leading)),
     )
     verdict = decide(findings)
@@ -327,21 +335,28 @@ def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], se
 
 
 def _accepted_pair(
-    shrinkage: Shrinkage, motion: NDArray[np.int64], seed: int
-) -> tuple[str, str] | None:
-    """The pair that most groups chose, if its held-out gain has a lower bound above zero."""
+    shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
+) -> tuple[tuple[str, str] | None, float]:
+    """The pair that most groups chose, if it explains the gap, and the probability of a gain.
+
+    Its held-out gain over one effect must have a lower bound above zero; it must leave less than
+    `PAIR_UNEXPLAINED` of the gap, and less than a rescaling of the probabilities does.
+    """
     if shrinkage.pair is None:
-        return None
+        return None, 0.0
     gain = shrinkage.after - shrinkage.pair
-    low = float(np.quantile(resampled_means(gain[None], motion, seed=seed)[:, 0], 0.025))
+    gains = resampled_means(gain[None], motion, seed=seed)[:, 0]
     names = [
         tuple(sorted(names))
         for names in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
     ]
     common = max(set(names), key=names.count)
-    if low <= 0 or 2 * names.count(common) <= len(names):
-        return None
-    return common[0], common[1]
+    left = (shrinkage.pair - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)
+    better = shrinkage.pair.mean() < shrinkage.recalibrated.mean()
+    proven = np.quantile(gains, 0.025) > 0 and 2 * names.count(common) > len(names)
+    if not (proven and better and left < PAIR_UNEXPLAINED):
+        return None, 0.0
+    return (common[0], common[1]), float((gains > 0).mean())
 
 
 def with_contradictions(screening: Screening, seen: Observations) -> Screening:

@@ -22,6 +22,8 @@ from vsr2.effects import library
 
 LEAST_PROBABILITY = 0.8
 """Of a class that is named, given that something is missing."""
+LEAST_SHARE = 0.005
+"""Of that probability, below which a member is not named."""
 CONFOUNDED = 5.0
 """How much more separation effects need that theory takes for about the same: what is left between
 them is of second order, where the emulator is weakest."""
@@ -130,4 +132,5 @@ def leading_class(
             break
         members += group
         within += sum(float(probability[name]) for name in group) / something
+    members = [n for n in members if probability[n] >= LEAST_SHARE * within * something]
     return tuple(sorted(members, key=lambda n: -probability[n])), min(within, 1.0)

@@ -7,6 +7,7 @@ about the vertical and the final travel.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,37 @@ UPLIFT = 0.01
 """Tilt above which a rock has lifted off [rad]."""
 _LAST = 10
 """Rows of the end whose median is the rest."""
+REST_NOISE = 0.4
+"""Standard error of that median over that of a row: sqrt(pi / 2 / 10)."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a campaign measured its series.
+
+    Attributes:
+        interval: of samples [s].
+        tilt_noise: standard error of a tilt [rad].
+    """
+
+    interval: float
+    tilt_noise: float
+
+    def measured(
+        self, time: Array, values: Array, rng: np.random.Generator | None
+    ) -> tuple[Array, Array]:
+        """A simulated tilt as the campaign would have measured it: sampled, with noise, magnitude.
+
+        Args:
+            time: shape (t,) [s].
+            values: shape (t,) [rad].
+            rng: of the noise.
+        """
+        grid = np.arange(time[0], time[-1] + 1e-6 * self.interval, self.interval)
+        tilt = np.interp(grid, time, values)
+        if self.tilt_noise and rng is not None:
+            tilt = np.abs(tilt + self.tilt_noise * rng.standard_normal(tilt.size))
+        return grid, tilt
 
 
 def tilt_features(time: Array, tilt: Array, uplift: float = UPLIFT) -> Array:

@@ -11,8 +11,10 @@ from vsr2.campaign import Campaign, CampaignTrial, Tier, intensity_measures
 from vsr2.diagnosis.features import (
     LARGEST_TILT,
     REST_FEATURES,
+    REST_NOISE,
     TILT_FEATURES,
     Feature,
+    Sampling,
     rest_features,
     tilt_features,
 )
@@ -137,7 +139,10 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     overturned = used.overturned
     noise = used.noise.peak_tilt or 0.0
     offset = max(LEAST_TILT, noise)
-    rest_noise = (used.noise.orientation or 0.0, used.noise.position or 0.0)
+    rest_noise = (
+        REST_NOISE * (used.noise.orientation or 0.0),
+        REST_NOISE * (used.noise.position or 0.0),
+    )
     columns: list[Array] = []
     measured: list[Feature] = []
     if tier != "B":
@@ -175,6 +180,22 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         log_pga=log_pga,
         log_ratio=log_ratio,
     )
+
+
+def series_sampling(campaign: Campaign) -> Sampling | None:
+    """How the campaign's tilts were measured in time; None: they were not.
+
+    The median sampling interval of all trials, and their stated noise or else the campaign's.
+    """
+    found = [
+        t.series for t in campaign.trials if t.series is not None and t.series.tilt is not None
+    ]
+    intervals = [float(np.median(np.diff(one.time))) for one in found if one.time.size > 1]
+    if not intervals:
+        return None
+    stated = [one.noise_tilt for one in found if one.noise_tilt is not None]
+    noise = float(np.median(stated)) if stated else campaign.noise.tilt or 0.0
+    return Sampling(float(np.median(intervals)), noise)
 
 
 def _in_order(campaign: Campaign) -> Campaign:

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.config.study import AllRecordings, Filter, SingleRecording, Study
-from vsr2.diagnosis.features import REST_FEATURES, TILT_FEATURES, rest_features, tilt_features
+from vsr2.diagnosis.features import (
+    REST_FEATURES,
+    TILT_FEATURES,
+    Sampling,
+    rest_features,
+    tilt_features,
+)
+from vsr2.diagnosis.observations import series_sampling
 from vsr2.diagnosis.simulator import (
     FINE_SOLVER,
     HALF_STEP,
@@ -39,8 +46,8 @@ Array = NDArray[np.float64]
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which an outcome is known."""
-LOG_EVERY = 10
-"""Rows of the series that features are drawn from, every so many time steps."""
+ROW = 0.01
+"""Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +141,10 @@ class SceneSimulator:
         self._client = client
         self._seed = seed
         self._campaign, self._study = campaign, study
-        self._trials = _base_trials(campaign, study, series)
+        self._sampling = series_sampling(campaign) if series else None
+        interval = ROW if self._sampling is None else self._sampling.interval
+        self._row = min(ROW, interval) if series else None
+        self._trials = _base_trials(campaign, study, self._row)
         self._varied: dict[int, list[Trial]] = {}
         orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
@@ -164,7 +174,7 @@ class SceneSimulator:
                 self._orders,
                 self._sessions,
                 [getattr(self._sd, f.name) for f in fields(self._sd)],
-                self._series and (*TILT_FEATURES, *REST_FEATURES),
+                self._series and (*TILT_FEATURES, *REST_FEATURES, self._sampling),
                 self._seed,
                 study.settling.model_dump_json(),
                 study.outcome.model_dump_json(),
@@ -237,7 +247,8 @@ class SceneSimulator:
                 tilt = log.tilt
                 kept = (log.time >= 0) & np.isfinite(tilt)
                 if kept.any():
-                    features[index] = _features(log, kept, tilt[kept])
+                    rng = np.random.default_rng([self._seed, *_numbers(requests[index])])
+                    features[index] = _features(log, kept, tilt[kept], self._sampling, rng)
 
         result = run_batch(
             trials,
@@ -328,7 +339,7 @@ class SceneSimulator:
         if replicate in self.variants:
             if replicate not in self._varied:
                 study = _variant(self._study, replicate)
-                self._varied[replicate] = _base_trials(self._campaign, study, self._series)
+                self._varied[replicate] = _base_trials(self._campaign, study, self._row)
             return self._varied[replicate]
         out = list(self._trials)
         for i in wanted:
@@ -348,10 +359,23 @@ class SceneSimulator:
         return out
 
 
-def _features(log: TrialLog, rows: NDArray[np.bool_], tilt: Array) -> Array:
+def _numbers(request: Request) -> tuple[int, int, int, int]:
+    return request.trial, request.nuisance, abs(request.replicate), int(request.replicate < 0)
+
+
+def _features(
+    log: TrialLog,
+    rows: NDArray[np.bool_],
+    tilt: Array,
+    sampling: Sampling | None,
+    rng: np.random.Generator,
+) -> Array:
     position, orientation = log.from_rest(rows)
     rest = rest_features(tilt, position, orientation, log.column("pedestal_position")[rows])
-    return np.concatenate([tilt_features(log.time[rows], tilt[:, None])[0], rest])
+    time = log.time[rows]
+    if sampling is not None:
+        time, tilt = sampling.measured(time, tilt, rng)
+    return np.concatenate([tilt_features(time, tilt[:, None])[0], rest])
 
 
 def _variant(study: Study, replicate: int) -> Study:
@@ -364,13 +388,14 @@ def _variant(study: Study, replicate: int) -> Study:
     return study.model_copy(update={"engine": engine.model_copy(update=changes)})
 
 
-def _base_trials(campaign: Campaign, study: Study, series: bool) -> list[Trial]:
+def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Trial]:
+    """Trials without effects; `row`: between rows of the series [s], None: no series."""
     from vsr2.simulation import Trial, build_scene
 
     scene = build_scene(study)
     output = study.output.model_copy(
         update={
-            "log_every": LOG_EVERY if series else 0,
+            "log_every": 0 if row is None else max(1, round(row / study.engine.time_step)),
             "log_settling": False,
             "contacts_every": 0,
             "contact_trials": None,

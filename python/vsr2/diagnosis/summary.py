@@ -128,7 +128,7 @@ def compose(
         },
         "unknown": {
             "novelty_p": findings.novelty_p,
-            "excess_after_low": findings.after_low,
+            "excess_after_low": findings.after_low * screening.kept.size / len(seen),
             "probability": findings.strange_probability,
             "noticed": prepared.calibration.strangers.noticed,
         },
@@ -139,7 +139,7 @@ def compose(
         },
         "next_measurement": evidence.next_measurement,
         "limits": [
-            *_doubts(verdict, whole.headline()),
+            *_doubts(verdict, whole.headline(), findings),
             *_limits(seen, screening, prepared, layers, provenance),
         ],
         "provenance": {
@@ -169,7 +169,6 @@ class _Whole:
         p = screening.probability
         y = seen.overturned
         loss = -np.where(y > 0.5, np.log(p), np.log1p(-p))
-        entropy = -(p * np.log(p) + (1 - p) * np.log1p(-p))
         self._losses: dict[str, Array] = {}
         parts = {
             "before": shrinkage.before,
@@ -182,7 +181,8 @@ class _Whole:
             full = loss.copy()
             full[self._kept] = values
             self._losses[name] = full
-        floor = entropy.copy()
+        # Dropped trials ended alike in all simulations: without a gap they do so again.
+        floor = -np.log(np.maximum(p, 1 - p))
         floor[self._kept] = prepared.calibration.floor
         self._losses["floor"] = floor
         self._names = list(self._losses)
@@ -294,14 +294,22 @@ def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
     return {labels[i]: float(probability[i]) for i in order}
 
 
-def _doubts(verdict: Verdict, headline: Mapping[str, Any]) -> list[str]:
-    if verdict.kind not in ("effect", "class", "pair") or headline["ci95"] is None:
+def _doubts(verdict: Verdict, headline: Mapping[str, Any], findings: Findings) -> list[str]:
+    if verdict.kind not in ("effect", "class", "pair"):
         return []
-    if headline["ci95"][0] > 0:
-        return []
+    out = []
+    if findings.strange_probability > 0.5:
+        out.append(
+            f"the best effect fits worse than {1 - findings.novelty_p:.0%} of the library's own "
+            "campaigns: were causes outside the library as common as those within, the chance of "
+            f"one would be {findings.strange_probability:.0%}"
+        )
+    if headline["ci95"] is None or headline["ci95"][0] > 0:
+        return out
     return [
+        *out,
         "a wrong effect, or a plain rescaling of the probabilities, closes about as much of the "
-        "gap on motions not seen: that the gap shrinks does not speak for what is named"
+        "gap on motions not seen: that the gap shrinks does not speak for what is named",
     ]
 
 

@@ -17,6 +17,10 @@ MOST_NAMED = 0.25
 UNEXPLAINED = 0.2
 """Share of the gap that the best effect must leave to be called no explanation. A strong effect
 that closes nearly all of a large gap leaves a significant rest, because no emulator is perfect."""
+MOST_LEFT = 0.8
+"""Share of the gap that the best effect may leave, significantly, and yet be named."""
+PAIR_UNEXPLAINED = 0.5
+"""The same for a pair, which must also do better than a rescaling of the probabilities."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,9 @@ class Findings:
         favoured: most probable hypothesis.
         after_low: lower end of the interval of the gap that the best effect leaves.
         left: share of the gap that it leaves.
-        pair: the pair, if its held-out gain over one effect has a lower bound above zero.
+        pair: the pair, if its held-out gain over one effect has a lower bound above zero, and it
+            explains the gap: see `PAIR_UNEXPLAINED`.
+        pair_probability: of the leading class, times that of a gain over one effect.
         stable: whether the previous, smaller budget led to an overlapping answer.
     """
 
@@ -71,6 +77,7 @@ class Findings:
     after_low: float
     left: float
     pair: tuple[str, str] | None
+    pair_probability: float
     stable: bool
 
 
@@ -111,8 +118,8 @@ def decide(f: Findings) -> Verdict:
         )
         if f.left < 0.5:
             reasons.append(
-                f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: it "
-                "may be a part of the cause, beside what the library lacks"
+                f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: "
+                "it may be a part of the cause, beside what the library lacks"
             )
         return Verdict("unknown", (), f.strange_probability, tuple(reasons))
     if f.agreement is not None:
@@ -132,9 +139,15 @@ def decide(f: Findings) -> Verdict:
             "data do not decide"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+    if f.pair is None and f.after_low > 0 and f.left > MOST_LEFT:
+        reasons.append(
+            f"the best effect leaves {min(f.left, 1.0):.0%} of the gap on motions that it did not "
+            "see"
+        )
+        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if f.pair is not None and misfit:
         reasons.append("a second effect improves the score on motions that the choice did not see")
-        return Verdict("pair", f.pair, f.class_probability, tuple(reasons))
+        return Verdict("pair", f.pair, f.pair_probability, tuple(reasons))
     if len(f.leading) > 1:
         reasons.append("this campaign does not tell these effects apart")
         return Verdict("class", f.leading, f.class_probability, tuple(reasons))

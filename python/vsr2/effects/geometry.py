@@ -361,7 +361,7 @@ class BaseAsperity(Effect):
     source = "statics; ElGawady et al. (2011), EESD 40, on the role of the interface"
     stage = "geometry"
     rank = 2
-    jump = "an impact on bumps has three parts however low they are, and leaves more energy"
+    jump = "an impact on bumps has three parts however low they are; and a box becomes a hull"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
         # In the frame of the pedestal's top.

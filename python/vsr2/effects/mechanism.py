@@ -38,13 +38,13 @@ class Restitution(Effect):
     """The energy an impact leaves.
 
     Takes the place of the contact's restitution. Housner's ratio, computed for the edges in
-    question, is (1 - 3/2 sin^2 alpha)^2 for a block.
+    question, is (1 - 3/2 sin^2 alpha)^2 for a block. Where the edge meets the ground at less than
+    0.04 m/s, and of bodies so slender that the ratio exceeds 0.98, the contact keeps its own loss
+    (docs/mechanisms.md).
     """
 
     name = "restitution"
-    meaning = (
-        "Every impact leaves this share of the kinetic energy that Housner's impact would leave"
-    )
+    meaning = "An impact leaves this share of the kinetic energy that Housner's impact would leave"
     parameters = (
         Parameter(
             "energy_ratio", "1", math.nan, 0.65, 1.1, "uniform",

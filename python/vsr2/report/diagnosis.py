@@ -64,10 +64,17 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         case "unknown":
             return "There is a gap, and no effect of the library, nor a pair, explains it."
     return (
-        f"There is a gap, but its cause is not resolved; {_listed(names)} leads with {chance}."
+        f"There is a gap, but its cause is not resolved; candidates are {_candidates(names)}."
         if names
         else "There is a gap, but its cause is not resolved."
     )
+
+
+def _candidates(names: Sequence[str]) -> str:
+    """The first four, and how many more."""
+    if len(names) <= 4:
+        return _listed(names, "and")
+    return f"{', '.join(names[:4])} and {len(names) - 4} more"
 
 
 def format_diagnosis(found: Diagnosis) -> str:

@@ -1,10 +1,12 @@
 """Three checks of an effect: neutral, alive, right.
 
-- Neutral: at its null value a trial is the same as without it, to the last bit; and a millionth of
-  its prior beside null responses change by no more than chance does, unless it declares a jump.
-- Alive: at the far end of its prior it changes responses by more than the noise floor, on a block
-  and on a rock with the hull of a scan. The floor is what perturbing the start by some micrometres
-  does; effect and no effect are compared at equal starts, once the rock is at rest again.
+- Neutral: at its null value a trial is the same as without it, to the last bit; and 1e-8 of its
+  prior beside null responses change by no more than chance does, unless it declares a jump.
+- Alive: at the far end of its prior it changes the distribution of responses by more than the noise
+  floor, on a block and on a rock with the hull of a scan. The floor is what perturbing the start by
+  some micrometres, and the points of a hull by a nanometre, does: a hull's contacts depend on the
+  order of its points, which any change of them may turn. Effect and no effect are compared under
+  equal perturbations, once the rock is at rest again.
 - Right: it meets the closed forms of its own `verify`.
 """
 
@@ -25,7 +27,7 @@ from vsr2.effects.setup import settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
 from vsr2.results import BatchResult
-from vsr2.scene import Pose, start_support
+from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import Trial, run_batch
 from vsr2.simulation.bench import EffectBench, fast_violation, trial_of
@@ -45,22 +47,36 @@ SLIDING_PULSE = (25.0, 6.0)
 """PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
 HARDEST = 12.0
 """PGA over that of uplift up to which the verge is looked for."""
-HALVINGS = 9
+HALVINGS = 8
 """Of the logarithm of its PGA."""
-DRAWS = 6
-"""Starts."""
+JURY = 5
+"""Draws of which most must overturn beyond the verge."""
+SETTLED = ("ok", "tail_timeout")
+"""Of a trial that may be compared: of a rock that trembles on its contacts without end, 30 s are
+long enough."""
+DRAWS: dict[Rock, int] = {"block": 3, "scan": 16}
+"""Perturbed starts, and hulls, under each motion; the block's response is hardly chaotic."""
+FEWEST = 3
+"""Draws that must come to rest, and of a feature that must be known, to be compared."""
 TAIL = 30.0
 """Of these trials [s]; rocks are at rest before, so that no trial ends at another phase."""
 ALIVE = 3.0
-"""Times the floor by which responses must change."""
-CONTINUOUS = 2.0
-"""Times the floor that a small step from null may reach: two samples of chance differ by one."""
-STEP = 1e-6
+"""Times the floor by which responses must change under one of the motions. Rocks whose hulls alone
+were perturbed anew reached 2.9 in ten trials."""
+CONTINUOUS = 3.0
+"""Times the floor that a small step from null may reach."""
+STEP = 1e-8
 """Of the way from null to the far end of the prior."""
-FEATURES = {"largest tilt": 0.004, "yaw": 5e-4, "slip": 1e-4, "overturned": 0.03}
+FEATURES = {"largest tilt": 0.01, "yaw": 2e-3, "slip": 3e-4, "overturned": 0.1}
 """What is compared, with the least floor: log10 [1], [rad], [m], [1]."""
 PERTURBATION = 1e-5
 """Standard deviation of each component of the place [m] and the turn [rad] of a start."""
+JITTER = 1e-9
+"""Standard deviation of each coordinate of a hull's points [m]."""
+RESAMPLES = 60
+"""Pairs of samples behind each floor."""
+QUANTILES = (np.arange(20) + 0.5) / 20
+"""At which two samples are compared."""
 SETTLING_FACTOR = 4.0
 """Times the default speeds, at which a scan, which may tremble on its points, counts as at rest."""
 TURNS: dict[Rock, float] = {"block": 30.0, "scan": 0.0}
@@ -72,7 +88,7 @@ class Liveness:
     """How much an effect changes responses.
 
     Attributes:
-        ratio: greatest change of a feature over its noise floor, mean over motions and starts.
+        ratio: greatest change of a feature's distribution over its noise floor, over motions.
         feature: which that is.
     """
 
@@ -144,7 +160,7 @@ class EffectChecker:
         # The engine that studies get, which is the fast one where it takes the scene.
         self._quick = EffectBench("auto", mesh)
         self._motions: dict[Rock, list[Motion]] = {}
-        self._plain: dict[Rock, tuple[list[Trial], Array]] = {}
+        self._plain: dict[Rock, tuple[list[Trial], Array, Array]] = {}
 
     def check(self, effect: Effect) -> EffectReport:
         """All three checks of an effect.
@@ -190,21 +206,17 @@ class EffectChecker:
         self, effect: Effect, rock: Rock, values: Mapping[str, float] | None = None
     ) -> Liveness:
         """Greatest change of a feature over its noise floor; by default at the prior's far end."""
-        trials, plain = self._without(rock)
+        trials, plain, floor = self._without(rock)
         wanted = effect.extreme() if values is None else effect.complete(values)
         changed = with_effects(trials, [(effect, wanted)], orders=[1.0] * len(trials))
-        after = _features(run_batch(changed, threads=1))
-        moved = np.nan_to_num(np.abs(after - plain.reshape(len(trials), -1)))
-        ratios = moved.mean(axis=0) / np.maximum(self.floor(rock), list(FEATURES.values()))
-        most = int(np.argmax(ratios))
-        return Liveness(float(ratios[most]), list(FEATURES)[most])
+        after = _features(run_batch(changed, threads=1)).reshape(plain.shape)
+        ratios = np.nan_to_num(distances(after, plain) / floor)
+        most = int(np.argmax(ratios.max(axis=0)))
+        return Liveness(float(ratios.max()), list(FEATURES)[most])
 
     def floor(self, rock: Rock) -> Array:
-        """Mean difference of the features between perturbed starts, shape (4,)."""
-        _, plain = self._without(rock)
-        spread = np.nan_to_num(np.abs(plain[:, :, None] - plain[:, None, :]))
-        found: Array = spread.sum(axis=(0, 1, 2)) / (len(plain) * DRAWS * (DRAWS - 1))
-        return found
+        """Mean distance of two samples without effect, by motion and feature, shape (m, 4)."""
+        return self._without(rock)[2]
 
     def fast(self, effect: Effect) -> str:
         """Why `fast` does not take the block with the effect at its prior's far end."""
@@ -248,12 +260,50 @@ class EffectChecker:
         setup = self._setup(rock)
         return settle_at(setup, SETTLING_FACTOR) if rock == "scan" else setup
 
-    def _without(self, rock: Rock) -> tuple[list[Trial], Array]:
+    def _without(self, rock: Rock) -> tuple[list[Trial], Array, Array]:
+        """Trials, their features (motions, draws, 4) and the floor (motions, 4)."""
         if rock not in self._plain:
-            trials = ensemble(self._shaken(rock), self.motions(rock), TURNS[rock])
-            features = _features(run_batch(trials, threads=1))
-            self._plain[rock] = (trials, features.reshape(-1, DRAWS, len(FEATURES)))
+            trials = ensemble(self._shaken(rock), self.motions(rock), TURNS[rock], DRAWS[rock])
+            found = _features(run_batch(trials, threads=1))
+            plain = found.reshape(-1, DRAWS[rock], len(FEATURES))
+            self._plain[rock] = (trials, plain, _floor(plain))
         return self._plain[rock]
+
+
+def distances(first: Array, second: Array) -> Array:
+    """Distance of two samples (draws), by motion and feature: of one distribution from another.
+
+    The mean difference of their quantiles (Wasserstein's distance); NaN where fewer than `FEWEST`
+    values are known.
+
+    Args:
+        first: features, shape (motions, draws, 4).
+        second: the same.
+
+    Returns:
+        Shape (motions, 4).
+    """
+    out = np.full((len(first), first.shape[2]), np.nan)
+    for place in np.ndindex(*out.shape):
+        a, b = (sample[place[0], :, place[1]] for sample in (first, second))
+        a, b = a[np.isfinite(a)], b[np.isfinite(b)]
+        if min(a.size, b.size) >= FEWEST:
+            gap = np.quantile(a, QUANTILES) - np.quantile(b, QUANTILES)
+            out[place] = np.abs(gap).mean()
+    return out
+
+
+def _floor(plain: Array) -> Array:
+    """Mean distance of two samples drawn from those without effect, shape (motions, 4)."""
+    rng = np.random.default_rng(0)
+    draws = plain.shape[1]
+    pairs = [
+        distances(*(plain[:, rng.integers(draws, size=draws)] for _ in range(2)))
+        for _ in range(RESAMPLES)
+    ]
+    known = np.isfinite(pairs)
+    mean = np.where(known, pairs, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.asarray(np.maximum(mean, list(FEATURES.values())), dtype=np.float64)
 
 
 def beside_null(effect: Effect) -> dict[str, float] | None:
@@ -307,32 +357,67 @@ def shaking(setup: Setup, turn: float) -> list[Motion]:
 
 
 def _verge(setup: Setup, turn: float, lifting: float, frequency: float) -> float:
-    """A PGA beside which pulses of a frequency overturn and do not, by halving [m/s^2]."""
+    """PGA beside which pulses of a frequency overturn most of some draws or not [m/s^2].
+
+    Found by halving, up to `HARDEST` times uplift, which it is where none overturns.
+    """
     bench = EffectBench()
-    first = replace(trial_of(setup, tail=TAIL, log_every=0), start=_start(setup.start, turn, 0))
+    firsts = _draws(setup, turn, JURY)
     low, high = math.log(lifting), math.log(HARDEST * lifting)
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        trial = replace(first, motion=bench.pulse(math.exp(middle), frequency))
-        fell = run_batch([trial], threads=1)["outcome"][0] == "overturned"
+        motion = bench.pulse(math.exp(middle), frequency)
+        found = run_batch([replace(first, motion=motion) for first in firsts], threads=1)
+        fell = 2 * int((found["outcome"] == "overturned").sum()) > JURY
         low, high = (low, middle) if fell else (middle, high)
-    return math.exp(low)
+    return math.exp(0.5 * (low + high))
 
 
-def ensemble(setup: Setup, motions: list[Motion], turn: float) -> list[Trial]:
-    """Trials of all motions with perturbed starts, motion by motion, on one scene.
+def _draws(setup: Setup, turn: float, count: int) -> list[Trial]:
+    """Trials with perturbed hull and start that come to rest before the motion.
+
+    Raises:
+        SimulationError: too few do.
+    """
+    found: list[Trial] = []
+    for seed in range(3 * count):
+        trial = trial_of(_jittered(setup, seed), tail=TAIL, log_every=0)
+        trial = replace(trial, start=_start(setup.start, turn, seed))
+        if str(run_batch([trial], threads=1)["status"][0]) in SETTLED:
+            found.append(trial)
+        if len(found) == count:
+            return found
+    raise SimulationError(
+        f"effect check: only {len(found)} of {3 * count} perturbed rocks come to rest; choose a "
+        "rock that stands more firmly"
+    )
+
+
+def _jittered(setup: Setup, seed: int) -> Setup:
+    """The setup with the points of its hulls perturbed; seed 0 is the setup itself."""
+    if not seed:
+        return setup
+    rng = np.random.default_rng([seed, 1])
+    parts = [
+        Hull(part.points + JITTER * rng.standard_normal(part.points.shape))
+        if isinstance(part, Hull)
+        else part
+        for part in setup.rock.parts
+    ]
+    return replace(setup, rock=replace(setup.rock, parts=tuple(parts)))
+
+
+def ensemble(setup: Setup, motions: list[Motion], turn: float, draws: int) -> list[Trial]:
+    """Trials of all motions with perturbed hulls and starts, motion by motion.
 
     Args:
         setup: of the bench.
         motions: of :func:`shaking`.
         turn: of the rock about the vertical [degree].
+        draws: under each motion; the first is the setup itself, where it comes to rest.
     """
-    first = trial_of(setup, tail=TAIL, log_every=0)
-    return [
-        replace(first, motion=motion, start=_start(setup.start, turn, draw))
-        for motion in motions
-        for draw in range(DRAWS)
-    ]
+    firsts = _draws(setup, turn, draws)
+    return [replace(first, motion=motion) for motion in motions for first in firsts]
 
 
 def _start(start: Pose, turn: float, draw: int) -> Pose:
@@ -347,18 +432,22 @@ def _start(start: Pose, turn: float, draw: int) -> Pose:
 
 
 def _features(result: BatchResult) -> Array:
-    """Shape (trials, 4), as FEATURES."""
-    # A rock may tremble on its contacts without end: then 30 s are long enough.
-    bad = [str(s) for s in result["status"] if s not in ("ok", "tail_timeout")]
-    if bad:
+    """Shape (trials, 4), as FEATURES; NaN of trials that did not come to rest before the motion.
+
+    Raises:
+        SimulationError: most did not.
+    """
+    settled = np.isin(result["status"], SETTLED)
+    if 2 * int(settled.sum()) < settled.size:
+        bad = str(result["status"][int(np.argmin(settled))])
         raise SimulationError(
-            f"effect check: a trial ended with status {bad[0]}; make the prior milder, so that the "
-            "rock comes to rest before the motion"
+            f"effect check: most trials ended with status {bad}; make the prior milder, so that "
+            "the rock comes to rest before the motion"
         )
     tilt = np.clip(result["peak_tilt"].astype(float), 1e-5, 1.4)
     overturned = result["outcome"] == "overturned"
     # Where a rock lies after overturning tells nothing.
-    return np.column_stack(
+    found = np.column_stack(
         [
             np.log10(tilt),
             np.where(overturned, np.nan, result["final_yaw"].astype(float)),
@@ -366,3 +455,5 @@ def _features(result: BatchResult) -> Array:
             overturned.astype(float),
         ]
     )
+    found[~settled] = np.nan
+    return found
