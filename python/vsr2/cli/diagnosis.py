@@ -28,7 +28,10 @@ def add_verbs(verbs: Any) -> None:
         "--budget-minutes", type=float, default=10.0, help="for simulations (default 10)"
     )
     parser.add_argument(
-        "--simulations", type=int, metavar="N", help="at most so many instead of a time"
+        "--simulations",
+        type=int,
+        metavar="N",
+        help="so many instead of a time; more where the trials need more",
     )
     parser.add_argument("--threads", type=int, help="default: all this process may use")
     parser.add_argument("--client", metavar="ADDRESS", help="of a Dask scheduler that runs trials")

@@ -80,6 +80,8 @@ def diagnose(
         raise DiagnosisError(
             f"budget of {budget_minutes} minutes, {simulations} simulations: must be positive"
         )
+    if seed < 0:
+        raise DiagnosisError(f"seed is {seed}; give 0 or more")
     if draws is not None and draws < FEWEST_DRAWS:
         raise DiagnosisError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
     whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)

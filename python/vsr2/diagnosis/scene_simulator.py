@@ -142,6 +142,7 @@ class SceneSimulator:
         self._seed = seed
         self._campaign, self._study = campaign, study
         self._sampling = series_sampling(campaign) if series else None
+        self._measured = () if self._sampling is None else (self._sampling,)
         interval = ROW if self._sampling is None else self._sampling.interval
         self._row = min(ROW, interval) if series else None
         self._trials = _base_trials(campaign, study, self._row)
@@ -174,7 +175,7 @@ class SceneSimulator:
                 self._orders,
                 self._sessions,
                 [getattr(self._sd, f.name) for f in fields(self._sd)],
-                self._series and (*TILT_FEATURES, *REST_FEATURES, self._sampling),
+                self._series and (*TILT_FEATURES, *REST_FEATURES, *self._measured),
                 self._seed,
                 study.settling.model_dump_json(),
                 study.outcome.model_dump_json(),
