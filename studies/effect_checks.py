@@ -5,7 +5,7 @@ is declared; none: null has no value beside it). Alive: that at the prior's end 
 the other, on the block and on models/pbr_scan.obj. Engines: greatest difference of the tilt between
 `exact` and `fast` over the first 0.3 s of shaking; and, over 42 trials whose starts lie some tenths
 of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `fast` less that of
-`exact`, with its standard error (paired). Run from the repository's root (about 3 minutes on
+`exact`, with its standard error (paired). Run from the repository's root (about 6 minutes on
 one core); docs/effects.md shows the table, `vsr2.effects.page` writes that:
 
     python studies/effect_checks.py [NAME ...]
