@@ -82,15 +82,17 @@ def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:
 
 
 def test_campaigns_without_gap_are_left_alone(bench) -> None:
-    alarms = 0
+    alarms, excess = 0, []
     for tier in "BMT":
         for nuisance in range(11, 21):
             judged = bench.judge(tier, nuisance=nuisance)
             alarms += judged.evidence.verdict.kind != "none"
-            # Trials that screening dropped as certain add nothing to a gap that is not there.
-            assert judged.diagnosis.content["gap"]["excess"]["ci95"][0] < 0.02
+            excess.append(judged.diagnosis.content["gap"]["excess"]["value"])
     # 5 % of 30 is 1.5; more than four happen once in 60.
     assert alarms <= 4
+    # The loss is the floor's on average, trials dropped as certain included: the mean of ten
+    # campaigns has a standard error of 0.005.
+    assert abs(np.mean(excess)) < 0.015
 
 
 @pytest.mark.parametrize(
