@@ -12,19 +12,22 @@ from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.diagnose import with_contradictions
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
-from vsr2.diagnosis.evidence import Data, posterior, predict, tabulate
+from vsr2.diagnosis.evidence import Data, Layout, Table, posterior, predict, tabulate
 from vsr2.diagnosis.features import Sampling, rest_features, tilt_features
 from vsr2.diagnosis.inference import Tempering
-from vsr2.diagnosis.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.novelty import Misfit, Strangers
-from vsr2.diagnosis.observations import observe_campaign
+from vsr2.diagnosis.null_campaigns import null_campaigns
+from vsr2.diagnosis.observations import observe_campaign, rest_logarithm
 from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
+from vsr2.diagnosis.table import agreement
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
 from vsr2.diagnosis.where import OUTCOME, Conditions, scan
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
 
@@ -248,6 +251,111 @@ def test_turn_and_travel_are_those_between_the_rests() -> None:
         np.testing.assert_allclose(found, [0.2, 0.05], rtol=1e-9)
     np.testing.assert_allclose(rest_features(None, position, orientation, None), [0.2, np.nan])
     assert np.isnan(rest_features(tilt + 1.2, position, orientation, table)).all()
+
+
+def test_creep_below_the_resolution_is_taken_for_none() -> None:
+    size = np.array([0.0, 0.004, 0.0099, 0.02, np.nan])
+    found = rest_logarithm(size, 0.01, 0.0001)
+    np.testing.assert_allclose(np.exp(found), [0.01, 0.01, 0.01, 0.02, np.nan])
+    # A coarse instrument resolves less.
+    np.testing.assert_allclose(np.exp(rest_logarithm(size, 0.01, 0.01))[3], 0.03)
+
+
+def test_drawn_null_campaigns_hang_together_as_the_engine_s_do() -> None:
+    """One nuisance moves all trials: the drawn deviation of sums must show it."""
+    trials, q = 60, 1
+    at = Layout(
+        np.zeros((1, 0)),
+        np.zeros((1, trials)),
+        np.ones((1, trials)),
+        (np.zeros((1, trials)),),
+        (np.full((1, trials), 0.25),),
+    )
+    table = Table(
+        NONE,
+        at,
+        at,
+        np.ones((1, 1)),
+        np.full((trials, q), 2.0),
+        (np.full((trials, q), 0.5),),
+        (np.full(trials, 1e-3),),
+    )
+    rng = np.random.default_rng(1)
+    half = (rng.random((50, trials)) < 0.5).astype(float)
+    features = np.where(half > 0.5, np.nan, 0.0)[..., None]
+    drawn = null_campaigns(table, Data(half, features), count=4000)
+    # Overturned: sigma(2 z) has mean 1/2 and standard deviation 0.323 over z ~ N(0, 1).
+    share = drawn.overturned.mean(axis=1)
+    assert share.mean() == pytest.approx(0.5, abs=0.02)
+    assert share.std() == pytest.approx(np.hypot(0.323, 0.38 / np.sqrt(trials)), abs=0.01)
+    # A feature is known where the rock stood, as in the engine's campaigns.
+    assert np.array_equal(np.isfinite(drawn.features[..., 0]), drawn.overturned < 0.5)
+    # 0.5 z plus Student's noise of scale 0.5 and 4 degrees of freedom (variance 2 x 0.25); of
+    # those that stood z has mean -E[z tanh z] and second moment 1.
+    z = np.linspace(-8, 8, 4001)
+    normal = np.exp(-0.5 * z**2) / np.exp(-0.5 * z**2).sum()
+    mean = float(normal @ (z * np.tanh(z)))
+    expected = np.sqrt(0.25 * (1 - mean**2) + 0.5)
+    assert np.nanstd(drawn.features) == pytest.approx(expected, abs=0.02)
+
+
+def test_drawn_nulls_resolve_what_few_simulated_ones_cannot() -> None:
+    there = schedule()
+    count = there.order.size
+    rng = np.random.default_rng(3)
+    variance = np.ones((1, 1, count))
+    null, drawn = rng.normal(size=(40, 1, count)), rng.normal(size=(999, 1, count))
+    wide = [np.broadcast_to(variance, part.shape) for part in (null, drawn)]
+    residual = rng.normal(size=(1, 1, count)) + np.where(there.log_pga > 0.5, 2.0, 0.0)
+
+    def smallest(drawn_null):
+        found = scan((residual, variance), (null, wide[0]), there, (OUTCOME,), drawn=drawn_null)
+        return found[0].p_familywise
+
+    assert smallest(None) == pytest.approx(1 / 41)
+    assert smallest((drawn, wide[1])) == pytest.approx(1 / 1000)
+    # Deviations are the simulated ones': drawn campaigns of twice the size say the same.
+    assert smallest((2 * drawn, wide[1])) == pytest.approx(1 / 1000)
+
+
+def recorded(gain=1.0, delay=0.0, noise=1.0, seed=0):
+    """A shaken table: displacement and acceleration of a pulse train, with their noise."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 8.0, 0.005)
+
+    def shape(t):
+        return sum(
+            0.02 * np.exp(-(((t - at) / 0.35) ** 2)) * np.sin(2 * np.pi * f * (t - at))
+            for at, f in ((2.0, 1.1), (3.5, 2.3), (5.0, 3.1))
+        )
+
+    step = 1e-4
+    late = time - delay
+    acceleration = (shape(late + step) - 2 * shape(late) + shape(late - step)) / step**2
+    return Record(
+        name="table",
+        sample_interval=0.005,
+        displacement=shape(time) + noise * 2e-6 * rng.standard_normal(time.size),
+        acceleration=gain * acceleration + noise * 0.02 * rng.standard_normal(time.size),
+    )
+
+
+def test_two_recordings_of_a_table_check_each_other() -> None:
+    gain, delay = agreement(recorded(gain=1.03, delay=0.004))
+    assert gain[0] == pytest.approx(np.log(1.03), abs=4 * gain[1])
+    assert delay[0] == pytest.approx(0.004, abs=max(4 * delay[1], 2e-4))
+    assert gain[1] < 0.003
+    assert delay[1] < 5e-4
+    one = dataclasses.replace(recorded(), acceleration=None)
+    assert np.isnan(agreement(one)).all()
+
+
+def test_noise_alone_makes_recordings_differ_by_their_standard_errors() -> None:
+    found = np.stack([agreement(recorded(seed=seed)) for seed in range(60)])
+    over = found[:, :, 0] / found[:, :, 1]
+    # The mean of 60 within 0.4 (3 standard errors), their deviation within 0.3 of 1.
+    assert np.abs(over.mean(axis=0)).max() < 0.4
+    assert np.abs(over.std(axis=0) - 1).max() < 0.3
 
 
 # --- the verdict --------------------------------------------------------------------------------

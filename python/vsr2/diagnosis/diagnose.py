@@ -18,6 +18,7 @@ from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
 from vsr2.diagnosis.equivalence import classes, leading_class
 from vsr2.diagnosis.evidence import Data, mode
+from vsr2.diagnosis.features import Feature
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
 from vsr2.diagnosis.library import NONE, values_at
@@ -29,6 +30,7 @@ from vsr2.diagnosis.shared import Shared, fingerprint
 from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
+from vsr2.diagnosis.table import TABLE_FEATURES, table_residuals
 from vsr2.diagnosis.verdict import (
     PAIR_UNEXPLAINED,
     Findings,
@@ -36,7 +38,7 @@ from vsr2.diagnosis.verdict import (
     decide,
     disagreement,
 )
-from vsr2.diagnosis.where import OUTCOME, Conditions, residuals, scan
+from vsr2.diagnosis.where import OUTCOME, Conditions, Place, residuals, scan
 
 SURPRISE_LEVEL = 0.05
 """Chance of so many contradicted certainties below which these trials are kept."""
@@ -306,13 +308,7 @@ def conclude(
         motion,
         seen.specimen[kept],
     )
-    where = scan(
-        residuals(found.before, observed),
-        prepared.calibration.null,
-        conditions,
-        (OUTCOME, *seen.measured),
-        seed=seed,
-    )
+    where = _where(seen, kept, prepared, found, observed, conditions, seed)
     measure = None
     if verdict.kind == "unknown":
         excess = np.zeros(len(seen))
@@ -322,6 +318,30 @@ def conclude(
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found.posteriors, observed, seen, kept)
     return Evidence(verdict, findings, groups, where, shrinkage, measure)
+
+
+def _where(
+    seen: Observations,
+    kept: NDArray[np.int64],
+    prepared: Prepared,
+    found: Inference,
+    observed: Data,
+    conditions: Conditions,
+    seed: int,
+) -> list[Place]:
+    """Scan the places of outcomes, features and, where it was recorded twice, the table."""
+    own = residuals(found.before, observed)
+    null, drawn = prepared.calibration.null, prepared.drawn
+    features: tuple[Feature, ...] = (OUTCOME, *seen.measured)
+    few, many = len(null[0]), len(drawn[0])
+    trials = seen.campaign.select(np.isin(np.arange(len(seen)), kept))
+    table = table_residuals(trials, null=few + many, seed=seed)
+    if table is not None:
+        own = table.beside(own, None)
+        null = table.beside(null, slice(few))
+        drawn = table.beside(drawn, slice(few, None))
+        features += TABLE_FEATURES
+    return scan(own, null, conditions, features, drawn=drawn, seed=seed)
 
 
 def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], seed: int) -> float:

@@ -21,7 +21,7 @@ class Feature(NamedTuple):
 
     Attributes:
         name: of it.
-        channel: tilt, yaw or slip.
+        channel: tilt, yaw, slip or table.
         phase: of the response.
     """
 

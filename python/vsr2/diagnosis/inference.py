@@ -19,6 +19,7 @@ from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator, relative_err
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
 from vsr2.diagnosis.library import NONE, Library
 from vsr2.diagnosis.novelty import Misfit, Strangers
+from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
 from vsr2.diagnosis.where import residuals
 
@@ -156,6 +157,8 @@ class Prepared:
         tables: route A, by label.
         classifier: route B, trained on all simulated campaigns.
         calibration: both on held-out campaigns.
+        drawn: residuals and variances of gap-free campaigns drawn from the fitted model of no
+            effect, each (campaigns, channels, trials).
         places: of the trials.
         motion: index of each trial's ground motion.
     """
@@ -166,6 +169,7 @@ class Prepared:
     tables: dict[str, Table]
     classifier: Classifier
     calibration: Calibration
+    drawn: tuple[Array, Array]
     places: Places
     motion: NDArray[np.int64]
 
@@ -208,8 +212,13 @@ def prepare(
     emulator = replace(fit_emulator(library, design), wrong=wrong)
     tables = {label: tabulate(emulator, "" if label == NONE else label) for label in labels}
     classifier = train(library, design, places, labels, seed)
+    gap_free = Data(design.overturned, design.features).take(np.flatnonzero(calibration.truth == 0))
+    drawn = null_campaigns(tables[NONE], gap_free, seed=seed)
+    nulls = residuals(crossfitted_none(tables[NONE], drawn, motion), drawn)
     report(1.0)
-    return Prepared(library, labels, emulator, tables, classifier, calibration, places, motion)
+    return Prepared(
+        library, labels, emulator, tables, classifier, calibration, nulls, places, motion
+    )
 
 
 def infer(prepared: Prepared, observed: Data) -> Inference:

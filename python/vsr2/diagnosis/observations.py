@@ -29,8 +29,12 @@ LEAST_MOTIONS = 4
 """Fewer ground motions cannot be split into fit, choose and judge with something to resample."""
 LEAST_TILT = 0.003
 """Added to largest tilts before the logarithm where the campaign states no noise [rad]."""
-LEAST_REST = (0.003, 0.001)
-"""The same for the final turn [rad] and the final travel [m]."""
+REST_RESOLUTION = (0.05, 0.01)
+"""Final turns [rad] and travels [m] below these are taken for one: how far a rocking block creeps
+on its edges is a matter of the contact model. Where one engine has it stay within a millimetre,
+another lets it go several."""
+REST_SCATTER = 0.3
+"""Standard deviation of the logarithm of larger ones between two correct engines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +103,15 @@ class Observations:
             noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
             if feature in self.measured:
                 raw = np.abs(series[..., tilts + k] + noise)
-                known = np.log(raw + max(LEAST_REST[k], self.rest_noise[k]))
+                known = rest_logarithm(raw, REST_RESOLUTION[k], self.rest_noise[k])
+                known += REST_SCATTER * rng.standard_normal(overturned.shape)
                 out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
         return out
+
+
+def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
+    """Logarithm of turns or travels, those within what can be told apart taken for one."""
+    return np.asarray(np.log(np.maximum(size, max(resolution, 3 * noise))), dtype=np.float64)
 
 
 def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:
@@ -157,7 +167,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         rest = np.stack([_rest_features(trial, used.record(trial)) for trial in used.trials])
         for k, feature in enumerate(REST_FEATURES):
             if np.isfinite(rest[:, k]).any():
-                raw = np.log(rest[:, k] + max(LEAST_REST[k], rest_noise[k]))
+                raw = rest_logarithm(rest[:, k], REST_RESOLUTION[k], rest_noise[k])
                 columns.append(np.where(overturned < 0.5, raw, np.nan))
                 measured.append(feature)
     order = np.array([trial.order for trial in used.trials], dtype=np.float64)

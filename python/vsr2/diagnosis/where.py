@@ -4,15 +4,17 @@ The score of a place is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of
 cross-fitted model without effects, v its variance, w the place's weights (1 inside, 0 outside; a
 centred trend; a step). The nulls are
 
-- for every place: campaigns simulated without effect, nuisances drawn, each counted once, so that n
-  of them can show p = 1 / (n + 1) at best;
+- for every place: campaigns simulated without effect, nuisances drawn. The engine's own are few: n
+  of them can show p = 1 / (n + 1) at best. Where none of them reaches a score, 999 campaigns drawn
+  from the model of no effect that was fitted to them tell how rare it is; else the larger p counts;
 - for places over the order of execution besides: block permutations of the observed residuals, in
   which whole sessions, or whole runs of one motion, change places (sessions themselves: runs of one
   motion). Residuals that hang together within a session look like a trend; permuting single trials
   would take that for significant. The larger p value counts.
 
-Each score is divided by its null deviation; the family's p value is that of the largest score
-(P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
+Each score is divided by its null deviation, a drawn campaign's by that of the drawn ones, so that
+the drawn ones tell only how places and channels hang together; the family's p value is that of the
+largest score (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
 """
 
 from __future__ import annotations
@@ -92,6 +94,7 @@ def scan(
     conditions: Conditions,
     features: tuple[Feature, ...],
     *,
+    drawn: tuple[Array, Array] | None = None,
     seed: int = 0,
 ) -> list[Place]:
     """Scan all places.
@@ -101,6 +104,7 @@ def scan(
         null: the same of campaigns simulated without effect, shape (campaigns, channels, trials).
         conditions: of the trials.
         features: of the residuals' channels, `OUTCOME` first.
+        drawn: the same as `null`, of campaigns drawn from the fitted model of no effect.
         seed: of permutations.
 
     Returns:
@@ -112,7 +116,12 @@ def scan(
     residual, variance = observed[0][0], observed[1][0]
     rng = np.random.default_rng([seed, 5])
     score = _scores(residual[None], variance[None], weights)[0]
-    p_value = _family_p(score, _scores(null[0], null[1], weights))
+    simulated = _scores(null[0], null[1], weights)
+    p_value = _family_p(score, simulated)
+    if drawn is not None:
+        finer = _family_p(score, _scores(drawn[0], drawn[1], weights), simulated)
+        reached = p_value > 1 / (len(simulated) + 1)
+        p_value = np.where(reached, np.maximum(p_value, finer), finer)
     for inside, labels in (
         (by_order, (conditions.session, conditions.motion)),
         (by_session, (conditions.motion,)),
@@ -185,13 +194,19 @@ def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
     return names, axes, np.stack(weights)
 
 
-def _family_p(score: Array, null: Array) -> Array:
-    """P value of each score among the largest of the family, shape (channels, places)."""
-    deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5)
-    largest = np.abs(null / deviation).reshape(len(null), -1).max(axis=1)
-    own = np.abs(score / deviation)
+def _family_p(score: Array, null: Array, reference: Array | None = None) -> Array:
+    """P value of each score among the largest of the family, shape (channels, places).
+
+    The score is divided by the deviation of `reference`; None: of the null scores themselves.
+    """
+    largest = np.abs(null / _deviation(null)).reshape(len(null), -1).max(axis=1)
+    own = np.abs(score / _deviation(null if reference is None else reference))
     above = (largest[:, None, None] >= own[None]).sum(axis=0)
     return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
+
+
+def _deviation(null: Array) -> Array:
+    return np.asarray(np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5), dtype=np.float64)
 
 
 def _permutation(label: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
