@@ -62,9 +62,9 @@ CHECKS = {
         24,
     ),
     "validation": Check(
-        4,
+        2,
         PackSettings(
-            engines=ENGINES, single=(15, 5), none=(8, 2), unknown=(5, 2), pair=(5, 1), hidden=5
+            engines=ENGINES, single=(30, 10), none=(16, 4), unknown=(10, 4), pair=(10, 2), hidden=5
         ),
         24,
     ),

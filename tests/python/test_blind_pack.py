@@ -34,6 +34,7 @@ from vsr2.campaign import check_campaign, load_campaign
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
 from vsr2.diagnosis import Nuisances, diagnose
+from vsr2.diagnosis.scene_simulator import SceneSimulator
 from vsr2.effects import library as known_effects
 from vsr2.errors import BlindError, CampaignError
 
@@ -353,6 +354,14 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
         assert how["tier"] == "T" or campaign.noise.tilt is None
     whole = load_campaign(small / Stub.calls[0][0].name)
     assert at_tier(whole, "T") is whole
+    # All tiers share one bank of simulations.
+    shared = Stub.calls[0][1]["shared"]
+    scene = load_study(small / "scene.yaml")
+    simulators = [
+        SceneSimulator(at_tier(whole, tier), scene, series=True, sampling=shared.sampling)
+        for tier in ("B", "M", "T")
+    ]
+    assert len({simulator.identity for simulator in simulators}) == 1
 
 
 def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:

@@ -139,9 +139,12 @@ def diagnose_pack(
         budget = {"budget_minutes": budget_minutes}
     _same_submission(out, pack, budget | {"seed": seed})
     from vsr2.diagnosis import Nuisances, Shared
+    from vsr2.diagnosis.observations import series_sampling
 
     nuisances = Nuisances(**uncertainties(pack.get("tolerances", {})))
-    shared = Shared(out / BANK_FILE, series="T" in offered)
+    series = "T" in offered
+    sampling = series_sampling(load_campaign(data / next(iter(listed)))) if series else None
+    shared = Shared(out / BANK_FILE, series, sampling)
     failed = []
     for tier, name in _in_groups(wanted, chosen, listed):
         folder = out / name / tier

@@ -102,6 +102,7 @@ def diagnose(
         library=library,
         exclude=exclude,
         series=seen.tier == "T" or (shared is not None and shared.series),
+        sampling=None if shared is None else shared.sampling,
         threads=threads,
         client=client,
         seed=seed,

@@ -104,6 +104,7 @@ class SceneSimulator:
         library: effects; default: all that are registered.
         exclude: names left out.
         series: also draw features from the tilt's series.
+        sampling: of series, where the campaign has none.
         threads: of the native core; None: all.
         client: of a Dask cluster that runs the trials.
         seed: of nuisances and of what belongs to single trials.
@@ -125,6 +126,7 @@ class SceneSimulator:
         library: Mapping[str, Effect] | None = None,
         exclude: Collection[str] = (),
         series: bool = False,
+        sampling: Sampling | None = None,
         threads: int | None = None,
         client: distributed.Client | None = None,
         seed: int = 0,
@@ -141,7 +143,7 @@ class SceneSimulator:
         self._client = client
         self._seed = seed
         self._campaign, self._study = campaign, study
-        self._sampling = series_sampling(campaign) if series else None
+        self._sampling = series_sampling(campaign) or sampling if series else None
         self._measured = () if self._sampling is None else (self._sampling,)
         interval = ROW if self._sampling is None else self._sampling.interval
         self._row = min(ROW, interval) if series else None

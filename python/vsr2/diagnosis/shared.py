@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.emulator import Design
+from vsr2.diagnosis.features import Sampling
 from vsr2.diagnosis.inference import Prepared
 
 KEPT = 2
@@ -29,10 +30,12 @@ class Shared:
         bank: file of simulations.
         series: simulate series too, also for diagnoses that do not use them, so that those that do
             find their simulations.
+        sampling: of series, where a campaign comes without them.
     """
 
     bank: Path
     series: bool = False
+    sampling: Sampling | None = None
     _models: OrderedDict[str, Prepared] = field(default_factory=OrderedDict, repr=False)
 
     def prepared(self, key: str, prepare: Callable[[], Prepared]) -> Prepared:
