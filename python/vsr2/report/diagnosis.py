@@ -203,13 +203,17 @@ def _closure_note(content: Mapping[str, Any]) -> str:
 
 def _channels_note(content: Mapping[str, Any]) -> str:
     unseen = {
-        "B": "Outcomes alone tell nothing of phases; largest tilts and series would.",
-        "M": "Series would tell uplift, impacts, decay and rest pose apart.",
+        "B": "Outcomes alone tell nothing of phases; largest tilts and series would. ",
+        "M": "Series would tell uplift, impacts, decay and rest pose apart. ",
     }
-    return unseen.get(
-        content["campaign"]["tier"],
-        "The table's own motion is taken as recorded: its errors show in the response alone.",
-    )
+    if any(row["channel"] == "table" for row in content["where"]):
+        table = "Record gain and delay: the table's acceleration against its displacement."
+    else:
+        table = (
+            "The table's motion was recorded once, so that it cannot be checked: its errors show "
+            "in the response alone."
+        )
+    return unseen.get(content["campaign"]["tier"], "") + table
 
 
 def _next(content: Mapping[str, Any]) -> str:

@@ -12,6 +12,8 @@ from vsr2.report.svg import Chart
 Rows = Sequence[Mapping[str, Any]]
 
 _COLOURS = ("#1f6f8b", "#c8553d", "#7a5195", "#5b8c5a", "#b8860b", "#5b6675")
+_CLASSES = (*_COLOURS, "#d46a9f", "#2f3e75", "#4fb3a5", "#8c5a3c")
+"""As many as hypotheses are shown, so that no two classes share one."""
 _SURPRISED, _CALM = "#c8553d", "#9aa5b1"
 _GRAVITY = 9.81
 _LEVEL = 0.05
@@ -24,7 +26,7 @@ def posterior_figure(content: Mapping[str, Any]) -> str:
         *content["effects"],
     ]
     rows.sort(key=lambda row: -row["probability"])
-    shown = rows[:10]
+    shown = rows[: len(_CLASSES)]
     inside = set(content["conformal_set_90"])
     order = list(dict.fromkeys(row["class"] for row in shown))
     chart = Chart(
@@ -37,7 +39,7 @@ def posterior_figure(content: Mapping[str, Any]) -> str:
         left=150,
     )
     for i, row in enumerate(shown):
-        colour = _COLOURS[min(order.index(row["class"]), len(_COLOURS) - 1)]
+        colour = _CLASSES[order.index(row["class"])]
         fill = colour if row["name"] in inside else "#fff"
         chart.bar(
             0.0,
