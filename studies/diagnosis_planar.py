@@ -28,7 +28,7 @@ from vsr2.diagnosis.emulator import fit_emulator
 from vsr2.diagnosis.evidence import Data, Table, log_likelihood, posterior, tabulate
 from vsr2.diagnosis.inference import Prepared
 from vsr2.diagnosis.library import NONE, free_parameters, values_at
-from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.planted import Judged, Rehearsal, shaken_campaign
 
 CLASSES = (

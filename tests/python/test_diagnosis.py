@@ -15,8 +15,8 @@ from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
 from vsr2.diagnosis.observations import observe_campaign
-from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
-from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
 from vsr2.diagnosis.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request

@@ -19,7 +19,7 @@ from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, 
 from vsr2.diagnosis.novelty import Misfit, Strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.observations import observe_campaign, rest_logarithm
-from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.table import agreement

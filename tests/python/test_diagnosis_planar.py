@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.planar import DEFAULTS, GRAVITY, STEP, PlanarBlocks, simulate_planar
-from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
-from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planar.block import DEFAULTS, GRAVITY, STEP, PlanarBlocks, simulate_planar
+from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request
 

@@ -9,8 +9,8 @@ import pytest
 
 from vsr2.diagnosis import Budget, Shared, diagnose_with
 from vsr2.diagnosis import diagnose as api
-from vsr2.diagnosis.planar_library import PLANAR_LIBRARY
-from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.planted import observe, shaken_campaign
 from vsr2.errors import DiagnosisError
 

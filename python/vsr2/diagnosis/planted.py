@@ -20,8 +20,8 @@ from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.features import TILT_FEATURES
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
 from vsr2.diagnosis.observations import Observations, observe_campaign
-from vsr2.diagnosis.planar import GRAVITY
-from vsr2.diagnosis.planar_simulator import PlanarSimulator
+from vsr2.diagnosis.planar.block import GRAVITY
+from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.simulator import Effects, Request, Responses, Simulator
 from vsr2.diagnosis.summary import Evidence, compose

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.config.study import Filter
-from vsr2.diagnosis.planar import DEFAULTS, GRAVITY, STEP, PlanarBlocks, simulate_planar
-from vsr2.diagnosis.planar_library import PLANAR_LIBRARY, Lanes, PlanarEffect
+from vsr2.diagnosis.planar.block import DEFAULTS, GRAVITY, STEP, PlanarBlocks, simulate_planar
+from vsr2.diagnosis.planar.library import PLANAR_LIBRARY, Lanes, PlanarEffect
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
 from vsr2.errors import DiagnosisError
 from vsr2.motion import build_recorded_motion
