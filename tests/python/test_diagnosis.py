@@ -23,6 +23,7 @@ from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, verdict_sentence
+from vsr2.report.diagnosis_figures import posterior_figure
 from vsr2.simulation import run_batch
 
 NAMES = ("table_gain", "slenderness", "restitution", "com_offset", "wear", "catch")
@@ -266,6 +267,10 @@ def test_the_page_says_it_all_and_needs_nothing_else(found) -> None:
     assert verdict_sentence(found.content) in page
     assert page.count("<svg") == page.count("</svg>") == 6
     assert not re.search(r"(?:src|href)=|https?://|@import", page)
+    # The bars of two classes never share a colour.
+    many = [found.content["effects"][0] | {"name": f"e{i}", "class": f"e{i}"} for i in range(12)]
+    bars = posterior_figure({**found.content, "effects": many})
+    assert len(set(re.findall(r'<rect[^>]* stroke="(#\w+)"', bars))) == 10
     for text in found.content["limits"]:
         assert text.replace("'", "&#x27;") in page
     assert "catch" in format_diagnosis(found)
