@@ -36,7 +36,7 @@ from vsr2.config import Study, load_study
 from vsr2.diagnosis import Nuisances, diagnose
 from vsr2.diagnosis.scene_simulator import SceneSimulator
 from vsr2.effects import library as known_effects
-from vsr2.errors import BlindError, CampaignError
+from vsr2.errors import BlindError, CampaignError, SimulationError
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5, "floor_trials": 8}
@@ -337,6 +337,31 @@ def small(quick, study, tmp_path):
     make(study, tmp_path, single=2, none=1, pair=0, unknown=1)
     Stub.calls = []
     return tmp_path / "data"
+
+
+def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) -> None:
+    restless = []
+
+    class Restless(QuickEngine):
+        def run(self, shakes, series_interval):
+            if series_interval < 1.0 and restless and restless.pop(0):
+                raise SimulationError("settling_timeout")
+            return super().run(shakes, series_interval)
+
+    monkeypatch.setattr(make_module, "build_engine", lambda *args: Restless())
+    settings = PackSettings(single=0, none=2, unknown=0, pair=0, trials=20)
+
+    def made(name, fails):
+        restless[:] = fails
+        make_pack(study, tmp_path / name, tmp_path / f"{name}-key", settings, seed=3)
+        assert not restless
+        return [folder_sha256(p) for p in sorted((tmp_path / name / "data").glob("c*"))]
+
+    calm, moved = made("calm", [False, False]), made("moved", [True, True, False, False])
+    # One of the two, drawn a third time.
+    assert len(set(calm) & set(moved)) == 1
+    with pytest.raises(SimulationError, match="settling_timeout"):
+        made("never", [True] * 6)
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:

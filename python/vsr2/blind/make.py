@@ -43,12 +43,14 @@ from vsr2.blind.shake import Engine, Observed, Shake
 from vsr2.blind.write import written_campaign
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
-from vsr2.errors import BlindError
+from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
 _STATE = "custodian.json"
 _FLOORS = "floors.json"
 _ENTRIES = "entries"
+ATTEMPTS = 6
+"""Draws of a campaign, until its rock rests before every motion."""
 
 Say = Callable[[str], None]
 
@@ -275,8 +277,31 @@ def _campaign(
     settings: PackSettings,
     seed: int,
 ) -> dict[str, Any]:
-    """Simulate and write one campaign; returns its entry of the key."""
-    rng = np.random.default_rng([seed, 401, planned.index])
+    """Simulate and write one campaign; returns its entry of the key.
+
+    Where a rock does not come to rest, all draws are made anew, as it would be placed anew.
+
+    Raises:
+        SimulationError: nor does it in any of `ATTEMPTS` draws.
+    """
+    for attempt in range(ATTEMPTS - 1):
+        try:
+            return _drawn(data, planned, engine, protocol, settings, (seed, attempt))
+        except SimulationError:
+            continue
+    return _drawn(data, planned, engine, protocol, settings, (seed, ATTEMPTS - 1))
+
+
+def _drawn(
+    data: Path,
+    planned: Planned,
+    engine: Engine,
+    protocol: Protocol,
+    settings: PackSettings,
+    seed: tuple[int, int],
+) -> dict[str, Any]:
+    number, attempt = seed
+    rng = np.random.default_rng([number, 401, planned.index, *([attempt] if attempt else [])])
     rows = protocol.rows
     nuisances = draw_nuisances(rng, settings)
     gain = log_uniform(rng, *settings.tolerances.input_gain)
