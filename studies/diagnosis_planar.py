@@ -1,11 +1,12 @@
 """How well the diagnosis does on campaigns of a planar block whose cause is known.
 
-    python studies/diagnosis_planar.py [--trials N] [--singles N] [--nones N] [--tiers BMT]
-        [--draws N] [--seed N] [--out FOLDER]
+    python studies/diagnosis_planar.py [--trials N] [--singles N] [--nones N] [--pairs N]
+        [--tiers BMT] [--draws N] [--seed N] [--out FOLDER]
 
 One schedule of trials is simulated and prepared once, then many campaigns are planted on it by a
-simulator whose draws of nuisances the diagnosis does not know: one effect each, no effect, and one
-effect whose class is taken out of the library. Magnitudes are log-uniform from 0.5 to 6 times the
+simulator whose draws of nuisances the diagnosis does not know: one effect each, no effect, two
+effects of different classes (both at their floor or above), and one effect whose class is taken out
+of the library. Magnitudes are log-uniform from 0.5 to 6 times the
 detection floor of tier M, at which the expected log likelihood ratio against "none", nuisances
 fitted, is 4.5 nat (3 standard deviations); an effect whose range ends below gets its end.
 
@@ -38,6 +39,8 @@ CLASSES = (
 )
 FLOOR = 3.0
 """Standard deviations at the detection floor."""
+Planted = tuple[str, tuple[float, ...], float]
+"""Effect, values and magnitude over its floor."""
 UNKNOWN = ("catch", "time_scale", "restitution")
 """Effects whose classes are left out in turn."""
 
@@ -63,9 +66,7 @@ def signal(table: Table, none: Table) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(2 * gap), dtype=np.float64)
 
 
-def draw_effects(
-    rehearsal: Rehearsal, count: int, rng: np.random.Generator
-) -> list[tuple[str, tuple[float, ...], float]]:
+def draw_effects(rehearsal: Rehearsal, count: int, rng: np.random.Generator) -> list[Planted]:
     """Effects in turn, each with values and magnitude over the floor of tier M."""
     library = rehearsal.simulator.library
     emulator = fit_emulator(library, rehearsal.design("M"))
@@ -86,12 +87,26 @@ def draw_effects(
     return out
 
 
+def draw_pairs(
+    planted: Sequence[Planted], count: int, rng: np.random.Generator
+) -> list[tuple[Planted, Planted]]:
+    """Two effects of different classes, each at its floor or above."""
+    heard = [one for one in planted if one[2] >= 1]
+    out: list[tuple[Planted, Planted]] = []
+    while len(out) < count:
+        i, j = rng.choice(len(heard), 2, replace=False)
+        if class_of(heard[i][0]) != class_of(heard[j][0]):
+            out.append((heard[i], heard[j]))
+    return out
+
+
 def row_of(judged: Judged, tier: str, kind: str, name: str, relative: float) -> dict[str, Any]:
     """What scoring needs of one campaign."""
     content = judged.diagnosis.content
     p = {entry["name"]: entry["probability"] for entry in content["effects"]}
     p[NONE] = content["none_probability"]
-    mine = class_of(name)
+    parts = {class_of(part)[0] for part in name.split("+")}
+    mine = class_of(name.split("+")[0])
     groups = {member: class_of(member)[0] for member in p}
     by_class: dict[str, float] = {}
     for member, value in p.items():
@@ -109,7 +124,8 @@ def row_of(judged: Judged, tier: str, kind: str, name: str, relative: float) -> 
         "relative": relative,
         "verdict": verdict["kind"],
         "named": " ".join(verdict["effects"]),
-        "right": int(mine[0] in named),
+        "right": int(bool(parts & named)),
+        "both": int(named == parts),
         "top1": int(best == mine[0]),
         "p_true": by_class.get(mine[0], 0.0) if kind != "none" else p[NONE],
         "p_top": by_class[top],
@@ -155,6 +171,7 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         strong = [row for row in single if row["relative"] >= 2]
         none = [row for row in mine if row["kind"] == "none"]
         unknown = [row for row in mine if row["kind"] == "unknown"]
+        pair = [row for row in mine if row["kind"] == "pair"]
         known = single + none
         names = ("effect", "class", "pair")
         spoken = [row for row in single + unknown if row["verdict"] in names]
@@ -186,6 +203,16 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "unknowns": len(unknown),
                 "unknown_auroc": _mean(b + 0.5 * t for b, t in zip(beaten, ties, strict=True)),
                 "unknown_named": _mean(row["verdict"] in names for row in unknown),
+                "pairs": len(pair),
+                "pair_both_named": _mean(row["verdict"] == "pair" and row["both"] for row in pair),
+                "pair_one_named": _mean(
+                    row["verdict"] in names and row["right"] and not row["both"] for row in pair
+                ),
+                "pair_named_wrongly": _mean(
+                    row["verdict"] in names and not row["right"] for row in pair
+                ),
+                "pair_unknown": _mean(row["verdict"] == "unknown" for row in pair),
+                "pair_unresolved": _mean(row["verdict"] == "unresolved" for row in pair),
                 "error": float(np.median([row["error"] for row in strong])),
                 "inside": _mean(row["inside"] for row in strong),
                 "closure": _mean(row["closure"] for row in closed),
@@ -237,6 +264,14 @@ def measure(
         rehearsal.observed(truth, ((name, values),), nuisance=1 + i)
         for i, (name, values, _) in enumerate(planted)
     ]
+    pairs = [
+        (f"{a[0]}+{b[0]}", min(a[2], b[2]), tuple(sorted((a[:2], b[:2]))))
+        for a, b in draw_pairs(planted, options.pairs, rng)
+    ]
+    twofold = [
+        rehearsal.observed(truth, effects, nuisance=2001 + i)
+        for i, (_, _, effects) in enumerate(pairs)
+    ]
     nones = [rehearsal.observed(truth, (), nuisance=1001 + i) for i in range(options.nones)]
     rows: list[dict[str, Any]] = []
     for tier in options.tiers:
@@ -248,6 +283,8 @@ def measure(
             write(options.out / "campaigns.csv", rows)
         for seen in nones:
             rows.append(row_of(rehearsal.judge(prepared, seen, tier), tier, "none", NONE, 0.0))
+        for (name, relative, _), seen in zip(pairs, twofold, strict=True):
+            rows.append(row_of(rehearsal.judge(prepared, seen, tier), tier, "pair", name, relative))
         for left_out in options.unknown:
             lacking = rehearsal.prepared(tier, without=class_of(left_out))
             for (name, _, relative), seen in zip(planted, singles, strict=True):
@@ -267,6 +304,7 @@ def arguments(description: str) -> argparse.ArgumentParser:
     parser.add_argument("--trials", type=int, default=150)
     parser.add_argument("--singles", type=int, default=48)
     parser.add_argument("--nones", type=int, default=24)
+    parser.add_argument("--pairs", type=int, default=16)
     parser.add_argument("--tiers", default="BMT")
     parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--seed", type=int, default=0)

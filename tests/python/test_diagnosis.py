@@ -14,11 +14,13 @@ from vsr2.campaign import save_campaign
 from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
+from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
 from vsr2.diagnosis.scene_simulator import SceneSimulator
+from vsr2.diagnosis.shrinkage import judge
 from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
@@ -142,11 +144,12 @@ def test_an_effect_that_the_library_lacks_is_not_given_a_wrong_name(bench) -> No
     assert judged.evidence.findings.novelty_p <= 0.05
 
 
-def test_permuted_labels_are_at_chance(bench) -> None:
-    design = bench.rehearsal.design("B")
+@pytest.mark.parametrize("tier", ["B", "M"])
+def test_permuted_labels_are_at_chance(bench, tier) -> None:
+    design = bench.rehearsal.design(tier)
     order = np.random.default_rng(0).permutation(len(design.effect))
     shuffled = replace(design, overturned=design.overturned[order], features=design.features[order])
-    fitted = bench.rehearsal.prepared("B", design=shuffled).calibration
+    fitted = bench.rehearsal.prepared(tier, design=shuffled).calibration
 
     def hits(calibration):
         effect = calibration.truth > 0
@@ -156,7 +159,7 @@ def test_permuted_labels_are_at_chance(bench) -> None:
     chance = 1 / len(NAMES)
     # Three binomial standard errors around chance.
     assert abs(hits(fitted) - chance) < 3 * np.sqrt(chance * (1 - chance) / (DRAWS * len(NAMES)))
-    assert hits(bench.prepared("B").calibration) > 2 * chance
+    assert hits(bench.prepared(tier).calibration) > 2 * chance
 
 
 def test_stated_probabilities_are_those_at_which_labels_are_right(bench) -> None:
@@ -187,6 +190,50 @@ def test_how_far_is_judged_on_motions_that_were_not_seen(bench) -> None:
     assert shrinkage.after.mean() < shrinkage.placebo.mean() < shrinkage.before.mean() + 0.05
     # A tether that holds most of what should overturn: a shift of the logits alone helps a lot.
     assert shrinkage.after.mean() < shrinkage.recalibrated.mean() < 0.7 * shrinkage.before.mean()
+
+
+def test_no_group_s_outcomes_reach_the_models_that_judge_it(bench) -> None:
+    prepared = bench.prepared("M")
+    seen = bench.rehearsal.observed(bench.truth, (("catch", (0.12,)),), nuisance=7)
+    kept = bench.rehearsal.screening.kept
+    data = Data(seen.overturned[None, kept], seen.features[None, kept, :1])
+    group = prepared.motion % 4
+
+    def judged(observed):
+        return judge(
+            prepared.library,
+            prepared.emulator,
+            prepared.tables,
+            observed,
+            group,
+            ("catch",),
+            pairs=True,
+        )
+
+    plain = judged(data)
+    flipped = np.where(group == 1, 1 - data.overturned, data.overturned)
+    changed = judged(Data(flipped, np.where(group[:, None] == 1, np.nan, data.features)))
+    mine = group == 1
+    for name in ("predicted_before", "predicted_after", "predicted_pair"):
+        there, here = getattr(plain, name), getattr(changed, name)
+        np.testing.assert_array_equal(there[mine], here[mine])
+        assert (there[~mine] != here[~mine]).any()
+    for name in ("after", "placebo", "pair"):
+        assert plain.chosen[name][1] == changed.chosen[name][1]
+    assert (plain.before[mine] != changed.before[mine]).all()
+
+
+def test_a_pair_is_told_by_its_own_model_throughout(bench) -> None:
+    judged = bench.judge("T", ("wear", (0.14,)), ("catch", (0.12,)), nuisance=3)
+    content, shrinkage = judged.diagnosis.content, judged.evidence.shrinkage
+    assert content["verdict"]["kind"] == "pair"
+    assert content["placebo"]["effect"] not in ("wear", "catch")
+    assert content["next_measurement"]["splits"] == []
+    kept = [row for row in judged.diagnosis.trials if row["uncertain"]]
+    after = np.array([row["after"] for row in kept])
+    np.testing.assert_array_equal(after, shrinkage.predicted_pair)
+    assert (after != shrinkage.predicted_after).any()
+    assert content["gap"]["closure"]["value"] > 0.5
 
 
 # --- the whole ----------------------------------------------------------------------------------
@@ -283,6 +330,29 @@ def test_too_small_a_campaign_is_refused(trials: int) -> None:
     part = observed.select([i < trials for i in range(len(observed))])
     with pytest.raises(DiagnosisError, match="needs 40 of 4 motions"):
         observe_campaign(part)
+
+
+def test_a_few_missing_tilts_cost_no_tier() -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0, pga=(0.55, 1.15))
+    observed = observe(campaign, PlanarSimulator(campaign), nuisance=1, tier="M")
+    standing = [i for i, trial in enumerate(observed.trials) if not trial.overturned]
+
+    def without(indices):
+        trials = [
+            replace(trial, peak_tilt=None) if i in indices else trial
+            for i, trial in enumerate(observed.trials)
+        ]
+        return replace(observed, trials=tuple(trials))
+
+    overturned = set(range(len(observed))) - set(standing)
+    seen = observe_campaign(without({*overturned, standing[3]}))
+    assert seen.tier == "M"
+    assert np.isnan(seen.features[:, 0]).sum() == len(overturned) + 1
+    many = without(set(standing[: len(standing) // 5 + 1]))
+    assert observe_campaign(many).tier == "B"
+    first = observed.trials[standing[0]].trial
+    with pytest.raises(DiagnosisError, match=rf"not M: \d+ trials have no largest tilt .*{first}"):
+        observe_campaign(many, "M")
 
 
 def test_a_tier_that_was_not_measured_is_refused() -> None:

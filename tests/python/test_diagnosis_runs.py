@@ -73,7 +73,7 @@ def told(folder: Path) -> dict:
 def test_the_command_line_writes_verdict_page_and_progress(folder, told, tmp_path, capsys) -> None:
     assert main([*command(folder, tmp_path / "two"), "--threads", "2"]) == 0
     shown = capsys.readouterr()
-    assert "caused by catch" in shown.out
+    assert "Of the effects in the library, catch explains the gap" in shown.out
     assert "screening" in shown.err
     assert "leading" in shown.err
     written = {path.name for path in (tmp_path / "two").iterdir()}

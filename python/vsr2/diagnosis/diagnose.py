@@ -22,7 +22,11 @@ from vsr2.diagnosis.features import Feature
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
 from vsr2.diagnosis.library import NONE, values_at
-from vsr2.diagnosis.next_measurement import measurement_of_the_unknown, next_measurement
+from vsr2.diagnosis.next_measurement import (
+    measurement_of_a_pair,
+    measurement_of_the_unknown,
+    next_measurement,
+)
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
@@ -74,7 +78,7 @@ def diagnose_with(
     Args:
         simulator: of the campaign's trials with motion and outcome, in order of execution.
         campaign: the same trials.
-        tier: information to use; None: all that the campaign shares.
+        tier: information to use; None: all that enough of its trials have.
         bank: file of simulations, made where there is none; None: in memory.
         budget: of simulations.
         shared: with the diagnoses of other campaigns of the same trials; its bank goes before
@@ -273,7 +277,7 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
-    pair, gain = _accepted_pair(shrinkage, floor, motion, seed)
+    pair, gain = _accepted_pair(shrinkage, floor, _dropped_excess(seen, screening), motion, seed)
     novelty_p = min(found.novelty_p, 2 * _surprise_p(seen, screening, certain))
     findings = Findings(
         gap_low=gap_low,
@@ -314,6 +318,8 @@ def conclude(
         excess = np.zeros(len(seen))
         excess[kept] = shrinkage.after - floor
         measure = measurement_of_the_unknown(seen, excess, where)
+    elif verdict.kind == "pair":
+        measure = measurement_of_a_pair(verdict.effects, library)
     elif verdict.kind != "none":
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found.posteriors, observed, seen, kept)
@@ -354,8 +360,16 @@ def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], se
     return min(resampled, simulated)
 
 
+def _dropped_excess(seen: Observations, screening: Screening) -> float:
+    """What the trials that screening dropped lose over their floor, summed."""
+    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
+    p, y = screening.probability[dropped], seen.overturned[dropped]
+    loss = -np.where(y > 0.5, np.log(p), np.log1p(-p))
+    return float((loss + np.log(np.maximum(p, 1 - p))).sum())
+
+
 def _accepted_pair(
-    shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
+    shrinkage: Shrinkage, floor: Array, dropped: float, motion: NDArray[np.int64], seed: int
 ) -> tuple[tuple[str, str] | None, float]:
     """The pair that most groups chose, if it explains the gap, and the probability of a gain.
 
@@ -371,7 +385,9 @@ def _accepted_pair(
         for names in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
     ]
     common = max(set(names), key=names.count)
-    left = (shrinkage.pair - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)
+    left = ((shrinkage.pair - floor).sum() + dropped) / max(
+        (shrinkage.before - floor).sum() + dropped, 1e-9
+    )
     better = shrinkage.pair.mean() < shrinkage.recalibrated.mean()
     proven = np.quantile(gains, 0.025) > 0 and 2 * names.count(common) > len(names)
     if not (proven and better and left < PAIR_UNEXPLAINED):

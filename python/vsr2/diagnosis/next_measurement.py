@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.equivalence import INSEPARABLE, expected_campaign
 from vsr2.diagnosis.evidence import Data, Posterior, log_likelihood, mode, posterior
 from vsr2.diagnosis.inference import Prepared
-from vsr2.diagnosis.library import Entry
+from vsr2.diagnosis.library import Entry, Library
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.where import SIGNIFICANT, Place
 
@@ -100,6 +100,12 @@ def next_measurement(
         else int(np.ceil(INSEPARABLE / information)),
     }
     return out
+
+
+def measurement_of_a_pair(names: Sequence[str], library: Library) -> dict[str, Any]:
+    """What shows each of two effects that act together: nothing has to be split."""
+    ways = dict.fromkeys(_instrument(library[name]) for name in names)
+    return {"what": "; and ".join(ways), "splits": []}
 
 
 def measurement_of_the_unknown(

@@ -27,6 +27,9 @@ LEAST_TRIALS = 40
 """Fewer trials with motion and outcome are refused."""
 LEAST_MOTIONS = 4
 """Fewer ground motions cannot be split into fit, choose and judge with something to resample."""
+ENOUGH = 0.9
+"""Share of the trials that must have what a tier rests on: the largest tilts of those that stood
+(M), series (T)."""
 LEAST_TILT = 0.003
 """Added to largest tilts before the logarithm where the campaign states no noise [rad]."""
 REST_RESOLUTION = (0.05, 0.01)
@@ -119,7 +122,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
 
     Args:
         campaign: trials without motion or outcome are left out.
-        tier: information to use; None: all that the campaign shares.
+        tier: information to use; None: all that `ENOUGH` of the trials have.
 
     Raises:
         DiagnosisError: too few trials or motions, or a tier that the campaign does not reach.
@@ -140,12 +143,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     mask[kept] = True
     used = campaign.select(mask)
     used = _in_order(used)
-    if tier is not None and tier > used.tier:
-        raise DiagnosisError(
-            f"campaign {campaign.name!r}: reaches tier {used.tier}, not {tier}; choose tier "
-            f"{used.tier}, or measure more"
-        )
-    tier = used.tier if tier is None else tier
+    tier = _reached_tier(used, tier)
     overturned = used.overturned
     noise = used.noise.peak_tilt or 0.0
     offset = max(LEAST_TILT, noise)
@@ -190,6 +188,27 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         log_pga=log_pga,
         log_ratio=log_ratio,
     )
+
+
+def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
+    """The tier that `ENOUGH` of the trials reach, or a lower one that is wanted."""
+    standing = [t for t in campaign.trials if not t.overturned]
+    without_tilt = [t.trial for t in standing if not np.isfinite(_peak(t))]
+    without_series = [t.trial for t in campaign.trials if t.series is None]
+    reached: Tier = "B"
+    lacking, measured = without_tilt, "largest tilt"
+    tilts = len(without_tilt) <= (1 - ENOUGH) * len(standing)
+    if tilts if standing else campaign.tier > "B":
+        reached, lacking, measured = "M", without_series, "series"
+        if len(without_series) <= (1 - ENOUGH) * len(campaign):
+            reached = "T"
+    if wanted is not None and wanted > reached:
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: reaches tier {reached}, not {wanted}: {len(lacking)} "
+            f"trials have no {measured} (the first is {lacking[0] if lacking else '-'}); choose "
+            f"tier {reached}, or measure more"
+        )
+    return reached if wanted is None else wanted
 
 
 def series_sampling(campaign: Campaign) -> Sampling | None:

@@ -8,8 +8,8 @@ the same simulations behind all of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,9 @@ class Shrinkage:
         pair: with the best pair; None: none was tried.
         chosen: names by group, of `after`, `placebo` and `pair`.
         predicted_before, predicted_after: probabilities of overturning.
+        predicted_pair: the same with the best pair; None: none was tried.
+        group: of each trial.
+        ranked: effects by their evidence on the other motions, by group.
     """
 
     before: Array
@@ -68,6 +71,31 @@ class Shrinkage:
     chosen: dict[str, list[str]]
     predicted_before: Array
     predicted_after: Array
+    predicted_pair: Array | None
+    group: NDArray[np.int64]
+    ranked: list[list[str]]
+
+    def of_pair(self, outside: Collection[str]) -> Shrinkage:
+        """The same with the pair as what was chosen; as it is if none was tried.
+
+        Args:
+            outside: effects that the placebo may not be.
+        """
+        if self.pair is None or self.predicted_pair is None:
+            return self
+        placebo, names = np.zeros_like(self.before), []
+        for k, ranked in zip(np.unique(self.group), self.ranked, strict=True):
+            name = next((name for name in ranked if name not in outside), NONE)
+            losses_of = self.before if name == NONE else self.each[name]
+            placebo[self.group == k] = losses_of[self.group == k]
+            names.append(name)
+        return replace(
+            self,
+            after=self.pair,
+            predicted_after=self.predicted_pair,
+            placebo=placebo,
+            chosen=self.chosen | {"placebo": names},
+        )
 
 
 def judge(
@@ -96,8 +124,9 @@ def judge(
     before, after, placebo, recalibrated = (blank.copy() for _ in range(4))
     p_before, p_after = blank.copy(), blank.copy()
     each = {name: blank.copy() for name in library}
-    pair = blank.copy() if pairs else None
+    pair, p_pair = (blank.copy(), blank.copy()) if pairs else (None, None)
     chosen: dict[str, list[str]] = {"after": [], "placebo": [], "pair": []}
+    order = []
     for k in np.unique(group):
         judged = group == k
         seen = observed.only(~judged)
@@ -105,6 +134,7 @@ def judge(
         predicted = {name: predict(tables[name], found[name]) for name in tables}
         loss = {name: losses(predicted[name], observed)[0] for name in tables}
         ranked = sorted(library, key=lambda name: -found[name].evidence[0])
+        order.append(ranked)
         best = ranked[0]
         wrong = next((name for name in ranked if name not in chosen_class), NONE)
         before[judged] = loss[NONE][judged]
@@ -116,16 +146,31 @@ def judge(
             each[name][judged] = loss[name][judged]
         chosen["after"].append(best)
         chosen["placebo"].append(wrong)
-        if pair is not None:
+        if pair is not None and p_pair is not None:
             second, table, own = best_pair(library, emulator, best, seen)
-            pair[judged] = losses(predict(table, own), observed)[0][judged]
+            both = predict(table, own)
+            pair[judged] = losses(both, observed)[0][judged]
+            p_pair[judged] = both.probability[0, judged]
             chosen["pair"].append(second)
     plain = crossfitted(tables[NONE], observed, group)
     for k in np.unique(group):
         judged = group == k
         scaled = _recalibrated(plain, observed, judged)
         recalibrated[judged] = losses(scaled, observed)[0][judged]
-    return Shrinkage(before, after, placebo, recalibrated, each, pair, chosen, p_before, p_after)
+    return Shrinkage(
+        before,
+        after,
+        placebo,
+        recalibrated,
+        each,
+        pair,
+        chosen,
+        p_before,
+        p_after,
+        p_pair,
+        group,
+        order,
+    )
 
 
 def best_pair(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -51,8 +51,8 @@ def compose(
 ) -> Diagnosis:
     """The diagnosis as data."""
     shrinkage = evidence.shrinkage
-    if evidence.verdict.kind == "pair" and shrinkage.pair is not None:
-        shrinkage = replace(shrinkage, after=shrinkage.pair)
+    if evidence.verdict.kind == "pair":
+        shrinkage = shrinkage.of_pair({*evidence.findings.leading, *evidence.verdict.effects})
     whole = _Whole(seen, screening, prepared, shrinkage, evidence.findings.gap_low)
     closure = whole.closure("after")
     placebo = whole.closure("placebo")
@@ -71,7 +71,7 @@ def compose(
     ]
     verdict = evidence.verdict
     findings = evidence.findings
-    pick = evidence.shrinkage.chosen["placebo"]
+    pick = shrinkage.chosen["placebo"]
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "campaign": {
@@ -337,6 +337,10 @@ def _limits(
             "outcomes alone: what changes the response without changing who overturns cannot be "
             "seen; the largest tilt of each trial would say much more"
         )
+    else:
+        lacking = int((np.isnan(seen.features[:, 0]) & (seen.overturned < 0.5)).sum())
+        if lacking:
+            out.append(f"{lacking} trials that stood have no largest tilt: their outcomes are used")
     alike = set(seen.overturned[np.isfinite(seen.overturned)])
     if len(alike) == 1:
         out.append(

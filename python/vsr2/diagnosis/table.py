@@ -1,14 +1,17 @@
 """The table's motion itself: whether its two recordings tell of one motion.
 
 A campaign drives the simulation with a recorded motion. Where a trial has both a displacement and
-an acceleration of the table, they check each other: the acceleration's gain over the displacement's
-second difference, and its delay, band by band, over their standard errors. Instruments are off too:
-one calibration error of gain and delay, the same for all records, counts beside their noise.
+an acceleration of the table, they check each other: gain and phase of the acceleration over the
+displacement's second difference, for slow and for fast motion apart, because instruments err by
+frequency (an accelerometer that does not pass slow motion leads and is low there; a delay grows
+with frequency). Each is divided by its standard error. Instruments are off too: one calibration
+error, the same for all records, counts beside their noise.
 
 In a band of m frequencies with coherence c^2, logarithm of the gain and phase have variance
 (1 - c^2) / (2 m c^2) (J. S. Bendat and A. G. Piersol, "Random Data", 4th ed., 2010, table 9.6).
 Which channel the incoherent rest belongs to is not known: the gain is sqrt(S_aa / S_xx), between
 the two extremes, and half their distance, -ln(c^2) / 2, counts as an error that all bands share.
+Where bands that are taken together differ by more than their errors, the error is raised to match.
 """
 
 from __future__ import annotations
@@ -27,14 +30,18 @@ Residuals = tuple[Array, Array]
 """And their variances, each (campaigns, channels, trials)."""
 
 TABLE_FEATURES = (
-    Feature("record_gain", "table", "whole motion"),
-    Feature("record_delay", "table", "whole motion"),
+    Feature("record_gain_slow", "table", "whole motion"),
+    Feature("record_phase_slow", "table", "whole motion"),
+    Feature("record_gain_fast", "table", "whole motion"),
+    Feature("record_phase_fast", "table", "whole motion"),
 )
-"""Acceleration over displacement: logarithm of the gain, and delay [s], over their errors."""
-CALIBRATION = (0.005, 0.0005)
-"""Standard errors of the two instruments' gains, and of their delays [s], against each other."""
-BANDS = ((0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 25.0))
-"""[Hz]"""
+"""Acceleration over displacement: logarithm of the gain, and phase lead [rad], over their errors;
+slow: 0.5 to 2 Hz, fast: 2 to 12 Hz."""
+BANDS = (((0.5, 1.0), (1.0, 2.0)), ((2.0, 4.0), (4.0, 8.0), (8.0, 12.0)))
+"""Taken together: slow, fast [Hz]."""
+CALIBRATION = 0.01
+"""Standard error of the logarithm of the two instruments' gain against each other, and of their
+phase [rad]."""
 LEAST_COHERENCE = 0.9
 """Of a band that is used."""
 LEAST_FREQUENCIES = 4
@@ -43,65 +50,62 @@ MOST = 4.0
 
 
 def agreement(record: Record) -> Array:
-    """Gain and delay of one record's acceleration over its displacement.
+    """Gain and phase of one record's acceleration over its displacement.
 
     Returns:
-        Shape (2, 2): logarithm of the gain and delay [s], each with its standard error from noise;
-        NaN without both channels, or where no band is coherent.
+        Shape (4, 2): the values of `TABLE_FEATURES`, each with its standard error from noise; NaN
+        without both channels, or where no band is coherent.
     """
-    none = np.full((len(TABLE_FEATURES), 2), np.nan)
+    out = np.full((len(TABLE_FEATURES), 2), np.nan)
     if record.displacement is None or record.acceleration is None or record.size < 16:
-        return none
+        return out
     interval = record.sample_interval
     second = np.diff(record.displacement, 2) / interval**2
     measured = record.acceleration[1:-1] - np.mean(record.acceleration)
     frequency = np.fft.rfftfreq(second.size, interval)
     x = np.fft.rfft(second) / np.sinc(frequency * interval) ** 2
     y = np.fft.rfft(measured)
-    rows = []
-    for low, high in BANDS:
-        inside = (frequency >= low) & (frequency < high)
-        if inside.sum() < LEAST_FREQUENCIES or high > 0.4 / interval:
-            continue
-        xx = float((np.abs(x[inside]) ** 2).sum())
-        yy = float((np.abs(y[inside]) ** 2).sum())
-        xy = complex((np.conj(x[inside]) * y[inside]).sum())
-        if xx <= 0 or yy <= 0:
-            continue
-        coherence = min(abs(xy) ** 2 / (xx * yy), 1 - 1e-9)
-        if coherence < LEAST_COHERENCE:
-            continue
-        # The frequency at which the band's power lies, and about how many share it.
-        power = np.abs(x[inside]) ** 2 / xx
-        middle = float(power @ frequency[inside])
-        count = 1.0 / float((power**2).sum())
-        spread = (1 - coherence) / (2 * count * coherence)
-        rows.append(
-            (
-                0.5 * np.log(yy / xx),
-                -np.angle(xy) / (2 * np.pi * middle),
-                spread,
-                spread / (2 * np.pi * middle) ** 2,
-                -0.5 * np.log(coherence),
-            )
-        )
-    if not rows:
-        return none
-    gain, delay, gain_variance, delay_variance, shared = np.array(rows).T
-    return np.array(
-        [
-            _weighted(gain, gain_variance, shared),
-            _weighted(delay, delay_variance, np.zeros_like(delay)),
-        ]
-    )
+    for k, bands in enumerate(BANDS):
+        rows = []
+        for low, high in bands:
+            inside = (frequency >= low) & (frequency < high)
+            if high <= 0.4 / interval:
+                rows += _of_band(x[inside], y[inside])
+        if rows:
+            gain, phase, variance, shared = np.array(rows).T
+            out[2 * k] = _together(gain, variance, shared)
+            out[2 * k + 1] = _together(phase, variance, np.zeros_like(phase))
+    return out
 
 
-def _weighted(value: Array, variance: Array, shared: Array) -> tuple[float, float]:
+def _of_band(
+    x: NDArray[np.complex128], y: NDArray[np.complex128]
+) -> list[tuple[float, float, float, float]]:
+    """Log gain, phase, their variance and the gain's shared error; nothing if not coherent."""
+    xx, yy = float((np.abs(x) ** 2).sum()), float((np.abs(y) ** 2).sum())
+    if x.size < LEAST_FREQUENCIES or xx <= 0 or yy <= 0:
+        return []
+    xy = complex((np.conj(x) * y).sum())
+    coherence = min(abs(xy) ** 2 / (xx * yy), 1 - 1e-9)
+    if coherence < LEAST_COHERENCE:
+        return []
+    # About how many frequencies share the band's power.
+    count = xx**2 / float((np.abs(x) ** 4).sum())
+    variance = (1 - coherence) / (2 * count * coherence)
+    return [(0.5 * np.log(yy / xx), float(np.angle(xy)), variance, -0.5 * np.log(coherence))]
+
+
+def _together(value: Array, variance: Array, shared: Array) -> tuple[float, float]:
     """Mean, each weighted by what is known of it, and its standard error."""
-    weight = 1.0 / (variance + shared**2)
+    own = variance + shared**2
+    weight = 1.0 / own
     weight /= weight.sum()
+    mean = float(weight @ value)
     error = np.sqrt((weight**2 * variance).sum() + float(weight @ shared) ** 2)
-    return float(weight @ value), float(error)
+    if value.size > 1:
+        excess = float(((value - mean) ** 2 / own).sum()) / (value.size - 1)
+        error *= np.sqrt(max(excess, 1.0))
+    return mean, float(error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +113,9 @@ class TableResiduals:
     """Residuals of the table's own channel.
 
     Attributes:
-        residual: shape (2, trials); trials that share a record share it.
-        variance: shape (2, trials), 0 where the record lacks a channel.
-        null: what instruments in order would make of it, shape (campaigns, 2, trials).
+        residual: shape (4, trials); trials that share a record share it.
+        variance: shape (4, trials), 0 where the record lacks a channel.
+        null: what instruments in order would make of it, shape (campaigns, 4, trials).
     """
 
     residual: Array
@@ -140,11 +144,10 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
         return None
     index = np.array([names.index(name) for name in files])
     value, noise = np.moveaxis(found, 2, 0)
-    common = np.array(CALIBRATION)
-    error = np.sqrt(noise**2 + common**2)
+    error = np.hypot(noise, CALIBRATION)
     rng = np.random.default_rng([seed, 8])
     drawn = noise * rng.standard_normal((null, *value.shape))
-    drawn += common * rng.standard_normal((null, 1, len(common)))
+    drawn += CALIBRATION * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
     return TableResiduals(
         _clipped(value / error)[index].T,
         np.isfinite(value).astype(np.float64)[index].T,

@@ -12,6 +12,8 @@ Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
+LEAST_NONE = 0.02
+"""Probability of none below which a campaign without a significant gap is unresolved."""
 MOST_NAMED = 0.25
 """Share of the library that a class may hold: that it is one of more is no finding."""
 UNEXPLAINED = 0.2
@@ -86,15 +88,34 @@ def beyond_noise(gap_low: float, gap_p: float, direction_p: float) -> bool:
     return (gap_low > 0 and gap_p <= 2 * GAP_LEVEL) or direction_p <= GAP_LEVEL
 
 
+def _not_beyond(f: Findings) -> str:
+    if f.gap_p <= 2 * GAP_LEVEL:
+        size = (
+            f"the loss is larger than in most campaigns simulated without any effect (p = "
+            f"{f.gap_p:.2g}), but over these motions its interval reaches down to the floor"
+        )
+    else:
+        size = (
+            "the loss is no larger than in campaigns simulated without any effect (p = "
+            f"{f.gap_p:.2g})"
+        )
+    return (
+        f"no gap beyond noise: {size}, and none of the effects is favoured beyond what such "
+        f"campaigns show (p = {f.direction_p:.2g})"
+    )
+
+
 def decide(f: Findings) -> Verdict:
     """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
     if not beyond_noise(f.gap_low, f.gap_p, f.direction_p):
-        reason = (
-            "no gap beyond noise: the loss is no larger than in campaigns simulated without any "
-            f"effect (p = {f.gap_p:.2g}), and none of the effects is favoured beyond what such "
-            f"campaigns show (p = {f.direction_p:.2g})"
-        )
-        reasons = [reason]
+        reasons = [_not_beyond(f)]
+        if f.none_probability < LEAST_NONE:
+            reasons.append(
+                f"but weighed by its prior, none has a probability of {f.none_probability:.1g}: "
+                f"{f.favoured} or another effect is likely; a larger budget, or more trials, may "
+                "decide"
+            )
+            return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
         if f.none_probability < 0.5:
             reasons.append(
                 f"weighed by its prior, {f.favoured} or another effect is more probable than none, "

@@ -7,10 +7,10 @@ centred trend; a step). The nulls are
 - for every place: campaigns simulated without effect, nuisances drawn. The engine's own are few: n
   of them can show p = 1 / (n + 1) at best. Where none of them reaches a score, 999 campaigns drawn
   from the model of no effect that was fitted to them tell how rare it is; else the larger p counts;
-- for places over the order of execution besides: block permutations of the observed residuals, in
-  which whole sessions, or whole runs of one motion, change places (sessions themselves: runs of one
-  motion). Residuals that hang together within a session look like a trend; permuting single trials
-  would take that for significant. The larger p value counts.
+- for places over the order of execution besides: permutations of the observed residuals in which
+  whole sessions change places (in a campaign of one session, and for sessions themselves: whole
+  runs of one motion). Residuals that hang together within a session look like a trend; permuting
+  less than sessions would take that for significant. The larger p value counts.
 
 Each score is divided by its null deviation, a drawn campaign's by that of the drawn ones, so that
 the drawn ones tell only how places and channels hang together; the family's p value is that of the
@@ -122,14 +122,12 @@ def scan(
         finer = _family_p(score, _scores(drawn[0], drawn[1], weights), simulated)
         reached = p_value > 1 / (len(simulated) + 1)
         p_value = np.where(reached, np.maximum(p_value, finer), finer)
-    for inside, labels in (
-        (by_order, (conditions.session, conditions.motion)),
-        (by_session, (conditions.motion,)),
-    ):
+    blocks = [(by_session, conditions.motion), (by_order, conditions.session)]
+    if not conditions.session.max():
+        blocks.append((by_order, conditions.motion))
+    for inside, runs in blocks:
         if inside.any():
-            orders = np.stack(
-                [_permutation(labels[b % len(labels)], rng) for b in range(PERMUTATIONS)]
-            )
+            orders = np.stack([_permutation(runs, rng) for _ in range(PERMUTATIONS)])
             moved = _scores(
                 residual[:, orders].swapaxes(0, 1),
                 variance[:, orders].swapaxes(0, 1),

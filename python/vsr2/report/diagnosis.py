@@ -53,21 +53,32 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         case "none":
             return "No gap beyond noise: this campaign gives no reason to change the model."
         case "effect":
-            return f"The gap is most likely caused by {names[0]} (probability {chance})."
+            said = f"Of the effects in the library, {names[0]} explains the gap ({chance})"
         case "class":
-            return (
-                f"The gap is caused by one of {_listed(names)} (probability {chance} together); "
-                "this campaign cannot tell them apart."
+            said = (
+                f"Of the effects in the library, {_listed(names)} explains the gap ({chance} "
+                "together; this campaign cannot tell them apart)"
             )
         case "pair":
-            return f"The gap is most likely caused by {_listed(names, 'and')} together ({chance})."
+            said = f"{_listed(names, 'and').capitalize()} together explain the gap ({chance})"
         case "unknown":
-            return "There is a gap, and no effect of the library, nor a pair, explains it."
-    return (
-        f"There is a gap, but its cause is not resolved; candidates are {_candidates(names)}."
-        if names
-        else "There is a gap, but its cause is not resolved."
-    )
+            return (
+                "There is a gap; no effect of the library explains it, and no pair of them was "
+                "found that does."
+            )
+        case _:
+            return (
+                f"There is a gap, but its cause is not resolved; candidates are "
+                f"{_candidates(names)}."
+                if names
+                else "There is a gap, but its cause is not resolved."
+            )
+    bounds = content["gap"]["headline"]["ci95"]
+    if bounds is None:
+        return f"{said}; the gap is too small to tell how much of it that closes."
+    if bounds[0] <= 0:
+        return f"{said}, but not surely better than a wrong effect or a plain rescaling does."
+    return f"{said}."
 
 
 def _candidates(names: Sequence[str]) -> str:
