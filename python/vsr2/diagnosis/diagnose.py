@@ -277,7 +277,7 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
-    pair, gain = _accepted_pair(shrinkage, floor, _dropped_excess(seen, screening), motion, seed)
+    pair, gain = _accepted_pair(shrinkage, floor, motion, seed)
     novelty_p = min(found.novelty_p, 2 * _surprise_p(seen, screening, certain))
     findings = Findings(
         gap_low=gap_low,
@@ -360,21 +360,14 @@ def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], se
     return min(resampled, simulated)
 
 
-def _dropped_excess(seen: Observations, screening: Screening) -> float:
-    """What the trials that screening dropped lose over their floor, summed."""
-    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
-    p, y = screening.probability[dropped], seen.overturned[dropped]
-    loss = -np.where(y > 0.5, np.log(p), np.log1p(-p))
-    return float((loss + np.log(np.maximum(p, 1 - p))).sum())
-
-
 def _accepted_pair(
-    shrinkage: Shrinkage, floor: Array, dropped: float, motion: NDArray[np.int64], seed: int
+    shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
 ) -> tuple[tuple[str, str] | None, float]:
     """The pair that most groups chose, if it explains the gap, and the probability of a gain.
 
     Its held-out gain over one effect must have a lower bound above zero; it must leave less than
-    `PAIR_UNEXPLAINED` of the gap, and less than a rescaling of the probabilities does.
+    `PAIR_UNEXPLAINED` of the gap of the uncertain trials, and less than a rescaling of the
+    probabilities does.
     """
     if shrinkage.pair is None:
         return None, 0.0
@@ -385,9 +378,7 @@ def _accepted_pair(
         for names in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
     ]
     common = max(set(names), key=names.count)
-    left = ((shrinkage.pair - floor).sum() + dropped) / max(
-        (shrinkage.before - floor).sum() + dropped, 1e-9
-    )
+    left = (shrinkage.pair - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)
     better = shrinkage.pair.mean() < shrinkage.recalibrated.mean()
     proven = np.quantile(gains, 0.025) > 0 and 2 * names.count(common) > len(names)
     if not (proven and better and left < PAIR_UNEXPLAINED):
