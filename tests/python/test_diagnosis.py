@@ -312,6 +312,10 @@ def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> N
 def test_the_page_says_it_all_and_needs_nothing_else(found) -> None:
     page = diagnosis_page(found)
     assert verdict_sentence(found.content) in page
+    open_gap = {"kind": "unresolved", "effects": ["catch"], "probability": 0.9}
+    for reason, start in (("no gap beyond noise: x", "Whether"), ("a gap", "There is a gap, but")):
+        content = {**found.content, "verdict": open_gap | {"reasons": [reason]}}
+        assert verdict_sentence(content).startswith(start)
     assert page.count("<svg") == page.count("</svg>") == 6
     assert not re.search(r"(?:src|href)=|https?://|@import", page)
     # The bars of two classes never share a colour.

@@ -10,6 +10,8 @@ from vsr2.diagnosis.novelty import LEVEL as NOVELTY_LEVEL
 
 Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 
+NO_GAP = "no gap beyond noise"
+"""How the reasons begin where the tests find no gap."""
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
 LEAST_NONE = 0.02
@@ -100,7 +102,7 @@ def _not_beyond(f: Findings) -> str:
             f"{f.gap_p:.2g})"
         )
     return (
-        f"no gap beyond noise: {size}, and none of the effects is favoured beyond what such "
+        f"{NO_GAP}: {size}, and none of the effects is favoured beyond what such "
         f"campaigns show (p = {f.direction_p:.2g})"
     )
 

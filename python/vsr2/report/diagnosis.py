@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vsr2.diagnosis import Diagnosis
+from vsr2.diagnosis.verdict import NO_GAP
 from vsr2.report.diagnosis_figures import (
     bars_figure,
     channels_figure,
@@ -67,12 +68,11 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
                 "found that does."
             )
         case _:
-            return (
-                f"There is a gap, but its cause is not resolved; candidates are "
-                f"{_candidates(names)}."
-                if names
-                else "There is a gap, but its cause is not resolved."
-            )
+            if verdict["reasons"][0].startswith(NO_GAP):
+                said = "Whether there is a gap is not resolved"
+            else:
+                said = "There is a gap, but its cause is not resolved"
+            return f"{said}; candidates are {_candidates(names)}." if names else f"{said}."
     bounds = content["gap"]["headline"]["ci95"]
     if bounds is None:
         return f"{said}; the gap is too small to tell how much of it that closes."
@@ -218,7 +218,7 @@ def _channels_note(content: Mapping[str, Any]) -> str:
         "M": "Series would tell uplift, impacts, decay and rest pose apart. ",
     }
     if any(row["channel"] == "table" for row in content["where"]):
-        table = "Record gain and delay: the table's acceleration against its displacement."
+        table = "Record gain and phase: the table's acceleration against its displacement."
     else:
         table = (
             "The table's motion was recorded once, so that it cannot be checked: its errors show "
