@@ -389,6 +389,14 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     assert len({simulator.identity for simulator in simulators}) == 1
 
 
+def test_a_damaged_campaign_fails_alone(small, tmp_path) -> None:
+    first = read_json(small / "pack.json")["campaigns"][0]["id"]
+    (small / first / "trials.csv").write_text("not a table")
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Stub)
+    assert progress.failed == (f"{first} M",)
+    assert len(Stub.calls) == 3
+
+
 def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
     def failing(campaign, scene, **how):
         if len(Stub.calls) == 2:

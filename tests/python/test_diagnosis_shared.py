@@ -55,3 +55,9 @@ def without_cost(diagnosis):
 def test_too_few_draws_are_refused() -> None:
     with pytest.raises(DiagnosisError, match="at least 6"):
         api("nowhere", "nothing", draws=5)
+
+
+@pytest.mark.parametrize("threads", [0, -3])
+def test_no_threads_are_refused(threads) -> None:
+    with pytest.raises(DiagnosisError, match=f"threads is {threads}; give at least 1"):
+        api("nowhere", "nothing", threads=threads)

@@ -142,9 +142,7 @@ def diagnose_pack(
     from vsr2.diagnosis.observations import series_sampling
 
     nuisances = Nuisances(**uncertainties(pack.get("tolerances", {})))
-    series = "T" in offered
-    sampling = series_sampling(load_campaign(data / next(iter(listed)))) if series else None
-    shared = Shared(out / BANK_FILE, series, sampling)
+    shared = Shared(out / BANK_FILE, series="T" in offered)
     failed = []
     for tier, name in _in_groups(wanted, chosen, listed):
         folder = out / name / tier
@@ -152,13 +150,15 @@ def diagnose_pack(
             continue
         folder.mkdir(parents=True, exist_ok=True)
         try:
+            whole = load_campaign(data / name)
             result = diagnose(
-                at_tier(load_campaign(data / name), tier),
+                at_tier(whole, tier),
                 data / pack["scene"],
                 tier=tier,
                 threads=threads,
                 exclude=tuple(listed[name].get("exclude", ())),
-                shared=shared,
+                # Without series too, simulate them as this campaign measured them.
+                shared=replace(shared, sampling=series_sampling(whole)),
                 nuisances=nuisances,
                 seed=seed,
                 **budget,

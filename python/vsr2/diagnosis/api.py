@@ -82,6 +82,8 @@ def diagnose(
         )
     if seed < 0:
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    if threads is not None and threads < 1:
+        raise DiagnosisError(f"threads is {threads}; give at least 1, or leave it out for all")
     if draws is not None and draws < FEWEST_DRAWS:
         raise DiagnosisError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
     whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)

@@ -14,6 +14,7 @@ from vsr2.diagnosis.emulator import DEGREES
 from vsr2.diagnosis.evidence import LAPSE, Data, Table
 
 COUNT = 999
+"""Campaigns: the least p value is 0.001."""
 
 
 def null_campaigns(table: Table, simulated: Data, *, count: int = COUNT, seed: int = 0) -> Data:
@@ -25,6 +26,9 @@ def null_campaigns(table: Table, simulated: Data, *, count: int = COUNT, seed: i
             as often, trial by trial.
         count: of campaigns.
         seed: of the draws.
+
+    Returns:
+        Outcomes (count, trials) and features (count, trials, k).
     """
     rng = np.random.default_rng([seed, 7])
     at = table.fine.at(0)

@@ -45,6 +45,7 @@ phase [rad]."""
 LEAST_COHERENCE = 0.9
 """Of a band that is used."""
 LEAST_FREQUENCIES = 4
+"""In such a band: fewer are always coherent."""
 MOST = 4.0
 """Standard errors that one record counts at most."""
 
