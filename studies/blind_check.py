@@ -9,12 +9,13 @@
 Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
 `out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
 are finished, each once, and writes the scores over all scored parts to `docs/results/blind_CHECK/`,
-with sizes, seeds, hashes, versions and the command.
+with sizes, seeds, hashes, versions and the command, and every verdict.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import shutil
 import subprocess
@@ -32,6 +33,7 @@ from vsr2.blind import (
     pool_packs,
     score_pack,
 )
+from vsr2.blind.cases import read_cases
 from vsr2.blind.seal import read_json
 from vsr2.config import load_study
 
@@ -152,10 +154,43 @@ def score(name: str, folders: list[Path], out: Path) -> int:
     results = ROOT / "docs" / "results" / f"blind_{name.replace('-', '_')}"
     pool_packs(parts, results)
     (results / "README.md").write_text(page(name, parts, len(folders)), encoding="utf-8")
+    rows = verdict_rows(parts)
+    with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     for number, (data, _, _) in enumerate(parts, 1):
         shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
     print(f"wrote {results}")
     return 0
+
+
+def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
+    """What was asked and what was said, a row a campaign and tier."""
+    rows = []
+    for number, (data, key, verdicts) in enumerate(parts, 1):
+        opened: dict[str, Any] = json.loads((key / "key.json").read_text())["key"]
+        for case in read_cases(data, opened, verdicts):
+            named = case.verdict.kind in ("effect", "class", "pair")
+            rows.append(
+                {
+                    "part": number,
+                    "engine": case.engine,
+                    "kind": case.kind,
+                    "tier": case.tier,
+                    "effects": " ".join(effect["name"] for effect in case.effects),
+                    "floors": " ".join(f"{effect['relative']:.3g}" for effect in case.effects),
+                    "verdict": case.verdict.kind,
+                    "named": " ".join(case.verdict.effects) if named else "",
+                    "probability": f"{case.verdict.probability:.3f}",
+                    "right": int(
+                        bool({case.label(n) for n in case.verdict.effects} & set(case.truth))
+                    )
+                    if named
+                    else "",
+                }
+            )
+    return rows
 
 
 def finished(data: Path, verdicts: Path) -> bool:

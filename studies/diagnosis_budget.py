@@ -35,7 +35,7 @@ PLANTED: tuple[Effects, ...] = (
     (("wear", (0.1,)),),
     (),
 )
-"""The first alters largest tilts by 7 % in the median, the draws of nuisances by 6 %."""
+"""The first is weak beside the nuisances."""
 MOTIONS, SCALINGS, DURATION = 20, 15, 4.0
 NOISE = 0.002
 """Standard error of the largest tilt [rad]."""
