@@ -286,9 +286,8 @@ def test_the_result_follows_its_schema(found, tmp_path) -> None:
     ):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(content | {part: content[part] | change}, schema())
-    assert sum(e["probability"] for e in content["effects"]) + content[
-        "none_probability"
-    ] == pytest.approx(1)
+    beside = content["none_probability"] + content["unknown"]["probability"]
+    assert sum(e["probability"] for e in content["effects"]) + beside == pytest.approx(1)
     assert {p.name for p in tmp_path.iterdir()} >= {"effects.csv", "where.csv", "trials.csv"}
     assert len((tmp_path / "trials.csv").read_text().splitlines()) == 49
 

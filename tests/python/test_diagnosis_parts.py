@@ -16,7 +16,7 @@ from vsr2.diagnosis.evidence import Data, Layout, Table, posterior, predict, tab
 from vsr2.diagnosis.features import Sampling, rest_features, tilt_features
 from vsr2.diagnosis.inference import Tempering
 from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, values_at
-from vsr2.diagnosis.novelty import Misfit, Strangers
+from vsr2.diagnosis.novelty import Misfit, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.observations import observe_campaign, rest_logarithm
 from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
@@ -425,7 +425,7 @@ CLEAR = Findings(
     class_probability=0.9,
     agreement=None,
     novelty_p=0.5,
-    strange_probability=0.9,
+    unknown_probability=0.9,
     favoured="table_gain",
     after_low=-0.01,
     left=0.1,
@@ -445,7 +445,7 @@ CLEAR = Findings(
         ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
         ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
         (
-            {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "strange_probability": 0.4},
+            {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "unknown_probability": 0.4},
             "effect",
         ),
         ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
@@ -492,13 +492,27 @@ def test_novelty_is_measured_among_campaigns_alike() -> None:
 
 
 def test_probability_of_a_stranger_rests_on_those_that_were_left_out() -> None:
-    seen = Strangers(np.array([0.01, 0.02, 0.02, 0.5]))
-    assert seen.noticed == 0.75
-    assert seen.probability(0.02) == pytest.approx((3.5 / 5) / (3.5 / 5 + 0.02))
-    # Strangers that look like all others: a small p value says little.
-    same = Strangers(np.linspace(0.005, 1.0, 200))
-    assert same.probability(0.05) == pytest.approx(0.5, abs=0.03)
-    assert Strangers(np.array([])).noticed is None
+    rng = np.random.default_rng(2)
+    count = 4000
+    known = rng.random(count), np.exp(rng.normal(2, 1, count))
+    weight = np.ones(count)
+    # Strangers' p values have density 0.2 p^-0.8: the likelihood ratio.
+    strange = rng.random(count) ** 5, np.exp(rng.normal(2, 1, count))
+    gaps = np.ones(count, dtype=bool)
+    seen = fit_strangers(known, weight, strange, gaps)
+    at = np.array([0.01, 0.1, 0.6])
+    ratio = 0.2 * at**-0.8
+    expected = 0.15 * ratio / (0.15 * ratio + 0.85)
+    np.testing.assert_allclose(seen.probability(at, np.full(3, 7.0)), expected, atol=0.04)
+    # P(p <= 0.05) = 0.05^0.2.
+    assert seen.noticed == pytest.approx(0.05**0.2, abs=0.03)
+    # Strangers that look like all others: nothing is learnt beyond the prior.
+    alike = (rng.random(count), strange[1])
+    same = fit_strangers(known, weight, alike, gaps)
+    np.testing.assert_allclose(same.probability(at, np.full(3, 7.0)), 0.15, atol=0.04)
+    none = fit_strangers(known, weight, (np.zeros(0), np.zeros(0)), np.zeros(0, dtype=bool))
+    assert none.noticed is None
+    assert none.probability(np.array(0.01), np.array(5.0)) == pytest.approx(0.15)
 
 
 def test_routes_that_contradict_each_other_are_told() -> None:

@@ -126,6 +126,9 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
             closures[name] = closure
     if content.get("none_probability") is not None and NONE not in probabilities:
         probabilities[NONE] = reader.probability(content["none_probability"], "none_probability")
+    told = (content.get("unknown") or {}).get("probability")
+    if told is not None and UNKNOWN not in probabilities:
+        probabilities[UNKNOWN] = reader.probability(told, "unknown.probability")
     for name in (NONE, UNKNOWN):
         if name not in probabilities and kind == name:
             # What the verdict says of itself is not said twice.
@@ -137,7 +140,7 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
     gap = content.get("gap") or {}
     novelty_p = (content.get("unknown") or {}).get("novelty_p")
     novelty = probabilities.get(UNKNOWN, 0.0)
-    if novelty_p is not None:
+    if novelty_p is not None and told is None:
         novelty = 1.0 - reader.probability(novelty_p, "unknown.novelty_p")
     return Verdict(
         kind=str(kind),

@@ -295,7 +295,11 @@ def conclude(
             found.conformal["classifier"],
         ),
         novelty_p=novelty_p,
-        strange_probability=prepared.calibration.strangers.probability(novelty_p),
+        unknown_probability=float(
+            prepared.calibration.strangers.probability(
+                np.array(novelty_p), np.array(found.strength)
+            )
+        ),
         favoured=found.labels[1 + int(np.argmax(found.probability[1:]))],
         after_low=float(np.quantile(after, 0.025)),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.amortised import Classifier, Places, train
 from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator, relative_errors
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
-from vsr2.diagnosis.library import NONE, Library
-from vsr2.diagnosis.novelty import Misfit, Strangers
+from vsr2.diagnosis.library import NONE, UNKNOWN, Library
+from vsr2.diagnosis.novelty import PRIOR, Misfit, Strangers, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
 from vsr2.diagnosis.where import residuals
@@ -96,7 +96,9 @@ class Calibration:
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
         misfit: of the best hypotheses by route A.
-        strangers: the same test with each campaign's effect left out.
+        strangers: what misfit says of a cause outside the library.
+        unknown: probability of such a cause in each campaign, shape (rows,).
+        unknown_left_out: the same of campaigns whose effect was left out, shape (strangers,).
         null: residuals and variances of the gap-free campaigns, each (campaigns, channels, trials).
     """
 
@@ -112,6 +114,8 @@ class Calibration:
     floor: Array
     misfit: Misfit
     strangers: Strangers
+    unknown: Array
+    unknown_left_out: Array
     null: tuple[Array, Array]
 
 
@@ -130,7 +134,10 @@ class Inference:
             at least these odds against "none".
         novelty_p: share of simulated campaigns of the library that the best hypothesis fits no
             better.
-        conformal: labels of the 90 % sets of both routes together, of A and of B.
+        strength: S^2 of the best effect.
+        unknown: probability of a cause outside the library.
+        conformal: labels of the 90 % sets of both routes together, with "unknown" among them, of A
+            and of B.
     """
 
     labels: tuple[str, ...]
@@ -143,6 +150,8 @@ class Inference:
     gap_p: float
     direction_p: float
     novelty_p: float
+    strength: float
+    unknown: float
     conformal: dict[str, tuple[str, ...]]
 
 
@@ -236,6 +245,9 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
     )[0]
     before = crossfitted_none(tables[NONE], observed, prepared.motion)
     loss = losses(before, observed)[0]
+    strength = float(strengths(likelihood))
+    novelty_p = calibration.misfit.p_value(novelty, labels.index(best), strength)
+    unknown = float(calibration.strangers.probability(np.array(novelty_p), np.array(strength)))
     none = calibration.truth == 0
     against = _odds(calibration.probability)[none]
     return Inference(
@@ -248,10 +260,10 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         loss=loss,
         gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
         direction_p=upper_tail(against, float(_odds(probability[None])[0])),
-        novelty_p=calibration.misfit.p_value(
-            novelty, labels.index(best), float(strengths(likelihood))
-        ),
-        conformal=_sets(calibration, probability, likelihood, classifier),
+        novelty_p=novelty_p,
+        strength=strength,
+        unknown=unknown,
+        conformal=_sets(calibration, probability, likelihood, classifier, unknown),
     )
 
 
@@ -318,6 +330,19 @@ def _calibrate(
     floor = loss[truth == 0].mean(axis=0)
     gap = loss.mean(axis=1)
     misfit = Misfit(known_misfit, np.argmax(a, axis=1), strengths(a), weight)
+    known_p = misfit.p_values(known_misfit, misfit.best, misfit.strength)
+    left_out = np.flatnonzero(truth > 0)
+    others = np.where(_is_truth(truth, a), -np.inf, a)[left_out]
+    strange_strength = strengths(others)
+    strange_p = misfit.p_values(
+        strange_misfit[left_out], np.argmax(others, axis=1), strange_strength
+    )
+    strangers = fit_strangers(
+        (known_p, misfit.strength),
+        weight,
+        (strange_p, strange_strength),
+        _shows_gap(probability, gap, truth)[left_out],
+    )
     return Calibration(
         labels,
         truth,
@@ -330,7 +355,9 @@ def _calibrate(
         gap,
         floor,
         misfit,
-        _strangers(misfit, strange_misfit, a, truth, _shows_gap(probability, gap, truth)),
+        strangers,
+        strangers.probability(known_p, misfit.strength),
+        strangers.probability(strange_p, strange_strength),
         (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])),
     )
 
@@ -368,18 +395,6 @@ def _shows_gap(probability: Array, gap: Array, truth: NDArray[np.int64]) -> NDAr
     none, odds = truth == 0, _odds(probability)
     large = gap > np.quantile(gap[none], 0.975)
     return np.asarray(~none & (large | (odds > np.quantile(odds[none], 0.975))))
-
-
-def _strangers(
-    misfit: Misfit, statistics: Array, a: Array, truth: NDArray[np.int64], used: NDArray[np.bool_]
-) -> Strangers:
-    left = np.where(_is_truth(truth, a), -np.inf, a)
-    best, strength = np.argmax(left, axis=1), strengths(left)
-    found = [
-        misfit.p_value(statistics[i], int(best[i]), float(strength[i]))
-        for i in np.flatnonzero(used)
-    ]
-    return Strangers(np.sort(np.array(found)))
 
 
 def _rows(prediction: Prediction, rows: NDArray[np.int64]) -> Prediction:
@@ -431,29 +446,43 @@ def _odds(probability: Array) -> Array:
 
 
 def _sets(
-    calibration: Calibration, probability: Array, likelihood: Array, classifier: Array
+    calibration: Calibration,
+    probability: Array,
+    likelihood: Array,
+    classifier: Array,
+    unknown: float,
 ) -> dict[str, tuple[str, ...]]:
     """Split-conformal sets: labels as probable as the true label was in 90 % of campaigns.
 
     The score of a label is its probability (V. Vovk et al., "Algorithmic Learning in a Random
-    World", 2005); campaigns weigh by the prior of their label.
+    World", 2005); campaigns weigh by the prior of their label, strangers by that of the unknown.
     """
     rows = np.arange(calibration.truth.size)
-    out = {}
-    for name, known, own in (
-        ("both", calibration.probability, probability),
-        ("likelihood", np.exp(calibration.likelihood), np.exp(likelihood)),
-        ("classifier", np.exp(calibration.classifier), np.exp(classifier)),
-    ):
-        scores = known[rows, calibration.truth]
+
+    def chosen(known: Array, own: Array, labels: tuple[str, ...], strange: Array) -> list[str]:
+        weight = calibration.weight / calibration.weight.sum()
+        scores = np.concatenate([known[rows, calibration.truth], strange])
+        if strange.size:
+            each = np.full(strange.size, PRIOR / strange.size)
+            weight = np.concatenate([(1 - PRIOR) * weight, each])
         order = np.argsort(scores)
-        total = np.cumsum(calibration.weight[order]) / calibration.weight.sum()
+        total = np.cumsum(weight[order])
         # The finite-sample correction leaves one campaign more outside.
-        place = int(np.searchsorted(total, 1 - SET_LEVEL - 1 / rows.size))
-        threshold = scores[order][min(place, rows.size - 1)]
-        chosen = np.flatnonzero(own >= threshold)
-        ranked = chosen[np.argsort(-own[chosen])]
-        if not ranked.size:
-            ranked = np.array([int(np.argmax(own))])
-        out[name] = tuple(calibration.labels[i] for i in ranked)
-    return out
+        place = int(np.searchsorted(total, 1 - SET_LEVEL - 1 / scores.size))
+        threshold = scores[order][min(place, scores.size - 1)]
+        ranked = [i for i in np.argsort(-own) if own[i] >= threshold] or [int(np.argmax(own))]
+        return [labels[i] for i in ranked]
+
+    blank = np.zeros(0)
+    labels = calibration.labels
+    whole = calibration.probability * (1 - calibration.unknown[:, None])
+    both = np.append(probability * (1 - unknown), unknown)
+    return {
+        "both": tuple(chosen(whole, both, (*labels, UNKNOWN), calibration.unknown_left_out)),
+        "likelihood": tuple(
+            chosen(np.exp(calibration.likelihood), np.exp(likelihood), labels, blank)
+        ),
+        "classifier": tuple(
+            chosen(np.exp(calibration.classifier), np.exp(classifier), labels, blank)
+        ),
+    }

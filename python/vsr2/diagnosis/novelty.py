@@ -1,8 +1,8 @@
 """Novelty: whether a campaign fits its best hypothesis worse than the library's own campaigns do.
 
-A conformal test (V. Vovk et al., "Algorithmic Learning in a Random World", 2005). What it can
-notice is measured by leaving each effect out of the library in turn: then its simulated campaigns
-are strangers, and the best that is left explains them or does not.
+A conformal test (V. Vovk et al., "Algorithmic Learning in a Random World", 2005). What it says of a
+cause outside the library is measured by leaving each effect out in turn: then its simulated
+campaigns are strangers, and the best that is left explains them or does not.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 LEVEL = 0.05
 """Of the test."""
+PRIOR = 0.15
+"""Prior probability of a cause that the library lacks."""
 _LEAST_ALIKE = 24
 """Fewer campaigns cannot show a significance of 0.05 with any margin."""
 _LEAST_NEAR = 40
@@ -63,29 +65,65 @@ class Misfit:
             shares.append(_share(null[alike], own, np.ones(int(alike.sum()))))
         return float(max(shares))
 
+    def p_values(self, values: Array, best: NDArray[np.int64], strength: Array) -> Array:
+        """The same of many campaigns, shape (campaigns,)."""
+        rows = zip(values, best, strength, strict=True)
+        return np.array([self.p_value(v, int(b), float(s)) for v, b, s in rows])
+
 
 @dataclass(frozen=True, eq=False)
 class Strangers:
-    """The test on campaigns whose effect was left out of the library.
+    """What misfit says of a cause outside the library.
+
+    The log likelihood ratio of strangers against the library's own campaigns is taken as linear in
+    the logarithms of the p value and of the strength, and in their product (logistic regression).
 
     Attributes:
-        p_values: of those that show a gap, sorted.
+        weights: of 1, ln p, ln(1 + S^2) and ln p ln(1 + S^2); they give the log likelihood ratio.
+        noticed: share of strangers with a gap that the test notices; None: there are none.
     """
 
-    p_values: Array
+    weights: Array
+    noticed: float | None
 
-    @property
-    def noticed(self) -> float | None:
-        """Share that the test notices; None: there are none."""
-        if not self.p_values.size:
-            return None
-        return float(np.mean(self.p_values <= LEVEL))
+    def probability(self, p_value: Array, strength: Array, prior: float = PRIOR) -> Array:
+        """That campaigns with these p values and strengths are strangers."""
+        from scipy.special import expit, logit
 
-    def probability(self, p_value: float) -> float:
-        """That a campaign with this p value is a stranger, if strangers are as many as others."""
-        at = np.count_nonzero(self.p_values <= p_value) + 0.5
-        share = at / (self.p_values.size + 1)
-        return float(share / (share + p_value))
+        return np.asarray(expit(_terms(p_value, strength) @ self.weights + logit(prior)))
+
+
+def fit_strangers(
+    known: tuple[Array, Array],
+    weight: Array,
+    strange: tuple[Array, Array],
+    shows_gap: NDArray[np.bool_],
+) -> Strangers:
+    """Learn from the library's campaigns, each as it is and with its effect left out.
+
+    Args:
+        known: p values and strengths, each shape (rows,).
+        weight: of the known campaigns, shape (rows,).
+        strange: p values and strengths, each shape (strangers,).
+        shows_gap: which strangers show a gap at all, shape (strangers,).
+    """
+    from sklearn.linear_model import LogisticRegression
+
+    if not strange[0].size:
+        return Strangers(np.zeros(4), None)
+    x = np.concatenate([_terms(*known), _terms(*strange)])
+    y = np.repeat([0, 1], [known[0].size, strange[0].size])
+    each = np.concatenate([weight / weight.sum(), np.full(strange[0].size, 1 / strange[0].size)])
+    model = LogisticRegression(C=10.0, fit_intercept=False, max_iter=500)
+    model.fit(x, y, sample_weight=each * x.shape[0])
+    loud = strange[0][shows_gap]
+    noticed = float(np.mean(loud <= LEVEL)) if loud.size else None
+    return Strangers(np.asarray(model.coef_[0], dtype=np.float64), noticed)
+
+
+def _terms(p_value: Array, strength: Array) -> Array:
+    log_p, log_s = np.log(p_value), np.log1p(strength)
+    return np.stack([np.ones_like(log_p), log_p, log_s, log_p * log_s], axis=-1)
 
 
 def _share(null: Array, own: float, weight: Array) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.inference import Inference, Prepared
 from vsr2.diagnosis.library import NONE, free_parameters, positions
+from vsr2.diagnosis.novelty import PRIOR
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
@@ -58,6 +59,8 @@ def compose(
     placebo = whole.closure("placebo")
     recalibration = whole.closure("recalibrated")
     probability = dict(zip(found.labels, found.probability, strict=True))
+    unknown = evidence.findings.unknown_probability
+    probability = {name: float(p) * (1 - unknown) for name, p in probability.items()}
     class_of = {name: group[0] for group in evidence.classes for name in group}
     effects = [
         {
@@ -129,7 +132,7 @@ def compose(
         "unknown": {
             "novelty_p": findings.novelty_p,
             "excess_after_low": findings.after_low * screening.kept.size / len(seen),
-            "probability": findings.strange_probability,
+            "probability": unknown,
             "noticed": prepared.calibration.strangers.noticed,
         },
         "routes": {
@@ -298,11 +301,11 @@ def _doubts(verdict: Verdict, headline: Mapping[str, Any], findings: Findings) -
     if verdict.kind not in ("effect", "class", "pair"):
         return []
     out = []
-    if findings.strange_probability > 0.5:
+    if findings.unknown_probability > 2 * PRIOR:
         out.append(
             f"the best effect fits worse than {1 - findings.novelty_p:.0%} of the library's own "
-            "campaigns: were causes outside the library as common as those within, the chance of "
-            f"one would be {findings.strange_probability:.0%}"
+            f"campaigns: the chance that the cause lies outside the library is "
+            f"{findings.unknown_probability:.0%}, from {PRIOR:.0%} before"
         )
     if headline["ci95"] is None or headline["ci95"][0] > 0:
         return out

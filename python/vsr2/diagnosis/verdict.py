@@ -57,7 +57,7 @@ class Findings:
         class_probability: of it, given that something is missing.
         agreement: None, or why the routes disagree.
         novelty_p: of the best single effect's misfit.
-        strange_probability: that the effect is none of the library's, by that p value.
+        unknown_probability: of a cause outside the library, by that p value.
         favoured: most probable hypothesis.
         after_low: lower end of the interval of the gap that the best effect leaves.
         left: share of the gap that it leaves.
@@ -76,7 +76,7 @@ class Findings:
     class_probability: float
     agreement: str | None
     novelty_p: float
-    strange_probability: float
+    unknown_probability: float
     favoured: str
     after_low: float
     left: float
@@ -130,7 +130,7 @@ def decide(f: Findings) -> Verdict:
     ]
     misfit = (
         f.novelty_p <= NOVELTY_LEVEL
-        and f.strange_probability > 0.5
+        and f.unknown_probability > 0.5
         and f.after_low > 0
         and f.left > UNEXPLAINED
     )
@@ -144,7 +144,7 @@ def decide(f: Findings) -> Verdict:
                 f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: "
                 "it may be a part of the cause, beside what the library lacks"
             )
-        return Verdict("unknown", (), f.strange_probability, tuple(reasons))
+        return Verdict("unknown", (), f.unknown_probability, tuple(reasons))
     if f.agreement is not None:
         return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
     if not f.stable:

@@ -23,6 +23,11 @@ def posterior_figure(content: Mapping[str, Any]) -> str:
     """Probability of the leading hypotheses, coloured by class."""
     rows = [
         {"name": "none", "probability": content["none_probability"], "class": "none"},
+        {
+            "name": "unknown",
+            "probability": content["unknown"]["probability"],
+            "class": "unknown",
+        },
         *content["effects"],
     ]
     rows.sort(key=lambda row: -row["probability"])
