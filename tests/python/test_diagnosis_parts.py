@@ -10,11 +10,12 @@ import pytest
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.diagnose import with_contradictions
+from vsr2.diagnosis.discrepancy import COMMON, VARIANCE, disturbed
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import Data, Layout, Table, posterior, predict, tabulate
 from vsr2.diagnosis.features import Sampling, rest_features, tilt_features
-from vsr2.diagnosis.inference import Tempering
+from vsr2.diagnosis.inference import Combination
 from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.novelty import Misfit, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
@@ -23,6 +24,7 @@ from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.table import agreement, table_residuals
+from vsr2.diagnosis.tempering import COVERAGE, Judged, Tempering, below, sharpness
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
 from vsr2.diagnosis.where import OUTCOME, Conditions, scan
 from vsr2.effects import library as full_library
@@ -445,7 +447,7 @@ CLEAR = Findings(
         ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
         ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
         (
-            {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "unknown_probability": 0.4},
+            {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "unknown_probability": 0.25},
             "effect",
         ),
         ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
@@ -521,6 +523,32 @@ def test_routes_that_contradict_each_other_are_told() -> None:
     assert disagreement(("a",), "a", "b", ("a",), ("b", "a")) is not None
 
 
+def test_the_prior_counts_in_full_however_little_the_data_do() -> None:
+    prior = np.log([0.6, 0.3, 0.1])
+    ratio = np.array([0.0, 2.0, -1.0])
+    flat = np.full(3, -np.log(3))
+    mute = Combination(Tempering(0.0, 0.0), 0.0)
+    np.testing.assert_allclose(mute.log_probability(prior + ratio, flat, prior), prior)
+    # Half of the evidence: odds are prior odds times the square root of the likelihood's ratio.
+    half = Combination(Tempering(0.5, 0.0), 1.0).log_probability(prior + ratio, flat, prior)
+    assert half[1] - half[0] == pytest.approx(np.log(0.5) + 1.0)
+
+
+def test_another_simulator_s_features_differ_alike_within_a_motion() -> None:
+    motion = np.repeat(np.arange(40), 5)
+    scatter = np.full((200, 2), [0.04, 9.0])
+    plain = np.zeros((30, 200, 2))
+    plain[0, 3] = np.nan
+    found = disturbed(plain, scatter, motion, np.random.default_rng(0))
+    assert np.isnan(found[0, 3]).all()
+    z = found[1:] / np.sqrt(scatter)
+    # 29 x 40 motions of 5 trials: the standard error of the variance is about 0.02.
+    assert z.var() == pytest.approx(VARIANCE, abs=0.08)
+    means = z.reshape(29, 40, 5, 2).mean(axis=2)
+    # A motion's mean has the common part and a fifth of the other.
+    assert means.var() == pytest.approx(VARIANCE * (COMMON + (1 - COMMON) / 5), abs=0.06)
+
+
 def test_a_class_grows_until_it_is_probable() -> None:
     probability = {"none": 0.2, "a": 0.4, "b": 0.1, "c": 0.2, "d": 0.1}
     assert leading_class(probability, [["a", "b"], ["c"], ["d"]]) == (
@@ -553,6 +581,37 @@ def test_a_strong_effect_counts_less() -> None:
     # S^2 = 0 and 2 * 50.
     weights = tempering.weight(np.array([[0.0, -1.0, -3.0], [-50.0, 0.0, -2.0]]))
     np.testing.assert_allclose(weights, [0.5, 0.5 / 2])
+
+
+@pytest.mark.parametrize("true_error", [0.05, 0.15])
+def test_posteriors_are_tempered_until_their_intervals_cover(true_error) -> None:
+    """Posteriors that claim an error of 0.05 of the range where it is 0.05, and where 0.15."""
+    rng = np.random.default_rng(0)
+    grid = (np.arange(121) + 0.5) / 121
+    campaigns = []
+    for truth in rng.uniform(0.3, 0.7, 300):
+        seen = truth + true_error * rng.standard_normal()
+        nodes = -0.5 * ((grid - seen) / 0.05) ** 2
+        likelihood = np.array([0.0, rng.uniform(1, 50)])
+        node = int(np.argmin(np.abs(grid - truth)))
+        campaigns.append(Judged(nodes, grid[:, None], node, np.array([truth]), likelihood))
+    found = sharpness(campaigns)
+
+    def covered(tempering) -> float:
+        inside = 0
+        for one in campaigns:
+            log = float(tempering.weight(one.likelihood)) * one.nodes
+            weight = np.exp(log - log.max())
+            share = below(grid, weight / weight.sum(), one.truth[0])
+            inside += 0.025 <= share <= 0.975
+        return inside / len(campaigns)
+
+    assert covered(found) >= COVERAGE
+    # The power that undoes the claim is (0.05 / error)^2; that of the grid next to it may cover.
+    power = (0.05 / true_error) ** 2
+    assert 0.4 * power < found.power <= 1.6 * power
+    if true_error > 0.1:
+        assert covered(Tempering(1.0, 0.0)) < 0.6
 
 
 @pytest.mark.parametrize(("contradicted", "kept"), [(1, 0), (8, 8)])

@@ -105,6 +105,11 @@ class Fit:
     loading: Array
     stray: Array
 
+    @property
+    def scatter(self) -> Array:
+        """Noise with what it has in common, shape (trials,)."""
+        return np.asarray(self.noise + (self.loading**2).sum(axis=1), dtype=np.float64)
+
 
 @dataclass(frozen=True, eq=False)
 class Emulator:
@@ -128,6 +133,12 @@ class Emulator:
     outcome: Fit
     features: tuple[Fit, ...]
     wrong: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def scatter(self) -> Array:
+        """Of the features, shape (trials, k)."""
+        trials = len(self.outcome.mean)
+        return np.array([fit.scatter for fit in self.features]).reshape(-1, trials).T
 
     def columns(self, effect: str) -> NDArray[np.int64]:
         """Columns that a campaign under `effect` uses: intercept, nuisances, its own."""
@@ -295,7 +306,7 @@ def relative_errors(
             ]:
                 mean, by_effect = part @ fit.mean.T, own @ fit.mean[:, block].T
                 variance = np.einsum("ri,tij,rj->rt", part, fit.covariance, part, optimize=True)
-                variance += fit.noise + (fit.loading**2).sum(axis=1)
+                variance += fit.scatter
                 for k, error in enumerate(ERRORS):
                     whole = variance + (error * by_effect) ** 2
                     log = _log_score(kind == 0, y, mean, whole, fit.stray)

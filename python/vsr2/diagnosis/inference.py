@@ -15,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.amortised import Classifier, Places, train
+from vsr2.diagnosis.discrepancy import disturbed
 from vsr2.diagnosis.emulator import Design, Emulator, fit_emulator, relative_errors
 from vsr2.diagnosis.evidence import Data, Posterior, Prediction, Table, posterior, predict, tabulate
-from vsr2.diagnosis.library import NONE, UNKNOWN, Library
+from vsr2.diagnosis.library import NONE, UNKNOWN, Entry, Library, free_parameters, is_angle
 from vsr2.diagnosis.novelty import PRIOR, Misfit, Strangers, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
+from vsr2.diagnosis.tempering import Judged, Tempering, sharpness, strengths
 from vsr2.diagnosis.where import residuals
 
 Array = NDArray[np.float64]
@@ -30,54 +32,30 @@ FOLDS = 6
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
-SHARPNESS_ERRORS = (0.0, 0.03, 0.06, 0.1, 0.2, 0.3)
-
-
-def strengths(likelihood: Array) -> Array:
-    """S^2 of campaigns: 2 log (evidence of the best effect / evidence of none), at least 0.
-
-    Args:
-        likelihood: log probabilities of labels by route A, "none" first, shape (..., labels).
-    """
-    gain = likelihood[..., 1:].max(axis=-1) - likelihood[..., 0]
-    return np.asarray(2 * np.maximum(gain, 0.0), dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Tempering:
-    """How much a log likelihood counts.
-
-    Where an effect is strong, the emulator's error is about proportional to it. With S^2 = 2 log
-    (evidence of the best effect / evidence of none), the squared strength in noise's units, an
-    error e S beside unit noise leaves 1 / (1 + e^2 S^2) of a log likelihood ratio.
-
-    Attributes:
-        power: of weak effects.
-        error: e.
-    """
-
-    power: float
-    error: float
-
-    def weight(self, likelihood: Array) -> Array:
-        """Exponent, for route A's log probabilities of labels (..., labels), shape (...)."""
-        square = strengths(likelihood)
-        return np.asarray(self.power / (1 + self.error**2 * square), dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Combination:
-    """How the two routes' log probabilities become one: exponents of routes A and B."""
+    """How the two routes' log probabilities become one.
+
+    Exponents of routes A and B temper what the data say; the prior counts in full.
+    """
 
     likelihood: Tempering
     classifier: float
 
-    def log_probability(self, likelihood: Array, classifier: Array) -> Array:
-        """Of each label, normalised, shape (..., labels)."""
+    def log_probability(self, likelihood: Array, classifier: Array, prior: Array) -> Array:
+        """Of each label, normalised, shape (..., labels).
+
+        Args:
+            likelihood: log probabilities by route A, the prior within, shape (..., labels).
+            classifier: log probabilities by route B, of equally frequent labels, likewise.
+            prior: its logarithm, shape (labels,).
+        """
         # Route A is bounded, so that no single route rules a label out beyond all evidence.
         bounded = np.maximum(likelihood, likelihood.max(axis=-1, keepdims=True) - 30.0)
         weight = self.likelihood.weight(likelihood)[..., None]
-        return _normal(weight * bounded + self.classifier * classifier)
+        return _normal(weight * (bounded - prior) + self.classifier * classifier + prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +69,7 @@ class Calibration:
             campaigns, shape (rows,).
         likelihood, classifier: log probabilities of routes A and B, shape (rows, labels).
         combination: of A and B.
-        sharpness: of the posterior of parameters.
+        sharpness: of the posterior of parameters, of campaigns of another simulator.
         probability: weighted and normalised, shape (rows, labels).
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
@@ -99,7 +77,8 @@ class Calibration:
         strangers: what misfit says of a cause outside the library.
         unknown: probability of such a cause in each campaign, shape (rows,).
         unknown_left_out: the same of campaigns whose effect was left out, shape (strangers,).
-        null: residuals and variances of the gap-free campaigns, each (campaigns, channels, trials).
+        null: residuals and variances of the gap-free campaigns, as another simulator would have
+            them, each (campaigns, channels, trials).
     """
 
     labels: tuple[str, ...]
@@ -166,8 +145,7 @@ class Prepared:
         tables: route A, by label.
         classifier: route B, trained on all simulated campaigns.
         calibration: both on held-out campaigns.
-        drawn: residuals and variances of gap-free campaigns drawn from the fitted model of no
-            effect, each (campaigns, channels, trials).
+        drawn: as `Calibration.null`, of campaigns drawn from the fitted model of no effect.
         places: of the trials.
         motion: index of each trial's ground motion.
     """
@@ -223,6 +201,8 @@ def prepare(
     classifier = train(library, design, places, labels, seed)
     gap_free = Data(design.overturned, design.features).take(np.flatnonzero(calibration.truth == 0))
     drawn = null_campaigns(tables[NONE], gap_free, seed=seed)
+    rng = np.random.default_rng([seed, 8])
+    drawn = _of_another(drawn, emulator, motion, rng)
     nulls = residuals(crossfitted_none(tables[NONE], drawn, motion), drawn)
     report(1.0)
     return Prepared(
@@ -238,7 +218,8 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         np.array([posteriors[label].evidence[0] for label in labels]) + log_prior(labels)
     )
     classifier = prepared.classifier.log_probability(observed)[0]
-    probability = np.exp(calibration.combination.log_probability(likelihood, classifier))
+    prior = log_prior(labels)
+    probability = np.exp(calibration.combination.log_probability(likelihood, classifier, prior))
     best = labels[int(np.argmax(likelihood))]
     novelty = novelty_statistics(
         predict(tables[best], posteriors[best]), observed, prepared.places.directions()
@@ -296,21 +277,25 @@ def _calibrate(
     loss = np.zeros((rows, motion.size))
     known_misfit, strange_misfit = np.zeros((rows, 0)), np.zeros((rows, 0))
     null: list[tuple[Array, Array]] = []
-    known: list[tuple[Array, int, Array]] = []
+    judged: list[Judged] = []
     directions = places.directions()
+    rng = np.random.default_rng([seed, 9])
     for fold, ((inside, held), emulator) in enumerate(zip(folds, emulators, strict=True)):
         data = Data(design.overturned[held], design.features[held])
         tables = [tabulate(emulator, "" if label == NONE else label) for label in labels]
         found = [posterior(table, data) for table in tables]
         a[held] = np.stack([one.evidence for one in found], axis=1)
         for k in range(1, len(labels)):
-            for row in np.flatnonzero(truth[held] == k):
-                node = tables[k].nearest(library[labels[k]], design.quantiles[held[row]])
-                known.append((found[k].nodes[row], node, a[held[row]] + log_prior(labels)))
+            mine = np.flatnonzero(truth[held] == k)
+            true = [design.quantiles[held[row]] for row in mine]
+            other = _of_another(data.take(mine), emulator, motion, rng)
+            own = a[held[mine]] + log_prior(labels)
+            judged += _judged(library[labels[k]], tables[k], other, true, own)
         plain = crossfitted_none(tables[0], data, motion)
         loss[held] = losses(plain, data)
         gap_free = np.flatnonzero(truth[held] == 0)
-        null.append(residuals(_rows(plain, gap_free), data.take(gap_free)))
+        other = _of_another(data.take(gap_free), emulator, motion, rng)
+        null.append(residuals(crossfitted_none(tables[0], other, motion), other))
         own = a[held] + log_prior(labels)
         known_misfit = _placed(
             known_misfit, held, _misfits(tables, data, np.argmax(own, axis=1), directions)
@@ -322,11 +307,12 @@ def _calibrate(
         classifier = train(library, design.take(inside), places, labels, seed)
         b[held] = classifier.log_probability(data)
         report((fold + 1) / (FOLDS + 1))
-    a = _normal(a + log_prior(labels))
+    prior = log_prior(labels)
+    a = _normal(a + prior)
     counts = np.bincount(truth, minlength=len(labels))
-    weight = np.exp(log_prior(labels))[truth] / counts[truth]
-    combination = _combination(a, b, truth, weight)
-    probability = np.exp(combination.log_probability(a, b))
+    weight = np.exp(prior)[truth] / counts[truth]
+    combination = _combination(a, b, prior, truth, weight)
+    probability = np.exp(combination.log_probability(a, b, prior))
     floor = loss[truth == 0].mean(axis=0)
     gap = loss.mean(axis=1)
     misfit = Misfit(known_misfit, np.argmax(a, axis=1), strengths(a), weight)
@@ -350,7 +336,7 @@ def _calibrate(
         a,
         b,
         combination,
-        _sharpness(known),
+        sharpness(judged),
         probability,
         gap,
         floor,
@@ -360,6 +346,33 @@ def _calibrate(
         strangers.probability(strange_p, strange_strength),
         (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])),
     )
+
+
+def _judged(
+    entry: Entry, table: Table, data: Data, truth: Sequence[Array], likelihood: Array
+) -> list[Judged]:
+    """Posteriors of the parameters of campaigns' own effect."""
+    if not len(data):
+        return []
+    straight = [j for j, p in enumerate(free_parameters(entry)) if not is_angle(p)]
+    nodes = posterior(table, data).nodes
+    return [
+        Judged(
+            nodes[i],
+            table.fine.quantiles[:, straight],
+            table.nearest(entry, true),
+            true[straight],
+            likelihood[i],
+        )
+        for i, true in enumerate(truth)
+    ]
+
+
+def _of_another(
+    data: Data, emulator: Emulator, motion: NDArray[np.int64], rng: np.random.Generator
+) -> Data:
+    """Campaigns as another correct simulator would have them."""
+    return Data(data.overturned, disturbed(data.features, emulator.scatter, motion, rng))
 
 
 def _is_truth(truth: NDArray[np.int64], table: Array) -> NDArray[np.bool_]:
@@ -409,7 +422,9 @@ def _normal(logs: Array) -> Array:
     return np.asarray(logs - logsumexp(logs, axis=-1, keepdims=True), dtype=np.float64)
 
 
-def _combination(a: Array, b: Array, truth: NDArray[np.int64], weight: Array) -> Combination:
+def _combination(
+    a: Array, b: Array, prior: Array, truth: NDArray[np.int64], weight: Array
+) -> Combination:
     from scipy.optimize import minimize
 
     rows = np.arange(truth.size)
@@ -419,25 +434,12 @@ def _combination(a: Array, b: Array, truth: NDArray[np.int64], weight: Array) ->
         return Combination(tempering, float(np.exp(theta[2])))
 
     def loss(theta: Array) -> float:
-        found = made(theta).log_probability(a, b)
+        found = made(theta).log_probability(a, b, prior)
         return -float((weight * found[rows, truth]).sum() / weight.sum())
 
     start = np.array([np.log(0.5), 0.1, np.log(0.5)])
     found = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 200})
     return made(found.x)
-
-
-def _sharpness(known: list[tuple[Array, int, Array]]) -> Tempering:
-    """At which posteriors of parameters give their true values the best log score."""
-    from scipy.special import logsumexp
-
-    options = [Tempering(p, e) for p in np.geomspace(0.03, 1.0, 13) for e in SHARPNESS_ERRORS]
-    score = np.zeros(len(options))
-    for nodes, true, likelihood in known:
-        powers = np.array([float(option.weight(likelihood)) for option in options])
-        scaled = powers[:, None] * nodes[None]
-        score += scaled[:, true] - logsumexp(scaled, axis=1)
-    return options[int(np.argmax(score))] if known else Tempering(1.0, 0.0)
 
 
 def _odds(probability: Array) -> Array:

@@ -17,7 +17,7 @@ from vsr2.diagnosis.novelty import PRIOR
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
-from vsr2.diagnosis.verdict import Findings, Verdict
+from vsr2.diagnosis.verdict import LEAST_UNKNOWN, Findings, Verdict
 from vsr2.diagnosis.where import SIGNIFICANT, Place
 
 Array = NDArray[np.float64]
@@ -301,7 +301,7 @@ def _doubts(verdict: Verdict, headline: Mapping[str, Any], findings: Findings) -
     if verdict.kind not in ("effect", "class", "pair"):
         return []
     out = []
-    if findings.unknown_probability > 2 * PRIOR:
+    if findings.unknown_probability > LEAST_UNKNOWN:
         out.append(
             f"the best effect fits worse than {1 - findings.novelty_p:.0%} of the library's own "
             f"campaigns: the chance that the cause lies outside the library is "

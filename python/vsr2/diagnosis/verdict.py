@@ -7,6 +7,7 @@ from typing import Literal
 
 from vsr2.diagnosis.equivalence import LEAST_PROBABILITY
 from vsr2.diagnosis.novelty import LEVEL as NOVELTY_LEVEL
+from vsr2.diagnosis.novelty import PRIOR as UNKNOWN_PRIOR
 
 Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
 
@@ -21,6 +22,8 @@ MOST_NAMED = 0.25
 UNEXPLAINED = 0.2
 """Share of the gap that the best effect must leave to be called no explanation. A strong effect
 that closes nearly all of a large gap leaves a significant rest, because no emulator is perfect."""
+LEAST_UNKNOWN = 2 * UNKNOWN_PRIOR
+"""Probability of a cause outside the library that a significant misfit must have besides."""
 MOST_LEFT = 0.8
 """Share of the gap that the best effect may leave, significantly, and yet be named."""
 PAIR_UNEXPLAINED = 0.5
@@ -130,7 +133,7 @@ def decide(f: Findings) -> Verdict:
     ]
     misfit = (
         f.novelty_p <= NOVELTY_LEVEL
-        and f.unknown_probability > 0.5
+        and f.unknown_probability > LEAST_UNKNOWN
         and f.after_low > 0
         and f.left > UNEXPLAINED
     )
