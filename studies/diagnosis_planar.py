@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.emulator import fit_emulator
 from vsr2.diagnosis.evidence import Data, Table, log_likelihood, posterior, tabulate
 from vsr2.diagnosis.inference import Prepared
-from vsr2.diagnosis.library import NONE, free_parameters, values_at
+from vsr2.diagnosis.library import NONE, UNKNOWN, free_parameters, values_at
 from vsr2.diagnosis.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.planted import Judged, Rehearsal, shaken_campaign
 
@@ -41,7 +41,7 @@ FLOOR = 3.0
 """Standard deviations at the detection floor."""
 Planted = tuple[str, tuple[float, ...], float]
 """Effect, values and magnitude over its floor."""
-UNKNOWN = ("catch", "time_scale", "restitution")
+LEFT_OUT = ("catch", "time_scale", "restitution")
 """Effects whose classes are left out in turn."""
 
 
@@ -105,13 +105,14 @@ def row_of(judged: Judged, tier: str, kind: str, name: str, relative: float) -> 
     content = judged.diagnosis.content
     p = {entry["name"]: entry["probability"] for entry in content["effects"]}
     p[NONE] = content["none_probability"]
+    p[UNKNOWN] = content["unknown"]["probability"]
     parts = {class_of(part)[0] for part in name.split("+")}
-    mine = class_of(name.split("+")[0])
+    true = kind if kind in (NONE, UNKNOWN) else class_of(name.split("+")[0])[0]
     groups = {member: class_of(member)[0] for member in p}
     by_class: dict[str, float] = {}
     for member, value in p.items():
         by_class[groups[member]] = by_class.get(groups[member], 0.0) + value
-    effects = {group: value for group, value in by_class.items() if group != NONE}
+    effects = {group: value for group, value in by_class.items() if group not in (NONE, UNKNOWN)}
     best = max(effects, key=lambda group: effects[group])
     top = max(by_class, key=lambda group: by_class[group])
     chosen = list(dict.fromkeys(groups[member] for member in content["conformal_set_90"]))
@@ -126,13 +127,13 @@ def row_of(judged: Judged, tier: str, kind: str, name: str, relative: float) -> 
         "named": " ".join(verdict["effects"]),
         "right": int(bool(parts & named)),
         "both": int(named == parts),
-        "top1": int(best == mine[0]),
-        "p_true": by_class.get(mine[0], 0.0) if kind != "none" else p[NONE],
+        "top1": int(best == true),
+        "p_true": by_class.get(true, 0.0),
         "p_top": by_class[top],
-        "hit": int(top == (NONE if kind == "none" else mine[0])),
-        "covered": int((NONE if kind == "none" else mine[0]) in chosen),
+        "hit": int(top == true),
+        "covered": int(true in chosen),
         "set_size": len(chosen),
-        "novelty_p": content["unknown"]["novelty_p"],
+        "p_unknown": p[UNKNOWN],
         "closure": content["gap"]["closure"]["value"],
         "placebo": content["placebo"]["closure"]["value"],
         "oracle": next(
@@ -172,13 +173,13 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         none = [row for row in mine if row["kind"] == "none"]
         unknown = [row for row in mine if row["kind"] == "unknown"]
         pair = [row for row in mine if row["kind"] == "pair"]
-        known = single + none
+        told = single + none + unknown
         names = ("effect", "class", "pair")
         spoken = [row for row in single + unknown if row["verdict"] in names]
-        novelty = [row["novelty_p"] for row in known]
-        beaten = [np.mean([n > u["novelty_p"] for n in novelty]) for u in unknown]
-        ties = [np.mean([n == u["novelty_p"] for n in novelty]) for u in unknown]
-        classes = len(single and {class_of(row["effect"]) for row in single}) + 1
+        others = [row["p_unknown"] for row in single + none]
+        beaten = [np.mean([p < u["p_unknown"] for p in others]) for u in unknown]
+        ties = [np.mean([p == u["p_unknown"] for p in others]) for u in unknown]
+        classes = len({class_of(row["effect"]) for row in single}) + 2
         closed = [row for row in strong if row["closure"] is not None and row["oracle"]]
         out.append(
             {
@@ -189,13 +190,13 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "top1_strong": _mean(row["top1"] for row in strong),
                 "named_strong": _mean(row["verdict"] in names for row in strong),
                 "named_wrongly": _mean(not row["right"] for row in spoken),
-                "covered": _mean(row["covered"] for row in known),
-                "set_size": float(np.median([row["set_size"] for row in known])),
+                "covered": _mean(row["covered"] for row in told),
+                "set_size": float(np.median([row["set_size"] for row in told])),
                 "covered_strong": _mean(row["covered"] for row in strong),
                 "set_size_strong": float(np.median([row["set_size"] for row in strong])),
-                "log_score_gain": 1 - _log_loss(known) / np.log(classes),
+                "log_score_gain": 1 - _log_loss(told) / np.log(classes),
                 "log_score_gain_strong": 1 - _log_loss(strong) / np.log(classes),
-                "calibration_error": _calibration(known),
+                "calibration_error": _calibration(told),
                 "calibration_error_strong": _calibration(strong),
                 "nones": len(none),
                 "false_alarms": _mean(row["verdict"] != "none" for row in none),
@@ -308,7 +309,7 @@ def arguments(description: str) -> argparse.ArgumentParser:
     parser.add_argument("--tiers", default="BMT")
     parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--unknown", nargs="*", default=list(UNKNOWN))
+    parser.add_argument("--unknown", nargs="*", default=list(LEFT_OUT))
     parser.add_argument("--out", type=Path, default=Path("out/diagnosis_planar"))
     return parser
 

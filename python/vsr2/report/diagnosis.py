@@ -72,7 +72,10 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
                 said = "Whether there is a gap is not resolved"
             else:
                 said = "There is a gap, but its cause is not resolved"
-            return f"{said}; candidates are {_candidates(names)}." if names else f"{said}."
+            if not names:
+                return f"{said}."
+            are = "the leading candidate is" if len(names) == 1 else "candidates are"
+            return f"{said}; {are} {_candidates(names)}."
     bounds = content["gap"]["headline"]["ci95"]
     if bounds is None:
         return f"{said}; the gap is too small to tell how much of it that closes."
@@ -177,6 +180,7 @@ def diagnosis_page(found: Diagnosis) -> str:
         "</div>",
         _where_table(content["where"]),
         _effects_table(content["effects"]),
+        _noise_floor(content["gap"]["layers"]),
         _limits(content["limits"]),
         _provenance(content),
     ]
@@ -202,10 +206,11 @@ def _card(title: str, figure: str, note: str) -> str:
 
 def _closure_note(content: Mapping[str, Any]) -> str:
     gap, placebo = content["gap"], content["placebo"]
+    size = f"The gap is {_interval(gap['excess'])} nat a trial over the floor. "
     if gap["closure"]["value"] is None:
-        return "No closure is given, because the gap's interval touches the floor."
+        return size + "No closure is given, because the gap's interval touches the floor."
     return (
-        f"Closure {_interval(gap['closure'])}; placebo {_interval(placebo['closure'])} "
+        f"{size}Closure {_interval(gap['closure'])}; placebo {_interval(placebo['closure'])} "
         f"({str(placebo['effect']).replace('_', ' ')}); recalibration "
         f"{_interval(placebo['recalibration'])}. Headline, closure minus the better of these: "
         f"{_interval(gap['headline'])}."
@@ -298,15 +303,36 @@ def _limits(texts: Sequence[str]) -> str:
     return f"<section><h2>What these data cannot support</h2><ul>{items}</ul></section>"
 
 
+_LAYERS = {
+    "numerical": "starts moved by 1e-6 to 1e-4 m and rad",
+    "time_step": "half the time step",
+    "solver": "twice the solver's iterations",
+    "input": "fresh placement and motion noise",
+    "nuisance": "fresh geometry, contact and the like",
+    "physical": "repeats in the campaign",
+}
+
+
+def _noise_floor(layers: Mapping[str, Any]) -> str:
+    known = [
+        f"<li>{escape(words)}: {layers[name]:.1%}</li>"
+        for name, words in _LAYERS.items()
+        if layers.get(name) is not None
+    ]
+    return (
+        "<section><h2>Noise floor</h2><p>Share of uncertain trials' outcomes that change although "
+        f"nothing of substance does, with:</p><ul>{''.join(known)}</ul></section>"
+    )
+
+
 def _provenance(content: Mapping[str, Any]) -> str:
     import json
 
     from vsr2.diagnosis.result import finite
 
-    layers = content["gap"]["layers"]
-    text = json.dumps(finite({"noise_floor": layers, **content["provenance"]}), indent=1)
+    text = json.dumps(finite(dict(content["provenance"])), indent=1)
     return (
-        "<section><details><summary>Provenance and noise floor</summary>"
+        "<section><details><summary>Provenance</summary>"
         f"<pre>{escape(text)}</pre></details></section>"
     )
 
