@@ -69,7 +69,8 @@ class Calibration:
             campaigns, shape (rows,).
         likelihood, classifier: log probabilities of routes A and B, shape (rows, labels).
         combination: of A and B.
-        sharpness: of the posterior of parameters, of campaigns of another simulator.
+        sharpness: of the posterior of parameters, for estimates and for intervals, learnt on
+            campaigns as another simulator would have them.
         probability: weighted and normalised, shape (rows, labels).
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
@@ -87,7 +88,7 @@ class Calibration:
     likelihood: Array
     classifier: Array
     combination: Combination
-    sharpness: Tempering
+    sharpness: tuple[Tempering, Tempering]
     probability: Array
     gap: Array
     floor: Array

@@ -270,25 +270,32 @@ def _estimate(value: float, draws: Array) -> dict[str, Any]:
 
 
 def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
-    """Posterior means and central 95 % intervals."""
+    """Posterior means and central 95 % intervals: of the estimate's posterior and the intervals'.
+
+    The interval holds both, because the wider posterior lies nearer to the prior's middle.
+    """
     entry = prepared.library[name]
     nodes = positions(entry, prepared.tables[name].fine.quantiles)
-    nodes_log = (
-        float(prepared.calibration.sharpness.weight(found.likelihood))
-        * found.posteriors[name].nodes[0]
-    )
-    weight = np.exp(nodes_log - nodes_log.max())
+    own = found.posteriors[name].nodes[0]
+    weights = []
+    for tempering in prepared.calibration.sharpness:
+        log = float(tempering.weight(found.likelihood)) * own
+        weight = np.exp(log - log.max())
+        weights.append(weight / weight.sum())
     out = {}
     for j, parameter in enumerate(free_parameters(entry)):
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
         order = np.argsort(values)
         # The middle of each node's own weight, so that the median of one node is the node.
-        total = np.cumsum(weight[order]) - 0.5 * weight[order]
-        low, high = (
-            float(np.interp(q * weight.sum(), total, values[order])) for q in (0.025, 0.975)
+        totals = [np.cumsum(weight[order]) - 0.5 * weight[order] for weight in weights]
+        lows, highs = (
+            [float(np.interp(q, total, values[order])) for total in totals] for q in (0.025, 0.975)
         )
-        mean = float(weight @ values / weight.sum())
-        out[parameter.name] = {"mean": mean, "ci95": [low, high], "unit": parameter.unit}
+        out[parameter.name] = {
+            "mean": float(weights[0] @ values),
+            "ci95": [min(lows), max(highs)],
+            "unit": parameter.unit,
+        }
     return out
 
 

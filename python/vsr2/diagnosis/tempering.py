@@ -85,17 +85,18 @@ def below(quantiles: Array, weight: Array, value: float | Array) -> Array:
     return np.array(found).reshape(weight.shape[:-1])
 
 
-def sharpness(campaigns: Sequence[Judged]) -> Tempering:
-    """The tempering of posteriors of parameters with the best log score among those that cover.
+def sharpness(campaigns: Sequence[Judged]) -> tuple[Tempering, Tempering]:
+    """The temperings of posteriors of parameters: the best estimate's, and that of intervals.
 
-    Central 95 % intervals are to hold the truth in 95 % of the weaker half of the campaigns, and of
-    the stronger. Where none does so in both, it is that with the least power.
+    The first has the best log score, the second the best among those whose central 95 % intervals
+    hold the truth in 95 % of the weaker half of the campaigns, and of the stronger; where none
+    does so in both, it is that with the least power.
     """
     from scipy.special import logsumexp
 
     options = [Tempering(p, e) for p in np.geomspace(0.01, 1.0, 15) for e in ERRORS]
     if not campaigns:
-        return Tempering(1.0, 0.0)
+        return Tempering(1.0, 0.0), Tempering(1.0, 0.0)
     score = np.zeros(len(options))
     strength = np.array([float(strengths(one.likelihood)) for one in campaigns])
     strong = strength > np.median(strength)
@@ -111,6 +112,7 @@ def sharpness(campaigns: Sequence[Judged]) -> Tempering:
             held[half] += (share >= tail) & (share <= 1 - tail)
             count[half] += 1
     covers = (held >= COVERAGE * count).all(axis=0)
+    best = options[int(np.argmax(score))]
     if not covers.any():
-        return options[0]
-    return options[int(np.argmax(np.where(covers, score, -np.inf)))]
+        return best, options[0]
+    return best, options[int(np.argmax(np.where(covers, score, -np.inf)))]
