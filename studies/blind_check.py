@@ -8,8 +8,9 @@
 
 Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
 `out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
-are finished, each once, and writes the scores over all scored parts to `docs/results/blind_CHECK/`,
-with sizes, seeds, hashes, versions and the command, and every verdict.
+are finished, each once, and writes the scores over all scored parts to `docs/results/blind_CHECK/`
+(or `--results`), with sizes, seeds, hashes, versions and the command, and every verdict. A new
+round of a check has its own `--out` and `--results`; `OUT/development` trains the baselines.
 """
 
 from __future__ import annotations
@@ -93,6 +94,7 @@ def main() -> int:
     parser.add_argument("--part", type=int, action="append", help="these alone (default: all)")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--score", action="store_true", help="score finished parts, each once")
+    parser.add_argument("--results", type=Path, help="of --score (default: docs/results/...)")
     options = parser.parse_args()
     check = CHECKS[options.check]
     numbers = options.part or range(1, check.parts + 1)
@@ -100,7 +102,8 @@ def main() -> int:
         parser.error(f"--part: {options.check} has parts 1 to {check.parts}")
     folders = [options.out / options.check / f"part{i}" for i in numbers]
     if options.score:
-        return score(options.check, folders, options.out)
+        default = ROOT / "docs" / "results" / f"blind_{options.check.replace('-', '_')}"
+        return score(options.check, folders, options.out, options.results or default)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
 
     def say(text: str) -> None:
@@ -130,7 +133,7 @@ def main() -> int:
     return 0
 
 
-def score(name: str, folders: list[Path], out: Path) -> int:
+def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
     """Score the finished parts that are not scored yet, then all scored ones together."""
     parts: list[tuple[Path, Path, Path]] = []
     for folder in folders:
@@ -151,7 +154,6 @@ def score(name: str, folders: list[Path], out: Path) -> int:
         parts.append((data, key, verdicts))
     if not parts:
         return 1
-    results = ROOT / "docs" / "results" / f"blind_{name.replace('-', '_')}"
     pool_packs(parts, results)
     (results / "README.md").write_text(page(name, parts, len(folders)), encoding="utf-8")
     rows = verdict_rows(parts)
