@@ -23,7 +23,10 @@ def overturn_rate(campaign: Campaign, _: Path) -> list[float]:
 
 
 def metadata(campaign: Campaign, folder: Path) -> list[float]:
-    """What the files say without what happened in them: sizes, counts, noise, amplitudes."""
+    """What the files say without what happened in them: sizes, counts, noise, amplitudes, ends.
+
+    Of the series, how long after the motion they end in trials that did not overturn.
+    """
     noise = campaign.noise
     pga = np.log([trial.pga or 1.0 for trial in campaign.trials])
     files = sorted((folder / "motions").glob("*.npz"))
@@ -38,7 +41,18 @@ def metadata(campaign: Campaign, folder: Path) -> list[float]:
         float(np.mean([file.stat().st_size for file in files])) if files else 0.0,
         float((folder / "campaign.yaml").stat().st_size),
         float(len((folder / "trials.csv").read_text().splitlines()[0])),
+        _end(campaign),
     ]
+
+
+def _end(campaign: Campaign) -> float:
+    """Mean time from the motion's end to the series' end [s]; 0 where no series tells it."""
+    ends = []
+    for trial in campaign.trials:
+        record = campaign.record(trial)
+        if trial.series is not None and record is not None and not trial.overturned:
+            ends.append(trial.series.time[-1] - record.duration)
+    return float(np.mean(ends)) if ends else 0.0
 
 
 def logistic_in_pga(campaign: Campaign, _: Path) -> list[float]:

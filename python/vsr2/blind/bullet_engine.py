@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which a trial's outcome is known."""
+STOP = 1.4
+"""Tilt up to which a falling rock is simulated at least [rad]: farther than a series is written."""
 
 
 class BulletEngine:
@@ -158,6 +160,8 @@ class BulletEngine:
                 "npy": False,
             }
         )
+        outcome = self._study.outcome
+        outcome = outcome.model_copy(update={"overturned_tilt": max(STOP, outcome.overturned_tilt)})
         return [
             Trial(
                 scene=scene,
@@ -167,7 +171,7 @@ class BulletEngine:
                 start=self._start(scene, shake),
                 name=f"m{i}",
                 settling=self._study.settling,
-                outcome=self._study.outcome,
+                outcome=outcome,
                 output=output,
             )
             for i, shake in enumerate(shakes)

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 SPECIMEN = "rock"
 RANGE = 1.2
 """Of the camera [rad]: what fell is seen as far as this, whichever engine simulated it."""
+TAIL = 3.0
+"""For which the camera runs on after the recorded motion [s]: longer than a rock of half a metre
+rocks on, and than any effect draws the motion out."""
 
 
 def written_campaign(
@@ -30,7 +33,8 @@ def written_campaign(
 
     Every campaign has the same columns, files, keys and digits whatever acts in it: all numbers
     are rounded to a fixed number of decimals, trials are named by their order, motions by the order
-    in which they first come, and there is no provenance.
+    in which they first come, and there is no provenance. Series begin with the recorded motion and
+    end `TAIL` after it, whatever the engine simulated; those of rocks that fell end at `RANGE`.
     """
     tolerances = settings.tolerances
     noise = MeasurementNoise(
@@ -59,7 +63,9 @@ def written_campaign(
                 peak_tilt=float(np.clip(round(float(peak), 5), 0.0, 3.14159)),
                 pga=row.pga,
                 pgv_pga=round(float(speed), 5),
-                series=_series(one, settings, rng) if settings.series_interval else None,
+                series=_series(one, motion.duration, settings, rng)
+                if settings.series_interval
+                else None,
             )
         )
     return Campaign(
@@ -71,14 +77,26 @@ def written_campaign(
     )
 
 
-def _series(one: Observed, settings: PackSettings, rng: np.random.Generator) -> Series:
+def _series(
+    one: Observed, duration: float, settings: PackSettings, rng: np.random.Generator
+) -> Series:
+    """As the camera saw it; what rests when its simulation ends is seen to rest on."""
     tolerances = settings.tolerances
-    beyond = np.flatnonzero(one.tilt > RANGE)
-    rows = max(1, int(beyond[0])) if beyond.size else one.time.size
-    draws = rng.standard_normal((rows, 7))
+    interval = settings.series_interval
+    time = interval * np.arange(int((duration + TAIL) / interval + 1e-9) + 1)
+    if one.peak_tilt > RANGE:
+        beyond = (np.interp(time, one.time, one.tilt) > RANGE) | (time > one.time[-1] + 1e-9)
+        if beyond.any():
+            time = time[: max(1, int(np.argmax(beyond)))]
+
+    def at(values: Array) -> Array:
+        columns = values.reshape(one.time.size, -1).T
+        return np.stack([np.interp(time, one.time, column) for column in columns], axis=1)
+
+    draws = rng.standard_normal((time.size, 7))
     half = 0.5 * tolerances.orientation_noise * draws[:, 4:7]
     x, y, z = half.T
-    a, b, c, d = one.orientation[:rows].T
+    a, b, c, d = at(one.orientation).T
     # small rotation times orientation, x, y, z, w
     turned = np.stack(
         [
@@ -90,8 +108,8 @@ def _series(one: Observed, settings: PackSettings, rng: np.random.Generator) -> 
         axis=1,
     )
     return Series(
-        time=np.round(one.time[:rows], 6),
-        tilt=np.round(one.tilt[:rows] + tolerances.tilt_noise * draws[:, 0], 6),
-        position=np.round(one.position[:rows] + tolerances.position_noise * draws[:, 1:4], 6),
+        time=np.round(time, 6),
+        tilt=np.round(at(one.tilt)[:, 0] + tolerances.tilt_noise * draws[:, 0], 6),
+        position=np.round(at(one.position) + tolerances.position_noise * draws[:, 1:4], 6),
         orientation=np.round(turned / np.linalg.norm(turned, axis=1, keepdims=True), 7),
     )

@@ -678,7 +678,8 @@ def _common_sampling(campaign: Campaign) -> dict[str, float]:
     intervals = [t.series.interval for t in campaign.trials if t.series is not None]
     known = [interval for interval in intervals if interval is not None]
     if known and len(known) == len(intervals) and max(known) - min(known) <= 1e-6 * min(known):
-        out["series_interval_s"] = float(np.median(known))
+        # Differences of times that were rounded: the digits that they share.
+        out["series_interval_s"] = float(f"{np.median(known):.12g}")
     return out
 
 

@@ -30,6 +30,11 @@ class GroundMotion:
     interval: float
     displacement: Array
 
+    @property
+    def duration(self) -> float:
+        """From the first to the last sample [s]."""
+        return (self.displacement.size - 1) * self.interval
+
 
 def ground_motion(name: str, rng: np.random.Generator) -> GroundMotion:
     """Draw a motion.

@@ -20,11 +20,15 @@ Array = NDArray[np.float64]
 STEP = 0.001
 """[s]"""
 FALLEN = 1.2
-"""Tilt at which a trial ends [rad]."""
+"""Tilt from which nothing comes back [rad]."""
+_STOP = 1.3
+"""Tilt from the vertical at which a trial ends [rad], so that `FALLEN` is seen to be passed."""
 TAIL = 5.0
 """Longest time after the motion [s]."""
 _SETTLING = 300
 _LOOK = 50
+_CALM = 5
+"""Looks in a row that find the body at rest, as it may pause for one where it turns back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,7 @@ class Response:
 
     Attributes:
         overturned: it fell, or leant beyond half its slenderness angle at the end.
-        peak_tilt: [rad]; of a trial that fell, `FALLEN` or a little more.
+        peak_tilt: [rad]; of a trial that fell, more than `FALLEN`.
         time: of the series, shape (n,) [s]; 0 is the motion's first sample.
         tilt: between the body's vertical at rest and the vertical, shape (n,) [rad].
         position: travel of the mass centre, shape (n, 3) [m].
@@ -154,6 +158,7 @@ def _shake(
     pose, speed = data.qpos[joints:], data.qvel[joints:]
     advance = mujoco.mj_step
     hold = positions[-1].copy()
+    calm = 0
     for i in range(first, len(rows)):
         if i < moving:
             table_q[:] = positions[i]
@@ -171,9 +176,10 @@ def _shake(
             action(-1)
         if i % _LOOK == 0:
             # z component of the body's own vertical
-            if 1 - 2 * (pose[4] ** 2 + pose[5] ** 2) < math.cos(FALLEN):
+            if 1 - 2 * (pose[4] ** 2 + pose[5] ** 2) < math.cos(_STOP):
                 return i + 1
-            if i > moving and np.abs(speed).max() < 3e-3:
+            calm = calm + 1 if i > moving and np.abs(speed).max() < 3e-3 else 0
+            if calm == _CALM:
                 return i + 1
     return len(rows)
 
