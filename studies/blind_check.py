@@ -116,7 +116,7 @@ def main() -> int:
             if not (folder / "data" / "pack.json").exists():
                 study = load_study(options.scene)
                 made = make_pack(study, folder, folder / "key", check.settings, say=say)
-                print(f"{folder}: sealed as {made.commitment}; not drawn: {made.inaudible}")
+                print(f"{folder}: sealed as {made.commitment}; not drawn: {made.not_drawn}")
             progress = diagnose_pack(
                 folder / "data",
                 folder / "verdicts",

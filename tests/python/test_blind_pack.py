@@ -5,13 +5,12 @@ import csv
 import json
 import math
 import shutil
+import signal
 import sqlite3
 import subprocess
 import sys
-import textwrap
 from collections import Counter
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,17 +25,17 @@ from vsr2.blind.diagnose import at_tier, uncertainties
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import Floor, FloorMeter
 from vsr2.blind.mujoco import GroundMotion
-from vsr2.blind.plan import draw_plan
+from vsr2.blind.plan import directions, draw_plan
 from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
-from vsr2.blind.shake import Observed, Shake
+from vsr2.blind.settings import KINDS
+from vsr2.blind.shake import Drawable, Observed, Shake, Strength
 from vsr2.blind.verdict import DIAGNOSIS_FILE
 from vsr2.blind.write import written_campaign
 from vsr2.campaign import check_campaign, load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
-from vsr2.diagnosis import Nuisances, diagnose
+from vsr2.diagnosis import Nuisances
 from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.effects import library as known_effects
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
@@ -131,6 +130,58 @@ def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None
     assert len(calls) == 5 + 10
     assert continued.commitment == whole.commitment
     assert same_folders(tmp_path / "whole" / "data", tmp_path / "parts" / "data")
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+import vsr2.campaign.folder as folder
+import test_blind_pack as tests
+
+def dying(function, place, count):
+    calls = []
+    def died(*arguments):
+        if place in str(arguments[-1]):
+            calls.append(arguments)
+            if len(calls) == count:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return function(*arguments)
+    return died
+
+if {place!r}:
+    os.replace = dying(os.replace, {place!r}, 1)
+else:
+    folder._table = dying(folder._table, "", 5)
+tests.make_module.build_engine = lambda name, study: tests.QuickEngine()
+tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
+"""
+
+
+@pytest.mark.parametrize("place", ["custodian.json", "", "pack.json"])
+def test_a_pack_whose_maker_was_killed_is_continued(quick, study, tmp_path, place) -> None:
+    # As it writes its state, the fifth campaign, and the last file of all.
+    whole = make(study, tmp_path / "whole")
+    parts = tmp_path / "parts"
+    code = KILLED.format(tests=str(Path(__file__).parent), place=place, pack=str(parts))
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    left = [path.name for path in parts.rglob(".*.tmp")]
+    assert len(left) == 1
+    assert not (parts / "data" / "pack.json").exists()
+    assert make(study, parts).commitment == whole.commitment
+    assert same_folders(tmp_path / "whole", parts)
+    assert not list(parts.rglob(".*"))
+
+
+def test_packs_of_two_forms_are_not_mixed(quick, study, tmp_path) -> None:
+    make(study, tmp_path)
+    state = tmp_path / "key" / "custodian.json"
+    content = read_json(state)
+    assert content.pop("form")
+    state.write_text(json.dumps(content))
+    with pytest.raises(BlindError, match="another form"):
+        make(study, tmp_path)
 
 
 def test_a_seed_of_the_system_is_kept_and_new_each_time(quick, study, tmp_path) -> None:
@@ -372,6 +423,83 @@ def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
         assert kruskal(*places).pvalue > 0.01
 
 
+def planned(seed=5, engines=("mujoco",), floors=None, **changes):
+    """A plan of many campaigns, and its settings."""
+    counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0}
+    settings = PackSettings(engines=engines, **(counts | changes))
+    known = {name: QuickEngine.effects for name in engines}
+    floors = floors or {(e, name, 1): Floor(0.05, ()) for e in engines for name in known[e]}
+    return draw_plan(seed, settings, known, floors), settings
+
+
+def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
+    plan, settings = planned(single=40, none=40, pair=40, unknown=40, hidden=3)
+    for one in plan:
+        own = {settings.class_of(effect.name) for effect in one.effects}
+        assert one.exclude
+        assert (settings.class_of(one.exclude[0]) in own) == (one.kind == "unknown")
+    left_out = {kind: {p.exclude for p in plan if p.kind == kind} for kind in KINDS}
+    assert all(found == left_out["none"] for found in left_out.values())
+    assert len(left_out["none"]) == 3
+
+
+def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> None:
+    for change in (
+        {"single": 2, "pair": 1, "hidden": 2},
+        {"single": 2, "none": 1, "effects": ("friction",)},
+        {"none": 1, "unknown": 1, "effects": ("table_gain", "slenderness")},
+        {"pair": 1, "effects": ("friction", "wear")},
+        {"leave_one_out": 1, "none": 1, "effects": ("friction",)},
+    ):
+        counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0}
+        with pytest.raises(BlindError, match="would tell the kind"):
+            make(study, tmp_path, **(counts | change))
+        # Before any work.
+        assert not (tmp_path / "key").exists()
+    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in ("wear", "friction")}
+    with pytest.raises(BlindError, match="this pack needs 3"):
+        planned(single=2, pair=1, floors=floors)
+    assert len(planned(single=2, none=2, unknown=2, floors=floors)[0]) == 6
+    assert len(planned(leave_one_out=2, floors=floors)[0]) == 4
+
+
+def test_where_each_effect_is_left_out_so_is_each_class_as_a_decoy() -> None:
+    from scipy.stats import chi2_contingency
+
+    plan, _ = planned(none=600, leave_one_out=100, hidden=2)
+    cells = Counter((p.kind, p.exclude) for p in plan)
+    values = sorted({p.exclude for p in plan})
+    # table_gain and slenderness are one class: it comes twice as often in both.
+    assert len(values) == 5
+    table = [[cells[kind, value] for value in values] for kind in ("none", "unknown")]
+    assert chi2_contingency(table).pvalue > 0.01
+    assert cells["unknown", ("slenderness", "table_gain", "table_pitch")] == 200
+
+
+def test_magnitudes_lie_from_half_a_floor_to_six() -> None:
+    # As a tether: strong wherever it acts, here from 2, 5, 7 and 100 floors on.
+    engine = {
+        name: Drawable(name, Strength("slack", "1", 0.0, low, 0.9))
+        for name, low in (("weak", 0.02), ("some", 0.05), ("strong", 0.07), ("tether", 0.5))
+    }
+    engine["catch"] = Drawable("catch", Strength("slack", "1", math.inf, 5.0, 25.0, True))
+    engine["gain"] = Drawable("gain", Strength("change", "1", 0.0, -0.3, 0.3))
+    floors = {("mujoco", name, 1): Floor(0.01, ()) for name in engine if name != "tether"}
+    floors |= {("mujoco", "tether", 1): Floor(0.005, ()), ("mujoco", "gain", -1): Floor(0.2, ())}
+    floors["mujoco", "catch", 1] = Floor(0.006, ())
+    assert directions({"mujoco": engine}, floors, "mujoco") == [
+        ("gain", -1), ("gain", 1), ("some", 1), ("weak", 1)
+    ]  # fmt: skip
+    settings = PackSettings(single=400, none=0, pair=0, unknown=0)
+    drawn = [p.effects[0] for p in draw_plan(1, settings, {"mujoco": engine}, floors)]
+    relative = {name: [e.relative for e in drawn if e.name == name] for name in engine}
+    assert max(max(found, default=0.0) for found in relative.values()) <= 6.0
+    assert 2.0 <= min(relative["weak"]) < 2.2
+    assert 5.0 <= min(relative["some"]) < 5.2
+    assert 0.5 <= min(relative["gain"]) < 0.7
+    assert not relative["strong"] + relative["tether"] + relative["catch"]
+
+
 def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
     settings = PackSettings(single=120, none=0, pair=0, unknown=120, hidden=6)
     floors = {("mujoco", name, 1): Floor(0.02, ()) for name in QuickEngine.effects}
@@ -512,39 +640,6 @@ def test_what_is_not_there_is_refused(small, tmp_path) -> None:
         diagnose_pack(tmp_path, tmp_path / "out", diagnose=Stub)
 
 
-WATCHED = """
-import sys
-from pathlib import Path
-key = {key!r}
-def watch(event, arguments):
-    if event in ("open", "os.listdir", "os.scandir") and key in str(arguments[0]):
-        raise PermissionError(f"{{event}} of {{arguments[0]}}")
-sys.addaudithook(watch)
-sys.path.insert(0, {tests!r})
-from test_blind_pack import Stub
-from vsr2.blind import diagnose_pack
-try:
-    open(key + "/key.json")
-except PermissionError:
-    print(diagnose_pack(Path({data!r}), Path({out!r}), diagnose=Stub).done)
-"""
-
-
-def test_the_diagnosis_never_looks_at_the_key(small, tmp_path) -> None:
-    key = tmp_path / "key"
-    code = WATCHED.format(
-        key=str(key), tests=str(Path(__file__).parent), data=str(small), out=str(tmp_path / "out")
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "12"
-    moved = tmp_path / "elsewhere"
-    shutil.copytree(small, moved)
-    shutil.rmtree(key)
-    assert diagnose_pack(moved, tmp_path / "out2", diagnose=Stub).done == 12
-
-
 def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
     sizes = ["--trials", "12", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
     counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
@@ -561,6 +656,38 @@ def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path,
 
 
 # --- from end to end ----------------------------------------------------------------------------
+
+
+WATCHED = """
+import json, sys
+from functools import partial
+from pathlib import Path
+# Libraries ask what the machine is.
+HARMLESS = [("uname", ["uname", "-p"]), ("lscpu", ["lscpu", "--parse=core"])]
+STARTING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty")
+looked = []
+def watch(event, arguments):
+    if event in STARTING and arguments[:2] not in HARMLESS:
+        looked.append(event + " " + str(arguments[:2]))
+    if event.startswith(("open", "os.", "shutil.", "glob.", "sqlite3.")):
+        looked.extend(event for argument in arguments if {key!r} in str(argument))
+sys.addaudithook(watch)
+try:
+    open({key!r} + "/key.json")
+except FileNotFoundError:
+    assert looked.pop() == "open"
+import vsr2.diagnosis.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.design
+from vsr2.blind import diagnose_pack
+from vsr2.diagnosis import diagnose
+from vsr2.effects import library
+# A rough diagnosis will do: what is tested is the way from pack to scores.
+vsr2.diagnosis.design.LEAST_NONE = 12
+vsr2.diagnosis.budget.MAX_TRIALS = 4
+vsr2.diagnosis.amortised.TREES = 40
+rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M"], draws=6, diagnose=rough)
+print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
+"""
 
 
 def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
@@ -583,17 +710,20 @@ def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> N
         floor_trials=4,
     )
     monkeypatch.setattr(make_module, "catalogue", pulses)
-    # A rough diagnosis will do: what is tested is the way from pack to scores.
-    monkeypatch.setattr("vsr2.diagnosis.design.LEAST_NONE", 12)
-    monkeypatch.setattr("vsr2.diagnosis.budget.MAX_TRIALS", 4)
-    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 40)
     assert make_pack(study, pack, key, settings, seed=4).campaigns == 12
-    shutil.move(key, tmp_path / "away")
-    library = {name: known_effects()[name] for name in names}
-    progress = diagnose_pack(
-        pack / "data", out, tiers=["M"], draws=6, diagnose=partial(diagnose, library=library)
-    )
-    assert (progress.done, progress.failed) == (12, ())
+    # Nothing can read what is on no disk. The diagnosis, in a process of its own, does not look for
+    # it either, nor starts a process that would.
+    held = {path.relative_to(key): path.read_bytes() for path in key.rglob("*.json")}
+    shutil.rmtree(key)
+    code = WATCHED.format(key=str(key), data=str(pack / "data"), out=str(out), names=names)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found == {"done": 12, "failed": [], "looked": []}
+    assert not key.exists()
+    for path, content in held.items():
+        (key / path).parent.mkdir(parents=True, exist_ok=True)
+        (key / path).write_bytes(content)
     spent = [
         json.loads((out / name / "M" / DIAGNOSIS_FILE).read_text())["provenance"]["budget"]
         for name in sorted(c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"])
@@ -601,7 +731,6 @@ def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> N
     # Campaigns of one protocol share their simulations.
     assert sum(one["simulated"] for one in spent) == len(bank_keys(out / "bank.sqlite"))
     assert sorted(one["simulated"] for one in spent)[:9] == [0] * 9
-    key = tmp_path / "away"
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 0
     assert "top-1 class (single)" in capsys.readouterr().out

@@ -24,7 +24,7 @@ from vsr2.blind.design import (
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import Floor, FloorMeter, draw_nuisances, draw_own, shake_of
 from vsr2.blind.mujoco import GroundMotion
-from vsr2.blind.plan import Drawn, Planned, audible, draw_plan
+from vsr2.blind.plan import Drawn, Planned, check_hidden, directions, draw_plan
 from vsr2.blind.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -46,6 +46,8 @@ from vsr2.config import Study
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
+FORM = 2
+"""Of the data; campaigns of two forms are not mixed in a pack."""
 _STATE = "custodian.json"
 _FLOORS = "floors.json"
 _ENTRIES = "entries"
@@ -62,13 +64,12 @@ class Made:
     Attributes:
         campaigns: number of them.
         commitment: SHA-256 that is published with the data.
-        inaudible: effects, by engine, that no magnitude in their range brings to the floor: they
-            were not drawn.
+        not_drawn: effects, by engine, whose range holds no magnitude from the floor to 6 times it.
     """
 
     campaigns: int
     commitment: str
-    inaudible: dict[str, list[str]]
+    not_drawn: dict[str, list[str]]
 
 
 def make_pack(
@@ -106,7 +107,17 @@ def make_pack(
     effects = {
         name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
     }
+    classes = [{settings.class_of(name) for name in found} for found in effects.values()]
+    if classes:
+        most = len(set.intersection(*classes))
+        check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
     state = _begin(study, data, key, settings, seed)
+    data.mkdir(parents=True, exist_ok=True)
+    (key / _ENTRIES).mkdir(exist_ok=True)
+    for folder in (data, key, key / _ENTRIES):
+        _clear(folder)
+    if not (data / PACK_FILE).exists():
+        _write_scene(study, data)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
     known = read_json(key / _FLOORS) if (key / _FLOORS).exists() else {}
@@ -117,7 +128,6 @@ def make_pack(
     ]
     floors = _floors(engines, effects, protocols[0], settings, number, known, key, say)
     plan = draw_plan(number, settings, effects, floors)
-    (key / _ENTRIES).mkdir(exist_ok=True)
     for done, planned in enumerate(plan):
         file = key / _ENTRIES / f"{planned.id}.json"
         if file.exists() and (data / planned.id).is_dir():
@@ -129,11 +139,11 @@ def make_pack(
         say(f"campaign {done + 1} of {len(plan)}")
     entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
     sealed = _seal(data, key, state, settings, engines, floors, entries)
-    inaudible = {
-        name: sorted(set(effects[name]) - {effect for effect, _ in audible(floors, name)})
+    not_drawn = {
+        name: sorted(set(effects[name]) - {e for e, _ in directions(effects, floors, name)})
         for name in effects
     }
-    return Made(len(plan), sealed, inaudible)
+    return Made(len(plan), sealed, not_drawn)
 
 
 def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
@@ -156,6 +166,7 @@ def _begin(
     """The custodian's state: read where the pack was begun, else drawn and written."""
     scene = _scene(study)
     asked = {
+        "form": FORM,
         "settings": settings.to_json(),
         "scene_sha256": hashlib.sha256(canonical(scene)).hexdigest(),
     }
@@ -174,11 +185,11 @@ def _begin(
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
         return state
     for folder in (data, key):
-        if folder.exists() and any(folder.iterdir()):
+        # What a killed writer leaves of the state itself is no other pack.
+        if folder.exists() and set(folder.iterdir()) - set(folder.glob(f".{_STATE}.*.tmp")):
             raise BlindError(
                 f"{folder}: is not empty and holds no pack of this key; choose another"
             )
-    data.mkdir(parents=True, exist_ok=True)
     key.mkdir(parents=True, exist_ok=True)
     key.chmod(0o700)
     state = asked | {
@@ -187,9 +198,17 @@ def _begin(
         if seed is None
         else hashlib.sha256(f"salt {seed}".encode()).hexdigest(),
     }
-    _write_scene(study, data)
     write_json(path, state, private=True)
     return state
+
+
+def _clear(folder: Path) -> None:
+    """Remove what a killed writer left behind."""
+    for path in folder.glob(".*.tmp"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
 
 
 def read_back(content: Any) -> Any:

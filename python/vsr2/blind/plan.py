@@ -65,28 +65,60 @@ class Planned:
 
 Floors = Mapping[tuple[str, str, int], Floor]
 """By engine, effect and sign."""
+Effects = Mapping[str, Mapping[str, Drawable]]
+"""By engine and name."""
 
 
-def audible(floors: Floors, engine: str) -> list[tuple[str, int]]:
-    """Effects and signs whose range reaches the floor on an engine."""
-    return [
-        (name, sign)
-        for (on, name, sign), floor in sorted(floors.items())
-        if on == engine and math.isfinite(floor.magnitude)
-    ]
+def directions(effects: Effects, floors: Floors, engine: str) -> list[tuple[str, int]]:
+    """Effects and signs of an engine whose range holds magnitudes to draw.
+
+    Not those that do not reach the floor, nor those that lie beyond 6 floors wherever they act at
+    all, as a tether may.
+    """
+    out = []
+    for (on, name, sign), floor in sorted(floors.items()):
+        if on == engine and math.isfinite(floor.magnitude):
+            weakest = effects[engine][name].strength.reach()[sign][0]
+            if weakest <= RELATIVE[1] * floor.magnitude:
+                out.append((name, sign))
+    return out
+
+
+def check_hidden(settings: PackSettings, found: int) -> None:
+    """Refuse a pack in which what is left out of the library would tell the kind.
+
+    A decoy is of another class than the campaign's own effects, and there must be one for each
+    campaign: it takes three classes where there are pairs, else two.
+
+    Args:
+        settings: of the pack.
+        found: number of classes that may be left out.
+
+    Raises:
+        BlindError: they are too few.
+    """
+    counts = [settings.counts(engine) for engine in settings.engines]
+    needed = 3 if any(count["pair"] for count in counts) else 2
+    told = any(count["single"] + count["pair"] + count["none"] for count in counts)
+    if told and any(settings.asks(engine) for engine in settings.engines) and found < needed:
+        raise BlindError(
+            f"{found} effect classes may be left out of the library, this pack needs {needed}, or "
+            f"`exclude` would tell the kind; raise hidden ({settings.hidden}), allow effects of "
+            "more classes, or raise trials so that more of them reach their detection floor"
+        )
 
 
 def draw_plan(
     seed: int,
     settings: PackSettings,
-    effects: Mapping[str, Mapping[str, Drawable]],
+    effects: Effects,
     floors: Floors,
 ) -> list[Planned]:
     """All campaigns of a pack.
 
     Effects come from a shuffled list that is dealt again when it is used up, so that each is drawn
     about as often. Magnitudes are log-uniform from 0.5 to 6 times the floor, within the range of
-    the strength.
+    the strength. Where each effect is left out in turn, so may each class be as a decoy.
 
     Args:
         seed: of everything.
@@ -95,14 +127,23 @@ def draw_plan(
         floors: of them.
 
     Raises:
-        BlindError: no effect of an engine reaches its floor, or a pair needs a second class.
+        BlindError: no effect of an engine can be drawn, a pair needs a second class, or too few
+            classes can be left out.
     """
     rng = np.random.default_rng([seed, 301])
     asking = [engine for engine in settings.engines if settings.asks(engine)]
-    classes = [{settings.class_of(name) for name, _ in audible(floors, e)} for e in asking]
-    common = sorted(set.intersection(*classes)) if classes else []
+    found = {e: directions(effects, floors, e) for e in asking}
+    classes = {e: {settings.class_of(name) for name, _ in found[e]} for e in asking}
+    common = sorted(set.intersection(*classes.values())) if classes else []
     hidden = [common[i] for i in rng.permutation(len(common))[: settings.hidden]]
-    decks = {engine: _Deck(rng, engine, settings, floors, hidden) for engine in settings.engines}
+    decks = {}
+    for engine in settings.engines:
+        mine, left_out = found.get(engine, []), hidden
+        if settings.leave_one_out:
+            # Once an effect, so that decoys are as often of a class as effects that are left out.
+            left_out = [settings.class_of(name) for name in sorted({name for name, _ in mine})]
+        decks[engine] = _Deck(rng, engine, settings, mine, left_out)
+        check_hidden(settings, len(set(left_out)))
     asked: list[tuple[Kind, str, list[tuple[str, int]]]] = []
     for engine, deck in decks.items():
         for kind, count in settings.counts(engine).items():
@@ -123,7 +164,7 @@ def draw_plan(
             for name, sign in chosen
         )
         names = [name for name, _ in chosen]
-        left_out = settings.class_of(names[0]) if kind == "unknown" else decks[engine].decoy(names)
+        excluded = settings.class_of(names[0]) if kind == "unknown" else decks[engine].decoy(names)
         out.append(
             Planned(
                 index=int(place),
@@ -132,7 +173,7 @@ def draw_plan(
                 engine=engine,
                 protocol=int(protocols[place]),
                 effects=drawn,
-                exclude=tuple(sorted(left_out)),
+                exclude=tuple(sorted(excluded)),
             )
         )
     return sorted(out, key=lambda planned: planned.index)
@@ -153,20 +194,21 @@ class _Deck:
         rng: np.random.Generator,
         engine: str,
         settings: PackSettings,
-        floors: Floors,
+        found: Sequence[tuple[str, int]],
         hidden: Sequence[tuple[str, ...]],
     ) -> None:
         self._rng = rng
         self._settings = settings
         self._signs: dict[str, list[int]] = {}
-        for name, sign in audible(floors, engine):
+        for name, sign in found:
             self._signs.setdefault(name, []).append(sign)
         needed = 1 + (settings.counts(engine)["pair"] > 0)
         classes = {settings.class_of(name) for name in self._signs}
         if settings.asks(engine) and (len(classes) < needed or not hidden):
             raise BlindError(
-                f"engine {engine}: {len(self._signs)} effects reach their detection floor, too few "
-                f"for this pack; raise trials ({settings.trials}), or allow more effects"
+                f"engine {engine}: {len(self._signs)} effects can be drawn from 0.5 to 6 times "
+                f"their detection floor, too few for this pack; raise trials ({settings.trials}), "
+                "or allow more effects"
             )
         self._hidden = list(hidden)
         self._rest: list[str] = []
@@ -216,9 +258,6 @@ def _magnitude(rng: np.random.Generator, effect: Drawable, sign: int, floor: Flo
     low, high = effect.strength.reach()[sign]
     least = max(RELATIVE[0] * floor.magnitude, low)
     most = min(RELATIVE[1] * floor.magnitude, high)
-    if most <= least:
-        # Strong wherever it acts at all, as a tether.
-        most = min(2 * least, high)
     magnitude = least * (most / least) ** float(rng.random())
     values = effect.values(sign * magnitude, [float(q) for q in rng.random(len(effect.others))])
     return Drawn(

@@ -72,7 +72,8 @@ class PackSettings:
         series_interval: [s]; 0: no series, so that the pack ends at tier M.
         effects: that may be drawn; empty: all that the engine has.
         hidden: number of classes that may be left out of the library, of unknown effects and of
-            decoys alike; each costs the diagnosis fits of its own.
+            decoys alike; each costs the diagnosis fits of its own. At least 3 where there are
+            pairs; with `leave_one_out` all classes.
         classes: equivalence classes that verdicts are judged by.
         replicates: simulations of each trial in measuring the floor.
         floor_trials: trials of the design on which the floor is measured.

@@ -195,9 +195,12 @@ def _make(options: argparse.Namespace) -> int:
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
     )
     print(f"{options.pack / 'data'}: {made.campaigns} campaigns, sealed as {made.commitment}")
-    for engine, effects in made.inaudible.items():
+    for engine, effects in made.not_drawn.items():
         if effects:
-            print(f"{engine}: below their detection floor, not drawn: {', '.join(effects)}")
+            print(
+                f"{engine}: no magnitudes from 1 to 6 detection floors, not drawn: "
+                f"{', '.join(effects)}"
+            )
     return 0
 
 
