@@ -117,9 +117,7 @@ def where_mass(case: Case) -> float | None:
     if not named or not weights or total <= 0:
         return None
     inside = frozenset[str]().union(*named)
-    digits = len(str(len(weights)))
-    names = [f"T{i + 1:0{digits}d}" for i in range(len(weights))]
-    return math.fsum(w for n, w in zip(names, weights, strict=True) if n in inside) / total
+    return math.fsum(w for n, w in zip(case.trials, weights, strict=True) if n in inside) / total
 
 
 def axis_named(case: Case) -> bool:

@@ -20,6 +20,7 @@ from vsr2.blind.score import Scores, is_alarm, score_cases, top_one
 from vsr2.blind.seal import (
     canonical,
     folder_sha256,
+    is_open,
     open_key,
     read_json,
     read_pack,
@@ -89,7 +90,7 @@ def score_pack(
 ) -> Scored:
     """Score the diagnoses of a pack and write `scores.json`, `scores.md` and `reliability.png`.
 
-    Hashes of key and data are verified first. A pack is scored once: the key folder gets a
+    The key, and all that it seals, are verified first. A pack is scored once: the key folder gets a
     receipt with the scores, and another scoring is refused. Open packs (development) have none.
 
     Args:
@@ -105,14 +106,14 @@ def score_pack(
             been scored.
     """
     pack = read_pack(data)
-    open_pack = bool(pack.get("development"))
+    opened = open_key(data, key)
+    open_pack = is_open(opened)
     receipt = key / RECEIPT
     if receipt.exists() and not open_pack:
         raise BlindError(
-            f"{receipt}: the pack was scored on {json.loads(receipt.read_text())['scored']}; a "
-            "pack is scored once: make a new one"
+            f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}; a pack is "
+            "scored once: make a new one"
         )
-    opened = open_key(data, key)
     if training is not None and training[0].resolve() == data.resolve():
         raise BlindError(f"{data}: trains the baselines and is scored; give another pack to train")
     cases = read_cases(data, opened, diagnoses)
@@ -144,20 +145,20 @@ def pool_packs(parts: Sequence[tuple[Path, Path, Path]], out: Path) -> Scored:
         BlindError: a pack is not scored yet, or its diagnoses are not those that were scored.
     """
     cases: list[Case] = []
-    packs, submissions, opened = [], [], []
+    packs, submissions, development = [], [], []
     for data, key, diagnoses in parts:
-        pack = read_pack(data)
-        opened.append(bool(pack.get("development")))
+        pack, opened = read_pack(data), open_key(data, key)
+        development.append(is_open(opened))
         submission = folder_sha256(diagnoses, "*.json")
-        if not opened[-1]:
+        if not development[-1]:
             if not (key / RECEIPT).exists():
                 raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")
             if read_json(key / RECEIPT).get("submission") != submission:
                 raise BlindError(f"{diagnoses}: were changed after they were scored")
-        cases += read_cases(data, open_key(data, key), diagnoses)
+        cases += read_cases(data, opened, diagnoses)
         packs.append(pack["commitment"]["sha256"])
         submissions.append(submission)
-    scored = Scored(score_cases(cases), {}, cases, all(opened))
+    scored = Scored(score_cases(cases), {}, cases, all(development))
     _write(scored, {"packs": packs, "submissions": submissions}, out)
     return scored
 
