@@ -35,6 +35,7 @@ from vsr2.blind import (
     score_pack,
 )
 from vsr2.blind.cases import read_cases
+from vsr2.blind.score import top_one
 from vsr2.blind.seal import read_json
 from vsr2.config import load_study
 
@@ -136,25 +137,26 @@ def main() -> int:
 def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
     """Score the finished parts that are not scored yet, then all scored ones together."""
     parts: list[tuple[Path, Path, Path]] = []
+    development = out / "development" / "part1"
+    known = name != "development" and (development / "data" / "pack.json").exists()
+    training = (development / "data", development / "key") if known else None
     for folder in folders:
         data, key, verdicts = folder / "data", folder / "key", folder / "verdicts"
         if not finished(data, verdicts):
             print(f"{folder}: not finished")
             continue
         if not (key / "receipt.json").exists():
-            training = out / "development" / "part1"
-            known = name != "development" and (training / "data" / "pack.json").exists()
             score_pack(
                 data,
                 key,
                 verdicts,
                 folder / "scores",
-                training=(training / "data", training / "key") if known else None,
+                training=training,
             )
         parts.append((data, key, verdicts))
     if not parts:
         return 1
-    pool_packs(parts, results)
+    pool_packs(parts, results, training=training)
     (results / "README.md").write_text(page(name, parts, len(folders)), encoding="utf-8")
     rows = verdict_rows(parts)
     with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
@@ -185,11 +187,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "verdict": case.verdict.kind,
                     "named": " ".join(case.verdict.effects) if named else "",
                     "probability": f"{case.verdict.probability:.3f}",
-                    "right": int(
-                        bool({case.label(n) for n in case.verdict.effects} & set(case.truth))
-                    )
-                    if named
-                    else "",
+                    "right": int(top_one(case)) if named else "",
                 }
             )
     return rows
