@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import gzip
 import json
 import shutil
 import subprocess
@@ -163,8 +164,10 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    for number, (data, _, _) in enumerate(parts, 1):
+    for number, (data, key, _) in enumerate(parts, 1):
         shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
+        packed = gzip.compress((key / "key.json").read_bytes(), mtime=0)
+        (results / f"key{number}.json.gz").write_bytes(packed)
     print(f"wrote {results}")
     return 0
 
@@ -216,7 +219,8 @@ def page(name: str, parts: list[tuple[Path, Path, Path]], total: int) -> str:
         "",
         f"`python studies/blind_check.py {name}`, then `--score`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
-        f"`{commit}`.",
+        f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
+        "in its pack (`vsr2.blind.seal.commitment`).",
         "",
         "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis |",
         "| --- | --- | --- | --- | --- | --- | --- |",
