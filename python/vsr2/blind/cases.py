@@ -174,7 +174,7 @@ def _check_verdict(
 
 
 def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
-    """Cases by tier and by one thing more: all, engine, magnitude over the floor."""
+    """Cases by tier and by what they share: all, engine, kind, magnitude over the floor."""
     out: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
         names = [ALL, f"engine {case.engine}"]
@@ -184,7 +184,8 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
                     f"floor x {low:g}-{high:g}" if high < math.inf else f"floor x {low:g}+"
                 )
         if case.relative >= 2:
-            names.append("floor x 2+")
+            names += ["floor x 2+", f"engine {case.engine}, floor x 2+"]
+        names.append(f"kind {case.kind}")
         # Campaigns without effect belong to every magnitude's table of engines, none of its bins.
         for name in names:
             out.setdefault((case.tier, name), []).append(case)
