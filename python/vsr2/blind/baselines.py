@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsr2.blind.cases import Case, class_label
 from vsr2.blind.intervals import Score, area_under_roc, resampled
-from vsr2.blind.settings import PackSettings
+from vsr2.blind.seal import sealed_classes
 from vsr2.blind.verdict import NONE, UNKNOWN, Verdict
 from vsr2.campaign import Campaign, load_campaign
 
@@ -171,7 +171,7 @@ def _guess(x: Array, labels: NDArray[np.str_], z: Array) -> tuple[list[str], Arr
 
 def _labelled(data: Path, key: Mapping[str, Any]) -> list[tuple[Path, str]]:
     """Campaigns of single effects, none and unknown, and what a baseline should answer."""
-    classes = PackSettings.from_json(key["settings"]).classes
+    classes = sealed_classes(key)
     out = []
     for name, entry in sorted(key["campaigns"].items()):
         if entry["kind"] == "single":
