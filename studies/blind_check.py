@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import gzip
 import json
 import shutil
 import subprocess
@@ -35,6 +36,7 @@ from vsr2.blind import (
     score_pack,
 )
 from vsr2.blind.cases import read_cases
+from vsr2.blind.score import top_one
 from vsr2.blind.seal import read_json
 from vsr2.config import load_study
 
@@ -136,33 +138,36 @@ def main() -> int:
 def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
     """Score the finished parts that are not scored yet, then all scored ones together."""
     parts: list[tuple[Path, Path, Path]] = []
+    development = out / "development" / "part1"
+    known = name != "development" and (development / "data" / "pack.json").exists()
+    training = (development / "data", development / "key") if known else None
     for folder in folders:
         data, key, verdicts = folder / "data", folder / "key", folder / "verdicts"
         if not finished(data, verdicts):
             print(f"{folder}: not finished")
             continue
         if not (key / "receipt.json").exists():
-            training = out / "development" / "part1"
-            known = name != "development" and (training / "data" / "pack.json").exists()
             score_pack(
                 data,
                 key,
                 verdicts,
                 folder / "scores",
-                training=(training / "data", training / "key") if known else None,
+                training=training,
             )
         parts.append((data, key, verdicts))
     if not parts:
         return 1
-    pool_packs(parts, results)
+    pool_packs(parts, results, training=training)
     (results / "README.md").write_text(page(name, parts, len(folders)), encoding="utf-8")
     rows = verdict_rows(parts)
     with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    for number, (data, _, _) in enumerate(parts, 1):
+    for number, (data, key, _) in enumerate(parts, 1):
         shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
+        packed = gzip.compress((key / "key.json").read_bytes(), mtime=0)
+        (results / f"key{number}.json.gz").write_bytes(packed)
     print(f"wrote {results}")
     return 0
 
@@ -185,11 +190,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "verdict": case.verdict.kind,
                     "named": " ".join(case.verdict.effects) if named else "",
                     "probability": f"{case.verdict.probability:.3f}",
-                    "right": int(
-                        bool({case.label(n) for n in case.verdict.effects} & set(case.truth))
-                    )
-                    if named
-                    else "",
+                    "right": int(top_one(case)) if named else "",
                 }
             )
     return rows
@@ -218,7 +219,8 @@ def page(name: str, parts: list[tuple[Path, Path, Path]], total: int) -> str:
         "",
         f"`python studies/blind_check.py {name}`, then `--score`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
-        f"`{commit}`.",
+        f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
+        "in its pack (`vsr2.blind.seal.commitment`).",
         "",
         "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis |",
         "| --- | --- | --- | --- | --- | --- | --- |",

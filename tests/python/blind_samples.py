@@ -89,7 +89,7 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
     entries = {}
     for name, (kind, effects) in campaigns.items():
         (data / name).mkdir(parents=True)
-        (data / name / "trials.csv").write_text(name)
+        (data / name / "trials.csv").write_text("trial\nT1\nT2\nT3\n")
         entries[name] = {
             "kind": kind,
             "engine": "mujoco",
@@ -110,7 +110,9 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             "schema": PACK_SCHEMA,
             "development": development,
             "scene": "scene.yaml",
-            "tiers": list(tiers),
+            "tiers": ["B", "M", "T"],
+            "classes": settings["classes"],
+            "tolerances": settings["tolerances"],
             "campaigns": [{"id": n, "exclude": entries[n]["exclude"]} for n in sorted(entries)],
             "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
         },

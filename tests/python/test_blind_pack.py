@@ -19,19 +19,34 @@ import pytest
 import vsr2.blind.make as make_module
 from blind_samples import QuickEngine, diagnosis
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
-from vsr2.blind.baselines import BASELINES, baseline_scores
+from vsr2.blind.baselines import (
+    BASELINES,
+    baseline_cases,
+    logistic_in_pga,
+    overturn_rate,
+    rate_alone,
+)
+from vsr2.blind.cases import Case
 from vsr2.blind.design import catalogue, draw_protocol
 from vsr2.blind.diagnose import at_tier, uncertainties
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import Floor, FloorMeter
 from vsr2.blind.mujoco import GroundMotion
 from vsr2.blind.plan import directions, draw_plan
+from vsr2.blind.score import top_one
 from vsr2.blind.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.settings import KINDS
 from vsr2.blind.shake import Drawable, Observed, Shake, Strength
-from vsr2.blind.verdict import DIAGNOSIS_FILE
+from vsr2.blind.verdict import DIAGNOSIS_FILE, Verdict
 from vsr2.blind.write import written_campaign
-from vsr2.campaign import check_campaign, load_campaign, save_campaign
+from vsr2.campaign import (
+    Campaign,
+    CampaignTrial,
+    Specimen,
+    check_campaign,
+    load_campaign,
+    save_campaign,
+)
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
 from vsr2.diagnosis import Nuisances
@@ -516,18 +531,67 @@ def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
 
 
 def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp_path) -> None:
-    effects = ("wear", "friction")
+    effects = ("restitution", "friction")
     counts = {"single": 16, "none": 2, "trials": 16, "pair": 0, "unknown": 0, "effects": effects}
     packs = []
     for seed in (1, 2):
         make(study, tmp_path / str(seed), seed=seed, **counts)
         data = tmp_path / str(seed) / "data"
         packs += [data, open_key(data, tmp_path / str(seed) / "key")]
-    scores = baseline_scores(packs[2], packs[3], packs[0], packs[1])
-    rate = {"overturn rate only: AUROC, none or single"}
-    assert set(scores) == {f"{name}: top-1" for name in (*BASELINES, "commonest class")} | rate
+    cases = [
+        Case(
+            id=name,
+            tier="M",
+            kind=entry["kind"],
+            engine=entry["engine"],
+            truth=(entry["effects"][0]["name"] if entry["effects"] else "none",),
+            effects=tuple(entry["effects"]),
+            exclude=(),
+            relative=1.0,
+            where={},
+            trials=(),
+            verdict=Verdict("none"),
+            classes=(),
+        )
+        for name, entry in packs[3]["campaigns"].items()
+    ]
+    judged = baseline_cases(cases, packs[2], packs[0], packs[1])
+    assert {case.tier for case in judged} == set(BASELINES)
+    assert len(judged) == len(BASELINES) * len(cases)
+    for case in judged:
+        assert sum(case.verdict.probabilities.values()) == pytest.approx(1.0)
     # Chance is 8 of 16; 14 or more happen by chance in 1 of 480 packs.
-    assert scores["metadata only: top-1"].value * 16 < 14
+    told = [case for case in judged if case.tier == "metadata" and case.kind == "single"]
+    assert sum(top_one(case) for case in told) < 14
+    assert set(rate_alone(packs[2], packs[3])) == {"overturn rate only: AUROC, none or single"}
+
+
+def test_baselines_know_what_they_are_named_after() -> None:
+    """Trials that overturn beyond a PGA, the lower the greater PGV/PGA."""
+    rng = np.random.default_rng(0)
+    trials = []
+    for i in range(400):
+        pga, ratio = np.exp(rng.uniform(-1, 1, 2))
+        over = rng.random() < 1 / (1 + np.exp(-(4 * np.log(pga) + 2 * np.log(ratio))))
+        trials.append(
+            CampaignTrial(
+                trial=f"T{i}",
+                motion=f"m{i}",
+                session="1",
+                order=i,
+                specimen="rock",
+                overturned=bool(over),
+                pga=float(pga),
+                pgv_pga=float(ratio),
+            )
+        )
+    campaign = Campaign("c", tuple(trials), specimens={"rock": Specimen()})
+    share = float(np.mean([t.overturned for t in trials]))
+    assert overturn_rate(campaign, Path()) == [pytest.approx(share)]
+    _, first, second = logistic_in_pga(campaign, Path())
+    # The standard error of a slope is about 0.3.
+    assert first == pytest.approx(4, abs=1.2)
+    assert second == pytest.approx(2, abs=1.0)
 
 
 # --- diagnosing ---------------------------------------------------------------------------------

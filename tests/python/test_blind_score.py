@@ -104,9 +104,9 @@ def test_the_log_score_is_that_of_the_true_class(scores) -> None:
     told = [0.8, 0.9, 0.3, 0.1, 0.9, 0.2, 0.7, 0.1]
     losses = [-math.log(p) for p in told]
     assert scores["log score"].value == pytest.approx(np.mean(losses))
-    # hypotheses, with none and unknown: a gain class, friction; b restitution; ...
-    numbers = [4, 3, 4, 3, 2, 3, 3, 3]
-    uniform = np.mean(np.log(numbers))
+    # 28 effects in 24 classes, with none and unknown; g may not use catch, which is a class, and h
+    # not wear, which shares its class with change_point.
+    uniform = (7 * np.log(26) + np.log(25)) / 8
     assert scores["log score below uniform"].value == pytest.approx(1 - np.mean(losses) / uniform)
 
 
@@ -131,6 +131,67 @@ def test_magnitudes_closure_and_places(scores) -> None:
     assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
     assert figure(scores, "where: axis named (single)") == (0.25, 4)
     assert figure(scores, "where: median mass inside") == (pytest.approx(0.75), 1)
+
+
+def told(low, high):
+    return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci95": [low, high]}}}
+
+
+def test_bounds_are_where_they_are_said_to_be(tmp_path) -> None:
+    """Third and fourth places, intervals that miss on either side, p values beyond 0.05."""
+    names = ("friction", "restitution", "inertia", "adhesion")
+    campaigns = {name: ("single", [effect("friction", 0.1)]) for name in "abcd"}
+    campaigns["n"] = ("none", [])
+    place = {"place": "x", "axis": "order", "p_familywise": 0.06}
+    verdicts = {
+        "a": diagnosis(
+            "effect", dict(zip(names, (0.2, 0.4, 0.3, 0.1), strict=True)), ["restitution"],
+            friction=told(0.05, 0.2),
+        ),
+        "b": diagnosis(
+            "effect", dict(zip(names, (0.1, 0.4, 0.3, 0.2), strict=True)), ["restitution"],
+            friction=told(0.2, 0.3),
+        ),
+        "c": diagnosis(
+            "effect", dict(zip(names, (0.0, 0.4, 0.3, 0.3), strict=True)), ["restitution"],
+            friction=told(0.01, 0.09),
+        ),
+        "d": diagnosis("effect", {"friction": 1.0}, ["friction"]),
+        "n": diagnosis("none", {"none": 1.0}, where=[place]),
+    }  # fmt: skip
+    verdicts["a"]["gap"]["closure"] = {"value": -0.3, "ci95": [-0.5, -0.1]}
+    found = score_pack(*hand_made(tmp_path, campaigns, verdicts), tmp_path / "s").scores["M", "all"]
+    assert figure(found, "top-3 class (single)") == (0.5, 4)
+    assert figure(found, "magnitude: interval coverage") == (pytest.approx(1 / 3), 3)
+    losses = [-math.log(0.2), -math.log(0.1), -math.log(0.001), 0.0, 0.0]
+    assert found["log score"].value == pytest.approx(np.mean(losses))
+    assert figure(found, "closure below 0 beyond its interval") == (pytest.approx(0.25), 4)
+    assert figure(found, "where: false places (none)") == (0.0, 1)
+
+
+def test_groups_by_kind_and_by_engine(pack, tmp_path) -> None:
+    scores = score_pack(*pack, tmp_path / "scores").scores
+    assert scores["M", "kind unknown"]["90 % set: coverage"].count == 2
+    assert scores["M", "kind none"]["log score"].value == pytest.approx(
+        -0.5 * (math.log(0.9) + math.log(0.2))
+    )
+    assert scores["M", "engine mujoco, floor x 2+"]["top-1 class (single)"].count == 3
+
+
+def test_names_without_meaning_gain_nothing(tmp_path) -> None:
+    plain = diagnosis("effect", {"friction": 0.6, "none": 0.4}, ["friction"])
+    padded = diagnosis(
+        "effect", {"friction": 0.6, "none": 0.4} | {f"e{i}": 0.0 for i in range(500)}, ["friction"]
+    )
+    campaigns = {"a": ("single", [effect("friction")])}
+    found = []
+    for name, content in (("plain", plain), ("padded", padded)):
+        (tmp_path / name).mkdir()
+        pack = hand_made(tmp_path / name, campaigns, {"a": content})
+        found.append(score_pack(*pack, tmp_path / name / "s").scores["M", "all"])
+    assert found[0]["log score below uniform"].value == pytest.approx(
+        found[1]["log score below uniform"].value
+    )
 
 
 def test_groups_by_magnitude(pack, tmp_path) -> None:

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vsr2.blind.seal import read_json, read_pack
-from vsr2.blind.settings import PackSettings
-from vsr2.blind.verdict import NONE, UNKNOWN, Verdict, read_verdict
+from vsr2.blind.seal import read_json, read_pack, sealed_classes
+from vsr2.blind.verdict import DIAGNOSIS_FILE, NONE, UNKNOWN, Verdict, read_verdict
+from vsr2.campaign.folder import TRIALS
+from vsr2.campaign.problems import Problems
+from vsr2.campaign.table import read_table
+from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
 ALL = "all"
@@ -29,8 +32,9 @@ class Case:
         truth: class of each true effect, by its label; `none`, `unknown` for those kinds.
         effects: sealed, as plain data.
         exclude: effects the diagnosis could not use.
-        relative: least magnitude over the floor; NaN without effects.
-        where: sealed axis and weights by trial.
+        relative: least magnitude over the floor; NaN without effects, or where none is sealed.
+        where: sealed axis and weights, one a trial in the order of `trials`.
+        trials: ids, in the order of the rows of `trials.csv`.
         verdict: of the diagnosis.
         classes: equivalence classes.
     """
@@ -44,6 +48,7 @@ class Case:
     exclude: tuple[str, ...]
     relative: float
     where: Mapping[str, Any]
+    trials: tuple[str, ...]
     verdict: Verdict
     classes: tuple[tuple[str, ...], ...]
 
@@ -75,8 +80,15 @@ def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case
 
     Tiers that no campaign was diagnosed at are left out; of the others every campaign is needed.
 
+    Args:
+        data: the pack's data folder.
+        key: opened by :func:`vsr2.blind.seal.open_key`.
+        diagnoses: folder of them.
+
     Raises:
-        BlindError: diagnoses of another pack, or missing, or of a wrong form.
+        BlindError: diagnoses of another pack, or missing, or of a wrong form; one names an effect
+            that it was to leave out, or trials that the campaign does not have; the sealed weights
+            are not one a trial.
     """
     pack = read_pack(data)
     submission = read_json(diagnoses / "submission.json")
@@ -84,7 +96,7 @@ def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case
         raise BlindError(
             f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
         )
-    classes = PackSettings.from_json(key["settings"]).classes
+    classes = sealed_classes(key)
     tiers = [
         t for t in pack["tiers"] if any((diagnoses / c / t).is_dir() for c in key["campaigns"])
     ]
@@ -92,10 +104,22 @@ def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case
         raise BlindError(f"{diagnoses}: holds no diagnosis; run `vsr2 blind diagnose` first")
     out = []
     for name, entry in sorted(key["campaigns"].items()):
-        truth = tuple(class_label(effect["name"], classes) for effect in entry["effects"])
+        effects = tuple(entry.get("effects") or ())
+        truth = tuple(class_label(effect["name"], classes) for effect in effects)
         if entry["kind"] in (NONE, UNKNOWN):
             truth = (entry["kind"],)
+        trials = _trial_ids(data / name / TRIALS)
+        weights = entry["where"]["weights"]
+        if weights and len(weights) != len(trials):
+            raise BlindError(
+                f"{data / name / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
+                f"weights in campaigns.{name}.where; give one a trial, or none"
+            )
+        exclude = tuple(entry.get("exclude") or ())
         for tier in tiers:
+            folder = diagnoses / name / tier
+            verdict = read_verdict(folder)
+            _check_verdict(verdict, str(folder / DIAGNOSIS_FILE), exclude, trials)
             out.append(
                 Case(
                     id=name,
@@ -103,19 +127,54 @@ def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case
                     kind=entry["kind"],
                     engine=entry["engine"],
                     truth=truth,
-                    effects=tuple(entry["effects"]),
-                    exclude=tuple(entry["exclude"]),
-                    relative=min((e["relative"] for e in entry["effects"]), default=math.nan),
+                    effects=effects,
+                    exclude=exclude,
+                    relative=_relative(effects),
                     where=entry["where"],
-                    verdict=read_verdict(diagnoses / name / tier),
+                    trials=trials,
+                    verdict=verdict,
                     classes=classes,
                 )
             )
     return out
 
 
+def _relative(effects: Sequence[Mapping[str, Any]]) -> float:
+    told = [float(e["relative"]) for e in effects if e.get("relative") is not None]
+    return min(told) if told and len(told) == len(effects) else math.nan
+
+
+def _trial_ids(path: Path) -> tuple[str, ...]:
+    problems = Problems()
+    table = read_table(path, str(path), problems)
+    if table is not None and "trial" not in table.columns:
+        raise BlindError(f"{path}: has no column trial; give one with the trials' ids")
+    if table is None or problems:
+        raise BlindError(str(problems.found[0]))
+    return tuple(row.cells["trial"] for row in table.rows)
+
+
+def _check_verdict(
+    verdict: Verdict, label: str, exclude: tuple[str, ...], trials: tuple[str, ...]
+) -> None:
+    """That a verdict keeps to what its campaign allows and has."""
+    held = [name for name, value in verdict.probabilities.items() if value > 0]
+    used = [name for name in (*verdict.effects, *held, *verdict.conformal) if name in exclude]
+    if used:
+        raise BlindError(
+            f"{label}: names {used[0]}, which exclude in pack.json withholds from this campaign; "
+            "diagnose it without"
+        )
+    strange = [t for place in verdict.where for t in place.trials or () if t not in trials]
+    if strange:
+        raise BlindError(
+            f"{label}: where names the trial {shown(min(strange))}, which is not in the "
+            f"campaign's {TRIALS}; give the ids of its column trial"
+        )
+
+
 def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
-    """Cases by tier and by one thing more: all, engine, magnitude over the floor."""
+    """Cases by tier and by what they share: all, engine, kind, magnitude over the floor."""
     out: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
         names = [ALL, f"engine {case.engine}"]
@@ -125,7 +184,8 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
                     f"floor x {low:g}-{high:g}" if high < math.inf else f"floor x {low:g}+"
                 )
         if case.relative >= 2:
-            names.append("floor x 2+")
+            names += ["floor x 2+", f"engine {case.engine}, floor x 2+"]
+        names.append(f"kind {case.kind}")
         # Campaigns without effect belong to every magnitude's table of engines, none of its bins.
         for name in names:
             out.setdefault((case.tier, name), []).append(case)

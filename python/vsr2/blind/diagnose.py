@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from vsr2.blind.seal import read_json, read_pack, write_json
 from vsr2.blind.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.config import load_study
 from vsr2.errors import BlindError, Vsr2Error
 
 BANK_FILE = "bank.sqlite"
@@ -117,7 +118,9 @@ def diagnose_pack(
         say: gets a line for each campaign.
 
     Raises:
-        BlindError: no pack, or a campaign or tier that it does not have.
+        BlindError: no pack, one of a wrong form, a campaign or tier that it does not have, or
+            options that no diagnosis can use; nothing is written then.
+        ConfigError, GeometryError: the scene cannot be used.
     """
     pack = read_pack(data)
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
@@ -125,7 +128,7 @@ def diagnose_pack(
     unknown = set(chosen) - set(listed)
     if unknown:
         raise BlindError(f"{data}: has no campaign {min(unknown)!r}")
-    offered = [tier for tier in TIERS if tier in pack.get("tiers", TIERS)]
+    offered = [tier for tier in TIERS if tier in pack["tiers"]]
     wanted = offered if tiers is None else list(tiers)
     beyond = [tier for tier in wanted if tier not in offered]
     if beyond:
@@ -134,14 +137,17 @@ def diagnose_pack(
         from vsr2.diagnosis import diagnose as installed
 
         diagnose = installed
-    budget: dict[str, Any] = {"draws": draws}
-    if draws is None:
-        budget = {"budget_minutes": budget_minutes}
-    _same_submission(out, pack, budget | {"seed": seed})
     from vsr2.diagnosis import Nuisances, Shared
     from vsr2.diagnosis.observations import series_sampling
 
-    nuisances = Nuisances(**uncertainties(pack.get("tolerances", {})))
+    _check_options(draws, budget_minutes, threads, seed)
+    budget: dict[str, Any] = {"draws": draws}
+    if draws is None:
+        budget = {"budget_minutes": budget_minutes}
+    scene = data / pack["scene"]
+    load_study(scene)
+    _same_submission(out, pack, budget | {"seed": seed})
+    nuisances = Nuisances(**uncertainties(pack.get("tolerances") or {}))
     shared = Shared(out / BANK_FILE, series="T" in offered)
     failed = []
     for tier, name in _in_groups(wanted, chosen, listed):
@@ -153,10 +159,10 @@ def diagnose_pack(
             whole = load_campaign(data / name)
             result = diagnose(
                 at_tier(whole, tier),
-                data / pack["scene"],
+                scene,
                 tier=tier,
                 threads=threads,
-                exclude=tuple(listed[name].get("exclude", ())),
+                exclude=tuple(listed[name].get("exclude") or ()),
                 # Without series too, simulate them as this campaign measured them.
                 shared=replace(shared, sampling=series_sampling(whole)),
                 nuisances=nuisances,
@@ -176,6 +182,22 @@ def diagnose_pack(
     return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
 
 
+def _check_options(
+    draws: int | None, budget_minutes: float, threads: int | None, seed: int
+) -> None:
+    """Refuse before anything is noted what every diagnosis would refuse."""
+    from vsr2.diagnosis.budget import FEWEST_DRAWS
+
+    if draws is not None and draws < FEWEST_DRAWS:
+        raise BlindError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
+    if draws is None and not 0 < budget_minutes < math.inf:
+        raise BlindError(f"budget_minutes is {budget_minutes}; give more than 0")
+    if threads is not None and threads < 1:
+        raise BlindError(f"threads is {threads}; give at least 1, or leave it out for all")
+    if seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
+
+
 def _in_groups(
     tiers: Sequence[Tier], names: Sequence[str], listed: Mapping[str, Mapping[str, Any]]
 ) -> list[tuple[Tier, str]]:
@@ -183,7 +205,7 @@ def _in_groups(
 
     def group(name: str) -> tuple[int, list[str]]:
         entry = listed[name]
-        return int(entry.get("protocol", 0)), sorted(entry.get("exclude", ()))
+        return int(entry.get("protocol") or 0), sorted(entry.get("exclude") or ())
 
     ordered = sorted(names, key=group)
     return [(tier, name) for tier in tiers for name in ordered]

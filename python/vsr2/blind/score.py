@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ LEAST_PROBABILITY = 1e-3
 """Probabilities count as at least this in the log score: one verdict cannot cost more than 6.9."""
 FALSE_ALARM = 0.05
 SIGNIFICANT = 0.05
+FIRST = "most probable class, whatever the verdict (single)"
 
 Scores = dict[str, Score]
 
@@ -117,9 +119,7 @@ def where_mass(case: Case) -> float | None:
     if not named or not weights or total <= 0:
         return None
     inside = frozenset[str]().union(*named)
-    digits = len(str(len(weights)))
-    names = [f"T{i + 1:0{digits}d}" for i in range(len(weights))]
-    return math.fsum(w for n, w in zip(names, weights, strict=True) if n in inside) / total
+    return math.fsum(w for n, w in zip(case.trials, weights, strict=True) if n in inside) / total
 
 
 def axis_named(case: Case) -> bool:
@@ -148,9 +148,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     told = [case for case in of("single", NONE, UNKNOWN)]
     out: Scores = {
         "top-1 class (single)": share(top_one, single),
-        "most probable class, whatever the verdict (single)": share(
-            lambda c: _leading(c) in c.truth, single
-        ),
+        FIRST: share(lambda c: _leading(c) in c.truth, single),
         "top-3 class (single)": share(top_three, single),
         "90 % set: coverage": share(in_set, told),
         "90 % set: median size": resampled([set_size(c) for c in told], _median),
@@ -203,9 +201,20 @@ def _unknown_scores(unknown: Sequence[Case], others: Sequence[Case]) -> Scores:
 
 
 def _hypotheses(case: Case) -> int:
-    """Classes that the diagnosis chose among, with none and unknown."""
-    labels = {case.label(name) for name in case.verdict.probabilities}
-    return max(2, len(labels | {NONE, UNKNOWN}))
+    """Classes that a diagnosis may choose among, with none and unknown.
+
+    Those of the canonical effects that are not excluded, and the true ones.
+    """
+    effects = {case.label(name) for name in canonical() if name not in case.exclude}
+    return len(effects | {NONE, UNKNOWN, *case.truth})
+
+
+@cache
+def canonical() -> frozenset[str]:
+    """Names of the library's effects."""
+    from vsr2.effects import library
+
+    return frozenset(library())
 
 
 def _median(samples: Array) -> Array:

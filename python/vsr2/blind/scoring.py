@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.blind.baselines import baseline_scores
-from vsr2.blind.cases import Case, read_cases
+from vsr2.blind.baselines import BASELINES, baseline_cases, rate_alone
+from vsr2.blind.cases import ALL, Case, read_cases
 from vsr2.blind.intervals import Score, reliability
-from vsr2.blind.score import Scores, is_alarm, score_cases, top_one
+from vsr2.blind.score import FIRST, Scores, is_alarm, score_cases, top_one
 from vsr2.blind.seal import (
     canonical,
     folder_sha256,
+    is_open,
     open_key,
     read_json,
     read_pack,
@@ -36,17 +37,28 @@ class Scored:
     """What scoring a pack gave.
 
     Attributes:
-        scores: by tier and group.
-        baselines: of trivial baselines: top-1 class on single effects, and how well the overturn
-            rate tells kinds apart.
+        scores: by tier, or name of a trivial baseline, and group.
+        rates: how well the overturn rate alone tells kinds apart, a pack each.
         cases: one a campaign and tier.
         development: whether the pack is open.
     """
 
     scores: Mapping[tuple[str, str], Scores]
-    baselines: Mapping[str, Score]
+    rates: Sequence[Mapping[str, Score]]
     cases: Sequence[Case]
     development: bool
+
+    def margins(self) -> dict[str, float]:
+        """By tier, how much oftener the true class is first than with the best baseline."""
+        top = {
+            tier: scores[FIRST].value
+            for (tier, group), scores in self.scores.items()
+            if group == ALL and FIRST in scores
+        }
+        trivial = [value for name, value in top.items() if name in BASELINES]
+        if not trivial:
+            return {}
+        return {tier: value - max(trivial) for tier, value in top.items() if tier not in BASELINES}
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; single campaigns of an open pack only."""
@@ -56,9 +68,12 @@ class Scored:
                 for (tier, group), scores in self.scores.items()
                 for name, score in scores.items()
             ],
-            "baselines": [
-                {"baseline": name, **_plain(score)} for name, score in self.baselines.items()
+            "rates": [
+                {"score": name, **_plain(score)}
+                for one in self.rates
+                for name, score in one.items()
             ],
+            "above_baselines": self.margins(),
         }
         if self.development:
             out["campaigns"] = [
@@ -89,7 +104,7 @@ def score_pack(
 ) -> Scored:
     """Score the diagnoses of a pack and write `scores.json`, `scores.md` and `reliability.png`.
 
-    Hashes of key and data are verified first. A pack is scored once: the key folder gets a
+    The key, and all that it seals, are verified first. A pack is scored once: the key folder gets a
     receipt with the scores, and another scoring is refused. Open packs (development) have none.
 
     Args:
@@ -105,21 +120,19 @@ def score_pack(
             been scored.
     """
     pack = read_pack(data)
-    open_pack = bool(pack.get("development"))
+    opened = open_key(data, key)
+    open_pack = is_open(opened)
     receipt = key / RECEIPT
     if receipt.exists() and not open_pack:
         raise BlindError(
-            f"{receipt}: the pack was scored on {json.loads(receipt.read_text())['scored']}; a "
-            "pack is scored once: make a new one"
+            f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}; a pack is "
+            "scored once: make a new one"
         )
-    opened = open_key(data, key)
     if training is not None and training[0].resolve() == data.resolve():
         raise BlindError(f"{data}: trains the baselines and is scored; give another pack to train")
     cases = read_cases(data, opened, diagnoses)
-    baselines = (
-        {} if training is None else baseline_scores(data, opened, training[0], open_key(*training))
-    )
-    scored = Scored(score_cases(cases), baselines, cases, open_pack)
+    trivial, rates = _baselines(cases, data, opened, training)
+    scored = Scored(score_cases([*cases, *trivial]), rates, cases, open_pack)
     more = {
         "pack": pack["commitment"]["sha256"],
         "submission": folder_sha256(diagnoses, "*.json"),
@@ -133,33 +146,57 @@ def score_pack(
     return scored
 
 
-def pool_packs(parts: Sequence[tuple[Path, Path, Path]], out: Path) -> Scored:
+def pool_packs(
+    parts: Sequence[tuple[Path, Path, Path]],
+    out: Path,
+    *,
+    training: tuple[Path, Path] | None = None,
+) -> Scored:
     """Scores over several packs that were scored already, written as :func:`score_pack` does.
 
     Args:
         parts: data folder, key folder and diagnoses of each pack.
         out: gets the scores.
+        training: as in :func:`score_pack`.
 
     Raises:
         BlindError: a pack is not scored yet, or its diagnoses are not those that were scored.
     """
     cases: list[Case] = []
-    packs, submissions, opened = [], [], []
+    trivial: list[Case] = []
+    rates: list[dict[str, Score]] = []
+    packs, submissions, development = [], [], []
     for data, key, diagnoses in parts:
-        pack = read_pack(data)
-        opened.append(bool(pack.get("development")))
+        pack, opened = read_pack(data), open_key(data, key)
+        development.append(is_open(opened))
         submission = folder_sha256(diagnoses, "*.json")
-        if not opened[-1]:
+        if not development[-1]:
             if not (key / RECEIPT).exists():
                 raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")
             if read_json(key / RECEIPT).get("submission") != submission:
                 raise BlindError(f"{diagnoses}: were changed after they were scored")
-        cases += read_cases(data, open_key(data, key), diagnoses)
+        own = read_cases(data, opened, diagnoses)
+        cases += own
+        found = _baselines(own, data, opened, training)
+        trivial += found[0]
+        rates += found[1]
         packs.append(pack["commitment"]["sha256"])
         submissions.append(submission)
-    scored = Scored(score_cases(cases), {}, cases, all(opened))
+    scored = Scored(score_cases([*cases, *trivial]), rates, cases, all(development))
     _write(scored, {"packs": packs, "submissions": submissions}, out)
     return scored
+
+
+def _baselines(
+    cases: Sequence[Case],
+    data: Path,
+    key: Mapping[str, Any],
+    training: tuple[Path, Path] | None,
+) -> tuple[list[Case], list[dict[str, Score]]]:
+    """Cases of the trivial baselines, and what the overturn rate alone tells; nothing untrained."""
+    if training is None:
+        return [], []
+    return baseline_cases(cases, data, training[0], open_key(*training)), [rate_alone(data, key)]
 
 
 def _write(scored: Scored, more: Mapping[str, Any], out: Path) -> None:
@@ -195,19 +232,26 @@ def _plain(score: Score) -> dict[str, float | int | None]:
 
 
 def format_scores(scored: Scored) -> str:
-    """The scores as Markdown: one table a group, tiers side by side."""
-    tiers = sorted({tier for tier, _ in scored.scores})
+    """The scores as Markdown: one table a group, tiers and baselines side by side."""
+    columns = list(dict.fromkeys(tier for tier, _ in scored.scores))
+    trivial = [name for name in BASELINES if name in columns]
+    columns = [*sorted(set(columns) - set(trivial)), *trivial]
     lines: list[str] = []
     for group in dict.fromkeys(group for _, group in scored.scores):
-        found = {tier: scored.scores.get((tier, group), {}) for tier in tiers}
-        lines += ["", f"### {group}", "", "| score | " + " | ".join(tiers) + " |"]
-        lines.append("| --- |" + " --- |" * len(tiers))
+        found = {column: scored.scores.get((column, group), {}) for column in columns}
+        lines += ["", f"### {group}", "", "| score | " + " | ".join(columns) + " |"]
+        lines.append("| --- |" + " --- |" * len(columns))
         for name in dict.fromkeys(name for scores in found.values() for name in scores):
-            cells = [_cell(found[tier].get(name)) for tier in tiers]
+            cells = [_cell(found[column].get(name)) for column in columns]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    if scored.baselines:
-        lines += ["", "### trivial baselines", "", "| baseline | score |", "| --- | --- |"]
-        lines += [f"| {name} | {_cell(score)} |" for name, score in scored.baselines.items()]
+        if group == ALL and scored.margins():
+            margins = ", ".join(f"{tier} {value:+.2f}" for tier, value in scored.margins().items())
+            lines += ["", f"Above the best baseline, {FIRST}: {margins}."]
+    for number, rates in enumerate(scored.rates, 1):
+        if rates:
+            lines += ["", f"### overturn rate alone, pack {number}", "", "| score | value |"]
+            lines.append("| --- | --- |")
+            lines += [f"| {name} | {_cell(score)} |" for name, score in rates.items()]
     return "\n".join(lines).lstrip() + "\n"
 
 

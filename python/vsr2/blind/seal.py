@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from vsr2.blind.forms import check_key, check_pack
+from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 from vsr2.results.atomic import write_atomic
 
@@ -66,7 +68,7 @@ def read_json(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_bytes())
     except OSError as error:
         raise BlindError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BlindError(f"{path}: is no JSON ({error}); make it again") from None
     if not isinstance(content, dict):
         raise BlindError(f"{path}: holds no mapping; make it again")
@@ -74,10 +76,10 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def read_pack(data: Path) -> dict[str, Any]:
-    """`pack.json` of a finished pack.
+    """`pack.json` of a finished pack, whoever wrote it.
 
     Raises:
-        BlindError: it is missing or of another schema.
+        BlindError: it is missing or of another schema, or a value is missing or of a wrong kind.
     """
     path = data / PACK_FILE
     if not path.exists():
@@ -88,17 +90,21 @@ def read_pack(data: Path) -> dict[str, Any]:
     pack = read_json(path)
     if pack.get("schema") != PACK_SCHEMA:
         raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
-    for name in ("campaigns", "commitment"):
-        if name not in pack:
-            raise BlindError(f"{path}: {name} is missing; get the whole pack")
+    check_pack(pack, str(path))
     return pack
 
 
 def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
-    """The key of a pack, after its hash and those of the data were found right.
+    """The key of a pack, after its hash and all that it seals were found right.
+
+    Compared are the campaigns' files, what they exclude, their protocols, the scene, and of
+    `pack.json` whether the pack is open, tiers, classes and tolerances. Of these a key may seal
+    less: the files and `exclude` always, the others where it has them. A pack whose key does not
+    say that it is open is not.
 
     Raises:
-        BlindError: the key is not that of the pack, was changed, or data were changed.
+        BlindError: the key is not that of the pack, was changed or is of a wrong form, or what it
+            seals was changed.
     """
     pack = read_pack(data)
     path = key_folder / KEY_FILE
@@ -115,15 +121,93 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
             "is of another pack, or was changed; nothing is scored"
         )
     key: dict[str, Any] = sealed["key"]
+    check_key(key, str(path))
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
     if set(listed) != set(key["campaigns"]):
         raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")
+    _check_published(data / PACK_FILE, pack, key)
+    _check_scene(data, pack["scene"], key)
     for name, entry in key["campaigns"].items():
         if folder_sha256(data / name) != entry["data_sha256"]:
             raise BlindError(f"{data / name}: differs from the sealed data; nothing is scored")
-        if listed[name].get("exclude", []) != entry["exclude"]:
-            raise BlindError(f"{data / PACK_FILE}: exclude of {name} differs from the key's")
     return key
+
+
+def is_open(key: Mapping[str, Any]) -> bool:
+    """Whether a pack is open: scored at will, campaign by campaign."""
+    return bool(key["settings"].get("development"))
+
+
+def sealed_classes(key: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
+    """The equivalence classes that verdicts are judged by."""
+    return tuple(tuple(members) for members in key["settings"]["classes"])
+
+
+def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]) -> None:
+    """Compare what diagnosing and scoring take from `pack.json` with the sealed."""
+    settings = key["settings"]
+    sealed = {"development": is_open(key)} | {
+        name: settings[name] for name in ("tiers", "classes") if settings.get(name) is not None
+    }
+    if "tiers" not in sealed and "series_interval" in settings:
+        # So the packs of `vsr2 blind make` seal them.
+        sealed["tiers"] = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
+    for name, value in sealed.items():
+        published = bool(pack.get(name)) if name == "development" else pack.get(name)
+        if _comparable(name, published) != _comparable(name, value):
+            raise _changed(path, name, published, value)
+    if settings.get("tolerances") is not None:
+        here, there = pack.get("tolerances") or {}, settings["tolerances"]
+        for name in sorted({*here, *there}):
+            if here.get(name) != there.get(name):
+                raise _changed(path, f"tolerances.{name}", here.get(name), there.get(name))
+    for listed in pack["campaigns"]:
+        entry = key["campaigns"][listed["id"]]
+        here = f"of {listed['id']}"
+        if (listed.get("exclude") or []) != (entry.get("exclude") or []):
+            raise _changed(path, f"exclude {here}", listed.get("exclude"), entry.get("exclude"))
+        protocol = entry.get("protocol")
+        if protocol is not None and (listed.get("protocol") or 0) != protocol:
+            raise _changed(path, f"protocol {here}", listed.get("protocol"), protocol)
+
+
+def _comparable(name: str, value: Any) -> object:
+    if name == "classes":
+        return {frozenset(members) for members in value or ()}
+    return set(value or ()) if name == "tiers" else value
+
+
+def _changed(path: Path, name: str, published: object, sealed: object) -> BlindError:
+    return BlindError(
+        f"{path}: {name} is {shown(published)} and differs from the sealed, {shown(sealed)}: it "
+        "was changed; get the published file again; nothing is scored"
+    )
+
+
+def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
+    """Compare the scene, and the model that it names, with the hashes in the key."""
+    sealed, model = key.get("scene_sha256"), key.get("model_sha256")
+    if sealed is None and model is None:
+        return
+    import yaml
+
+    path = data / scene
+    try:
+        content = yaml.safe_load(path.read_bytes())
+        file = path.parent / content["rock"]["file"] if model is not None else path
+        found = hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise BlindError(
+            f"{error.filename}: cannot be read ({error.strerror}); get the published file again"
+        ) from None
+    except (yaml.YAMLError, KeyError, TypeError):
+        raise BlindError(
+            f"{path}: is no scene, or lacks the sealed rock.file; get the published file again"
+        ) from None
+    if sealed is not None and hashlib.sha256(canonical(content)).hexdigest() != sealed:
+        raise BlindError(f"{path}: differs from the sealed scene; nothing is scored")
+    if model is not None and found != model:
+        raise BlindError(f"{file}: differs from the sealed model; nothing is scored")
 
 
 def set_time_stamps(folder: Path, when: float = 946684800.0) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from vsr2.blind.reader import Node
 from vsr2.blind.seal import read_json
+from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
 DIAGNOSIS_SCHEMA = "vsr2.diagnosis/1"
@@ -100,35 +101,34 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
     Raises:
         BlindError: a value is missing or of a wrong kind.
     """
-    reader = _Reader(label)
+    whole = Node(content, label)
     if content.get("schema") != DIAGNOSIS_SCHEMA:
-        raise reader.error("schema", content.get("schema"), repr(DIAGNOSIS_SCHEMA))
-    verdict = reader.mapping(content, "verdict")
-    kind = verdict.get("kind")
-    if kind not in VERDICTS:
-        raise reader.error("verdict.kind", kind, f"one of {', '.join(VERDICTS)}")
-    probability = reader.probability(verdict.get("probability", 0.0), "verdict.probability")
+        raise whole.error("schema", repr(DIAGNOSIS_SCHEMA))
+    verdict = whole.node("verdict")
+    kind = verdict.choice("kind", VERDICTS)
+    probability = verdict.probability("probability") if verdict.has("probability") else 0.0
     probabilities: dict[str, float] = {}
     parameters: dict[str, dict[str, Estimate]] = {}
     closures: dict[str, float] = {}
-    for i, entry in enumerate(reader.sequence(content, "effects")):
-        place = f"effects[{i}]"
-        name = reader.text(entry.get("name"), f"{place}.name")
+    entries = whole.nodes("effects")
+    for entry in entries:
+        name = entry.text("name")
         if name in probabilities:
-            raise reader.error(f"{place}.name", name, "each name once")
-        probabilities[name] = reader.probability(entry.get("probability"), f"{place}.probability")
-        parameters[name] = {
-            key: reader.estimate(value, f"{place}.parameters.{key}")
-            for key, value in (entry.get("parameters") or {}).items()
-        }
-        closure = reader.value(entry.get("closure"), f"{place}.closure")
+            raise entry.error("name", "each name once")
+        probabilities[name] = entry.probability("probability")
+        parameters[name] = _estimates(entry)
+        closure, _ = _closure(entry)
         if closure is not None:
             closures[name] = closure
-    if content.get("none_probability") is not None and NONE not in probabilities:
-        probabilities[NONE] = reader.probability(content["none_probability"], "none_probability")
-    told = (content.get("unknown") or {}).get("probability")
-    if told is not None and UNKNOWN not in probabilities:
-        probabilities[UNKNOWN] = reader.probability(told, "unknown.probability")
+    named = verdict.names("effects", "names of effects")
+    if kind in ("effect", "class", "pair") and not named:
+        raise verdict.error("effects", f"the names that a verdict of kind {kind} names")
+    if whole.has("none_probability") and NONE not in probabilities:
+        probabilities[NONE] = whole.probability("none_probability")
+    unknown = whole.node("unknown") if whole.has("unknown") else Node({}, label)
+    told = unknown.has("probability")
+    if told and UNKNOWN not in probabilities:
+        probabilities[UNKNOWN] = unknown.probability("probability")
     for name in (NONE, UNKNOWN):
         if name not in probabilities and kind == name:
             # What the verdict says of itself is not said twice.
@@ -136,104 +136,61 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
             probabilities[name] = max(0.0, min(probability, rest))
     total = sum(probabilities.values())
     if total > 1.0 + 1e-6:
-        raise reader.error("effects", f"{total:.4g}", "probabilities that sum to at most 1")
-    gap = content.get("gap") or {}
-    novelty_p = (content.get("unknown") or {}).get("novelty_p")
+        raise BlindError(
+            f"{label}: effects, none_probability and unknown.probability sum to {total:.4g}; "
+            "wanted are probabilities of exclusive causes, whose sum is at most 1"
+        )
+    strange = [name for name in named if name not in {*probabilities, NONE, UNKNOWN}]
+    if entries and strange:
+        raise verdict.error("effects", f"names in effects, where {shown(strange[0])} is not")
     novelty = probabilities.get(UNKNOWN, 0.0)
-    if novelty_p is not None and told is None:
-        novelty = 1.0 - reader.probability(novelty_p, "unknown.novelty_p")
+    if unknown.has("novelty_p") and not told:
+        novelty = 1.0 - unknown.probability("novelty_p")
+    closure, closure_high = None, None
+    if whole.has("gap"):
+        closure, closure_high = _closure(whole.node("gap"))
     return Verdict(
-        kind=str(kind),
-        effects=tuple(
-            reader.text(n, "verdict.effects") for n in reader.sequence(verdict, "effects")
-        ),
+        kind=kind,
+        effects=named,
         probability=probability,
         probabilities=probabilities,
-        conformal=tuple(
-            reader.text(n, "conformal_set_90") for n in reader.sequence(content, "conformal_set_90")
-        ),
+        conformal=whole.names("conformal_set_90", "names of effects"),
         parameters=parameters,
-        closure=reader.value(gap.get("closure"), "gap.closure"),
-        closure_high=reader.high(gap.get("closure"), "gap.closure"),
+        closure=closure,
+        closure_high=closure_high,
         closures=closures,
-        where=tuple(
-            reader.found(entry, f"where[{i}]")
-            for i, entry in enumerate(reader.sequence(content, "where"))
-        ),
+        where=tuple(_found(place) for place in whole.nodes("where")),
         novelty=novelty,
     )
 
 
-class _Reader:
-    def __init__(self, label: str) -> None:
-        self._label = label
+def _estimates(entry: Node) -> dict[str, Estimate]:
+    if not entry.has("parameters"):
+        return {}
+    parameters = entry.node("parameters")
+    out = {}
+    for name in parameters.content:
+        value = parameters.node(name)
+        low, high = value.interval("ci95")
+        out[name] = Estimate(value.number("mean"), low, high)
+    return out
 
-    def error(self, key: str, value: object, wanted: str) -> BlindError:
-        return BlindError(f"{self._label}: {key} is {value!r}; wanted is {wanted}")
 
-    def mapping(self, content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-        value = content.get(key)
-        if not isinstance(value, Mapping):
-            raise self.error(key, value, "a mapping")
-        return value
+def _closure(node: Node) -> tuple[float | None, float | None]:
+    """The closure, bare or as `value`, and the upper end of its interval; None: not told."""
+    if not isinstance(node.content.get("closure"), Mapping):
+        return (node.number("closure") if node.has("closure") else None), None
+    closure = node.node("closure")
+    value = closure.number("value") if closure.has("value") else None
+    ends = closure.items("ci95")
+    if not ends or None in ends:
+        return value, None
+    return value, closure.interval("ci95")[1]
 
-    def sequence(self, content: Mapping[str, Any], key: str) -> Sequence[Any]:
-        value = content.get(key)
-        if value is None:
-            return ()
-        if not isinstance(value, list):
-            raise self.error(key, value, "a list")
-        return value
 
-    def text(self, value: object, key: str) -> str:
-        if not isinstance(value, str):
-            raise self.error(key, value, "a name")
-        return value
-
-    def number(self, value: object, key: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.error(key, value, "a number")
-        return float(value)
-
-    def probability(self, value: object, key: str) -> float:
-        number = self.number(value, key)
-        if not 0 <= number <= 1 + 1e-9:
-            raise self.error(key, value, "a probability")
-        return number
-
-    def value(self, value: object, key: str) -> float | None:
-        """A number, bare or as `value` of a mapping; None where there is none."""
-        if isinstance(value, Mapping):
-            value = value.get("value")
-        if value is None:
-            return None
-        number = self.number(value, key)
-        return number if math.isfinite(number) else None
-
-    def high(self, value: object, key: str) -> float | None:
-        """Upper end of the interval of a mapping; None where there is none."""
-        interval = value.get("ci95") if isinstance(value, Mapping) else None
-        if not isinstance(interval, list) or len(interval) != 2 or interval[1] is None:
-            return None
-        return self.number(interval[1], f"{key}.ci95")
-
-    def estimate(self, value: object, key: str) -> Estimate:
-        if not isinstance(value, Mapping):
-            raise self.error(key, value, "a mapping with mean and ci95")
-        interval = value.get("ci95")
-        if not isinstance(interval, list) or len(interval) != 2:
-            raise self.error(f"{key}.ci95", interval, "two numbers")
-        low, high = (self.number(v, f"{key}.ci95") for v in interval)
-        return Estimate(self.number(value.get("mean"), f"{key}.mean"), low, high)
-
-    def found(self, entry: object, key: str) -> Found:
-        if not isinstance(entry, Mapping):
-            raise self.error(key, entry, "a mapping")
-        trials = entry.get("trials")
-        if trials is not None and not isinstance(trials, list):
-            raise self.error(f"{key}.trials", trials, "a list of trial ids")
-        return Found(
-            self.text(entry.get("axis"), f"{key}.axis"),
-            self.probability(entry.get("p_familywise"), f"{key}.p_familywise"),
-            None if trials is None else frozenset(str(t) for t in trials),
-        )
+def _found(place: Node) -> Found:
+    return Found(
+        place.text("axis"),
+        place.probability("p_familywise"),
+        frozenset(place.names("trials", "ids of trials")) if place.has("trials") else None,
+    )

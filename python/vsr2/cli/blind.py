@@ -213,7 +213,7 @@ def _diagnose(options: argparse.Namespace) -> int:
         tiers=options.tier,
         campaigns=options.campaign,
         draws=options.draws if options.budget_minutes is None else None,
-        budget_minutes=options.budget_minutes or 10.0,
+        budget_minutes=10.0 if options.budget_minutes is None else options.budget_minutes,
         threads=options.threads,
         seed=options.seed,
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
