@@ -189,6 +189,24 @@ def test_a_pack_whose_maker_was_killed_is_continued(quick, study, tmp_path, plac
     assert not list(parts.rglob(".*"))
 
 
+def test_a_model_is_sealed_with_its_scene(quick, study, tmp_path) -> None:
+    model = tmp_path / "rock.obj"
+    shutil.copyfile(SCENE.parents[1] / "models" / "block.obj", model)
+    content = study.model_dump(mode="json", exclude_unset=True)
+    content["rock"] = {"shape": "mesh", "file": str(model), "density": 2700.0}
+    scanned = Study.model_validate(content)
+    make(scanned, tmp_path)
+    data = tmp_path / "data"
+    assert load_study(data / "scene.yaml").rock.file.read_bytes() == model.read_bytes()
+    open_key(data, tmp_path / "key")
+    model.write_text(model.read_text() + "# changed\n")
+    with pytest.raises(BlindError, match="another model_sha256"):
+        make(scanned, tmp_path)
+    shutil.copyfile(model, data / "model.obj")
+    with pytest.raises(BlindError, match="differs from the sealed model"):
+        open_key(data, tmp_path / "key")
+
+
 def test_packs_of_two_forms_are_not_mixed(quick, study, tmp_path) -> None:
     make(study, tmp_path)
     state = tmp_path / "key" / "custodian.json"

@@ -170,6 +170,9 @@ def _begin(
         "settings": settings.to_json(),
         "scene_sha256": hashlib.sha256(canonical(scene)).hexdigest(),
     }
+    file = getattr(study.rock, "file", None)
+    if file is not None:
+        asked["model_sha256"] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
     # Through JSON, so that tuples compare as the lists that a file holds.
     asked = dict(read_back(asked))
     path = key / _STATE
@@ -398,7 +401,7 @@ def _seal(
         {
             "campaigns": entries,
             "settings": settings.to_json(),
-            "scene_sha256": state["scene_sha256"],
+            **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
             "versions": versions,
             "floors": {
