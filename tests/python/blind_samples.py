@@ -1,12 +1,19 @@
 """A quick engine, hand-made packs and verdicts for tests of the blind check."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 
+from vsr2.blind import make_pack
+from vsr2.blind.design import catalogue, draw_protocol
+from vsr2.blind.mujoco import GroundMotion
 from vsr2.blind.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
 from vsr2.blind.settings import PackSettings
 from vsr2.blind.shake import Drawable, Observed, Strength
+
+SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
+SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5, "floor_trials": 8}
 
 
 class QuickEngine:
@@ -123,3 +130,29 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             write_json(out / name / tier / "diagnosis.json", content)
     write_json(out / "submission.json", {"pack": sealed})
     return data, key, out
+
+
+def make(study, folder, seed=1, **changes):
+    settings = PackSettings(**(SMALL | {"single": 6, "none": 3, "pair": 2, "unknown": 3} | changes))
+    return make_pack(study, folder, folder / "key", settings, seed=seed)
+
+
+def protocol(settings):
+    rng = np.random.default_rng(3)
+    return draw_protocol(rng, catalogue(3, settings.catalogue), [6.0] * 5, settings)
+
+
+def same_folders(one, two):
+    return folder_sha256(one) == folder_sha256(two)
+
+
+def pulses(seed, count):
+    """Short ground motions."""
+    time = np.arange(0.0, 1.2, 0.005)
+    out = []
+    for i in range(count):
+        f = 1.2 + 0.3 * i
+        moved = np.sin(np.pi * time / time[-1]) ** 4 * np.cos(2 * np.pi * f * time + seed)
+        peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
+        out.append(GroundMotion(f"M{i + 1}", 0.005, moved / peak))
+    return out

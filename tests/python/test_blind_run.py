@@ -1,0 +1,325 @@
+"""The diagnosis of packs from the data alone, and a small pack from end to end."""
+
+import contextlib
+import json
+import math
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vsr2.blind.make as make_module
+from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
+from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind.diagnose import at_tier, uncertainties
+from vsr2.blind.engines import build_engine
+from vsr2.blind.seal import folder_sha256, open_key, read_json
+from vsr2.blind.shake import Shake
+from vsr2.blind.verdict import DIAGNOSIS_FILE
+from vsr2.campaign import (
+    load_campaign,
+)
+from vsr2.cli.main import main
+from vsr2.config import Study, load_study
+from vsr2.diagnosis import Nuisances
+from vsr2.diagnosis.scene_simulator import SceneSimulator
+from vsr2.errors import BlindError, CampaignError, SimulationError
+
+
+@pytest.fixture(scope="module")
+def study():
+    return load_study(SCENE)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    monkeypatch.setattr(make_module, "build_engine", lambda name, study: QuickEngine())
+
+
+class Stub:
+    """A diagnosis that guesses by the overturn rate."""
+
+    calls: list = []  # noqa: RUF012
+
+    def __init__(self, campaign, scene, **how):
+        assert Path(scene).exists()
+        Stub.calls.append((campaign, how))
+        rate = float(np.nanmean(campaign.overturned))
+        kind = "none" if rate < 0.5 else "effect"
+        self.content = diagnosis(kind, {"none": 1 - rate, "table_gain": rate}, ["table_gain"])
+
+    def save(self, folder):
+        (folder / DIAGNOSIS_FILE).write_text(json.dumps(self.content))
+
+
+@pytest.fixture
+def small(quick, study, tmp_path):
+    make(study, tmp_path, single=2, none=1, pair=0, unknown=1)
+    Stub.calls = []
+    return tmp_path / "data"
+
+
+def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) -> None:
+    restless = []
+
+    class Restless(QuickEngine):
+        def run(self, shakes, series_interval):
+            if series_interval < 1.0 and restless and restless.pop(0):
+                raise SimulationError("settling_timeout")
+            return super().run(shakes, series_interval)
+
+    monkeypatch.setattr(make_module, "build_engine", lambda *args: Restless())
+    settings = PackSettings(single=0, none=2, unknown=0, pair=0, trials=20)
+
+    def made(name, fails):
+        restless[:] = fails
+        make_pack(study, tmp_path / name, tmp_path / f"{name}-key", settings, seed=3)
+        assert not restless
+        return [folder_sha256(p) for p in sorted((tmp_path / name / "data").glob("c*"))]
+
+    calm, moved = made("calm", [False, False]), made("moved", [True, True, False, False])
+    # One of the two, drawn a third time.
+    assert len(set(calm) & set(moved)) == 1
+    with pytest.raises(SimulationError, match="settling_timeout"):
+        made("never", [True] * 6)
+
+
+def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
+    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, draws=9)
+    assert progress.done == 12
+    assert progress.failed == ()
+    excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
+    for campaign, how in Stub.calls:
+        assert campaign.tier == how["tier"]
+        assert list(how["exclude"]) == excluded[campaign.name]
+        assert (how["seed"], how["draws"]) == (7, 9)
+        if how["tier"] == "B":
+            assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
+            assert campaign.noise.peak_tilt is None
+        assert how["tier"] == "T" or campaign.noise.tilt is None
+    whole = load_campaign(small / Stub.calls[0][0].name)
+    assert at_tier(whole, "T") is whole
+    # All tiers share one bank of simulations.
+    shared = Stub.calls[0][1]["shared"]
+    scene = load_study(small / "scene.yaml")
+    simulators = [
+        SceneSimulator(at_tier(whole, tier), scene, series=True, sampling=shared.sampling)
+        for tier in ("B", "M", "T")
+    ]
+    assert len({simulator.identity for simulator in simulators}) == 1
+
+
+def test_a_damaged_campaign_fails_alone(small, tmp_path) -> None:
+    first = read_json(small / "pack.json")["campaigns"][0]["id"]
+    (small / first / "trials.csv").write_text("not a table")
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Stub)
+    assert progress.failed == (f"{first} M",)
+    assert len(Stub.calls) == 3
+
+
+def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
+    def failing(campaign, scene, **how):
+        if len(Stub.calls) == 2:
+            Stub.calls.append(None)
+            raise CampaignError("no motion")
+        return Stub(campaign, scene, **how)
+
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=failing)
+    assert (progress.done, len(progress.failed)) == (3, 1)
+    name, tier = progress.failed[0].split()
+    failed = tmp_path / "out" / name / tier / "failed.json"
+    assert read_json(failed) == {"error": "no motion"}
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Stub)
+    assert (progress.done, len(Stub.calls)) == (4, 5)
+    assert not failed.exists()
+    with pytest.raises(BlindError, match="seed 0, not 1"):
+        diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=1)
+
+
+def test_what_is_not_there_is_refused(small, tmp_path) -> None:
+    with pytest.raises(BlindError, match="no campaign 'c0'"):
+        diagnose_pack(small, tmp_path / "out", campaigns=["c0"], diagnose=Stub)
+    with pytest.raises(BlindError, match="finished pack"):
+        diagnose_pack(tmp_path, tmp_path / "out", diagnose=Stub)
+
+
+def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
+    sizes = ["--trials", "12", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
+    counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
+    command = ["blind", "make", str(SCENE), str(tmp_path), "--seed", "4", *sizes, *counts]
+    command += ["--engine", "mujoco", "--engine", "bullet", "--quiet"]
+    assert main(command) == 2
+    assert "--development" in capsys.readouterr().err
+    assert main([*command, "--development"]) == 0
+    assert "5 campaigns, sealed as" in capsys.readouterr().out
+    key = open_key(tmp_path / "data", tmp_path / "key")
+    found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
+    assert found["mujoco", "single"] == 2
+    assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
+
+
+# --- from end to end ----------------------------------------------------------------------------
+
+
+WATCHED = """
+import json, sys
+from functools import partial
+from pathlib import Path
+# Libraries ask what the machine is.
+HARMLESS = [("uname", ["uname", "-p"]), ("lscpu", ["lscpu", "--parse=core"])]
+STARTING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty")
+looked = []
+def watch(event, arguments):
+    if event in STARTING and arguments[:2] not in HARMLESS:
+        looked.append(event + " " + str(arguments[:2]))
+    if event.startswith(("open", "os.", "shutil.", "glob.", "sqlite3.")):
+        looked.extend(event for argument in arguments if {key!r} in str(argument))
+sys.addaudithook(watch)
+try:
+    open({key!r} + "/key.json")
+except FileNotFoundError:
+    assert looked.pop() == "open"
+import vsr2.diagnosis.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.design
+from vsr2.blind import diagnose_pack
+from vsr2.diagnosis import diagnose
+from vsr2.effects import library
+# A rough diagnosis will do: what is tested is the way from pack to scores.
+vsr2.diagnosis.design.LEAST_NONE = 12
+vsr2.diagnosis.budget.MAX_TRIALS = 4
+vsr2.diagnosis.amortised.TREES = 40
+rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M"], draws=6, diagnose=rough)
+print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
+"""
+
+
+def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    names = ("edge_rounding", "restitution", "vertical_motion")
+    pack, key, out = tmp_path / "pack", tmp_path / "key", tmp_path / "out"
+    settings = PackSettings(
+        engines=("bullet", "mujoco"),
+        single=(6, 0),
+        none=(2, 1),
+        pair=(1, 0),
+        unknown=(2, 0),
+        trials=40,
+        motions=4,
+        catalogue=4,
+        sessions=2,
+        effects=names,
+        series_interval=0.0,
+        replicates=4,
+        floor_trials=4,
+    )
+    monkeypatch.setattr(make_module, "catalogue", pulses)
+    assert make_pack(study, pack, key, settings, seed=4).campaigns == 12
+    # Nothing can read what is on no disk. The diagnosis, in a process of its own, does not look for
+    # it either, nor starts a process that would.
+    held = {path.relative_to(key): path.read_bytes() for path in key.rglob("*.json")}
+    shutil.rmtree(key)
+    code = WATCHED.format(key=str(key), data=str(pack / "data"), out=str(out), names=names)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found == {"done": 12, "failed": [], "looked": []}
+    assert not key.exists()
+    for path, content in held.items():
+        (key / path).parent.mkdir(parents=True, exist_ok=True)
+        (key / path).write_bytes(content)
+    spent = [
+        json.loads((out / name / "M" / DIAGNOSIS_FILE).read_text())["provenance"]["budget"]
+        for name in sorted(c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"])
+    ]
+    # Campaigns of one protocol share their simulations.
+    assert sum(one["simulated"] for one in spent) == len(bank_keys(out / "bank.sqlite"))
+    assert sorted(one["simulated"] for one in spent)[:9] == [0] * 9
+    score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
+    assert main(score) == 0
+    assert "top-1 class (single)" in capsys.readouterr().out
+    assert main(score) == 2
+    assert "scored once" in capsys.readouterr().err
+
+
+def bank_keys(path):
+    with contextlib.closing(sqlite3.connect(path)) as file:
+        return file.execute("SELECT key FROM runs").fetchall()
+
+
+def test_the_scene_rocks_under_all_nuisances(study) -> None:
+    # It would slide below a friction of b / h; the diagnosis' prior is exp(N(0, 0.1)).
+    friction = study.contact.rock.lateral_friction * study.contact.pedestal.lateral_friction
+    width, _, height = study.rock.size
+    assert friction * math.exp(-3 * Nuisances().friction) > 1.3 * width / height
+
+
+def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    turned = study.model_dump(mode="json", exclude_unset=True)
+    turned["rock"]["start"] = {"mode": "pose", "position": [0.0, 0.0, 3.0]}
+    with pytest.raises(BlindError, match="mode yaw"):
+        build_engine("bullet", Study.model_validate(turned))
+    with pytest.raises(BlindError, match="not known"):
+        build_engine("ode", study)
+    assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)
+
+
+def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
+    # Rocking in a single pulse, before responses diverge: largest tilts within 5 %.
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
+    shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    study = study.model_copy(
+        update={"engine": study.engine.model_copy(update={"time_step": 0.001})}
+    )
+    found = {
+        name: [seen.peak_tilt for seen in build_engine(name, study).run(shakes, 0.02)]
+        for name in ("mujoco", "bullet")
+    }
+    assert max(found["mujoco"][0], found["bullet"][0]) < 1e-3
+    np.testing.assert_allclose(found["mujoco"][1:], found["bullet"][1:], rtol=0.05)
+
+
+def test_the_library_is_drawn_from(study) -> None:
+    effects = build_engine("bullet", study).effects
+    assert effects["restitution"].strength.null == 1.0
+    assert effects["table_bandwidth"].strength.reciprocal
+    assert effects["wear"].drifts
+    assert [name for name, _, _ in effects["base_slope"].others] == ["azimuth"]
+    assert effects["change_point"].strength.name == "slenderness_change"
+    # Names and units of strengths are the same on both engines, so that one verdict fits both.
+    both = build_engine("mujoco", study).effects
+    for name in set(effects) & set(both):
+        if name != "table_saturation":
+            assert effects[name].strength.name == both[name].strength.name, name
+            assert effects[name].strength.unit.replace("1", "") in (
+                both[name].strength.unit.replace("1", ""),
+                "",
+            ), name
+
+
+def test_scores_need_another_pack_to_train(small, tmp_path) -> None:
+    diagnose_pack(small, tmp_path / "out", diagnose=Stub)
+    key = tmp_path / "key"
+    with pytest.raises(BlindError, match="another pack"):
+        score_pack(small, key, tmp_path / "out", tmp_path / "s", training=(small, key))
+
+
+def test_a_diagnosis_takes_its_uncertainties_from_the_published_tolerances() -> None:
+    found = uncertainties(
+        {"width": 0.03, "height": 0.04, "friction": 0.05, "yaw": math.radians(2), "offset": 0.003,
+         "input_gain": [0.004, 0.004]}
+    )  # fmt: skip
+    assert found == pytest.approx(
+        {"slenderness": 0.05, "inertia": 0.16, "friction": 0.05, "yaw": 2.0, "offset": 0.003,
+         "trial_gain": 0.004}
+    )  # fmt: skip
+    assert uncertainties({}) == {}
+    Nuisances(**found)
