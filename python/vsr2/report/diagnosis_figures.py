@@ -17,6 +17,8 @@ _CLASSES = (*_COLOURS, "#d46a9f", "#2f3e75", "#4fb3a5", "#8c5a3c")
 _SURPRISED, _CALM = "#c8553d", "#9aa5b1"
 _GRAVITY = 9.81
 _LEVEL = 0.05
+_LETTER = 6.2
+"""Width of a label's letter, on average."""
 
 
 def posterior_figure(content: Mapping[str, Any]) -> str:
@@ -153,17 +155,21 @@ def channels_figure(content: Mapping[str, Any]) -> str:
     order |= {"free decay": 4, "rest pose": 5}
     rows = sorted(whole, key=lambda row: order.get(row["phase"], 9))
     reach = 1.15 * max([0.25, *(abs(row["effect_size"]) for row in rows)])
+    names = [
+        row["place"].removesuffix("all trials").rstrip(": ").replace("_", " ") or "outcome"
+        for row in rows
+    ]
+    labels = [f"{name} ({row['phase']})" for name, row in zip(names, rows, strict=True)]
     chart = Chart(
         "gap over channels and phases",
-        "mean residual [standard deviations of a trial]",
+        "mean residual [standard deviations]",
         "",
         (-reach, reach),
         (len(rows), 0.0),
         height=60 + 30 * max(len(rows), 2),
-        left=190,
+        left=round(30 + _LETTER * max(map(len, labels), default=0)),
     )
     chart.line([(0.0, 0.0), (0.0, float(len(rows)))], 'stroke="#9aa5b1"')
-    labels = []
     for i, row in enumerate(rows):
         found = row["p_familywise"] <= _LEVEL
         colour = _SURPRISED if found else _CALM
@@ -176,9 +182,7 @@ def channels_figure(content: Mapping[str, Any]) -> str:
             f'fill="{colour if found else "#fff"}" stroke="{colour}"',
             f"{row['place']}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}",
         )
-        what = row["place"].removesuffix("all trials").rstrip(": ").replace("_", " ")
-        labels.append((i + 0.5, f"{what or 'outcome'} ({row['phase']})"))
-    return chart.render(y_ticks=labels)
+    return chart.render(y_ticks=[(i + 0.5, label) for i, label in enumerate(labels)])
 
 
 def reliability_figure(rows: Rows) -> str:
