@@ -158,7 +158,9 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
     if not parts:
         return 1
     pool_packs(parts, results, training=training)
-    (results / "README.md").write_text(page(name, parts, len(folders)), encoding="utf-8")
+    (results / "README.md").write_text(
+        page(name, parts, len(folders), out, results), encoding="utf-8"
+    )
     rows = verdict_rows(parts)
     with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
@@ -209,7 +211,9 @@ def finished(data: Path, verdicts: Path) -> bool:
     )
 
 
-def page(name: str, parts: list[tuple[Path, Path, Path]], total: int) -> str:
+def page(
+    name: str, parts: list[tuple[Path, Path, Path]], total: int, out: Path, results: Path
+) -> str:
     """What was scored, and how to do it again."""
     commit = subprocess.run(
         ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
@@ -217,7 +221,8 @@ def page(name: str, parts: list[tuple[Path, Path, Path]], total: int) -> str:
     lines = [
         f"# Blind check: {name}",
         "",
-        f"`python studies/blind_check.py {name}`, then `--score`. {len(parts)} of {total} parts "
+        f"`python studies/blind_check.py {name} --out {_shown(out)}`, then with `--score --results "
+        f"{_shown(results)}`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
         f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
         "in its pack (`vsr2.blind.seal.commitment`).",
@@ -244,6 +249,12 @@ def page(name: str, parts: list[tuple[Path, Path, Path]], total: int) -> str:
             f"| `{pack['commitment']['sha256']}` | {versions} | {how} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _shown(path: Path) -> str:
+    """A path as it is given in the root of the repository."""
+    whole = path.resolve()
+    return str(whole.relative_to(ROOT)) if whole.is_relative_to(ROOT) else str(path)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import vsr2.blind.make as make_module
-from blind_samples import SCENE, QuickEngine, make, pulses
+from blind_samples import QuickEngine, make, pulses
 from vsr2.blind import PackSettings
 from vsr2.blind.baselines import (
     BASELINES,
@@ -36,18 +36,7 @@ from vsr2.campaign import (
     load_campaign,
     save_campaign,
 )
-from vsr2.config import load_study
 from vsr2.errors import BlindError
-
-
-@pytest.fixture(scope="module")
-def study():
-    return load_study(SCENE)
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    monkeypatch.setattr(make_module, "build_engine", lambda name, study: QuickEngine())
 
 
 class UnevenEngine(QuickEngine):

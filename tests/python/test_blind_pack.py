@@ -24,16 +24,6 @@ from vsr2.config import Study, load_study
 from vsr2.errors import BlindError
 
 
-@pytest.fixture(scope="module")
-def study():
-    return load_study(SCENE)
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    monkeypatch.setattr(make_module, "build_engine", lambda name, study: QuickEngine())
-
-
 def test_a_commitment_is_the_hash_of_salt_and_key() -> None:
     import hashlib
 

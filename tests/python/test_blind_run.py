@@ -31,16 +31,6 @@ from vsr2.diagnosis.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
 
-@pytest.fixture(scope="module")
-def study():
-    return load_study(SCENE)
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    monkeypatch.setattr(make_module, "build_engine", lambda name, study: QuickEngine())
-
-
 class Stub:
     """A diagnosis that guesses by the overturn rate."""
 

@@ -8,7 +8,9 @@ import pytest
 
 from blind_samples import diagnosis, effect, hand_made
 from vsr2.blind import pool_packs, score_pack
-from vsr2.blind.intervals import area_under_roc, calibration_error, proportion, resampled
+from vsr2.blind.intervals import Score, area_under_roc, calibration_error, proportion, resampled
+from vsr2.blind.score import FIRST
+from vsr2.blind.scoring import Scored, format_scores
 from vsr2.blind.verdict import read_verdict, verdict_of
 from vsr2.errors import BlindError
 
@@ -358,3 +360,18 @@ def test_scored_packs_are_pooled(tmp_path) -> None:
     verdict.write_text(verdict.read_text().replace("0.6", "0.7"))
     with pytest.raises(BlindError, match="changed after they were scored"):
         pool_packs(parts, tmp_path / "pooled")
+
+
+def test_baselines_stand_beside_the_tiers() -> None:
+    def scores(value):
+        return {FIRST: Score(value, value, value, 10)}
+
+    found = {("commonest", "all"): 0.2, ("M", "all"): 0.6, ("metadata", "all"): 0.1}
+    scored = Scored({key: scores(value) for key, value in found.items()}, [], [], False)
+    # Over the best of them, which is the commonest answer.
+    assert scored.margins() == {"M": pytest.approx(0.4)}
+    table = format_scores(scored)
+    assert "| score | M | commonest | metadata |" in table
+    assert f"Above the best baseline, {FIRST}: M +0.40." in table
+    alone = Scored({("M", "all"): scores(0.6)}, [], [], False)
+    assert alone.margins() == {}

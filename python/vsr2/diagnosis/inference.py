@@ -411,12 +411,6 @@ def _shows_gap(probability: Array, gap: Array, truth: NDArray[np.int64]) -> NDAr
     return np.asarray(~none & (large | (odds > np.quantile(odds[none], 0.975))))
 
 
-def _rows(prediction: Prediction, rows: NDArray[np.int64]) -> Prediction:
-    return Prediction(
-        prediction.probability[rows], prediction.centre[rows], prediction.deviation[rows]
-    )
-
-
 def _normal(logs: Array) -> Array:
     from scipy.special import logsumexp
 

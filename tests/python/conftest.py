@@ -1,0 +1,19 @@
+"""Fixtures that the tests of the blind check share."""
+
+import pytest
+
+import vsr2.blind.make as make_module
+from blind_samples import SCENE, QuickEngine
+from vsr2.config import load_study
+
+
+@pytest.fixture(scope="module")
+def study():
+    """The scene of the blind packs."""
+    return load_study(SCENE)
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Packs are made by an engine that answers at once."""
+    monkeypatch.setattr(make_module, "build_engine", lambda name, study: QuickEngine())
