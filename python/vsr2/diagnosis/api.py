@@ -54,8 +54,8 @@ def diagnose(
             campaign shares.
         out: folder for `diagnosis.json`, tables and the bank of simulations, which later runs
             reuse; None: nothing is written.
-        budget_minutes: of wall time for simulations; turned into their number by the cost measured
-            while screening.
+        budget_minutes: of wall time, 0.85 of it for simulations; turned into their number by what
+            the first simulation of every trial cost.
         simulations: greatest number of simulations instead; equal numbers give equal verdicts.
         draws: of every effect instead, in one round whatever it costs; at least 6.
         shared: what diagnoses of several campaigns of the same trials have in common: simulate

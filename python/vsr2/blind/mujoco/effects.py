@@ -193,10 +193,6 @@ def _base_asperity(s: Situation, v: Values, p: Place) -> Situation:
 # --- contact ------------------------------------------------------------------------------------
 
 
-def _friction(s: Situation, v: Values, _: Place) -> Situation:
-    return replace(s, friction=s.friction * v["factor"])
-
-
 def _friction_rate(s: Situation, v: Values, _: Place) -> Situation:
     return replace(s, friction_ratio=v["ratio"], friction_speed=v["speed"])
 
@@ -319,7 +315,6 @@ def _entries() -> list[Effect]:
         Effect("inertia", (p("change", "1", 0.0, -0.15, 0.15),), _inertia),
         Effect("edge_rounding", (p("radius", "m", 0.0, 0.0, 0.015),), _edge_rounding),
         Effect("base_asperity", (p("height", "m", 0.0, 0.0, 0.002),), _base_asperity),
-        Effect("friction", (p("factor", "1", 1.0, 0.306, 1.633),), _friction),
         Effect(
             "friction_rate",
             (p("ratio", "1", 1.0, 1.0, 1.6), p("speed", "m/s", 0.0, 0.005, 0.05)),
@@ -374,4 +369,5 @@ def _entries() -> list[Effect]:
 
 
 EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _entries()}
-"""By canonical name, in the order in which they are applied."""
+"""By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex contacts
+lift a body that slides, so that it hops and rocks where a rigid one only slides."""

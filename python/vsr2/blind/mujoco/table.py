@@ -54,7 +54,7 @@ def drive(samples: Array, interval: float, step: float) -> tuple[Array, Array, A
 def low_passed(samples: Array, interval: float, corner: float, delay: float = 0.0) -> Array:
     """A critically damped second-order lag, in time, and a delay.
 
-    |H| = 1 / (1 + (f / f_c)^2), with f_c its natural frequency: -6 dB at the corner.
+    |H| = 1 / (1 + (f / f_n)^2): -3 dB at the corner f_c, so that f_n = f_c / (2^(1/2) - 1)^(1/2).
 
     Args:
         samples: shape (n,).
@@ -62,27 +62,26 @@ def low_passed(samples: Array, interval: float, corner: float, delay: float = 0.
         corner: f_c [Hz].
         delay: [s].
     """
-    return _second_order(_delayed(samples, interval, delay), interval, corner, 1.0)
+    natural = corner / (2**0.5 - 1) ** 0.5
+    return _second_order(_delayed(samples, interval, delay), interval, natural, 1.0)
 
 
-def resonated(
-    samples: Array, interval: float, frequency: float, amplification: float, damping: float = 0.05
-) -> Array:
-    """The motion plus a mode of the rock's base on the actuator.
+def resonated(samples: Array, interval: float, frequency: float, amplification: float) -> Array:
+    """The motion behind a mode between actuator and the rock's base, shaken at its foot.
 
-    H = 1 + 2 zeta (A^2 - 1)^(1/2) (H_1 - 1), H_1 = 1 / (1 - r^2 + 2 i zeta r), r = f / `frequency`:
-    at r = 1, where H_1 = -i / (2 zeta), |H| is A to the order of zeta.
+    H = (1 + 2 i zeta r) / (1 - r^2 + 2 i zeta r), r = f / `frequency`, with the zeta for which
+    |H| = A at r = 1: A^2 = 1 + 1 / (4 zeta^2).
 
     Args:
         samples: shape (n,).
         interval: [s].
         frequency: of the mode [Hz].
         amplification: A, 1 or more [1].
-        damping: zeta [1].
     """
-    relative = _second_order(samples, interval, frequency, damping) - samples
-    moved: Array = samples + 2 * damping * (amplification**2 - 1) ** 0.5 * relative
-    return moved
+    if amplification == 1:
+        return samples
+    damping = 0.5 / (amplification**2 - 1) ** 0.5
+    return _second_order(samples, interval, frequency, damping, foot=True)
 
 
 def saturated(samples: Array, interval: float, velocity: float, acceleration: float) -> Array:
@@ -133,11 +132,17 @@ def _delayed(samples: Array, interval: float, delay: float) -> Array:
     return moved
 
 
-def _second_order(samples: Array, interval: float, frequency: float, damping: float) -> Array:
-    """Solves y'' + 2 zeta w y' + w^2 y = w^2 u, exactly for u linear between samples."""
+def _second_order(
+    samples: Array, interval: float, frequency: float, damping: float, *, foot: bool = False
+) -> Array:
+    """Solves y'' + 2 zeta w y' + w^2 y = w^2 u, exactly for u linear between samples.
+
+    With `foot` the dashpot hangs on the input, too: + 2 zeta w u' on the right.
+    """
     from scipy.signal import cont2discrete, lfilter
 
     w = 2 * np.pi * frequency
-    over, under, _ = cont2discrete(([w * w], [1.0, 2 * damping * w, w * w]), interval, "foh")
+    above = [2 * damping * w, w * w] if foot else [w * w]
+    over, under, _ = cont2discrete((above, [1.0, 2 * damping * w, w * w]), interval, "foh")
     moved: Array = lfilter(np.ravel(over), under, samples - samples[0]) + samples[0]
     return moved
