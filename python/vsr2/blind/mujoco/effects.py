@@ -369,5 +369,5 @@ def _entries() -> list[Effect]:
 
 
 EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _entries()}
-"""By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex contacts
-lift a body that slides, so that it hops and rocks where a rigid one only slides."""
+"""By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex
+contacts lift a body that slides, so that it hops and rocks where a rigid one only slides."""
