@@ -295,11 +295,28 @@ def test_the_library_is_drawn_from(study) -> None:
             ), name
 
 
-def test_scores_need_another_pack_to_train(small, tmp_path) -> None:
+def test_baselines_are_trained_on_another_pack_that_is_open(small, study, tmp_path) -> None:
     diagnose_pack(small, tmp_path / "out", diagnose=Stub)
     key = tmp_path / "key"
-    with pytest.raises(BlindError, match="another pack"):
-        score_pack(small, key, tmp_path / "out", tmp_path / "s", training=(small, key))
+    copied = tmp_path / "copied"
+    shutil.copytree(small, copied / "data")
+    shutil.copytree(key, copied / "key")
+    make(study, tmp_path / "sealed", seed=2, single=2, none=1, pair=0, unknown=1)
+
+    def scored(folder):
+        training = (folder / "data", folder / "key")
+        score_pack(small, key, tmp_path / "out", tmp_path / "scores", training=training)
+
+    for folder, match in (
+        (tmp_path, "another pack"), (copied, "another pack"), (tmp_path / "sealed", "a sealed pack")
+    ):  # fmt: skip
+        with pytest.raises(BlindError, match=match):
+            scored(folder)
+        assert not (key / "receipt.json").exists()
+    development = tmp_path / "open"
+    make(study, development, 3, single=6, none=2, pair=0, unknown=2, development=True)
+    scored(development)
+    assert (key / "receipt.json").exists()
 
 
 def test_a_diagnosis_takes_its_uncertainties_from_the_published_tolerances() -> None:

@@ -128,8 +128,6 @@ def score_pack(
             f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}; a pack is "
             "scored once: make a new one"
         )
-    if training is not None and training[0].resolve() == data.resolve():
-        raise BlindError(f"{data}: trains the baselines and is scored; give another pack to train")
     cases = read_cases(data, opened, diagnoses)
     trivial, rates = _baselines(cases, data, opened, training)
     scored = Scored(score_cases([*cases, *trivial]), rates, cases, open_pack)
@@ -196,7 +194,18 @@ def _baselines(
     """Cases of the trivial baselines, and what the overturn rate alone tells; nothing untrained."""
     if training is None:
         return [], []
-    return baseline_cases(cases, data, training[0], open_key(*training)), [rate_alone(data, key)]
+    folder, kept = training
+    if read_pack(folder)["commitment"] == read_pack(data)["commitment"]:
+        raise BlindError(
+            f"{folder}: trains the baselines and is scored; give another pack to train"
+        )
+    opened = open_key(folder, kept)
+    if not is_open(opened):
+        raise BlindError(
+            f"{kept}: is the key of a sealed pack, which training would open; train the baselines "
+            "on a development pack"
+        )
+    return baseline_cases(cases, data, folder, opened), [rate_alone(data, key)]
 
 
 def _write(scored: Scored, more: Mapping[str, Any], out: Path) -> None:
