@@ -2,8 +2,10 @@
 
 import csv
 import math
+import subprocess
 from collections import Counter
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -60,6 +62,29 @@ class UnevenEngine(QuickEngine):
                 np.outer(tilt, [0.3, 0.2, 0.1]),
                 turned,
             )
+
+
+def births(data):
+    """When the folders of a pack's campaigns were made [s], in order of their names."""
+    folders = sorted(path for path in data.iterdir() if path.is_dir())
+    told = subprocess.run(["stat", "-c", "%.9W", *folders], capture_output=True, text=True)
+    return np.array([float(line) for line in told.stdout.split() if line != "-"])
+
+
+def test_when_a_campaign_was_made_tells_nothing(uneven, study, tmp_path, monkeypatch) -> None:
+    save = make_module.save_campaign
+
+    def slowly(campaign, folder):
+        sleep(0.2)
+        save(campaign, folder)
+
+    monkeypatch.setattr(make_module, "save_campaign", slowly)
+    make(study, tmp_path)
+    made = births(tmp_path / "data")
+    if not made.any():
+        pytest.skip("this file system does not keep when a folder was made")
+    assert (np.diff(made) > 0).all()
+    assert np.diff(made).max() < 0.2
 
 
 @pytest.fixture

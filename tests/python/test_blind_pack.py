@@ -104,7 +104,9 @@ def dying(function, place, count):
         return function(*arguments)
     return died
 
-if {place!r}:
+if {place!r} == "rename":
+    Path.rename = dying(Path.rename, "", 3)
+elif {place!r}:
     os.replace = dying(os.replace, {place!r}, 1)
 else:
     folder._table = dying(folder._table, "", 5)
@@ -113,9 +115,9 @@ tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
 """
 
 
-@pytest.mark.parametrize("place", ["custodian.json", "", "pack.json"])
+@pytest.mark.parametrize("place", ["custodian.json", "", "rename", "pack.json"])
 def test_a_pack_whose_maker_was_killed_is_continued(quick, study, tmp_path, place) -> None:
-    # As it writes its state, the fifth campaign, and the last file of all.
+    # As it writes its state, the fifth campaign, the third in its last place, and the last file.
     whole = make(study, tmp_path / "whole")
     parts = tmp_path / "parts"
     code = KILLED.format(tests=str(Path(__file__).parent), place=place, pack=str(parts))

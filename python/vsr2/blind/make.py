@@ -7,7 +7,7 @@ import math
 import platform
 import secrets
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -137,6 +137,8 @@ def make_pack(
         entry = _campaign(data, planned, engine, protocol, settings, number)
         write_json(file, entry, private=True)
         say(f"campaign {done + 1} of {len(plan)}")
+    if not (data / PACK_FILE).exists():
+        _write_together(data, sorted(planned.id for planned in plan))
     entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
     sealed = _seal(data, key, state, settings, engines, floors, entries)
     not_drawn = {
@@ -372,6 +374,18 @@ def _drawn(
         }
     )
     return entry
+
+
+def _write_together(data: Path, names: Sequence[str]) -> None:
+    """Copy all campaigns, one after the other: a file system may keep when each was made.
+
+    Made as they are simulated, the time between two of them would tell the engine and the kind.
+    """
+    for name in names:
+        fresh = data / f".{name}.tmp"
+        shutil.copytree(data / name, fresh)
+        shutil.rmtree(data / name)
+        fresh.rename(data / name)
 
 
 def _change(a: Observed, b: Observed) -> float:
