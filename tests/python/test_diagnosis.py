@@ -207,6 +207,7 @@ def test_no_group_s_outcomes_reach_the_models_that_judge_it(bench) -> None:
             observed,
             group,
             ("catch",),
+            np.eye(prepared.emulator.nuisances),
             pairs=True,
         )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import SCREENING_NONE, none_draws
+from vsr2.diagnosis.dropped import DROPPED_RUNS
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
 
 FIRST_DRAWS = 24
@@ -82,6 +83,7 @@ class Schedule:
         self.first_draws = FIRST_DRAWS
         self.limited = False
         self._rest = rest
+        self._trials = trials
         self._effects = effects
 
     def fit(self, kept: int) -> None:
@@ -89,6 +91,8 @@ class Schedule:
         if self._fixed is not None:
             self.first_draws = self._fixed
             return
+        # The dropped ones are simulated once more, under what is found.
+        self._rest -= DROPPED_RUNS * (self._trials - kept)
         for draws in range(FIRST_DRAWS, FEWEST_DRAWS - 1, -1):
             self.first_draws = draws
             if (draws * self._effects + none_draws(draws)) * kept <= self._rest:

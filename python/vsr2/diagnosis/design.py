@@ -44,12 +44,14 @@ class Screening:
         guard: indices of the guard alone.
         probability: of overturning over all screening draws with half a pseudo-count on each side,
             for every trial, shape (trials,).
+        alike: whether all of its draws ended alike, shape (trials,).
         left_out: uncertain trials that the budget does not reach.
     """
 
     kept: NDArray[np.int64]
     guard: NDArray[np.int64]
     probability: Array
+    alike: NDArray[np.bool_]
     left_out: int
 
 
@@ -139,7 +141,8 @@ def screen(
     )
     wanted = np.flatnonzero(uncertain | rocking)
     ranked = wanted[np.argsort(-worth[wanted], kind="stable")][: max(most - guard.size, 1)]
-    return Screening(np.union1d(ranked, guard), guard, probability, int(wanted.size - ranked.size))
+    kept = np.union1d(ranked, guard)
+    return Screening(kept, guard, probability, ~uncertain, int(wanted.size - ranked.size))
 
 
 def _screened(

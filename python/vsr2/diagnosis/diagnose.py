@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,12 +16,13 @@ from vsr2.diagnosis.amortised import Places
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
+from vsr2.diagnosis.dropped import simulate_dropped, surprise_p
 from vsr2.diagnosis.equivalence import classes, leading_class
-from vsr2.diagnosis.evidence import Data, mode
+from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.features import Feature
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
-from vsr2.diagnosis.library import NONE, values_at
+from vsr2.diagnosis.library import NONE
 from vsr2.diagnosis.next_measurement import (
     measurement_of_a_pair,
     measurement_of_the_unknown,
@@ -43,11 +44,10 @@ from vsr2.diagnosis.verdict import (
     disagreement,
 )
 from vsr2.diagnosis.where import OUTCOME, Conditions, Place, residuals, scan
+from vsr2.diagnosis.whole import Whole
 
-SURPRISE_LEVEL = 0.05
-"""Chance of so many contradicted certainties below which these trials are kept."""
-CERTAINTY_RUNS = 8
-"""Simulations of a trial that contradicts its certainty, under the best effect."""
+NUISANCE_DRAWS = 2000
+"""Among which those nearest to a posterior are sought."""
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, Mapping[str, float]], None]
@@ -109,19 +109,18 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("screening", n / m, {}),
         )
-        screening = with_contradictions(screening, seen)
         schedule.fit(screening.kept.size)
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(store, seen, screening, schedule, shared, seed, tell)
         last = rounds[-1]
         tell("judging", 0.0, _leading(last))
         evidence = conclude(
+            store,
             seen,
             screening,
             last.prepared,
             last.inference,
             last.classes,
-            certainties(store, seen, screening, last.prepared, last.inference),
             earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
             seed=seed,
         )
@@ -161,8 +160,8 @@ def _rounds(
     places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
     out: list[_Round] = []
     draws = dict.fromkeys(library, schedule.first_draws)
+    leading: Mapping[str, float] = {}
     while True:
-        leading = _leading(out[-1]) if out else {}
         stage = f"simulating, {max(draws.values())} draws"
         design, index = simulate_design(
             store,
@@ -199,7 +198,9 @@ def _rounds(
                 float(prepared.calibration.combination.likelihood.weight(inference.likelihood)), 1.0
             ),
         )
-        out.append(_Round(prepared, inference, groups, dict(draws)))
+        found = _Round(prepared, inference, groups, dict(draws))
+        leading = _leading(found)
+        out.append(found)
         more = schedule.next_draws(draws, probability)
         spent = simulations(draws, kept.size)
         if more is None or not schedule.affords(simulations(more, kept.size) - spent, store):
@@ -237,12 +238,12 @@ def _leading(found: _Round) -> dict[str, float]:
 
 
 def conclude(
+    store: Bank,
     seen: Observations,
     screening: Screening,
     prepared: Prepared,
     found: Inference,
     groups: list[list[str]],
-    certain: Array,
     *,
     earlier: list[str] | None = None,
     seed: int = 0,
@@ -250,12 +251,12 @@ def conclude(
     """From inference to verdict, places and held-out losses.
 
     Args:
+        store: of simulations.
         seen: the observed campaign.
         screening: which trials were kept.
         prepared: the two routes.
         found: inference on the campaign.
         groups: classes of effects, the leading one first.
-        certain: as :func:`certainties` has it, shape (trials,).
         earlier: the leading class of a smaller budget.
         seed: of resamples and permutations.
     """
@@ -274,15 +275,21 @@ def conclude(
         observed,
         blocks(motion, seen.overturned[kept]),
         leading,
+        np.stack([store.simulator.nuisance_draw(i) for i in range(1, NUISANCE_DRAWS + 1)]),
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
     pair, gain = _accepted_pair(shrinkage, floor, motion, seed)
-    novelty_p = min(found.novelty_p, 2 * _surprise_p(seen, screening, certain))
+    dropped = simulate_dropped(store, screening, shrinkage, seen.motion)
+    whole = Whole(seen, kept, floor, shrinkage, dropped, gap_low)
+    # Only of trials that all simulations without effect agree on: nuisances move others together.
+    outcome = seen.overturned[dropped.trials[dropped.certain]]
+    novelty_p = min(found.novelty_p, 2 * surprise_p(outcome, dropped.after[dropped.certain]))
     findings = Findings(
         gap_low=gap_low,
         gap_p=found.gap_p,
         direction_p=found.direction_p,
+        surprise_p=surprise_p(outcome, dropped.before[dropped.certain]),
         none_probability=float(probability[NONE]),
         leading=leading,
         offered=len(library),
@@ -303,6 +310,7 @@ def conclude(
         favoured=found.labels[1 + int(np.argmax(found.probability[1:]))],
         after_low=float(np.quantile(after, 0.025)),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
+        left_of_all=whole.left,
         pair=pair,
         pair_probability=within * gain,
         stable=earlier is None or bool(set(earlier) & set(leading)),
@@ -323,11 +331,14 @@ def conclude(
         excess[kept] = shrinkage.after - floor
         measure = measurement_of_the_unknown(seen, excess, where)
     elif verdict.kind == "pair":
+        both = shrinkage.of_pair({*leading, *verdict.effects})
+        dropped = simulate_dropped(store, screening, both, seen.motion)
+        whole = Whole(seen, kept, floor, both, dropped, gap_low)
         measure = measurement_of_a_pair(verdict.effects, library)
     elif verdict.kind != "none":
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found.posteriors, observed, seen, kept)
-    return Evidence(verdict, findings, groups, where, shrinkage, measure)
+    return Evidence(verdict, findings, groups, where, shrinkage, whole, measure)
 
 
 def _where(
@@ -388,64 +399,3 @@ def _accepted_pair(
     if not (proven and better and left < PAIR_UNEXPLAINED):
         return None, 0.0
     return (common[0], common[1]), float((gains > 0).mean())
-
-
-def with_contradictions(screening: Screening, seen: Observations) -> Screening:
-    """Keep trials that contradict their certainty too, where they are more than chance has it.
-
-    Then the scene lacks more than any effect was seen to change, and these trials hold most of what
-    is known of it.
-    """
-    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
-    wrong = dropped[np.abs(seen.overturned[dropped] - screening.probability[dropped]) > 0.5]
-    if not wrong.size or _surprise_p(seen, screening, screening.probability) > SURPRISE_LEVEL:
-        return screening
-    return replace(screening, kept=np.union1d(screening.kept, wrong))
-
-
-def certainties(
-    store: Bank, seen: Observations, screening: Screening, prepared: Prepared, found: Inference
-) -> Array:
-    """Probability of overturning of every trial, as the best effect has it where it matters.
-
-    A trial that screening dropped as certain, and that did otherwise, counts against every effect,
-    unless it does so under the best effect too: those few are simulated again under it.
-
-    Args:
-        store: of simulations.
-        seen: the observed campaign.
-        screening: which trials were dropped, and how certain they were.
-        prepared: of the campaign.
-        found: inference on it.
-
-    Returns:
-        Shape (trials,).
-    """
-    out = screening.probability.copy()
-    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
-    wrong = dropped[np.abs(seen.overturned[dropped] - out[dropped]) > 0.5]
-    best = found.labels[1 + int(np.argmax(found.likelihood[1:]))]
-    if not wrong.size:
-        return out
-    node, _ = mode(prepared.tables[best], found.posteriors[best])
-    quantiles = prepared.tables[best].fine.quantiles[node]
-    effects = ((best, values_at(prepared.library[best], quantiles)),)
-    draws = range(1, CERTAINTY_RUNS + 1)
-    outcome = store.run([Request(int(i), effects, m, 1) for i in wrong for m in draws]).overturned
-    table = outcome.reshape(wrong.size, -1)
-    known = np.isfinite(table).sum(axis=1)
-    out[wrong] = (np.nansum(table, axis=1) + 0.5) / (known + 1)
-    return out
-
-
-def _surprise_p(seen: Observations, screening: Screening, probability: Array) -> float:
-    """Chance of so many contradicted certainties among the trials that were dropped."""
-    from scipy.stats import poisson
-
-    dropped = np.setdiff1d(np.arange(len(seen)), screening.kept)
-    if not dropped.size:
-        return 1.0
-    p = probability[dropped]
-    wrong = np.abs(seen.overturned[dropped] - p) > 0.5
-    expected = np.minimum(p, 1 - p).sum()
-    return float(poisson.sf(wrong.sum() - 1, max(expected, 1e-9)))

@@ -417,12 +417,17 @@ class Prediction:
     deviation: Array
 
 
+def drawn_nodes(found: Posterior) -> NDArray[np.int64]:
+    """Fine nodes by their weights, of equal weight each, shape (campaigns, PREDICTED)."""
+    total = np.cumsum(np.exp(found.nodes), axis=1)
+    places = (np.arange(PREDICTED) + 0.5) / PREDICTED
+    return np.stack([np.searchsorted(row / row[-1], places) for row in total])
+
+
 def predict(table: Table, found: Posterior) -> Prediction:
     """Average a hypothesis' predictions over its posterior, `PREDICTED` draws of equal weight."""
     at = table.fine
-    total = np.cumsum(np.exp(found.nodes), axis=1)
-    places = (np.arange(PREDICTED) + 0.5) / PREDICTED
-    drawn = np.stack([np.searchsorted(row / row[-1], places) for row in total])
+    drawn = drawn_nodes(found)
     z = np.einsum("cpg,cgq->cpq", table.weights[drawn], found.nuisance)
     spread = np.einsum("ti,cij,tj->ct", table.slope, found.covariance, table.slope, optimize=True)
     factor = at.factor[drawn]

@@ -13,7 +13,7 @@ from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, T
 from vsr2.diagnosis.amortised import Places
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import Screening, screen, simulate_design
-from vsr2.diagnosis.diagnose import certainties, conclude
+from vsr2.diagnosis.diagnose import conclude
 from vsr2.diagnosis.emulator import Design
 from vsr2.diagnosis.equivalence import classes
 from vsr2.diagnosis.evidence import Data
@@ -227,8 +227,7 @@ class Rehearsal:
             observed,
             min(float(prepared.calibration.combination.likelihood.weight(found.likelihood)), 1.0),
         )
-        certain = certainties(self.bank, part, self.screening, prepared, found)
-        evidence = conclude(part, self.screening, prepared, found, groups, certain)
+        evidence = conclude(self.bank, part, self.screening, prepared, found, groups)
         spent = {"budget": {"limited": False}}
         diagnosis = compose(part, self.screening, prepared, found, evidence, {}, spent)
         return Judged(evidence, found, diagnosis)

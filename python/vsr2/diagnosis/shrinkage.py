@@ -20,19 +20,24 @@ from vsr2.diagnosis.evidence import (
     Posterior,
     Prediction,
     Table,
+    drawn_nodes,
     posterior,
     predict,
     tabulate_pair,
 )
-from vsr2.diagnosis.library import NONE, Library, free_parameters
+from vsr2.diagnosis.library import NONE, Library, free_parameters, values_at
 from vsr2.diagnosis.score import crossfitted, losses
-from vsr2.diagnosis.simulator import quasi_random
+from vsr2.diagnosis.simulator import Effects, nuisance_normal, quasi_random
 
 Array = NDArray[np.float64]
+Draw = tuple[Effects, int]
+"""How effects act, and the number of a draw of the nuisances."""
 
 RECALIBRATION = "recalibration"
+PAIR = "pair"
 _PAIR_NODES = 120
 _PAIR_SHORTLIST = 3
+_SPREAD_SEED = 4
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,9 @@ class Shrinkage:
         recalibrated: without effect, the probabilities' logits rescaled and shifted.
         each: with each effect.
         pair: with the best pair; None: none was tried.
-        chosen: names by group, of `after`, `placebo` and `pair`.
+        chosen: hypotheses by group, of `before`, `after`, `placebo` and `pair`.
+        draws: of every hypothesis in `chosen`, by group: see :func:`posterior_draws`.
+        scaling: shift and slope of the logits behind `recalibrated`, by group, shape (groups, 2).
         predicted_before, predicted_after: probabilities of overturning.
         predicted_pair: the same with the best pair; None: none was tried.
         group: of each trial.
@@ -69,6 +76,8 @@ class Shrinkage:
     each: dict[str, Array]
     pair: Array | None
     chosen: dict[str, list[str]]
+    draws: dict[str, list[list[Draw]]]
+    scaling: Array
     predicted_before: Array
     predicted_after: Array
     predicted_pair: Array | None
@@ -94,7 +103,7 @@ class Shrinkage:
             after=self.pair,
             predicted_after=self.predicted_pair,
             placebo=placebo,
-            chosen=self.chosen | {"placebo": names},
+            chosen=self.chosen | {"after": [PAIR] * len(names), "placebo": names},
         )
 
 
@@ -105,6 +114,7 @@ def judge(
     observed: Data,
     group: NDArray[np.int64],
     chosen_class: Sequence[str],
+    nuisances: Array,
     *,
     pairs: bool,
 ) -> Shrinkage:
@@ -117,6 +127,7 @@ def judge(
         observed: one campaign.
         group: of each trial; no motion stands in two.
         chosen_class: effects that the verdict does not tell apart; the placebo is none of them.
+        nuisances: standardised draws 1, 2, ..., shape (draws, nuisances).
         pairs: also try pairs.
     """
     trials = observed.overturned.shape[1]
@@ -125,7 +136,8 @@ def judge(
     p_before, p_after = blank.copy(), blank.copy()
     each = {name: blank.copy() for name in library}
     pair, p_pair = (blank.copy(), blank.copy()) if pairs else (None, None)
-    chosen: dict[str, list[str]] = {"after": [], "placebo": [], "pair": []}
+    chosen: dict[str, list[str]] = {"before": [], "after": [], "placebo": [], "pair": []}
+    draws: dict[str, list[list[Draw]]] = {name: [] for name in (NONE, PAIR, *library)}
     order = []
     for k in np.unique(group):
         judged = group == k
@@ -144,18 +156,27 @@ def judge(
         p_after[judged] = predicted[best].probability[0, judged]
         for name in library:
             each[name][judged] = loss[name][judged]
+        chosen["before"].append(NONE)
         chosen["after"].append(best)
         chosen["placebo"].append(wrong)
+        for name in (NONE, *library):
+            given = () if name == NONE else (name,)
+            draws[name].append(
+                posterior_draws(library, given, tables[name], found[name], nuisances)
+            )
         if pair is not None and p_pair is not None:
             second, table, own = best_pair(library, emulator, best, seen)
             both = predict(table, own)
             pair[judged] = losses(both, observed)[0][judged]
             p_pair[judged] = both.probability[0, judged]
             chosen["pair"].append(second)
+            draws[PAIR].append(posterior_draws(library, (best, second), table, own, nuisances))
     plain = crossfitted(tables[NONE], observed, group)
+    scaling = []
     for k in np.unique(group):
         judged = group == k
-        scaled = _recalibrated(plain, observed, judged)
+        scaling.append(_scaling(plain, observed, judged))
+        scaled = replace(plain, probability=rescaled(plain.probability, scaling[-1]))
         recalibrated[judged] = losses(scaled, observed)[0][judged]
     return Shrinkage(
         before,
@@ -165,6 +186,8 @@ def judge(
         each,
         pair,
         chosen,
+        draws,
+        np.array(scaling),
         p_before,
         p_after,
         p_pair,
@@ -192,20 +215,69 @@ def best_pair(
     return max(found, key=lambda one: float(one[2].evidence[0]))
 
 
-def _recalibrated(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Prediction:
+def posterior_draws(
+    library: Library, names: Sequence[str], table: Table, found: Posterior, nuisances: Array
+) -> list[Draw]:
+    """Effects and nuisances in `PREDICTED` draws from their posterior.
+
+    Of the nuisances the nearest of given draws is taken, by the metric of the posterior.
+
+    Args:
+        library: effects.
+        names: those of the hypothesis, in the order of the table's columns; empty: none.
+        table: of the hypothesis.
+        found: its posterior under one campaign.
+        nuisances: draws 1, 2, ... of the standardised nuisances, shape (draws, nuisances).
+
+    Returns:
+        How the effects act, and the number of the nuisances' draw.
+    """
+    nodes = drawn_nodes(found)[0]
+    count = nuisances.shape[1]
+    covariance = found.covariance[0, :count, :count]
+    normal = np.stack([nuisance_normal(_SPREAD_SEED, count, i + 1) for i in range(len(nodes))])
+    spread = normal @ np.linalg.cholesky(covariance).T
+    wanted = (table.weights[nodes] @ found.nuisance[0])[:, :count] + spread
+    metric = np.linalg.inv(covariance)
+    out = []
+    for quantiles, z in zip(table.fine.quantiles[nodes], wanted, strict=True):
+        effects: list[tuple[str, tuple[float, ...]]] = []
+        start = 0
+        for name in names:
+            end = start + len(free_parameters(library[name]))
+            effects.append((name, values_at(library[name], quantiles[start:end])))
+            start = end
+        gap = nuisances - z
+        nearest = int(np.argmin(np.einsum("ij,jk,ik->i", gap, metric, gap)))
+        out.append((tuple(effects), 1 + nearest))
+    return out
+
+
+def rescaled(probability: Array, scaling: Array) -> Array:
+    """Probabilities whose logits are shifted and stretched.
+
+    Args:
+        probability: any shape.
+        scaling: shift and slope.
+    """
+    from scipy.special import expit, logit
+
+    line = scaling[0] + scaling[1] * logit(probability)
+    return np.asarray(np.clip(expit(line), 1e-3, 1 - 1e-3), dtype=np.float64)
+
+
+def _scaling(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Array:
     """Platt's scaling, fitted to the trials that are not judged, with a weak pull to no change.
 
     Each of these is predicted by a model that did not see it, as the judged ones are: predictions
     of trials that a model was fitted to are too good to learn a scaling from.
     """
     from scipy.optimize import minimize
-    from scipy.special import expit
+    from scipy.special import expit, logit
 
-    p = prediction.probability[0]
-    logit = np.log(p) - np.log1p(-p)
     y = observed.overturned[0]
     used = ~judged & np.isfinite(y)
-    x, target = logit[used], y[used]
+    x, target = logit(prediction.probability[0])[used], y[used]
 
     def cost(theta: Array) -> tuple[float, Array]:
         line = theta[0] + theta[1] * x
@@ -214,10 +286,7 @@ def _recalibrated(prediction: Prediction, observed: Data, judged: NDArray[np.boo
         value = np.logaddexp(0.0, line).sum() - (target * line).sum() + 2.0 * (pull**2).sum()
         return float(value), np.array([wrong.sum(), (wrong * x).sum()]) + pull
 
-    shift, slope = minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x
-    scaled = expit(shift + slope * logit)
-    scaled = np.clip(scaled, 1e-3, 1 - 1e-3)
-    return Prediction(scaled[None], prediction.centre, prediction.deviation)
+    return np.asarray(minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x)
 
 
 def resampled_means(

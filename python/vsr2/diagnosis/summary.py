@@ -16,9 +16,10 @@ from vsr2.diagnosis.library import NONE, free_parameters, positions
 from vsr2.diagnosis.novelty import PRIOR
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
-from vsr2.diagnosis.shrinkage import Shrinkage, resampled_means
+from vsr2.diagnosis.shrinkage import Shrinkage
 from vsr2.diagnosis.verdict import LEAST_UNKNOWN, Findings, Verdict
 from vsr2.diagnosis.where import SIGNIFICANT, Place
+from vsr2.diagnosis.whole import Whole
 
 Array = NDArray[np.float64]
 
@@ -31,13 +32,24 @@ _PLACES = 20
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that was concluded."""
+    """All that was concluded.
+
+    Attributes:
+        verdict: what is said.
+        findings: what it rests on.
+        classes: of effects, the leading one first.
+        where: places, the most significant first.
+        shrinkage: held-out losses of the kept trials.
+        whole: losses of all trials, with what the verdict says.
+        next_measurement: what would decide what is left open.
+    """
 
     verdict: Verdict
     findings: Findings
     classes: list[list[str]]
     where: list[Place]
     shrinkage: Shrinkage
+    whole: Whole
     next_measurement: dict[str, Any] | None
 
 
@@ -51,10 +63,7 @@ def compose(
     provenance: Mapping[str, Any],
 ) -> Diagnosis:
     """The diagnosis as data."""
-    shrinkage = evidence.shrinkage
-    if evidence.verdict.kind == "pair":
-        shrinkage = shrinkage.of_pair({*evidence.findings.leading, *evidence.verdict.effects})
-    whole = _Whole(seen, screening, prepared, shrinkage, evidence.findings.gap_low)
+    whole = evidence.whole
     closure = whole.closure("after")
     placebo = whole.closure("placebo")
     recalibration = whole.closure("recalibrated")
@@ -74,7 +83,7 @@ def compose(
     ]
     verdict = evidence.verdict
     findings = evidence.findings
-    pick = shrinkage.chosen["placebo"]
+    pick = whole.placebos
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "campaign": {
@@ -143,7 +152,7 @@ def compose(
         "next_measurement": evidence.next_measurement,
         "limits": [
             *_doubts(verdict, whole.headline(), findings),
-            *_limits(seen, screening, prepared, layers, provenance),
+            *_limits(seen, screening, prepared, whole, layers, provenance),
         ],
         "provenance": {
             "versions": _versions(),
@@ -152,121 +161,6 @@ def compose(
         },
     }
     return Diagnosis(content, tuple(whole.rows()))
-
-
-class _Whole:
-    """Losses of all trials, those that screening dropped included."""
-
-    def __init__(
-        self,
-        seen: Observations,
-        screening: Screening,
-        prepared: Prepared,
-        shrinkage: Shrinkage,
-        gap_low: float,
-    ) -> None:
-        self._seen = seen
-        self._kept = screening.kept
-        # Of uncertain trials; the others have hardly any.
-        self._gap_low = gap_low * screening.kept.size / len(seen)
-        p = screening.probability
-        y = seen.overturned
-        loss = -np.where(y > 0.5, np.log(p), np.log1p(-p))
-        self._losses: dict[str, Array] = {}
-        parts = {
-            "before": shrinkage.before,
-            "after": shrinkage.after,
-            "placebo": shrinkage.placebo,
-            "recalibrated": shrinkage.recalibrated,
-            **shrinkage.each,
-        }
-        for name, values in parts.items():
-            full = loss.copy()
-            full[self._kept] = values
-            self._losses[name] = full
-        # Dropped trials ended alike in all simulations: without a gap they do so again.
-        floor = -np.log(np.maximum(p, 1 - p))
-        floor[self._kept] = prepared.calibration.floor
-        self._losses["floor"] = floor
-        self._names = list(self._losses)
-        values = np.stack([self._losses[name] for name in self._names])
-        self._means = values.mean(axis=1)
-        self._draws = resampled_means(values, seen.motion)
-        self._before, self._after = p.copy(), p.copy()
-        self._before[self._kept] = shrinkage.predicted_before
-        self._after[self._kept] = shrinkage.predicted_after
-
-    def _column(self, name: str) -> tuple[float, Array]:
-        k = self._names.index(name)
-        return float(self._means[k]), self._draws[:, k]
-
-    def mean(self, name: str) -> dict[str, Any]:
-        """Mean loss."""
-        return _estimate(*self._column(name))
-
-    def excess(self, name: str) -> dict[str, Any]:
-        """Mean loss over the floor; the gap's interval is the wider of two, see `_gap_low`."""
-        value, draws = self._column(name)
-        floor, floors = self._column("floor")
-        out = _estimate(value - floor, draws - floors)
-        if name == "before":
-            out["ci95"][0] = min(out["ci95"][0], self._gap_low)
-        return out
-
-    @property
-    def _touches_floor(self) -> bool:
-        gap = self.excess("before")
-        return bool(gap["ci95"][0] <= 0 or gap["value"] <= 0)
-
-    def closure(self, name: str) -> dict[str, Any]:
-        """(before - model) / (before - floor); nothing where the gap's interval touches zero."""
-        if self._touches_floor:
-            return {"value": None, "ci95": None}
-        before, befores = self._column("before")
-        floor, floors = self._column("floor")
-        value, draws = self._column(name)
-        ratio = (befores - draws) / np.maximum(befores - floors, 1e-9)
-        return _estimate((before - value) / (before - floor), ratio)
-
-    def headline(self) -> dict[str, Any]:
-        """Closure minus the better placebo's."""
-        if self._touches_floor:
-            return {"value": None, "ci95": None}
-        before, befores = self._column("before")
-        floor, floors = self._column("floor")
-        after, afters = self._column("after")
-        options = [self._column(name) for name in ("placebo", "recalibrated")]
-        best, bests = min(options, key=lambda option: option[0])
-        ratio = (bests - afters) / np.maximum(befores - floors, 1e-9)
-        return _estimate((best - after) / (before - floor), ratio)
-
-    def rows(self) -> list[dict[str, Any]]:
-        """One row a trial."""
-        seen = self._seen
-        kept = np.isin(np.arange(len(seen)), self._kept)
-        return [
-            {
-                "trial": trial.trial,
-                "motion": trial.motion,
-                "session": trial.session,
-                "order": trial.order,
-                "log_pga": float(seen.log_pga[i]),
-                "log_ratio": float(seen.log_ratio[i]),
-                "overturned": int(seen.overturned[i]),
-                "uncertain": int(kept[i]),
-                "before": float(self._before[i]),
-                "after": float(self._after[i]),
-                "loss_before": float(self._losses["before"][i]),
-                "loss_after": float(self._losses["after"][i]),
-                "floor": float(self._losses["floor"][i]),
-            }
-            for i, trial in enumerate(seen.campaign.trials)
-        ]
-
-
-def _estimate(value: float, draws: Array) -> dict[str, Any]:
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return {"value": value, "ci95": [float(low), float(high)]}
 
 
 def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
@@ -327,6 +221,7 @@ def _limits(
     seen: Observations,
     screening: Screening,
     prepared: Prepared,
+    whole: Whole,
     layers: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> list[str]:
@@ -382,6 +277,12 @@ def _limits(
     if screening.left_out:
         out.append(
             f"{screening.left_out} uncertain trials were not used: the budget does not reach them"
+        )
+    if whole.turned:
+        out.append(
+            f"{whole.turned} trials that did the same in all simulations do otherwise with the "
+            "effect added: they count in the gap and its closure, but neither parameters nor "
+            "probabilities rest on them"
         )
     budget = provenance["budget"]
     if budget.get("simulations", 0) > budget.get("allowed", np.inf):

@@ -15,6 +15,8 @@ NO_GAP = "no gap beyond noise"
 """How the reasons begin where the tests find no gap."""
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
+SURPRISE_LEVEL = 0.005
+"""Of so many outcomes of certain trials against their certainty: beside the two tests above."""
 LEAST_NONE = 0.02
 """Probability of none below which a campaign without a significant gap is unresolved."""
 MOST_NAMED = 0.25
@@ -54,6 +56,8 @@ class Findings:
     Attributes:
         gap_low: lower end of the gap's interval.
         gap_p, direction_p: against gap-free campaigns (see `Inference`).
+        surprise_p: chance of so many outcomes of the dropped trials that do the same in all
+            simulations, without effects too, against that.
         none_probability: calibrated.
         leading: the leading class, most probable effect first.
         offered: effects in the library.
@@ -62,8 +66,10 @@ class Findings:
         novelty_p: of the best single effect's misfit.
         unknown_probability: of a cause outside the library, by that p value.
         favoured: most probable hypothesis.
-        after_low: lower end of the interval of the gap that the best effect leaves.
-        left: share of the gap that it leaves.
+        after_low: lower end of the interval of the gap that the best effect leaves in the kept
+            trials.
+        left: share of their gap that it leaves.
+        left_of_all: share of the gap of all trials that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero, and it
             explains the gap: see `PAIR_UNEXPLAINED`.
         pair_probability: of the leading class, times that of a gain over one effect.
@@ -73,6 +79,7 @@ class Findings:
     gap_low: float
     gap_p: float
     direction_p: float
+    surprise_p: float
     none_probability: float
     leading: tuple[str, ...]
     offered: int
@@ -83,14 +90,20 @@ class Findings:
     favoured: str
     after_low: float
     left: float
+    left_of_all: float
     pair: tuple[str, str] | None
     pair_probability: float
     stable: bool
 
 
-def beyond_noise(gap_low: float, gap_p: float, direction_p: float) -> bool:
-    """Whether there is a gap: its size is significant and its interval above zero, or its odds."""
-    return (gap_low > 0 and gap_p <= 2 * GAP_LEVEL) or direction_p <= GAP_LEVEL
+def beyond_noise(gap_low: float, gap_p: float, direction_p: float, surprise_p: float = 1.0) -> bool:
+    """Whether there is a gap.
+
+    Its size is significant and its interval above zero, or its odds are, or too many trials did
+    what they never do in simulations.
+    """
+    large = gap_low > 0 and gap_p <= 2 * GAP_LEVEL
+    return large or direction_p <= GAP_LEVEL or surprise_p <= SURPRISE_LEVEL
 
 
 def _not_beyond(f: Findings) -> str:
@@ -112,7 +125,7 @@ def _not_beyond(f: Findings) -> str:
 
 def decide(f: Findings) -> Verdict:
     """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
-    if not beyond_noise(f.gap_low, f.gap_p, f.direction_p):
+    if not beyond_noise(f.gap_low, f.gap_p, f.direction_p, f.surprise_p):
         reasons = [_not_beyond(f)]
         if f.none_probability < LEAST_NONE:
             reasons.append(
@@ -131,6 +144,11 @@ def decide(f: Findings) -> Verdict:
         f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
         "direction, against campaigns simulated without any effect"
     ]
+    if f.surprise_p <= SURPRISE_LEVEL:
+        reasons.append(
+            "trials did what they never do in simulations, more often than chance has it "
+            f"(p = {f.surprise_p:.2g})"
+        )
     misfit = (
         f.novelty_p <= NOVELTY_LEVEL
         and f.unknown_probability > LEAST_UNKNOWN
@@ -165,10 +183,10 @@ def decide(f: Findings) -> Verdict:
             "data do not decide"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    if f.pair is None and f.after_low > 0 and f.left > MOST_LEFT:
+    left = max(f.left, f.left_of_all)
+    if f.pair is None and f.after_low > 0 and left > MOST_LEFT:
         reasons.append(
-            f"the best effect leaves {min(f.left, 1.0):.0%} of the gap on motions that it did not "
-            "see"
+            f"the best effect leaves {min(left, 1.0):.0%} of the gap on motions that it did not see"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if f.pair is not None and misfit:

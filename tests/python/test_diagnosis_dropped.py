@@ -1,0 +1,214 @@
+"""Trials that screening drops: chosen without a look at outcomes, judged under what was chosen."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.design import Screening
+from vsr2.diagnosis.diagnose import diagnose_with
+from vsr2.diagnosis.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
+from vsr2.diagnosis.evidence import PREDICTED, Posterior
+from vsr2.diagnosis.library import NONE
+from vsr2.diagnosis.observations import observe_campaign
+from vsr2.diagnosis.planar import PLANAR_LIBRARY, PlanarSimulator
+from vsr2.diagnosis.planted import shaken_campaign
+from vsr2.diagnosis.shrinkage import Shrinkage, posterior_draws
+from vsr2.diagnosis.simulator import Responses
+from vsr2.diagnosis.whole import Whole
+
+TRIALS = 12
+KEPT = np.arange(4)
+
+
+class Thresholds:
+    """Trial i overturns where the push exceeds i / 12; without it those from trial 9 on do."""
+
+    library = PLANAR_LIBRARY
+    identity = "thresholds"
+    variants = ()
+    nuisance_names = ("a", "b")
+
+    def trial_key(self, trial):
+        return str(trial)
+
+    def nuisance_draw(self, index):
+        return np.array([0.1 * index, 0.0])
+
+    def run(self, requests):
+        pushes = [sum(values[0] for _, values in request.effects) for request in requests]
+        down = [
+            float(request.trial >= 9 or push > request.trial / TRIALS)
+            for request, push in zip(requests, pushes, strict=True)
+        ]
+        return Responses(np.array(down), np.zeros(len(down)), None)
+
+
+def shrinkage(push):
+    """Of two groups; in the second the effect chosen is half as strong."""
+    blank = np.zeros(KEPT.size)
+
+    def draws(value):
+        return [((("wear", (value,)),), 1 + i) for i in range(PREDICTED)]
+
+    return Shrinkage(
+        before=blank + 1.0, after=blank + 0.2, placebo=blank + 0.9, recalibrated=blank + 0.8,
+        each={"wear": blank + 0.2, "catch": blank + 0.9, "table_gain": blank + 0.5},
+        pair=None,
+        chosen={"before": [NONE] * 2, "after": ["wear"] * 2, "placebo": ["catch"] * 2, "pair": []},
+        draws={
+            NONE: [[((), 1 + i) for i in range(PREDICTED)]] * 2,
+            "wear": [draws(push), draws(push / 2)],
+            "catch": [draws(0.0)] * 2,
+        },
+        scaling=np.array([[0.0, 1.0], [0.0, 1.0]]),
+        predicted_before=blank + 0.4, predicted_after=blank + 0.8, predicted_pair=None,
+        group=np.array([0, 1, 0, 1]), ranked=[["wear", "catch"]] * 2,
+    )  # fmt: skip
+
+
+MOTION = np.array([0, 1, 0, 1, 0, 1, 0, 1, 2, 0, 1, 0])
+SCREENING = Screening(
+    KEPT, KEPT[:0], np.where(np.arange(TRIALS) < 9, 0.02, 0.98), np.ones(TRIALS, dtype=bool), 0
+)
+
+
+def whole(push, overturned):
+    campaign = shaken_campaign(3, 4)
+    rows = tuple(
+        dataclasses.replace(trial, overturned=bool(down))
+        for trial, down in zip(campaign.trials, overturned, strict=True)
+    )
+    seen = dataclasses.replace(campaign, trials=rows)
+    told = shrinkage(push)
+    with Bank(Thresholds()) as store:
+        dropped = simulate_dropped(store, SCREENING, told, MOTION)
+        assert store.asked <= DROPPED_RUNS * dropped.trials.size
+    observed = observe_like(seen)
+    return dropped, Whole(observed, KEPT, np.full(KEPT.size, 0.1), told, dropped, -1.0)
+
+
+def observe_like(campaign):
+    """Observations of so small a campaign, which a diagnosis would refuse."""
+    many = shaken_campaign(10, 4)
+    seen = observe_campaign(
+        dataclasses.replace(
+            many, trials=tuple(dataclasses.replace(t, overturned=False) for t in many.trials)
+        ),
+        "B",
+    )
+    count = len(campaign)
+    return dataclasses.replace(
+        seen,
+        campaign=campaign,
+        overturned=np.array([float(t.overturned) for t in campaign.trials]),
+        motion=MOTION,
+        **{
+            name: getattr(seen, name)[:count]
+            for name in ("order", "session", "specimen", "log_pga", "log_ratio", "features")
+        },
+    )
+
+
+def test_dropped_trials_do_what_the_effect_makes_of_them() -> None:
+    dropped, _ = whole(0.6, np.zeros(TRIALS))
+    np.testing.assert_array_equal(dropped.trials, np.arange(4, 12))
+    # Motion 2 has no kept trial: its trial 8 is judged with the first group.
+    np.testing.assert_array_equal(dropped.group, [0, 1, 0, 1, 0, 0, 1, 0])
+    standing = (0 + 0.5) / (PREDICTED + 1)
+    fallen = 1 - standing
+    # As certain as all simulations make it where nothing changes; as told by its own where it does.
+    np.testing.assert_allclose(dropped.before, [0.02] * 5 + [0.98] * 3)
+    np.testing.assert_allclose(dropped.placebo, dropped.before)
+    # 4 / 12 and 6 / 12 are below 0.6, 5 / 12 and 7 / 12 not below 0.3, 8 / 12 is above 0.6.
+    np.testing.assert_allclose(dropped.after, [fallen, 0.02, fallen, 0.02, 0.02, 0.98, 0.98, 0.98])
+    assert dropped.certain.all()
+
+
+def test_an_effect_that_turns_trials_wrongly_closes_less() -> None:
+    """All trials do as without effect; of the kept ones, the effect seems to explain much."""
+    stands = (np.arange(TRIALS) >= 9).astype(float)
+    _, calm = whole(0.2, stands)
+    turned, harmed = whole(0.6, stands)
+    assert calm.turned == 0
+    assert harmed.turned == 2
+    lost = -np.log(1 - turned.after[[0, 2]]) + np.log(0.98)
+    assert harmed.mean("after")["value"] - calm.mean("after")["value"] == pytest.approx(
+        lost.sum() / TRIALS
+    )
+    assert harmed.left == pytest.approx(calm.left + lost.sum() / (KEPT.size * 0.9))
+    rows = harmed.rows()
+    assert [rows[i]["after"] > 0.9 for i in (4, 5, 6)] == [True, False, True]
+    # What was not chosen is taken to leave them as they are.
+    assert harmed.mean("table_gain")["value"] == calm.mean("table_gain")["value"]
+    assert harmed.mean("wear")["value"] == harmed.mean("after")["value"]
+
+
+def test_an_effect_that_turns_trials_rightly_closes_more() -> None:
+    found = (np.arange(TRIALS) >= 9).astype(float)
+    found[[4, 6]] = 1.0
+    _, without = whole(0.2, found)
+    _, with_them = whole(0.6, found)
+    assert with_them.left < 0.3 < without.left
+
+
+def test_what_is_kept_does_not_depend_on_outcomes() -> None:
+    campaign = shaken_campaign(8, 6, duration=2.5, pga=(0.4, 1.3), session_size=12)
+    library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}
+    kept = []
+    for fallen in (lambda i: i % 2 == 0, lambda i: i < 40):
+        rows = tuple(
+            dataclasses.replace(t, overturned=fallen(i)) for i, t in enumerate(campaign.trials)
+        )
+        observed = dataclasses.replace(campaign, trials=rows)
+        found = diagnose_with(
+            PlanarSimulator(observed, library=library, seed=1),
+            observed,
+            tier="B",
+            budget=Budget(simulations=1500),
+        )
+        kept.append([row["uncertain"] for row in found.trials])
+    assert kept[0] == kept[1]
+    assert 5 < sum(kept[0]) < 43
+
+
+@pytest.mark.parametrize(("against", "low"), [(1, 0.3), (8, 0.0)])
+def test_many_outcomes_against_certainty_are_a_surprise(against, low) -> None:
+    """50 trials with p = 0.02: one that overturned is expected, eight are not."""
+    outcome = (np.arange(50) < against).astype(float)
+    p = surprise_p(outcome, np.full(50, 0.02))
+    assert p == pytest.approx([1 - np.exp(-1.0), 1.0e-5][against > 1], rel=0.05)
+    assert p >= low
+    assert surprise_p(np.zeros(0), np.zeros(0)) == 1.0
+
+
+def test_draws_follow_the_posterior(tmp_path) -> None:
+    """A posterior that is narrow in one nuisance and not in the other takes draws by the first."""
+    rng = np.random.default_rng(3)
+    nuisances = rng.standard_normal((400, 2))
+
+    class Table:
+        weights = np.eye(2)
+        fine = type("Fine", (), {"quantiles": np.array([[0.2], [0.8]])})()
+
+    found = Posterior(
+        evidence=np.zeros(1),
+        nodes=np.log([[0.25, 0.75]]),
+        nuisance=np.array([[[1.5, 0.0], [-1.0, 0.0]]]),
+        covariance=np.diag([1e-4, 1.0])[None],
+        best=np.zeros(1),
+    )
+    draws = posterior_draws(PLANAR_LIBRARY, ("wear",), Table(), found, nuisances)
+    values = [effects[0][1][0] for effects, _ in draws]
+    assert len(draws) == PREDICTED
+    assert sorted(np.unique(values, return_counts=True)[1]) == [PREDICTED // 4, 3 * PREDICTED // 4]
+    for (_, number), value in zip(draws, values, strict=True):
+        wanted = 1.5 if value == min(values) else -1.0
+        assert nuisances[number - 1, 0] == pytest.approx(wanted, abs=0.1)
+    assert np.std([nuisances[number - 1, 1] for _, number in draws]) > 0.4
+    assert all(
+        effects == ()
+        for effects, _ in posterior_draws(PLANAR_LIBRARY, (), Table(), found, nuisances)
+    )
