@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 from diagnosis_planar import write
@@ -60,19 +59,11 @@ SCENE = {
 or slides, which no emulator that is linear in the nuisances can follow."""
 
 
-def reaching(effect: Effect, lower: float, upper: float) -> Effect:
-    """The effect with another range of its first parameter's prior."""
-    first, *others = effect.parameters
-    wide = replace(first, lower=lower, upper=upper)
-    made: Effect = type(type(effect).__name__, (type(effect),), {"parameters": (wide, *others)})()
-    return made
-
-
 def library() -> Mapping[str, Effect]:
     """Effects that may be the cause."""
     found = {name: known_effects()[name] for name in NAMES}
-    found["time_scale"] = reaching(found["time_scale"], -0.3, 0.1)
-    found["inertia"] = reaching(found["inertia"], -0.3, 1.2)
+    found["time_scale"] = found["time_scale"].with_prior("change", -0.3, 0.1)
+    found["inertia"] = found["inertia"].with_prior("change", -0.3, 1.2)
     return found
 
 

@@ -16,14 +16,13 @@ from __future__ import annotations
 
 import argparse
 import csv
-import re
 from pathlib import Path
 
 import numpy as np
 
 from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import diagnose
-from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
+from vsr2.report.diagnosis import figure_file, format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     bars_figure,
     channels_figure,
@@ -72,10 +71,7 @@ def main() -> None:
         "reliability": reliability_figure(found.trials),
     }
     for name, figure in figures.items():
-        figure = re.sub(r"<title>.*?</title>", "", figure)
-        (folder / f"{name}.svg").write_text(
-            figure.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
-        )
+        (folder / f"{name}.svg").write_text(figure_file(figure))
     observed = np.array([row["overturned"] for row in found.trials]) > 0
     with (folder / "metrics.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -192,6 +192,8 @@ def schedule(sessions=10, each=12, seed=0):
         session=np.repeat(np.arange(sessions), each),
         motion=np.repeat(np.arange(count // 6), 6),
         specimen=np.zeros(count, dtype=np.int64),
+        sessions=tuple(f"day {i + 1}" for i in range(sessions)),
+        specimens=("rock",),
     )
 
 

@@ -13,10 +13,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from vsr2.campaign import save_campaign
+from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
-from vsr2.diagnosis import schema
+from vsr2.diagnosis import diagnose, schema
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulator import Request
@@ -75,7 +75,10 @@ def test_the_command_line_writes_verdict_page_and_progress(folder, told, tmp_pat
     shown = capsys.readouterr()
     assert "Of the effects in the library, catch explains the gap" in shown.out
     assert "screening" in shown.err
-    assert "leading" in shown.err
+    # Before the end, too: after a quarter and a half of the only round's draws.
+    first = next(line for line in shown.err.replace("\r", "\n").splitlines() if "leading" in line)
+    assert "simulating" in first
+    assert "catch" in first
     written = {path.name for path in (tmp_path / "two").iterdir()}
     tables = {"effects.csv", "where.csv", "trials.csv"}
     assert written >= {"diagnosis.json", "index.html", "bank.sqlite", *tables}
@@ -84,6 +87,72 @@ def test_the_command_line_writes_verdict_page_and_progress(folder, told, tmp_pat
     jsonschema.validate(json.loads((tmp_path / "two" / "diagnosis.json").read_text()), schema())
     assert told["verdict"]["kind"] == "effect"
     assert told["verdict"]["effects"] == ["catch"]
+
+
+def test_what_was_not_looked_for_is_told(folder, told) -> None:
+    assert told["provenance"]["excluded"] == sorted(EXCLUDED)
+    assert told["provenance"]["unavailable"] == {}
+    assert told["provenance"]["left_out"] == 0
+    assert told["provenance"]["nuisance_sd"]["slenderness"] == 0.02
+    assert any(text.startswith("left out of the library as asked: ") for text in told["limits"])
+
+
+def test_trials_specimens_and_effects_that_are_not_used_are_told(folder, tmp_path) -> None:
+    campaign = load_campaign(folder / "campaign")
+    rows = tuple(
+        replace(trial, specimen="other" if i % 2 else trial.specimen, session=f"day {i // 10}")
+        for i, trial in enumerate(campaign.trials)
+    )
+    extra = replace(rows[-1], trial="x", order=999, overturned=None)
+    mixed = replace(
+        campaign,
+        trials=(*rows, extra),
+        specimens={**campaign.specimens, "other": next(iter(campaign.specimens.values()))},
+    )
+    scene = tmp_path / "motor.yaml"
+    scene.write_text(SCENE.replace("frequency: 1.0}", "frequency: 1.0, drive: motor}"))
+    found = diagnose(
+        mixed,
+        scene,
+        tier="B",
+        simulations=300,
+        exclude=[name for name in EXCLUDED if name != "table_pitch"],
+        priors={"table_gain.change": (-0.3, 0.1)},
+    )
+    limits = "\n".join(found.content["limits"])
+    assert "1 trials of the campaign have no motion or no outcome" in limits
+    assert "table_pitch was not looked for, this scene cannot have it" in limits
+    assert "2 specimens" in limits
+    assert "other" in limits
+    places = {row["place"] for row in found.content["where"]}
+    assert any("day 2" in place for place in places)
+    assert found.content["provenance"]["priors"] == {"table_gain.change": [-0.3, 0.1]}
+    values = next(e for e in found.content["effects"] if e["name"] == "table_gain")["parameters"]
+    assert -0.3 <= values["change"]["ci95"][0] < -0.15
+    assert values["change"]["ci95"][1] <= 0.1
+
+
+@pytest.mark.parametrize(
+    ("more", "error"),
+    [
+        (["--prior", "table_gain=1"], "--prior table_gain=1: give EFFECT.PARAMETER=LOW:HIGH"),
+        (["--prior", "table_gain.change=a:b"], "give EFFECT.PARAMETER=LOW:HIGH"),
+        (["--prior", "table_gian.change=0:1"], "no effect 'table_gian'"),
+        (["--prior", "table_gain.chnage=0:1"], "has no parameter 'chnage'"),
+        (["--prior", "table_gain.change=-2:1"], "it can be simulated from -0.9 to 5"),
+        (["--prior", "table_gain.change=1:0"], "a prior from 1 to 0"),
+        (["--budget-minutes", "inf"], "budget_minutes is inf; give a finite number"),
+        (["--budget-minutes", "nan"], "budget_minutes is nan; give a finite number"),
+        (["--simulations", "0"], "simulations is 0; give at least 1"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_before_any_work(
+    folder, tmp_path, capsys, more, error
+) -> None:
+    line = ["diagnose", str(folder / "campaign"), "--scene", str(folder / "scene.yaml")]
+    assert main([*line, "--out", str(tmp_path / "none"), *more]) != 0
+    assert error in capsys.readouterr().err
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_killed_diagnosis_goes_on_to_the_same_verdict(folder, told, tmp_path) -> None:

@@ -38,6 +38,13 @@ def add_verbs(verbs: Any) -> None:
     parser.add_argument(
         "--exclude", action="append", default=[], metavar="EFFECT", help="leave an effect out"
     )
+    parser.add_argument(
+        "--prior",
+        action="append",
+        default=[],
+        metavar="EFFECT.PARAMETER=LOW:HIGH",
+        help="other ends of a prior, as time_scale.change=-0.3:0.1 (may be repeated)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="default 0")
     parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
     parser.set_defaults(run=_diagnose)
@@ -62,6 +69,7 @@ def _diagnose(options: argparse.Namespace) -> int:
             threads=options.threads,
             client=client,
             exclude=options.exclude,
+            priors=dict(_prior(text) for text in options.prior),
             seed=options.seed,
             progress=not options.quiet,
         )
@@ -70,3 +78,18 @@ def _diagnose(options: argparse.Namespace) -> int:
         print(format_diagnosis(found))
         print(f"wrote {page}")
     return 0
+
+
+def _prior(text: str) -> tuple[str, tuple[float, float]]:
+    from vsr2.errors import ConfigError
+
+    key, _, ends = text.partition("=")
+    low, _, high = ends.partition(":")
+    try:
+        if "." not in key:
+            raise ValueError
+        return key, (float(low), float(high))
+    except ValueError:
+        raise ConfigError(
+            f"--prior {text}: give EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1"
+        ) from None

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Collection, Mapping
+from dataclasses import asdict
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +43,7 @@ def diagnose(
     client: distributed.Client | None = None,
     library: Mapping[str, Effect] | None = None,
     exclude: Collection[str] = (),
+    priors: Mapping[str, tuple[float, float]] | None = None,
     nuisances: Nuisances | None = None,
     seed: int = 0,
     progress: bool = False,
@@ -64,6 +67,7 @@ def diagnose(
         client: of a Dask cluster that runs the trials.
         library: effects that may be the cause; None: all that are registered.
         exclude: names of effects left out.
+        priors: other ends of parameters' priors, by `effect.parameter`.
         nuisances: priors of what is uncertain about the set-up.
         seed: of everything random.
         progress: write stage, share done and leading classes to standard error.
@@ -76,16 +80,19 @@ def diagnose(
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """
-    if not budget_minutes > 0 or (simulations is not None and simulations < 1):
+    if not 0 < budget_minutes < math.inf:
         raise DiagnosisError(
-            f"budget of {budget_minutes} minutes, {simulations} simulations: must be positive"
+            f"budget_minutes is {budget_minutes}; give a finite number of minutes above 0"
         )
+    if simulations is not None and simulations < 1:
+        raise DiagnosisError(f"simulations is {simulations}; give at least 1, or a time instead")
     if seed < 0:
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
     if threads is not None and threads < 1:
         raise DiagnosisError(f"threads is {threads}; give at least 1, or leave it out for all")
     if draws is not None and draws < FEWEST_DRAWS:
         raise DiagnosisError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
+    offered = _with_priors(library, priors or {})
     whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
     seen = observe_campaign(whole, tier)
@@ -101,7 +108,7 @@ def diagnose(
         seen.campaign,
         study,
         nuisances=nuisances,
-        library=library,
+        library=offered,
         exclude=exclude,
         series=seen.tier == "T" or (shared is not None and shared.series),
         sampling=None if shared is None else shared.sampling,
@@ -120,10 +127,34 @@ def diagnose(
         shared=shared,
         seed=seed,
         report=_Progress() if progress else None,
+        provenance={
+            "scene": study.name,
+            "left_out": len(whole) - len(seen),
+            "excluded": sorted(exclude),
+            "unavailable": simulator.unavailable,
+            "priors": {name: list(ends) for name, ends in sorted((priors or {}).items())},
+            "nuisance_sd": asdict(simulator.uncertainties),
+        },
     )
     if folder is not None:
         found.save(folder)
     return found
+
+
+def _with_priors(
+    library: Mapping[str, Effect] | None, priors: Mapping[str, tuple[float, float]]
+) -> Mapping[str, Effect] | None:
+    from vsr2.effects import effect
+    from vsr2.effects import library as known
+
+    if not priors:
+        return library
+    out = dict(known() if library is None else library)
+    for key, (lower, upper) in priors.items():
+        name, _, parameter = key.partition(".")
+        own = out[name] if name in out else effect(name)
+        out[name] = own.with_prior(parameter, lower, upper)
+    return out
 
 
 class _Progress:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
 from vsr2.diagnosis.dropped import simulate_dropped, surprise_p
+from vsr2.diagnosis.emulator import Design
 from vsr2.diagnosis.equivalence import classes, leading_class
 from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.features import Feature
@@ -46,6 +48,8 @@ from vsr2.diagnosis.verdict import (
 from vsr2.diagnosis.where import OUTCOME, Conditions, Place, residuals, scan
 from vsr2.diagnosis.whole import Whole
 
+FEWEST_LOOK = 3
+"""Draws below which nothing is told of the leading effects."""
 NUISANCE_DRAWS = 2000
 """Among which those nearest to a posterior are sought."""
 
@@ -72,6 +76,7 @@ def diagnose_with(
     shared: Shared | None = None,
     seed: int = 0,
     report: Report | None = None,
+    provenance: Mapping[str, Any] | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign with a simulator of its trials.
 
@@ -85,6 +90,7 @@ def diagnose_with(
             `bank`.
         seed: of all draws.
         report: told of progress.
+        provenance: of campaign and simulator, to go into the diagnosis.
 
     Returns:
         The diagnosis; equal campaign, simulator, seed and number of simulations give an equal one.
@@ -111,7 +117,9 @@ def diagnose_with(
         )
         schedule.fit(screening.kept.size)
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
-        rounds = _rounds(store, seen, screening, schedule, shared, seed, tell)
+        rounds = _rounds(
+            store, seen, screening, schedule, shared, seed, tell, watched=report is not None
+        )
         last = rounds[-1]
         tell("judging", 0.0, _leading(last))
         evidence = conclude(
@@ -125,7 +133,8 @@ def diagnose_with(
             seed=seed,
         )
         tell("judging", 1.0, _leading(last))
-        provenance = {
+        noted = {
+            **({} if provenance is None else provenance),
             "seed": seed,
             "budget": {
                 "simulations": store.asked,
@@ -141,7 +150,7 @@ def diagnose_with(
             "simulator": simulator.identity,
             "nuisances": list(simulator.nuisance_names),
         }
-    return compose(seen, screening, last.prepared, last.inference, evidence, layers, provenance)
+    return compose(seen, screening, last.prepared, last.inference, evidence, layers, noted)
 
 
 def _rounds(
@@ -152,8 +161,10 @@ def _rounds(
     shared: Shared | None,
     seed: int,
     tell: Report,
+    *,
+    watched: bool,
 ) -> list[_Round]:
-    """Double the draws until the answer stands or the budget is spent."""
+    """Double the draws until the answer stands or the budget is spent; `watched`: by somebody."""
     library = store.simulator.library
     kept = screening.kept
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
@@ -162,7 +173,13 @@ def _rounds(
     draws = dict.fromkeys(library, schedule.first_draws)
     leading: Mapping[str, float] = {}
     while True:
-        stage = f"simulating, {max(draws.values())} draws"
+        for count in () if out or not watched else _first_looks(schedule.first_draws):
+            few = dict.fromkeys(library, count)
+            tell_part = _part(tell, f"simulating, {count} draws", leading)
+            look, _ = simulate_design(
+                store, seen, screening, library, few, seed=seed, progress=tell_part
+            )
+            leading = _provisional(look, observed)
         design, index = simulate_design(
             store,
             seen,
@@ -170,7 +187,7 @@ def _rounds(
             library,
             draws,
             seed=seed,
-            progress=_part(tell, stage, leading),
+            progress=_part(tell, f"simulating, {max(draws.values())} draws", leading),
         )
         fit = partial(
             prepare,
@@ -210,6 +227,27 @@ def _rounds(
         draws = more
 
 
+def _first_looks(draws: int) -> list[int]:
+    """Draws of the first round after which leading effects are told: a quarter, a half of them."""
+    return [count for count in (draws // 4, draws // 2) if count >= FEWEST_LOOK]
+
+
+def _provisional(design: Design, observed: Data) -> dict[str, float]:
+    """The four effects under which the outcomes are most probable, told by frequencies alone."""
+    names = np.unique(design.effect)
+    y = observed.overturned[0]
+    logs = np.zeros(names.size)
+    for k, name in enumerate(names):
+        own = design.overturned[design.effect == name]
+        p = (np.nansum(own, axis=0) + 0.5) / (np.isfinite(own).sum(axis=0) + 1)
+        known = np.isfinite(y)
+        logs[k] = np.where(y > 0.5, np.log(p), np.log1p(-p))[known].sum()
+    share = np.exp(logs - logs.max())
+    share /= share.sum()
+    order = np.argsort(-share)[:4]
+    return {str(names[k]) or NONE: float(share[k]) for k in order}
+
+
 def _part(tell: Report, stage: str, leading: Mapping[str, float]) -> Callable[[int, int], None]:
     return lambda done, total: tell(stage, done / total, leading)
 
@@ -228,10 +266,15 @@ def _settled(rounds: list[_Round]) -> bool:
     return bool(common) and len(tests) == 1
 
 
+def _brief(group: list[str]) -> str:
+    """The first three members of a class, and how many more."""
+    return "/".join(group[:3]) + (f" and {len(group) - 3} more" if len(group) > 3 else "")
+
+
 def _leading(found: _Round) -> dict[str, float]:
     """The four most probable of "none" and the classes, members joined by a stroke."""
     probability = dict(zip(found.inference.labels, found.inference.probability, strict=True))
-    sums = {"/".join(group): sum(probability[n] for n in group) for group in found.classes}
+    sums = {_brief(group): sum(probability[n] for n in group) for group in found.classes}
     sums[NONE] = probability[NONE]
     order = sorted(sums, key=lambda name: -sums[name])[:4]
     return {name: float(sums[name]) for name in order}
@@ -323,6 +366,8 @@ def conclude(
         seen.session[kept],
         motion,
         seen.specimen[kept],
+        _names(seen.session, [trial.session for trial in seen.campaign.trials]),
+        _names(seen.specimen, [trial.specimen for trial in seen.campaign.trials]),
     )
     where = _where(seen, kept, prepared, found, observed, conditions, seed)
     measure = None
@@ -339,6 +384,11 @@ def conclude(
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found.posteriors, observed, seen, kept)
     return Evidence(verdict, findings, groups, where, shrinkage, whole, measure)
+
+
+def _names(index: NDArray[np.int64], names: list[str]) -> tuple[str, ...]:
+    """By index."""
+    return tuple(names[int(np.argmax(index == i))] for i in range(int(index.max()) + 1))
 
 
 def _where(

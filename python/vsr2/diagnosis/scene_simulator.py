@@ -111,6 +111,7 @@ class SceneSimulator:
 
     Attributes:
         unavailable: effects that this scene cannot have, with the reason.
+        uncertainties: of the nuisances.
 
     Raises:
         DiagnosisError: a trial without motion, or an unknown name in `exclude`.
@@ -137,7 +138,7 @@ class SceneSimulator:
             raise DiagnosisError(
                 f"exclude: there is no effect {strange[0]!r}; there are {', '.join(offered)}"
             )
-        self._sd = Nuisances() if nuisances is None else nuisances
+        self.uncertainties = Nuisances() if nuisances is None else nuisances
         self._series = series
         self._threads = threads
         self._client = client
@@ -176,7 +177,7 @@ class SceneSimulator:
                 [t.motion.sha256 for t in self._trials],
                 self._orders,
                 self._sessions,
-                [getattr(self._sd, f.name) for f in fields(self._sd)],
+                [getattr(self.uncertainties, f.name) for f in fields(self.uncertainties)],
                 self._series and (*TILT_FEATURES, *REST_FEATURES, *self._measured),
                 self._seed,
                 study.settling.model_dump_json(),
@@ -309,14 +310,14 @@ class SceneSimulator:
     def _energy_ratio(self, nuisance: int) -> float:
         """Energy that an impact leaves in a draw, over the scene's own."""
         z = self.nuisance_draw(nuisance)[CAMPAIGN_WIDE.index("restitution")]
-        return float(np.exp(self._sd.restitution * z))
+        return float(np.exp(self.uncertainties.restitution * z))
 
     def _nuisance_effects(
         self, nuisance: int, replicate: int
     ) -> list[tuple[Effect, Mapping[str, float]]]:
         known = known_effects()
         z = dict(zip(CAMPAIGN_WIDE, self.nuisance_draw(nuisance), strict=True))
-        sd = self._sd
+        sd = self.uncertainties
         out: list[tuple[Effect, Mapping[str, float]]] = []
 
         def add(name: str, **values: float) -> None:
@@ -357,7 +358,7 @@ class SceneSimulator:
                 rng = np.random.Generator(
                     np.random.Philox(key=self._seed, counter=[1, i, nuisance, replicate])
                 )
-                gain = 1.0 + self._sd.trial_gain * float(rng.standard_normal())
+                gain = 1.0 + self.uncertainties.trial_gain * float(rng.standard_normal())
                 out[i] = replace(trial, motion=trial.motion.scaled(gain, name=trial.motion.name))
         return out
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -152,6 +152,8 @@ def compose(
         "next_measurement": evidence.next_measurement,
         "limits": [
             *_doubts(verdict, whole.headline(), findings),
+            *_outside(verdict, found.conformal["both"]),
+            *_sizes(prepared, verdict, effects),
             *_limits(seen, screening, prepared, whole, layers, provenance),
         ],
         "provenance": {
@@ -164,9 +166,11 @@ def compose(
 
 
 def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
-    """Posterior means and central 95 % intervals: of the estimate's posterior and the intervals'.
+    """Posterior means, modes and central 95 % intervals.
 
-    The interval holds both, because the wider posterior lies nearer to the prior's middle.
+    The mode is that of all parameters together, as the likelihood has it: closures are about it.
+    The mean is of the tempered posterior. The interval is of both temperings, because the wider
+    one lies nearer to the prior's middle.
     """
     entry = prepared.library[name]
     nodes = positions(entry, prepared.tables[name].fine.quantiles)
@@ -187,6 +191,7 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
         )
         out[parameter.name] = {
             "mean": float(weights[0] @ values),
+            "mode": float(values[np.argmax(own)]),
             "ci95": [min(lows), max(highs)],
             "unit": parameter.unit,
         }
@@ -217,6 +222,34 @@ def _doubts(verdict: Verdict, headline: Mapping[str, Any], findings: Findings) -
     ]
 
 
+def _outside(verdict: Verdict, inside: Sequence[str]) -> list[str]:
+    """Members of a class that the 90 % set does not hold."""
+    outside = [name for name in verdict.effects if name not in inside]
+    if verdict.kind != "class" or not outside:
+        return []
+    return [
+        f"{', '.join(outside)} named beside {verdict.effects[0]} without a place in the 90 % set: "
+        "what theory takes for about the same is told apart by strong evidence alone"
+    ]
+
+
+def _sizes(prepared: Prepared, verdict: Verdict, effects: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Parameters of what is named whose size the campaign does not tell."""
+    out = []
+    named = verdict.effects if verdict.kind in ("effect", "class", "pair") else ()
+    for row in effects:
+        if row["name"] not in named:
+            continue
+        for parameter in free_parameters(prepared.library[row["name"]]):
+            low, high = row["parameters"][parameter.name]["ci95"]
+            if not parameter.secondary and low <= parameter.null <= high:
+                out.append(
+                    f"the size of {row['name']} is not determined: its {parameter.name} lies from "
+                    f"{low:.3g} to {high:.3g} {parameter.unit}, {parameter.null:g} being no effect"
+                )
+    return out
+
+
 def _limits(
     seen: Observations,
     screening: Screening,
@@ -227,6 +260,23 @@ def _limits(
 ) -> list[str]:
     """What these data, and this budget, cannot support."""
     out = []
+    if provenance.get("left_out"):
+        out.append(
+            f"{provenance['left_out']} trials of the campaign have no motion or no outcome and "
+            "were not used"
+        )
+    if provenance.get("excluded"):
+        out.append(f"left out of the library as asked: {', '.join(provenance['excluded'])}")
+    out += [
+        f"{name} was not looked for, this scene cannot have it: {reason}"
+        for name, reason in provenance.get("unavailable", {}).items()
+    ]
+    if seen.specimen.max() > 0:
+        names = sorted({trial.specimen for trial in seen.campaign.trials})
+        out.append(
+            f"{len(names)} specimens ({', '.join(names)}) were all simulated as the one of the "
+            "scene: a difference between them may pass for an effect; diagnose each alone"
+        )
     motions = int(seen.motion.max() + 1)
     if len(seen) < FEW_TRIALS:
         out.append(

@@ -179,8 +179,8 @@ def decide(f: Findings) -> Verdict:
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if len(f.leading) > max(2, MOST_NAMED * f.offered):
         reasons.append(
-            f"{len(f.leading)} of the library's {f.offered} effects explain it about as well: the "
-            "data do not decide"
+            f"with these trials and simulations {len(f.leading)} of the library's {f.offered} "
+            "effects cannot be told apart: the data do not decide"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     left = max(f.left, f.left_of_all)

@@ -64,7 +64,14 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What places are made of, one value a trial."""
+    """What places are made of, one value a trial.
+
+    Attributes:
+        log_pga, log_ratio: logarithms of PGA and of PGV / PGA.
+        order: of execution.
+        session, motion, specimen: indices from 0.
+        sessions, specimens: their names by index.
+    """
 
     log_pga: Array
     log_ratio: Array
@@ -72,6 +79,8 @@ class Conditions:
     session: NDArray[np.int64]
     motion: NDArray[np.int64]
     specimen: NDArray[np.int64]
+    sessions: tuple[str, ...]
+    specimens: tuple[str, ...]
 
 
 def residuals(prediction: Prediction, data: Data) -> tuple[Array, Array]:
@@ -182,13 +191,13 @@ def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
     add("trend", "order", conditions.order - conditions.order.mean())
     for s in range(1, int(conditions.session.max()) + 1):
         after = conditions.session >= s
-        add(f"change before session {s + 1}", "order", after - after.mean())
+        add(f"change before session {conditions.sessions[s]}", "order", after - after.mean())
     for s in range(int(conditions.session.max()) + 1):
         if conditions.session.max() > 0:
-            add(f"session {s + 1}", "session", conditions.session == s)
+            add(f"session {conditions.sessions[s]}", "session", conditions.session == s)
     if conditions.specimen.max() > 0:
         for s in range(int(conditions.specimen.max()) + 1):
-            add(f"specimen {s + 1}", "specimen", conditions.specimen == s)
+            add(f"specimen {conditions.specimens[s]}", "specimen", conditions.specimen == s)
     return names, axes, np.stack(weights)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Literal, Protocol
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,6 +183,24 @@ class Effect:
                 return parameter
         known = [parameter.name for parameter in self.parameters]
         raise ConfigError(f"effects.{self.name}: has no parameter {name!r}; {near(name, known)}")
+
+    def with_prior(self, name: str, lower: float, upper: float) -> Self:
+        """The same effect with other ends of a parameter's prior.
+
+        Raises:
+            ConfigError: there is no such parameter, or it cannot be simulated that far.
+        """
+        old = self.parameter(name)
+        low, high = old.limits or (old.lower, old.upper)
+        if not low <= lower <= upper <= high:
+            raise ConfigError(
+                f"effects.{self.name}.{name}: a prior from {lower:g} to {upper:g}; it can be "
+                f"simulated from {low:g} to {high:g}"
+            )
+        wide = replace(old, lower=lower, upper=upper, limits=(low, high))
+        made = copy(self)
+        vars(made)["parameters"] = tuple(wide if p.name == name else p for p in self.parameters)
+        return made
 
     def null(self) -> dict[str, float]:
         """Null values of all parameters."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -23,8 +24,12 @@ from vsr2.results.atomic import write_atomic
 PAGE_FILE = "index.html"
 _LEVEL = 0.05
 
-_STYLE = """
+_FIGURES = """
 :root{color-scheme:light;--ink:#1c2430;--soft:#5b6675;--line:#dde2e8;--a:#1f6f8b;--b:#c8553d}
+svg text{font:12px system-ui,sans-serif;fill:var(--ink)}
+svg .tick{fill:var(--soft);font-size:11px}svg .label{fill:var(--soft)}.grid{stroke:#edf0f3}
+"""
+_STYLE = """
 *{box-sizing:border-box}body{margin:0;font:16px/1.55 system-ui,sans-serif;color:var(--ink);
 background:#f6f7f9}main{max-width:1120px;margin:0 auto;padding:1.2rem}
 h1{font-size:1.15rem;color:var(--soft);font-weight:600;margin:.3rem 0}
@@ -33,8 +38,7 @@ section,.verdict{background:#fff;border:1px solid var(--line);border-radius:10px
 padding:1rem 1.2rem;margin:0 0 1rem}
 .verdict p.big{font-size:1.5rem;line-height:1.3;font-weight:650;margin:.2rem 0 .6rem}
 .two{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,430px),1fr));gap:0 1rem}
-svg{width:100%;height:auto;display:block}svg text{font:12px system-ui,sans-serif;fill:var(--ink)}
-svg .tick{fill:var(--soft);font-size:11px}svg .label{fill:var(--soft)}.grid{stroke:#edf0f3}
+svg{width:100%;height:auto;display:block}
 p.note{color:var(--soft);font-size:.92rem;margin:.4rem 0 0}.wide{overflow-x:auto}
 table{border-collapse:collapse;width:100%;font-size:.93rem}th,td{text-align:left;padding:.3rem .6rem
 .3rem 0;border-bottom:1px solid var(--line);vertical-align:top}th{color:var(--soft);font-weight:600}
@@ -105,15 +109,27 @@ def format_diagnosis(found: Diagnosis) -> str:
         f"{_interval(content['placebo']['closure'])}, headline {_interval(gap['headline'])}",
     ]
     for row in content["effects"][:6]:
-        values = ", ".join(
-            f"{name} {p['mean']:.3g} [{p['ci95'][0]:.3g}, {p['ci95'][1]:.3g}] {p['unit']}"
-            for name, p in row["parameters"].items()
-        )
+        values = ", ".join(_parameter(name, p) for name, p in row["parameters"].items())
         lines.append(f"  {row['probability']:5.2f}  {row['name']:<20} {values}")
     if content["next_measurement"]:
         lines.append(f"next: {content['next_measurement']['what']}")
     lines += [f"limit: {text}" for text in content["limits"]]
     return "\n".join(lines)
+
+
+def _parameter(name: str, found: Mapping[str, Any]) -> str:
+    """Most probable value, mean, interval."""
+    low, high = found["ci95"]
+    return (
+        f"{name} {found['mode']:.3g}, {found['mean']:.3g} [{low:.3g}, {high:.3g}] {found['unit']}"
+    )
+
+
+def figure_file(figure: str) -> str:
+    """A figure of the page as a file of its own: an SVG image with the page's style."""
+    opening = '<svg xmlns="http://www.w3.org/2000/svg" '
+    whole = re.sub(r"<title>.*?</title>", "", figure).replace("<svg ", opening, 1)
+    return whole.replace(">", f"><style>{_FIGURES}</style>", 1) + "\n"
 
 
 def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
@@ -187,7 +203,7 @@ def diagnosis_page(found: Diagnosis) -> str:
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width,initial-scale=1"><title>{escape(title)}</title><style>'
-        f"{_STYLE}</style></head><body><main>{''.join(body)}</main></body></html>\n"
+        f"{_FIGURES}{_STYLE}</style></head><body><main>{''.join(body)}</main></body></html>\n"
     )
 
 
@@ -282,10 +298,7 @@ def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
 def _effects_table(rows: Sequence[Mapping[str, Any]]) -> str:
     body = ""
     for row in rows:
-        values = "<br>".join(
-            escape(f"{name} {p['mean']:.3g} [{p['ci95'][0]:.3g}, {p['ci95'][1]:.3g}] {p['unit']}")
-            for name, p in row["parameters"].items()
-        )
+        values = "<br>".join(escape(_parameter(name, p)) for name, p in row["parameters"].items())
         body += (
             f"<tr><td>{escape(row['name'])}</td><td class='n'>{row['probability']:.3f}</td>"
             f"<td>{escape(row['class'])}</td><td class='n'>{values}</td>"
@@ -293,7 +306,8 @@ def _effects_table(rows: Sequence[Mapping[str, Any]]) -> str:
         )
     return (
         "<section><h2>All effects</h2><div class='wide'><table><tr><th>effect</th>"
-        "<th>probability</th><th>class of</th><th>parameters if it is the cause [95 %]</th>"
+        "<th>probability</th><th>class of</th>"
+        "<th>parameters if it is the cause: most probable, mean [95 %]</th>"
         f"<th>closure</th></tr>{body}</table></div></section>"
     )
 
