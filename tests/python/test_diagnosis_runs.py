@@ -53,6 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def command(folder: Path, out: Path, *more: str) -> list[str]:
     line = ["diagnose", str(folder / "campaign"), "--scene", str(folder / "scene.yaml")]
     line += ["--out", str(out), "--simulations", str(SIMULATIONS), *more]
+    line += ["--nuisance", "slenderness=0.019"]
     return line + [part for name in EXCLUDED for part in ("--exclude", name)]
 
 
@@ -93,7 +94,7 @@ def test_what_was_not_looked_for_is_told(folder, told) -> None:
     assert told["provenance"]["excluded"] == sorted(EXCLUDED)
     assert told["provenance"]["unavailable"] == {}
     assert told["provenance"]["left_out"] == 0
-    assert told["provenance"]["nuisance_sd"]["slenderness"] == 0.02
+    assert told["provenance"]["nuisance_sd"]["slenderness"] == 0.019
     assert any(text.startswith("left out of the library as asked: ") for text in told["limits"])
 
 
@@ -141,6 +142,9 @@ def test_trials_specimens_and_effects_that_are_not_used_are_told(folder, tmp_pat
         (["--prior", "table_gain.chnage=0:1"], "has no parameter 'chnage'"),
         (["--prior", "table_gain.change=-2:1"], "it can be simulated from -0.9 to 5"),
         (["--prior", "table_gain.change=1:0"], "a prior from 1 to 0"),
+        (["--nuisance", "frction=0.1"], "names are slenderness, inertia,"),
+        (["--nuisance", "friction=-1"], "give NAME=SD with a number of 0 or more"),
+        (["--nuisance", "friction"], "give NAME=SD"),
         (["--budget-minutes", "inf"], "budget_minutes is inf; give a finite number"),
         (["--budget-minutes", "nan"], "budget_minutes is nan; give a finite number"),
         (["--simulations", "0"], "simulations is 0; give at least 1"),

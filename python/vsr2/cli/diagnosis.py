@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,14 @@ def add_verbs(verbs: Any) -> None:
         metavar="EFFECT.PARAMETER=LOW:HIGH",
         help="other ends of a prior, as time_scale.change=-0.3:0.1 (may be repeated)",
     )
+    parser.add_argument(
+        "--nuisance",
+        action="append",
+        default=[],
+        metavar="NAME=SD",
+        help="standard deviation of what is uncertain of the set-up, as friction=0.05 (may be "
+        "repeated; names and defaults: docs/diagnosis.md)",
+    )
     parser.add_argument("--seed", type=int, default=0, help="default 0")
     parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
     parser.set_defaults(run=_diagnose)
@@ -70,6 +79,7 @@ def _diagnose(options: argparse.Namespace) -> int:
             client=client,
             exclude=options.exclude,
             priors=dict(_prior(text) for text in options.prior),
+            nuisances=_nuisances(options.nuisance),
             seed=options.seed,
             progress=not options.quiet,
         )
@@ -93,3 +103,26 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
         raise ConfigError(
             f"--prior {text}: give EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1"
         ) from None
+
+
+def _nuisances(texts: list[str]) -> Any:
+    from dataclasses import fields
+
+    from vsr2.diagnosis import Nuisances
+    from vsr2.errors import ConfigError
+
+    known = [field.name for field in fields(Nuisances)]
+    given: dict[str, float] = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            given[name] = float(number)
+            usable = name in known and 0 <= given[name] < math.inf
+        except ValueError:
+            usable = False
+        if not usable:
+            raise ConfigError(
+                f"--nuisance {text}: give NAME=SD with a number of 0 or more; names are "
+                f"{', '.join(known)}"
+            )
+    return Nuisances(**given)

@@ -85,7 +85,8 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         return f"{said}; the gap is too small to tell how much of it that closes."
     if bounds[0] <= 0:
         return f"{said}, but not surely better than a wrong effect or a plain rescaling does."
-    return f"{said}."
+    closed = content["gap"]["closure"]["value"]
+    return f"{said}: added, it closes {closed:.0%} of the gap on motions that it did not see."
 
 
 def _candidates(names: Sequence[str]) -> str:
@@ -171,7 +172,8 @@ def diagnosis_page(found: Diagnosis) -> str:
             "Where: the conditions",
             map_figure(found.trials),
             "One mark a trial. Filled: overturned, ring: stood. Red: the model without effects was "
-            "surprised (loss above the floor), grey: it was not.",
+            "surprised (loss more than 0.3 nat above the floor), grey: it was not; the larger, the "
+            "more.",
         ),
         _card(
             "Where: the order of execution",
