@@ -125,7 +125,7 @@ class BulletEngine:
             trials,
             acting,
             orders=[shake.order for shake in ordered],
-            sessions=[f"{shake.session:g}" for shake in ordered],
+            sessions=[f"{shake.session}" for shake in ordered],
             seed=first.campaign_seed,
         )
         logs: dict[int, TrialLog] = {}
