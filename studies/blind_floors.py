@@ -80,10 +80,11 @@ def main() -> int:
     parser.add_argument("--engine", action="append", choices=["bullet", "mujoco"])
     parser.add_argument("--kind", action="append", choices=["single", "unknown", "pair"])
     parser.add_argument("--seed", type=int, default=1, help="of measuring (default 1)")
-    parser.add_argument("--spread", action="store_true", help="over eight seeds of measuring")
+    parser.add_argument("--spread", action="store_true", help="over seeds of measuring")
+    parser.add_argument("--seeds", type=int, default=4, help="of --spread (default 4)")
     options = parser.parse_args()
     if options.spread:
-        return spread(options.scene, options.results / "floors_spread.csv")
+        return spread(options.scene, options.results / "floors_spread.csv", options.seeds)
     path = options.results / "floors.csv"
     rows = read_rows(path)
     known = {(row["campaign"], row["effect"]) for row in rows}
@@ -208,7 +209,7 @@ def page(results: Path, rows: list[dict[str, str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def spread(scene: Path, path: Path) -> int:
+def spread(scene: Path, path: Path, count: int) -> int:
     """Signals of fixed effects on one protocol over seeds of measuring."""
     settings = PackSettings(engines=("bullet",))
     engine = build_engine("bullet", load_study(scene))
@@ -216,7 +217,7 @@ def spread(scene: Path, path: Path) -> int:
     thresholds = [overturning_pga(engine, motion) for motion in motions]
     protocol = draw_protocol(np.random.default_rng([11, 402, 0]), motions, thresholds, settings)
     rows: dict[str, dict[str, str]] = {}
-    seeds = range(1, 9)
+    seeds = range(1, count + 1)
     for seed in seeds:
         meter = FloorMeter(engine, protocol, settings, seed)
         for name, sizes in SPREAD.items():

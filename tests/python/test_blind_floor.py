@@ -14,7 +14,7 @@ from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import DETECTED, Floor, FloorMeter, squared_signal
 from vsr2.blind.plan import ATTEMPTS, draw_plan, not_drawn
 from vsr2.blind.seal import open_key, read_json
-from vsr2.blind.shake import Drawable, Strength
+from vsr2.blind.shake import Drawable, Nuisances, Shake, Strength
 from vsr2.errors import BlindError
 
 
@@ -77,11 +77,15 @@ class DeafEngine(QuickEngine):
 
 
 class JumpyEngine(QuickEngine):
-    """One trial falls under the effect in one draw of three; nothing else changes."""
+    """One trial falls under the effect in one draw of some; nothing else changes."""
+
+    def __init__(self, draws=3):
+        super().__init__()
+        self.draws = draws
 
     def run(self, shakes, series_interval):
         for i, shake in enumerate(shakes):
-            acts = shake.effects and i == 0 and shake.campaign_seed % 3 == 0
+            acts = shake.effects and i == 0 and shake.campaign_seed % self.draws == 0
             seen = next(iter(super().run([replace(shake, effects={})], series_interval)))
             yield replace(seen, peak_tilt=1.0) if acts else seen
 
@@ -91,6 +95,13 @@ def test_one_trial_that_an_effect_makes_uncertain_is_no_strong_signal() -> None:
     # in a third of the draws.
     assert meter(JumpyEngine()).signal("wear", {"change": 0.1}) < 2.0
     assert meter(DeafEngine()).signal("wear", {"change": 0.1}) == 0.0
+
+
+def test_one_trial_that_leaps_counts_for_three_of_its_standard_deviations() -> None:
+    # Scatters are scaled by 8 trials of 12 and by five slopes from 60 draws.
+    most = 3 / math.sqrt(8 / 12 + 5 / 60)
+    found = meter(JumpyEngine(draws=1)).signal("wear", {"change": 0.1})
+    assert 0.9 * most < found <= most * (1 + 1e-9)
 
 
 class SteepEngine(QuickEngine):
@@ -234,3 +245,15 @@ def test_bumps_have_no_floor_as_the_least_of_them_is_felt(study) -> None:
     assert [magnitude for magnitude, _ in floor.signal] == [pytest.approx(2e-6)]
     assert floor.magnitude == math.inf
     assert math.isfinite(found.floor(engine.effects["slenderness"], 1).magnitude)
+
+
+def test_a_nuisance_may_carry_a_draw_beyond_its_prior(study) -> None:
+    # Warnings are errors here: a ratio of 1.1 ends the prior, the nuisance adds 2 %.
+    motion = pulses(4, 1)[0]
+    shake = Shake(
+        motion.interval,
+        motion.displacement * 3.0,
+        {"restitution": {"energy_ratio": 1.1}},
+        Nuisances(energy_ratio=1.02),
+    )
+    assert len(list(build_engine("bullet", study).run([shake], 1.0))) == 1

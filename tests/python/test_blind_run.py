@@ -51,7 +51,9 @@ class Stub:
 
 @pytest.fixture
 def small(quick, study, tmp_path):
-    make(study, tmp_path, single=2, none=1, pair=0, unknown=1)
+    # The stub names table_gain, whose class is withheld from no campaign so.
+    effects = ("wear", "restitution", "friction", "inertia")
+    make(study, tmp_path, single=2, none=1, pair=0, unknown=1, effects=effects)
     Stub.calls = []
     return tmp_path / "data"
 
