@@ -36,8 +36,10 @@ from vsr2.blind import (
     score_pack,
 )
 from vsr2.blind.cases import read_cases
-from vsr2.blind.score import top_one
-from vsr2.blind.seal import read_json
+from vsr2.blind.kept import keep_diagnoses, kept_cases
+from vsr2.blind.score import score_cases, top_one
+from vsr2.blind.scoring import Scored
+from vsr2.blind.seal import open_key, read_json
 from vsr2.config import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,14 +99,19 @@ def main() -> int:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--score", action="store_true", help="score finished parts, each once")
     parser.add_argument("--results", type=Path, help="of --score (default: docs/results/...)")
+    parser.add_argument(
+        "--recompute", action="store_true", help="compare scores with those from what is kept"
+    )
     options = parser.parse_args()
     check = CHECKS[options.check]
     numbers = options.part or range(1, check.parts + 1)
     if not set(numbers) <= set(range(1, check.parts + 1)):
         parser.error(f"--part: {options.check} has parts 1 to {check.parts}")
     folders = [options.out / options.check / f"part{i}" for i in numbers]
+    default = ROOT / "docs" / "results" / f"blind_{options.check.replace('-', '_')}"
+    if options.recompute:
+        return recompute(options.results or default)
     if options.score:
-        default = ROOT / "docs" / "results" / f"blind_{options.check.replace('-', '_')}"
         return score(options.check, folders, options.out, options.results or default)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
 
@@ -159,7 +166,7 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         return 1
     pool_packs(parts, results, training=training)
     (results / "README.md").write_text(
-        page(name, parts, len(folders), out, results), encoding="utf-8"
+        page(name, parts, len(folders), out, results, training), encoding="utf-8"
     )
     rows = verdict_rows(parts)
     with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
@@ -170,8 +177,33 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
         packed = gzip.compress((key / "key.json").read_bytes(), mtime=0)
         (results / f"key{number}.json.gz").write_bytes(packed)
+        keep(data, key, verdicts, results / f"diagnoses{number}.json.gz")
     print(f"wrote {results}")
     return 0
+
+
+def keep(data: Path, key: Path, verdicts: Path, path: Path) -> None:
+    """Write what scoring reads of a pack's diagnoses, the same bytes each time."""
+    content = keep_diagnoses(data, open_key(data, key), verdicts)
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    path.write_bytes(gzip.compress(text.encode(), mtime=0))
+
+
+def recompute(results: Path) -> int:
+    """Compare the scores with those from the keys and diagnoses that are kept beside them."""
+    cases = []
+    for path in sorted(results.glob("diagnoses*.json.gz")):
+        key = results / path.name.replace("diagnoses", "key")
+        opened = json.loads(gzip.decompress(key.read_bytes()))["key"]
+        cases += kept_cases(json.loads(gzip.decompress(path.read_bytes())), opened, str(path))
+    tiers = {case.tier for case in cases}
+    found = Scored(score_cases(cases), [], cases, False).to_json()["scores"]
+    told = [row for row in read_json(results / "scores.json")["scores"] if row["tier"] in tiers]
+    differ = [row for row in told if row not in found] + [row for row in found if row not in told]
+    for row in differ:
+        print(row)
+    print(f"{results}: {len(told)} scores, {len(differ)} differ")
+    return 1 if differ or not told else 0
 
 
 def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
@@ -212,7 +244,12 @@ def finished(data: Path, verdicts: Path) -> bool:
 
 
 def page(
-    name: str, parts: list[tuple[Path, Path, Path]], total: int, out: Path, results: Path
+    name: str,
+    parts: list[tuple[Path, Path, Path]],
+    total: int,
+    out: Path,
+    results: Path,
+    training: tuple[Path, Path] | None,
 ) -> str:
     """What was scored, and how to do it again."""
     commit = subprocess.run(
@@ -225,7 +262,10 @@ def page(
         f"{_shown(results)}`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
         f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
-        "in its pack (`vsr2.blind.seal.commitment`).",
+        "in its pack (`vsr2.blind.seal.commitment`), `diagnosesN.json.gz` what scoring reads of "
+        "its diagnoses; `python studies/blind_check.py "
+        f"{name} --recompute --results {_shown(results)}` computes the scores of the tiers from "
+        f"both. {_trained(training)}",
         "",
         "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis |",
         "| --- | --- | --- | --- | --- | --- | --- |",
@@ -249,6 +289,20 @@ def page(
             f"| `{pack['commitment']['sha256']}` | {versions} | {how} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _trained(training: tuple[Path, Path] | None) -> str:
+    """Which pack trained the baselines."""
+    if training is None:
+        return "No baselines were trained."
+    opened = open_key(*training)
+    kinds = Counter(str(entry["kind"]) for entry in opened["campaigns"].values())
+    counts = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+    sealed = read_json(training[0] / "pack.json")["commitment"]["sha256"]
+    return (
+        f"The baselines were trained on the development pack `{sealed}` of "
+        f"{len(opened['campaigns'])} campaigns ({counts}), seed {opened['seed']}."
+    )
 
 
 def _shown(path: Path) -> str:

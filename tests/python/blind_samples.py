@@ -13,7 +13,8 @@ from vsr2.blind.settings import PackSettings
 from vsr2.blind.shake import Drawable, Observed, Strength
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
-SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5, "floor_trials": 8}
+SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}
+SMALL |= {"floor_trials": 8, "replicates": 6}
 
 
 class QuickEngine:

@@ -31,6 +31,8 @@ from vsr2.blind.mujoco import (
 )
 from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.blind.mujoco.model import build_model
+from vsr2.effects.order import ChangePoint
+from vsr2.effects.setup import Circumstances
 
 THRESHOLD = G * math.tan(BLOCK.slenderness_angle)
 
@@ -75,7 +77,7 @@ def test_there_are_the_canonical_names_but_friction() -> None:
 def test_an_effect_at_its_null_changes_nothing(name: str) -> None:
     base = situation(6.0)
     null = EFFECTS[name].strength.null
-    assert with_effects(base, {name: middle(name, null)}, Place(0.7, 0.9, 3, 4)) is base
+    assert with_effects(base, {name: middle(name, null)}, Place(0.7, 2, 3, 3, 4)) is base
 
 
 def strongest(name):
@@ -91,7 +93,7 @@ def test_an_effect_at_its_end_changes_the_response(name: str) -> None:
     # moved by a micrometre changes the largest tilt by less than 1e-3 of itself.
     table = TableMotion(INTERVAL, burst(0.8) * 6.0)
     base = situation(yaw=0.2, friction=0.4, table=table)
-    place = Place(order=1.0, session=1.0, campaign_seed=1, trial_seed=2)
+    place = Place(order=1.0, campaign_seed=1, trial_seed=2)
     plain = run_trial(base)
     moved = run_trial(replace(base, offset=(1e-6, 0.0)))
     floor = abs(moved.peak_tilt - plain.peak_tilt)
@@ -127,11 +129,33 @@ def test_wear_takes_slenderness_in_proportion_to_the_order(order: float) -> None
     assert_threshold(1 - 0.15 * order, "wear", Place(order=order), loss=0.15)
 
 
-@pytest.mark.parametrize(("session", "expected"), [(0.4, 1.0), (0.5, 0.9)])
-def test_a_change_point_is_a_step(session: float, expected: float) -> None:
-    assert_threshold(
-        expected, "change_point", Place(session=session), slenderness_change=-0.1, at=0.5
-    )
+@pytest.mark.parametrize(("session", "expected"), [(3, 1.0), (4, 0.9)])
+def test_a_change_point_is_a_step(session: int, expected: float) -> None:
+    place = Place(session=session, sessions=8)
+    assert_threshold(expected, "change_point", place, slenderness_change=-0.1, at=0.5)
+
+
+@pytest.mark.parametrize("sessions", [1, 2, 3, 4, 8])
+def test_a_change_point_acts_from_the_nearest_bound_of_sessions_on(sessions: int) -> None:
+    base = situation()
+    for at in np.linspace(0.1, 0.9, 33):
+        values = {"change_point": {"slenderness_change": -0.1, "at": float(at)}}
+        places = [Place(i / 15, i * sessions // 16, sessions) for i in range(16)]
+        acts = [with_effects(base, values, place) is not base for place in places]
+        # As the library has it; before and after there is a trial at least.
+        names = tuple(f"S{i}" for i in range(sessions))
+        expected = [
+            ChangePoint().at(
+                values["change_point"],
+                Circumstances(p.order, names[p.session], names, np.random.default_rng(0)),
+            )["slenderness_change"]
+            != 0
+            for p in places
+        ]
+        assert acts == expected, at
+        assert acts == sorted(acts)
+        assert any(acts)
+        assert not all(acts)
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 60.0])

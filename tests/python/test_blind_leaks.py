@@ -2,6 +2,7 @@
 
 import csv
 import math
+import shutil
 import subprocess
 from collections import Counter
 from pathlib import Path
@@ -20,14 +21,16 @@ from vsr2.blind.baselines import (
     overturn_rate,
     rate_alone,
 )
-from vsr2.blind.cases import Case
+from vsr2.blind.cases import Case, class_label
 from vsr2.blind.design import draw_protocol
 from vsr2.blind.engines import build_engine
 from vsr2.blind.floor import Floor
+from vsr2.blind.leaks import _told, find_leaks
+from vsr2.blind.metadata import metadata
 from vsr2.blind.plan import directions, draw_plan
 from vsr2.blind.score import top_one
 from vsr2.blind.seal import open_key
-from vsr2.blind.settings import KINDS
+from vsr2.blind.settings import CLASSES, KINDS
 from vsr2.blind.shake import Drawable, Observed, Shake, Strength
 from vsr2.blind.verdict import Verdict
 from vsr2.blind.write import written_campaign
@@ -212,13 +215,25 @@ def test_ids_tell_neither_kind_nor_order(quick, study, tmp_path) -> None:
     assert "seed" not in text
 
 
+def drawn_plan(seed, settings, effects, floors):
+    """Campaigns where the signal is in proportion to the magnitude, and the floors are true."""
+
+    def measure(engine, protocol, effect, values):
+        strength = effect.strength
+        value = values[strength.name]
+        size = 1 / value if strength.reciprocal else value - strength.null
+        return abs(size) / floors[engine, effect.name, 1 if size > 0 else -1].magnitude
+
+    return draw_plan(seed, settings, effects, floors, measure).campaigns
+
+
 def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
     # Kind, exclude, protocol and place in the list of 900 campaigns: independent.
     from scipy.stats import chi2_contingency, kruskal
 
     settings = PackSettings(single=0, none=450, pair=0, unknown=450, protocols=3, hidden=4)
     floors = {("mujoco", name, 1): Floor(0.05, ()) for name in QuickEngine.effects}
-    plan = draw_plan(5, settings, {"mujoco": QuickEngine.effects}, floors)
+    plan = drawn_plan(5, settings, {"mujoco": QuickEngine.effects}, floors)
     assert len({p.exclude for p in plan}) == 4
     for trait in ("exclude", "protocol"):
         cells = Counter((p.kind, getattr(p, trait)) for p in plan)
@@ -237,7 +252,7 @@ def planned(seed=5, engines=("mujoco",), floors=None, **changes):
     settings = PackSettings(engines=engines, **(counts | changes))
     known = {name: QuickEngine.effects for name in engines}
     floors = floors or {(e, name, 1): Floor(0.05, ()) for e in engines for name in known[e]}
-    return draw_plan(seed, settings, known, floors), settings
+    return drawn_plan(seed, settings, known, floors), settings
 
 
 def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
@@ -299,7 +314,7 @@ def test_magnitudes_lie_from_half_a_floor_to_six() -> None:
         ("gain", -1), ("gain", 1), ("some", 1), ("weak", 1)
     ]  # fmt: skip
     settings = PackSettings(single=400, none=0, pair=0, unknown=0)
-    drawn = [p.effects[0] for p in draw_plan(1, settings, {"mujoco": engine}, floors)]
+    drawn = [p.effects[0] for p in drawn_plan(1, settings, {"mujoco": engine}, floors)]
     relative = {name: [e.relative for e in drawn if e.name == name] for name in engine}
     assert max(max(found, default=0.0) for found in relative.values()) <= 6.0
     assert 2.0 <= min(relative["weak"]) < 2.2
@@ -311,7 +326,7 @@ def test_magnitudes_lie_from_half_a_floor_to_six() -> None:
 def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
     settings = PackSettings(single=120, none=0, pair=0, unknown=120, hidden=6)
     floors = {("mujoco", name, 1): Floor(0.02, ()) for name in QuickEngine.effects}
-    plan = draw_plan(2, settings, {"mujoco": QuickEngine.effects}, floors)
+    plan = drawn_plan(2, settings, {"mujoco": QuickEngine.effects}, floors)
     unknown = [p.effects[0] for p in plan if p.kind == "unknown"]
     classes = Counter(settings.class_of(e.name) for e in unknown)
     assert len(classes) == 5
@@ -357,6 +372,57 @@ def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp
     told = [case for case in judged if case.tier == "metadata" and case.kind == "single"]
     assert sum(top_one(case) for case in told) < 14
     assert set(rate_alone(packs[2], packs[3])) == {"overturn rate only: AUROC, none or single"}
+
+
+def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_path) -> None:
+    counts = {"single": 10, "none": 3, "unknown": 5, "pair": 0, "engines": ("mujoco", "bullet")}
+    make(study, tmp_path, **counts)
+    data = tmp_path / "data"
+    key = open_key(data, tmp_path / "key")
+    clean = {leak.question: leak for leak in find_leaks(data, key)}
+    assert set(clean) == {"engine", "kind", "class"}
+    assert all(leak.p > 0.01 for leak in clean.values())
+    entries = key["campaigns"]
+    labels = {
+        "engine": {name: e["engine"] for name, e in entries.items()},
+        "kind": {name: e["kind"] for name, e in entries.items()},
+        "class": {n: class_label(e["effects"][0]["name"], CLASSES) if e["effects"] else ""
+                  for n, e in entries.items()},
+    }  # fmt: skip
+    for question, answers in labels.items():
+        numbers = {answer: i for i, answer in enumerate(sorted(set(answers.values())))}
+        shutil.copytree(data, tmp_path / question)
+        for name, answer in answers.items():
+            # The file is as many bytes longer as the answer's number.
+            with (tmp_path / question / name / "campaign.yaml").open("a") as file:
+                file.write("#" * (1 + numbers[answer]) + "\n")
+        found = {leak.question: leak for leak in find_leaks(tmp_path / question, key)}
+        assert found[question].p <= 0.01
+        assert found[question].rate == pytest.approx(1.0)
+        assert found[question].told_by == "size of campaign.yaml"
+
+
+def test_leaks_of_chance_are_as_rare_as_their_p_says() -> None:
+    # 60 packs of 40 campaigns with five numbers that tell nothing: p is uniform.
+    from scipy.stats import kstest
+
+    rng = np.random.default_rng(2)
+    found = [
+        _told(
+            "kind", {f"n{i}": rng.standard_normal(40) for i in range(5)}, rng.integers(4, size=40)
+        )
+        for _ in range(60)
+    ]
+    assert kstest([leak.p for leak in found], "uniform").pvalue > 0.01
+
+
+def test_the_response_is_no_metadata(uneven, study, tmp_path) -> None:
+    make(study, tmp_path, single=12, none=2, unknown=0, pair=0)
+    data = tmp_path / "data"
+    numbers = [metadata(load_campaign(f), f) for f in sorted(data.glob("c*"))]
+    rates = [overturn_rate(load_campaign(f), f) for f in sorted(data.glob("c*"))]
+    assert len({rate[0] for rate in rates}) > 1
+    assert all(row == numbers[0] for row in numbers)
 
 
 def test_baselines_know_what_they_are_named_after() -> None:

@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import vsr2.blind
 import vsr2.blind.make as make_module
 from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.diagnose import at_tier, uncertainties
 from vsr2.blind.engines import build_engine
+from vsr2.blind.make import Made
 from vsr2.blind.seal import folder_sha256, open_key, read_json
 from vsr2.blind.shake import Shake
 from vsr2.blind.verdict import DIAGNOSIS_FILE
@@ -49,7 +51,9 @@ class Stub:
 
 @pytest.fixture
 def small(quick, study, tmp_path):
-    make(study, tmp_path, single=2, none=1, pair=0, unknown=1)
+    # The stub names table_gain, whose class is withheld from no campaign so.
+    effects = ("wear", "restitution", "friction", "inertia")
+    make(study, tmp_path, single=2, none=1, pair=0, unknown=1, effects=effects)
     Stub.calls = []
     return tmp_path / "data"
 
@@ -139,7 +143,8 @@ def test_what_is_not_there_is_refused(small, tmp_path) -> None:
 
 
 def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
-    sizes = ["--trials", "12", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
+    sizes = ["--trials", "40", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
+    sizes += ["--replicates", "4", "--floor-trials", "8"]
     counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
     command = ["blind", "make", str(SCENE), str(tmp_path), "--seed", "4", *sizes, *counts]
     command += ["--engine", "mujoco", "--engine", "bullet", "--quiet"]
@@ -151,6 +156,48 @@ def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path,
     found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
     assert found["mujoco", "single"] == 2
     assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
+
+
+def test_the_command_refuses_sizes_that_no_diagnosis_takes(quick, tmp_path, capsys) -> None:
+    command = ["blind", "make", str(SCENE), str(tmp_path / "pack")]
+    for size, message in (
+        (["--trials", "39"], "--trials is 39; `vsr2 blind diagnose` takes campaigns of 40"),
+        (["--motions", "3"], "--motions is 3; `vsr2 blind diagnose` takes campaigns of 4"),
+    ):
+        assert main([*command, *size]) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "pack").exists()
+
+
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [([], {}), (["--none", "3"], {"none": 3}), (["--single", "2", "--none", "0"], {"single": 2})],
+)
+def test_leaving_out_in_turn_keeps_what_is_asked_for(
+    study, tmp_path, monkeypatch, asked, expected
+) -> None:
+    seen = []
+
+    def made(study, pack, key, settings, **how):
+        seen.append(settings)
+        return Made(0, "", {"mujoco": ["wear below 0"]}, {"mujoco": {"friction": 2}})
+
+    monkeypatch.setattr(vsr2.blind, "make_pack", made)
+    command = ["blind", "make", str(SCENE), str(tmp_path), "--leave-one-out", "2", *asked]
+    assert main(command) == 0
+    assert seen[0].leave_one_out == 2
+    counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0} | expected
+    assert seen[0].counts("mujoco") == counts
+
+
+def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> None:
+    found = Made(3, "ff", {"bullet": ["base_asperity", "wear below 0"]}, {"bullet": {"inertia": 2}})
+    monkeypatch.setattr(vsr2.blind, "make_pack", lambda *args, **how: found)
+    assert main(["blind", "make", str(SCENE), str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "bullet: no magnitudes from 0.5 to 6 detection floors, not drawn: base_asperity" in said
+    assert "wear below 0" in said
+    assert "not drawn for so many campaigns: inertia (2)" in said
 
 
 # --- from end to end ----------------------------------------------------------------------------

@@ -8,9 +8,11 @@ import pytest
 
 from blind_samples import diagnosis, effect, hand_made
 from vsr2.blind import pool_packs, score_pack
+from vsr2.blind.cases import read_cases
 from vsr2.blind.intervals import Score, area_under_roc, calibration_error, proportion, resampled
-from vsr2.blind.score import FIRST
+from vsr2.blind.score import FIRST, magnitude
 from vsr2.blind.scoring import Scored, format_scores
+from vsr2.blind.seal import open_key
 from vsr2.blind.verdict import read_verdict, verdict_of
 from vsr2.errors import BlindError
 
@@ -135,6 +137,26 @@ def test_magnitudes_closure_and_places(scores) -> None:
     assert figure(scores, "where: median mass inside") == (pytest.approx(0.75), 1)
 
 
+def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None:
+    # 1.13 for a ratio of 1.1, which is 0.1 from 1: off by 0.3; 18 for 20 Hz, from infinity: by 0.1.
+    campaigns = {
+        "a": ("single", [effect("restitution", 1.1, null=1.0)]),
+        "b": ("single", [effect("input_filter", 20.0, null=None)]),
+    }
+    verdicts = {
+        name: diagnosis("effect", {e: 1.0}, [e], [e], **{e: {"parameters": {"change": estimate}}})
+        for name, e, estimate in (
+            ("a", "restitution", {"mean": 1.13, "ci95": [1.0, 1.2]}),
+            ("b", "input_filter", {"mean": 18.0, "ci95": [15.0, 25.0]}),
+        )
+    }
+    pack = hand_made(tmp_path, campaigns, verdicts)
+    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
+    assert figure(found, "magnitude: median relative error") == (pytest.approx(0.2), 2)
+    errors = [magnitude(case)[0] for case in read_cases(pack[0], open_key(*pack[:2]), pack[2])]
+    assert errors == pytest.approx([0.3, 0.1])
+
+
 def told(low, high):
     return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci95": [low, high]}}}
 
@@ -201,6 +223,10 @@ def test_groups_by_magnitude(pack, tmp_path) -> None:
     assert scored.scores["M", "floor x 2+"]["top-1 class (single)"].count == 3
     assert scored.scores["M", "floor x 2+"]["top-1 class (single)"].value == pytest.approx(2 / 3)
     assert scored.scores["M", "floor x 0-1"]["top-1 class (single)"].value == 0
+    # a, b, c, g, h and i; e and f, without effect, have no magnitude.
+    for group in ("floor x 2+", "engine mujoco, floor x 2+"):
+        assert scored.scores["M", group]["failed or unresolved"].count == 6
+        assert "false alarms (none)" not in scored.scores["M", group]
     assert scored.scores["M", "floor x 4+"]["top-1 class (single)"].value == 1
     assert scored.scores["M", "engine mujoco"].keys() == scored.scores["M", "all"].keys()
     assert (tmp_path / "scores" / "reliability.png").stat().st_size > 1000

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsr2.blind.cases import Case, class_label
 from vsr2.blind.intervals import Score, area_under_roc, resampled
+from vsr2.blind.metadata import metadata
 from vsr2.blind.seal import sealed_classes
 from vsr2.blind.verdict import NONE, UNKNOWN, Verdict
 from vsr2.campaign import Campaign, load_campaign
@@ -26,37 +27,9 @@ def overturn_rate(campaign: Campaign, _: Path) -> list[float]:
     return [float(np.nanmean(campaign.overturned))]
 
 
-def metadata(campaign: Campaign, folder: Path) -> list[float]:
-    """What the files say without what happened in them: sizes, counts, noise, amplitudes, ends.
-
-    Of the series, how long after the motion they end in trials that did not overturn.
-    """
-    noise = campaign.noise
-    pga = np.log([trial.pga or 1.0 for trial in campaign.trials])
-    files = sorted((folder / "motions").glob("*.npz"))
-    return [
-        float(len(campaign)),
-        float(len(set(campaign.motion_ids))),
-        float(len({trial.session for trial in campaign.trials})),
-        float(np.log(noise.displacement or 1.0)),
-        float(np.log(noise.acceleration or 1.0)),
-        float(pga.mean()),
-        float(pga.std()),
-        float(np.mean([file.stat().st_size for file in files])) if files else 0.0,
-        float((folder / "campaign.yaml").stat().st_size),
-        float(len((folder / "trials.csv").read_text().splitlines()[0])),
-        _end(campaign),
-    ]
-
-
-def _end(campaign: Campaign) -> float:
-    """Mean time from the motion's end to the series' end [s]; 0 where no series tells it."""
-    ends = []
-    for trial in campaign.trials:
-        record = campaign.record(trial)
-        if trial.series is not None and record is not None and not trial.overturned:
-            ends.append(trial.series.time[-1] - record.duration)
-    return float(np.mean(ends)) if ends else 0.0
+def said_beside(campaign: Campaign, folder: Path) -> list[float]:
+    """What the files say without what happened in them (:func:`vsr2.blind.metadata.metadata`)."""
+    return list(metadata(campaign, folder).values())
 
 
 def logistic_in_pga(campaign: Campaign, _: Path) -> list[float]:
@@ -80,7 +53,7 @@ def nothing(campaign: Campaign, _: Path) -> list[float]:
 BASELINES: Mapping[str, Callable[[Campaign, Path], list[float]]] = {
     "commonest": nothing,
     "overturn rate": overturn_rate,
-    "metadata": metadata,
+    "metadata": said_beside,
     "logistic in PGA": logistic_in_pga,
 }
 

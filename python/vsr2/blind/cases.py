@@ -96,47 +96,72 @@ def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case
         raise BlindError(
             f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
         )
-    classes = sealed_classes(key)
     tiers = [
         t for t in pack["tiers"] if any((diagnoses / c / t).is_dir() for c in key["campaigns"])
     ]
     if not tiers:
         raise BlindError(f"{diagnoses}: holds no diagnosis; run `vsr2 blind diagnose` first")
     out = []
-    for name, entry in sorted(key["campaigns"].items()):
-        effects = tuple(entry.get("effects") or ())
-        truth = tuple(class_label(effect["name"], classes) for effect in effects)
-        if entry["kind"] in (NONE, UNKNOWN):
-            truth = (entry["kind"],)
+    for name in sorted(key["campaigns"]):
         trials = _trial_ids(data / name / TRIALS)
-        weights = entry["where"]["weights"]
-        if weights and len(weights) != len(trials):
-            raise BlindError(
-                f"{data / name / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
-                f"weights in campaigns.{name}.where; give one a trial, or none"
-            )
-        exclude = tuple(entry.get("exclude") or ())
         for tier in tiers:
             folder = diagnoses / name / tier
             verdict = read_verdict(folder)
-            _check_verdict(verdict, str(folder / DIAGNOSIS_FILE), exclude, trials)
             out.append(
-                Case(
-                    id=name,
-                    tier=tier,
-                    kind=entry["kind"],
-                    engine=entry["engine"],
-                    truth=truth,
-                    effects=effects,
-                    exclude=exclude,
-                    relative=_relative(effects),
-                    where=entry["where"],
-                    trials=trials,
-                    verdict=verdict,
-                    classes=classes,
-                )
+                case_of(key, name, tier, verdict, trials, (data / name, folder / DIAGNOSIS_FILE))
             )
     return out
+
+
+def case_of(
+    key: Mapping[str, Any],
+    name: str,
+    tier: str,
+    verdict: Verdict,
+    trials: tuple[str, ...],
+    places: tuple[Path, Path],
+) -> Case:
+    """The truth of a campaign beside a verdict on it.
+
+    Args:
+        key: opened.
+        name: id of the campaign.
+        tier: of the verdict.
+        verdict: read.
+        trials: ids, in the order of the rows of `trials.csv`.
+        places: of the campaign and of the verdict, in front of messages.
+
+    Raises:
+        BlindError: the sealed weights are not one a trial, or the verdict does not keep to what its
+            campaign allows and has.
+    """
+    entry, classes = key["campaigns"][name], sealed_classes(key)
+    effects = tuple(entry.get("effects") or ())
+    truth = tuple(class_label(effect["name"], classes) for effect in effects)
+    if entry["kind"] in (NONE, UNKNOWN):
+        truth = (entry["kind"],)
+    weights = entry["where"]["weights"]
+    if weights and len(weights) != len(trials):
+        raise BlindError(
+            f"{places[0] / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
+            f"weights in campaigns.{name}.where; give one a trial, or none"
+        )
+    exclude = tuple(entry.get("exclude") or ())
+    _check_verdict(verdict, str(places[1]), exclude, trials)
+    return Case(
+        id=name,
+        tier=tier,
+        kind=entry["kind"],
+        engine=entry["engine"],
+        truth=truth,
+        effects=effects,
+        exclude=exclude,
+        relative=_relative(effects),
+        where=entry["where"],
+        trials=trials,
+        verdict=verdict,
+        classes=classes,
+    )
 
 
 def _relative(effects: Sequence[Mapping[str, Any]]) -> float:
@@ -174,7 +199,10 @@ def _check_verdict(
 
 
 def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
-    """Cases by tier and by what they share: all, engine, kind, magnitude over the floor."""
+    """Cases by tier and by what they share: all, engine, kind, magnitude over the floor.
+
+    Campaigns without effect have no magnitude and are in none of its groups.
+    """
     out: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
         names = [ALL, f"engine {case.engine}"]
@@ -186,7 +214,6 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
         if case.relative >= 2:
             names += ["floor x 2+", f"engine {case.engine}, floor x 2+"]
         names.append(f"kind {case.kind}")
-        # Campaigns without effect belong to every magnitude's table of engines, none of its bins.
         for name in names:
             out.setdefault((case.tier, name), []).append(case)
     return out

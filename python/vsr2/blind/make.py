@@ -7,8 +7,9 @@ import math
 import platform
 import secrets
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,11 @@ from vsr2.blind.design import (
     catalogue,
     draw_protocol,
     log_uniform,
-    overturning_pga,
 )
 from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import Floor, FloorMeter, draw_nuisances, draw_own, shake_of
-from vsr2.blind.mujoco import GroundMotion
-from vsr2.blind.plan import Drawn, Planned, check_hidden, directions, draw_plan
+from vsr2.blind.floor import Floor, draw_nuisances, draw_own, shake_of
+from vsr2.blind.measure import Measures, Say
+from vsr2.blind.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -46,15 +46,13 @@ from vsr2.config import Study
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 2
-"""Of the data; campaigns of two forms are not mixed in a pack."""
+FORM = 3
+"""Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
 _STATE = "custodian.json"
 _FLOORS = "floors.json"
 _ENTRIES = "entries"
 ATTEMPTS = 6
 """Draws of a campaign, until its rock rests before every motion."""
-
-Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -64,12 +62,17 @@ class Made:
     Attributes:
         campaigns: number of them.
         commitment: SHA-256 that is published with the data.
-        not_drawn: effects, by engine, whose range holds no magnitude from the floor to 6 times it.
+        not_drawn: by engine, effects of which no magnitude was found from 0.5 to 6 floors, or the
+            sides of their null (`table_gain below 0`) where there is one on the other.
+        refused: by engine and effect, for how many campaigns every draw of it was measured outside
+            0.5 to 6 floors, so that they got another effect, or were not made where each effect is
+            left out in turn.
     """
 
     campaigns: int
     commitment: str
     not_drawn: dict[str, list[str]]
+    refused: dict[str, dict[str, int]]
 
 
 def make_pack(
@@ -120,14 +123,15 @@ def make_pack(
         _write_scene(study, data)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
-    known = read_json(key / _FLOORS) if (key / _FLOORS).exists() else {}
-    thresholds = _thresholds(engines[settings.engines[0]], motions, known, key, say)
+    measures = Measures(key / _FLOORS, engines, settings, number, say)
+    thresholds = measures.thresholds(settings.engines[0], motions)
     protocols = [
         draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
         for i in range(settings.protocols)
     ]
-    floors = _floors(engines, effects, protocols[0], settings, number, known, key, say)
-    plan = draw_plan(number, settings, effects, floors)
+    floors = measures.floors(effects, protocols)
+    drawn = draw_plan(number, settings, effects, floors, partial(measures.relative, protocols))
+    plan = drawn.campaigns
     for done, planned in enumerate(plan):
         file = key / _ENTRIES / f"{planned.id}.json"
         if file.exists() and (data / planned.id).is_dir():
@@ -141,11 +145,13 @@ def make_pack(
         _write_together(data, sorted(planned.id for planned in plan))
     entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
     sealed = _seal(data, key, state, settings, engines, floors, entries)
-    not_drawn = {
-        name: sorted(set(effects[name]) - {e for e, _ in directions(effects, floors, name)})
+    refused = {
+        name: {e: count for (on, e), count in sorted(drawn.refused.items()) if on == name}
         for name in effects
     }
-    return Made(len(plan), sealed, not_drawn)
+    return Made(
+        len(plan), sealed, {name: not_drawn(effects, floors, name) for name in effects}, refused
+    )
 
 
 def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
@@ -241,56 +247,6 @@ def _write_scene(study: Study, data: Path) -> None:
     file = getattr(study.rock, "file", None)
     if file is not None:
         shutil.copyfile(file, data / f"model{Path(file).suffix.lower()}")
-
-
-def _thresholds(
-    engine: Engine,
-    motions: list[GroundMotion],
-    known: dict[str, Any],
-    key: Path,
-    say: Say,
-) -> list[float]:
-    if "overturning_pga" not in known:
-        say(f"{engine.name}: amplitudes of {len(motions)} motions")
-        known["overturning_pga"] = [overturning_pga(engine, motion) for motion in motions]
-        write_json(key / _FLOORS, known, private=True)
-    return [float(pga) for pga in known["overturning_pga"]]
-
-
-def _floors(
-    engines: Mapping[str, Engine],
-    effects: Mapping[str, Mapping[str, Any]],
-    protocol: Protocol,
-    settings: PackSettings,
-    seed: int,
-    known: dict[str, Any],
-    key: Path,
-    say: Say,
-) -> dict[tuple[str, str, int], Floor]:
-    stored: dict[str, Any] = known.setdefault("floors", {})
-    out: dict[tuple[str, str, int], Floor] = {}
-    for name in effects:
-        engine = engines[name]
-        meter: FloorMeter | None = None
-        for effect in effects[name].values():
-            for sign in effect.strength.reach():
-                label = f"{name} {effect.name} {sign:+d}"
-                if label not in stored:
-                    if meter is None:
-                        meter = FloorMeter(engine, protocol, settings, seed)
-                    floor = meter.floor(effect, sign)
-                    finite = math.isfinite(floor.magnitude)
-                    stored[label] = {
-                        "magnitude": floor.magnitude if finite else None,
-                        "signal": [list(pair) for pair in floor.signal],
-                    }
-                    write_json(key / _FLOORS, known, private=True)
-                    say(f"floor of {label}: {floor.magnitude:.3g}")
-                entry = stored[label]
-                magnitude = math.inf if entry["magnitude"] is None else entry["magnitude"]
-                pairs = tuple((float(m), float(s)) for m, s in entry["signal"])
-                out[name, effect.name, sign] = Floor(magnitude, pairs)
-    return out
 
 
 def _campaign(

@@ -124,7 +124,9 @@ class MujocoEngine:
             yaw=shake.yaw,
             offset=shake.offset,
         )
-        place = Place(shake.order, shake.session, shake.campaign_seed, shake.trial_seed)
+        place = Place(
+            shake.order, shake.session, shake.sessions, shake.campaign_seed, shake.trial_seed
+        )
         response = run_trial(
             with_effects(situation, shake.effects, place), series_interval=series_interval
         )

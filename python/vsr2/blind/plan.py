@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from vsr2.blind.floor import Floor
+from vsr2.blind.floor import WINDOW, Floor
 from vsr2.blind.settings import Kind, PackSettings
 from vsr2.blind.shake import Drawable
 from vsr2.errors import BlindError
 
-RELATIVE = (0.5, 6.0)
-"""Range of the magnitude over the detection floor, log-uniform."""
+ATTEMPTS = 8
+"""Draws of an effect for a campaign, until one is measured in `WINDOW`."""
+_STEP = 4.0
+"""By which a measured draw moves the next ones at most."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Drawn:
         strength: name of the parameter that is judged.
         unit: of it.
         null: value of the strength without effect; None: infinity.
-        relative: magnitude over the detection floor.
+        relative: signal over noise as measured at these values, over that at the detection floor.
         drifts: whether it changes over the campaign.
     """
 
@@ -63,6 +66,23 @@ class Planned:
     exclude: tuple[str, ...] = field(default_factory=tuple)
 
 
+@dataclass(frozen=True)
+class Plan:
+    """All campaigns of a pack.
+
+    Attributes:
+        campaigns: in the order in which they are simulated.
+        refused: by engine and effect, for how many campaigns no draw of it was measured in
+            `WINDOW`, so that they got another.
+    """
+
+    campaigns: tuple[Planned, ...]
+    refused: Mapping[tuple[str, str], int]
+
+
+Measure = Callable[[str, int, Drawable, Mapping[str, float]], float]
+"""Of an engine, the number of a protocol, an effect and the values of all its parameters: signal
+over noise over that at the detection floor. The same for the same arguments."""
 Floors = Mapping[tuple[str, str, int], Floor]
 """By engine, effect and sign."""
 Effects = Mapping[str, Mapping[str, Drawable]]
@@ -73,13 +93,13 @@ def directions(effects: Effects, floors: Floors, engine: str) -> list[tuple[str,
     """Effects and signs of an engine whose range holds magnitudes to draw.
 
     Not those that do not reach the floor, nor those that lie beyond 6 floors wherever they act at
-    all, as a tether may.
+    all, as a tether may, or bumps that are felt however low they are.
     """
     out = []
     for (on, name, sign), floor in sorted(floors.items()):
         if on == engine and math.isfinite(floor.magnitude):
             weakest = effects[engine][name].strength.reach()[sign][0]
-            if weakest <= RELATIVE[1] * floor.magnitude:
+            if weakest <= WINDOW[1] * floor.magnitude:
                 out.append((name, sign))
     return out
 
@@ -108,23 +128,42 @@ def check_hidden(settings: PackSettings, found: int) -> None:
         )
 
 
+def not_drawn(effects: Effects, floors: Floors, engine: str) -> list[str]:
+    """What of an engine cannot be drawn: effects, or which side of their null."""
+    found = directions(effects, floors, engine)
+    out = []
+    for name, effect in sorted(effects[engine].items()):
+        strength = effect.strength
+        lacking = [sign for sign in sorted(strength.reach()) if (name, sign) not in found]
+        if len(lacking) == len(strength.reach()):
+            out.append(name)
+        else:
+            out += [f"{name} {'above' if s > 0 else 'below'} {strength.null:g}" for s in lacking]
+    return out
+
+
 def draw_plan(
     seed: int,
     settings: PackSettings,
     effects: Effects,
     floors: Floors,
-) -> list[Planned]:
+    measure: Measure,
+) -> Plan:
     """All campaigns of a pack.
 
     Effects come from a shuffled list that is dealt again when it is used up, so that each is drawn
-    about as often. Magnitudes are log-uniform from 0.5 to 6 times the floor, within the range of
-    the strength. Where each effect is left out in turn, so may each class be as a decoy.
+    about as often. Magnitudes are proposed log-uniform from 0.5 to 6 times the floor, within the
+    range of the strength; what is kept is measured from 0.5 to 6 floors at all its values, on the
+    campaign's own protocol. What is not in `ATTEMPTS` draws gives way to the list's next effect;
+    where each effect is left out in turn, its campaign is not made. There, each class that is left
+    out may be a decoy too.
 
     Args:
         seed: of everything.
         settings: of the pack.
         effects: that may be drawn, by engine and name.
         floors: of them.
+        measure: the signal of a draw.
 
     Raises:
         BlindError: no effect of an engine can be drawn, a pair needs a second class, or too few
@@ -144,26 +183,31 @@ def draw_plan(
             left_out = [settings.class_of(name) for name in sorted({name for name, _ in mine})]
         decks[engine] = _Deck(rng, engine, settings, mine, left_out)
         check_hidden(settings, len(set(left_out)))
-    asked: list[tuple[Kind, str, list[tuple[str, int]]]] = []
+    asked: list[tuple[Kind, str, str | None]] = []
     for engine, deck in decks.items():
         for kind, count in settings.counts(engine).items():
-            effects_each = {"none": 0, "pair": 2}.get(kind, 1)
-            asked += [
-                (kind, engine, deck.deal(effects_each, hidden=kind == "unknown"))
-                for _ in range(count)
-            ]
+            asked += [(kind, engine, None)] * count
         for _ in range(settings.leave_one_out):
-            asked += [("unknown", engine, [chosen]) for chosen in deck.each()]
-    ids = _ids(rng, len(asked))
-    places = rng.permutation(len(asked))
+            asked += [("unknown", engine, name) for name in deck.names]
     protocols = rng.permutation(np.arange(len(asked)) % settings.protocols)
+    drawer = _Drawer(rng, effects, floors, measure)
+    made: list[tuple[Kind, str, int, tuple[Drawn, ...]]] = []
+    for (kind, engine, only), protocol in zip(asked, protocols, strict=True):
+        deck, place = decks[engine], (engine, int(protocol))
+        if only is None:
+            count = {"none": 0, "pair": 2}.get(kind, 1)
+            drawn = _dealt(deck, drawer, place, count, hidden=kind == "unknown")
+        else:
+            one = drawer.draw(*place, only, deck.sign(only))
+            if one is None:
+                continue
+            drawn = (one,)
+        made.append((kind, engine, int(protocol), drawn))
+    ids = _ids(rng, len(made))
+    places = rng.permutation(len(made))
     out: list[Planned] = []
-    for place, (kind, engine, chosen) in zip(places, asked, strict=True):
-        drawn = tuple(
-            _magnitude(rng, effects[engine][name], sign, floors[engine, name, sign])
-            for name, sign in chosen
-        )
-        names = [name for name, _ in chosen]
+    for place, (kind, engine, protocol, drawn) in zip(places, made, strict=True):
+        names = [effect.name for effect in drawn]
         excluded = settings.class_of(names[0]) if kind == "unknown" else decks[engine].decoy(names)
         out.append(
             Planned(
@@ -171,12 +215,59 @@ def draw_plan(
                 id=ids[place],
                 kind=kind,
                 engine=engine,
-                protocol=int(protocols[place]),
+                protocol=protocol,
                 effects=drawn,
                 exclude=tuple(sorted(excluded)),
             )
         )
-    return sorted(out, key=lambda planned: planned.index)
+    return Plan(tuple(sorted(out, key=lambda planned: planned.index)), dict(drawer.refused))
+
+
+class _Drawer:
+    """Draws values of effects until one is measured in `WINDOW`."""
+
+    def __init__(
+        self, rng: np.random.Generator, effects: Effects, floors: Floors, measure: Measure
+    ) -> None:
+        self._rng = rng
+        self._effects = effects
+        self._floors = floors
+        self._measure = measure
+        self.refused: Counter[tuple[str, str]] = Counter()
+
+    def draw(self, engine: str, protocol: int, name: str, sign: int) -> Drawn | None:
+        """An effect of a campaign; None: no draw of it was measured in `WINDOW`.
+
+        What a draw outside was measured at moves the floor that the next ones start from.
+        """
+        effect = self._effects[engine][name]
+        low, high = effect.strength.reach()[sign]
+        floor = self._floors[engine, name, sign].magnitude
+        for _ in range(ATTEMPTS):
+            least = min(max(WINDOW[0] * floor, low), high)
+            most = max(min(WINDOW[1] * floor, high), least)
+            magnitude = least * (most / least) ** float(self._rng.random())
+            others = [float(q) for q in self._rng.random(len(effect.others))]
+            values = {
+                key: float(f"{value:.6g}")
+                for key, value in effect.values(sign * magnitude, others).items()
+            }
+            relative = float(f"{self._measure(engine, protocol, effect, values):.4g}")
+            if WINDOW[0] <= relative <= WINDOW[1]:
+                null = effect.strength.null
+                return Drawn(
+                    name,
+                    values,
+                    effect.strength.name,
+                    effect.strength.unit,
+                    null if math.isfinite(null) else None,
+                    relative,
+                    effect.drifts,
+                )
+            there = magnitude / relative if relative > 0 else math.inf
+            floor = min(max(there, floor / _STEP), floor * _STEP)
+        self.refused[engine, name] += 1
+        return None
 
 
 def _ids(rng: np.random.Generator, count: int) -> list[str]:
@@ -210,42 +301,51 @@ class _Deck:
                 f"their detection floor, too few for this pack; raise trials ({settings.trials}), "
                 "or allow more effects"
             )
+        self.engine = engine
         self._hidden = list(hidden)
         self._rest: list[str] = []
         self._hidden_rest: list[tuple[str, ...]] = []
 
-    def _next(self, hidden: bool) -> str:
-        """An effect; of those that may be left out, a class first and then an effect of it."""
+    @property
+    def names(self) -> list[str]:
+        """Of all effects, in order."""
+        return sorted(self._signs)
+
+    def deal(self, passed: Collection[str], *, hidden: bool = False) -> str | None:
+        """The next effect that is not passed over; None: there is no other.
+
+        Of those that may be left out (`hidden`) a class first, and then an effect of it.
+        """
+        allowed = {
+            n for n in self._signs if not hidden or self._settings.class_of(n) in self._hidden
+        }
+        if allowed <= set(passed):
+            return None
+        while True:
+            found = [n for n in self._next(hidden) if n not in passed]
+            if found:
+                return found[int(self._rng.integers(len(found)))] if hidden else found[0]
+
+    def _next(self, hidden: bool) -> list[str]:
+        """The effects of the next class that may be left out, or the next effect."""
         if hidden:
             if not self._hidden_rest:
                 order = self._rng.permutation(len(self._hidden))
                 self._hidden_rest = [self._hidden[i] for i in order]
             chosen = self._hidden_rest.pop()
-            names = [name for name in sorted(self._signs) if name in chosen]
-            return names[int(self._rng.integers(len(names)))]
+            return [name for name in self.names if name in chosen]
         if not self._rest:
-            names = sorted(self._signs)
-            self._rest = [names[i] for i in self._rng.permutation(len(names))]
-        return self._rest.pop()
+            self._rest = [self.names[i] for i in self._rng.permutation(len(self.names))]
+        return [self._rest.pop()]
 
-    def deal(self, count: int, *, hidden: bool = False) -> list[tuple[str, int]]:
-        """Effects of different classes; `hidden`: of those that may be left out."""
-        out: list[tuple[str, int]] = []
-        taken: set[tuple[str, ...]] = set()
-        while len(out) < count:
-            name = self._next(hidden)
-            if self._settings.class_of(name) in taken:
-                continue
-            taken.add(self._settings.class_of(name))
-            out.append((name, self._sign(name)))
-        return out
-
-    def each(self) -> list[tuple[str, int]]:
-        """Every effect once."""
-        return [(name, self._sign(name)) for name in sorted(self._signs)]
-
-    def _sign(self, name: str) -> int:
+    def sign(self, name: str) -> int:
+        """Of its null, the side on which an effect acts; one of those that can be drawn."""
         return self._signs[name][int(self._rng.integers(len(self._signs[name])))]
+
+    def classmates(self, name: str) -> list[str]:
+        """The effects of the deck in the class of one, and it."""
+        mine = self._settings.class_of(name)
+        return [other for other in self._signs if other in mine]
 
     def decoy(self, names: list[str]) -> tuple[str, ...]:
         """A class of another effect; drawn whether the campaign has an effect or not."""
@@ -254,18 +354,24 @@ class _Deck:
         return others[int(self._rng.integers(len(others)))] if others else ()
 
 
-def _magnitude(rng: np.random.Generator, effect: Drawable, sign: int, floor: Floor) -> Drawn:
-    low, high = effect.strength.reach()[sign]
-    least = max(RELATIVE[0] * floor.magnitude, low)
-    most = min(RELATIVE[1] * floor.magnitude, high)
-    magnitude = least * (most / least) ** float(rng.random())
-    values = effect.values(sign * magnitude, [float(q) for q in rng.random(len(effect.others))])
-    return Drawn(
-        effect.name,
-        {name: float(f"{value:.6g}") for name, value in values.items()},
-        effect.strength.name,
-        effect.strength.unit,
-        effect.strength.null if math.isfinite(effect.strength.null) else None,
-        float(f"{magnitude / floor.magnitude:.4g}"),
-        effect.drifts,
-    )
+def _dealt(
+    deck: _Deck, drawer: _Drawer, place: tuple[str, int], count: int, *, hidden: bool
+) -> tuple[Drawn, ...]:
+    """Effects of different classes for a campaign, as they come from the deck."""
+    out: list[Drawn] = []
+    passed: set[str] = set()
+    while len(out) < count:
+        name = deck.deal(passed, hidden=hidden)
+        if name is None:
+            raise BlindError(
+                f"engine {deck.engine}: of no effect that may still be drawn for a campaign were "
+                f"values measured from 0.5 to 6 times their detection floor in {ATTEMPTS} draws; "
+                "raise trials, or allow more effects"
+            )
+        one = drawer.draw(*place, name, deck.sign(name))
+        if one is None:
+            passed.add(name)
+        else:
+            out.append(one)
+            passed.update(deck.classmates(name))
+    return tuple(out)

@@ -7,7 +7,7 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from vsr2.blind.baselines import BASELINES, baseline_cases, rate_alone
 from vsr2.blind.cases import ALL, Case, read_cases
 from vsr2.blind.intervals import Score, reliability
+from vsr2.blind.leaks import Leak, find_leaks
 from vsr2.blind.score import FIRST, Scores, is_alarm, score_cases, top_one
 from vsr2.blind.seal import (
     canonical,
@@ -41,12 +42,14 @@ class Scored:
         rates: how well the overturn rate alone tells kinds apart, a pack each.
         cases: one a campaign and tier.
         development: whether the pack is open.
+        leaks: what metadata tell of engine, kind and class, a pack each.
     """
 
     scores: Mapping[tuple[str, str], Scores]
     rates: Sequence[Mapping[str, Score]]
     cases: Sequence[Case]
     development: bool
+    leaks: Sequence[Sequence[Leak]] = ()
 
     def margins(self) -> dict[str, float]:
         """By tier, how much oftener the true class is first than with the best baseline."""
@@ -74,6 +77,7 @@ class Scored:
                 for name, score in one.items()
             ],
             "above_baselines": self.margins(),
+            "leaks": [[asdict(leak) for leak in one] for one in self.leaks],
         }
         if self.development:
             out["campaigns"] = [
@@ -130,7 +134,8 @@ def score_pack(
         )
     cases = read_cases(data, opened, diagnoses)
     trivial, rates = _baselines(cases, data, opened, training)
-    scored = Scored(score_cases([*cases, *trivial]), rates, cases, open_pack)
+    leaks = [find_leaks(data, opened)]
+    scored = Scored(score_cases([*cases, *trivial]), rates, cases, open_pack, leaks)
     more = {
         "pack": pack["commitment"]["sha256"],
         "submission": folder_sha256(diagnoses, "*.json"),
@@ -163,6 +168,7 @@ def pool_packs(
     cases: list[Case] = []
     trivial: list[Case] = []
     rates: list[dict[str, Score]] = []
+    leaks: list[list[Leak]] = []
     packs, submissions, development = [], [], []
     for data, key, diagnoses in parts:
         pack, opened = read_pack(data), open_key(data, key)
@@ -178,9 +184,10 @@ def pool_packs(
         found = _baselines(own, data, opened, training)
         trivial += found[0]
         rates += found[1]
+        leaks.append(find_leaks(data, opened))
         packs.append(pack["commitment"]["sha256"])
         submissions.append(submission)
-    scored = Scored(score_cases([*cases, *trivial]), rates, cases, all(development))
+    scored = Scored(score_cases([*cases, *trivial]), rates, cases, all(development), leaks)
     _write(scored, {"packs": packs, "submissions": submissions}, out)
     return scored
 
@@ -261,6 +268,16 @@ def format_scores(scored: Scored) -> str:
             lines += ["", f"### overturn rate alone, pack {number}", "", "| score | value |"]
             lines.append("| --- | --- |")
             lines += [f"| {name} | {_cell(score)} |" for name, score in rates.items()]
+    for number, leaks in enumerate(scored.leaks, 1):
+        if leaks:
+            lines += ["", f"### what metadata tell, pack {number}", ""]
+            lines += ["| question | p | told best by | told | by chance | campaigns |"]
+            lines.append("| --- | --- | --- | --- | --- | --- |")
+            lines += [
+                f"| {leak.question} | {leak.p:.3f} | {leak.told_by} | {leak.rate:.2f} "
+                f"| {leak.chance:.2f} | {leak.count} |"
+                for leak in leaks
+            ]
     return "\n".join(lines).lstrip() + "\n"
 
 

@@ -75,8 +75,9 @@ class PackSettings:
             decoys alike; each costs the diagnosis fits of its own. At least 3 where there are
             pairs; with `leave_one_out` all classes.
         classes: equivalence classes that verdicts are judged by.
-        replicates: simulations of each trial in measuring the floor.
-        floor_trials: trials of the design on which the floor is measured.
+        replicates: twins, draws of nuisances and starts with the effect and without, with which
+            the signal of each drawn effect is measured.
+        floor_trials: trials of the design on which it is measured.
         development: the pack is open: it may be scored any number of times, campaign by campaign.
         tolerances: of the nuisances.
     """
@@ -96,8 +97,8 @@ class PackSettings:
     effects: tuple[str, ...] = ()
     hidden: int = 8
     classes: tuple[tuple[str, ...], ...] = CLASSES
-    replicates: int = 6
-    floor_trials: int = 24
+    replicates: int = 12
+    floor_trials: int = 48
     development: bool = False
     tolerances: Tolerances = field(default_factory=Tolerances)
 

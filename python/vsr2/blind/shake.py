@@ -42,7 +42,8 @@ class Shake:
         yaw: of the start [rad].
         offset: of the start, x and y [m].
         order: 0 at the campaign's first trial, 1 at its last.
-        session: number of the session over the number of sessions, 0 to 1.
+        session: number of the session, from 0.
+        sessions: number of sessions.
         campaign_seed: of what an effect draws once for a campaign.
         trial_seed: of what an effect draws for this trial.
     """
@@ -54,7 +55,8 @@ class Shake:
     yaw: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
     order: float = 0.0
-    session: float = 0.0
+    session: int = 0
+    sessions: int = 1
     campaign_seed: int = 0
     trial_seed: int = 0
 

@@ -50,9 +50,9 @@ def _add_make(verbs: Any) -> None:
             f"--{name}",
             type=int,
             nargs="+",
-            default=[defaults[name]],
             metavar="N",
-            help=f"{what}; for each engine, or one number for all (default {defaults[name]})",
+            help=f"{what}; for each engine, or one number for all (default {defaults[name]}, "
+            "0 with --leave-one-out)",
         )
     for name, what in (
         ("trials", "trials a campaign"),
@@ -61,8 +61,8 @@ def _add_make(verbs: Any) -> None:
         ("catalogue", "ground motions of the pack"),
         ("protocols", "of the pack: campaigns of one share amplitudes, order and motions"),
         ("hidden", "effect classes that may be left out of the library"),
-        ("replicates", "simulations of each trial in measuring the floor"),
-        ("floor_trials", "trials on which the floor is measured"),
+        ("replicates", "draws of nuisances with and without an effect that measure its signal"),
+        ("floor_trials", "trials on which signals are measured"),
     ):
         make.add_argument(
             f"--{name.replace('_', '-')}",
@@ -75,8 +75,8 @@ def _add_make(verbs: Any) -> None:
         "--leave-one-out",
         type=int,
         metavar="N",
-        help="instead of the kinds above: N campaigns of kind unknown for every effect that "
-        "reaches its floor",
+        help="N campaigns of kind unknown for every effect that reaches its floor, beside what is "
+        "asked for of the kinds above",
     )
     make.add_argument(
         "--series-interval",
@@ -168,6 +168,7 @@ def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
     from vsr2.blind.settings import KINDS
     from vsr2.config import load_study
+    from vsr2.diagnosis.observations import LEAST_MOTIONS, LEAST_TRIALS
     from vsr2.errors import BlindError
 
     if options.seed is not None and not options.development:
@@ -175,11 +176,21 @@ def _make(options: argparse.Namespace) -> int:
     names = ["trials", "motions", "sessions", "catalogue", "protocols", "hidden"]
     names += ["replicates", "floor_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
+    for name, value, least in (
+        ("trials", options.trials, LEAST_TRIALS),
+        ("motions", options.motions, LEAST_MOTIONS),
+    ):
+        if value < least:
+            raise BlindError(
+                f"--{name} is {value}; `vsr2 blind diagnose` takes campaigns of {least} or more"
+            )
     for name in KINDS:
         given = getattr(options, name)
-        chosen[name] = given[0] if len(given) == 1 else tuple(given)
+        if given is not None:
+            chosen[name] = given[0] if len(given) == 1 else tuple(given)
+        elif options.leave_one_out is not None:
+            chosen[name] = 0
     if options.leave_one_out is not None:
-        chosen |= {"single": 0, "none": 0, "pair": 0, "unknown": 0}
         chosen["leave_one_out"] = options.leave_one_out
     settings = PackSettings(
         engines=tuple(dict.fromkeys(options.engine or ["mujoco"])),
@@ -198,8 +209,15 @@ def _make(options: argparse.Namespace) -> int:
     for engine, effects in made.not_drawn.items():
         if effects:
             print(
-                f"{engine}: no magnitudes from 1 to 6 detection floors, not drawn: "
+                f"{engine}: no magnitudes from 0.5 to 6 detection floors, not drawn: "
                 f"{', '.join(effects)}"
+            )
+    for engine, refused in made.refused.items():
+        if refused:
+            told = ", ".join(f"{name} ({count})" for name, count in refused.items())
+            print(
+                f"{engine}: every draw measured outside 0.5 to 6 detection floors, not drawn for "
+                f"so many campaigns: {told}"
             )
     return 0
 

@@ -32,13 +32,15 @@ class Place:
 
     Attributes:
         order: 0 at the first trial, 1 at the last.
-        session: the same for the trial's session.
+        session: number of the trial's session, from 0.
+        sessions: number of sessions.
         campaign_seed: of what is drawn once for a campaign.
         trial_seed: of what is drawn for this trial.
     """
 
     order: float = 0.0
-    session: float = 0.0
+    session: int = 0
+    sessions: int = 1
     campaign_seed: int = 0
     trial_seed: int = 0
 
@@ -151,7 +153,13 @@ def _wear(s: Situation, v: Values, p: Place) -> Situation:
 
 
 def _change_point(s: Situation, v: Values, p: Place) -> Situation:
-    if p.session < v["at"]:
+    """Between the two sessions that lie nearest to `at`; with one session, between two trials."""
+    if p.sessions < 2:
+        after = p.order >= v["at"]
+    else:
+        first = min(max(1, round(v["at"] * p.sessions)), p.sessions - 1)
+        after = p.session >= first
+    if not after:
         return s
     return replace(s, body=_with_slenderness(s.body, 1 + v["slenderness_change"]))
 

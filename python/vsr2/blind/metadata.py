@@ -1,0 +1,86 @@
+"""What the files of a campaign say without what happened in it."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.campaign import Campaign
+from vsr2.campaign.folder import TRIALS
+
+CAMPAIGN_FILE = "campaign.yaml"
+_RESPONSE = ("overturned", "peak_tilt_rad")
+_FALLING = 1.0
+"""Tilt beyond which a series may end with the fall [rad]."""
+
+
+def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
+    """Sizes, counts, digits, noise, amplitudes and ends, by what they are.
+
+    Numbers that the response moves are left out: the length of its cells in the table, and series
+    of rocks that fell, which end with the fall. How long after the motion the others end is told
+    in whole sampling intervals.
+
+    Args:
+        campaign: loaded.
+        folder: of it.
+    """
+    noise = campaign.noise
+    pga = np.log([trial.pga or 1.0 for trial in campaign.trials])
+    motions = sorted((folder / "motions").glob("*.npz"))
+    cells = _cells(folder / TRIALS)
+    rest = [
+        value for column, values in cells.items() if column not in _RESPONSE for value in values
+    ]
+    size = (folder / TRIALS).stat().st_size
+    size -= sum(len(value) for name in _RESPONSE for value in cells.get(name, ()))
+    return {
+        "trials": float(len(campaign)),
+        "motions": float(len(set(campaign.motion_ids))),
+        "sessions": float(len({trial.session for trial in campaign.trials})),
+        "files": float(sum(1 for _ in folder.rglob("*"))),
+        "displacement noise": math.log(noise.displacement or 1.0),
+        "acceleration noise": math.log(noise.acceleration or 1.0),
+        "mean ln PGA": float(pga.mean()),
+        "spread of ln PGA": float(pga.std()),
+        "mean size of motions": _mean([float(file.stat().st_size) for file in motions]),
+        "size of campaign.yaml": float((folder / CAMPAIGN_FILE).stat().st_size),
+        "size of the header of trials.csv": float(sum(len(name) for name in cells)),
+        "size of trials.csv but the response": float(size),
+        "most decimals of the response": float(
+            max((_decimals(v) for name in _RESPONSE for v in cells.get(name, ())), default=0)
+        ),
+        "most decimals of the rest": float(max((_decimals(v) for v in rest), default=0)),
+        "end of series after the motion": _end(campaign),
+    }
+
+
+def _cells(path: Path) -> dict[str, list[str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    return {name: [row[i] for row in rows[1:] if i < len(row)] for i, name in enumerate(rows[0])}
+
+
+def _decimals(cell: str) -> int:
+    return len(cell.partition(".")[2])
+
+
+def _mean(values: list[float]) -> float:
+    return float(np.mean(values)) if values else 0.0
+
+
+def _end(campaign: Campaign) -> float:
+    """Mean time from the motion's end to the series' end [s], up to a whole interval."""
+    ends = []
+    for trial in campaign.trials:
+        record, series = campaign.record(trial), trial.series
+        if series is None or series.tilt is None or record is None:
+            continue
+        if np.nanmax(series.tilt) < _FALLING:
+            interval = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
+            beyond = float(series.time[-1]) - record.duration
+            ends.append(interval * math.ceil(beyond / interval - 1e-6))
+    return round(_mean(ends), 6)
