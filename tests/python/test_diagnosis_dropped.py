@@ -154,7 +154,8 @@ def test_an_effect_that_turns_trials_rightly_closes_more() -> None:
     assert with_them.left < 0.3 < without.left
 
 
-def test_what_is_kept_does_not_depend_on_outcomes() -> None:
+def test_what_is_kept_does_not_depend_on_outcomes(monkeypatch) -> None:
+    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 30)
     campaign = shaken_campaign(8, 6, duration=2.5, pga=(0.4, 1.3), session_size=12)
     library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}
     kept = []

@@ -98,7 +98,10 @@ def test_what_was_not_looked_for_is_told(folder, told) -> None:
     assert any(text.startswith("left out of the library as asked: ") for text in told["limits"])
 
 
-def test_trials_specimens_and_effects_that_are_not_used_are_told(folder, tmp_path) -> None:
+def test_trials_specimens_and_effects_that_are_not_used_are_told(
+    folder, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 30)
     campaign = load_campaign(folder / "campaign")
     rows = tuple(
         replace(trial, specimen="other" if i % 2 else trial.specimen, session=f"day {i // 10}")
