@@ -108,15 +108,3 @@ def novelty_statistics(prediction: Prediction, data: Data, directions: Array) ->
         size = np.sqrt(np.einsum("ctk,dt->cdk", seen.astype(np.float64), directions**2) + 1e-9)
         columns.append(np.abs(along / size).max(axis=(1, 2)))
     return np.stack(columns, axis=1)
-
-
-def block_interval(
-    values: Array, motion: NDArray[np.int64], *, replicates: int = 2000, seed: int = 0
-) -> tuple[float, float]:
-    """95 % bootstrap interval of the mean over trials, whole motions drawn, values (trials,)."""
-    from vsr2.campaign import motion_resamples
-
-    counts = motion_resamples(motion, replicates, seed)
-    means = (counts @ values) / counts.sum(axis=1)
-    low, high = np.quantile(means, [0.025, 0.975])
-    return float(low), float(high)

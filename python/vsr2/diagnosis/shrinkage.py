@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 Draw = tuple[Effects, int]
 """How effects act, and the number of a draw of the nuisances."""
 
-RECALIBRATION = "recalibration"
 PAIR = "pair"
 _PAIR_NODES = 120
 _PAIR_SHORTLIST = 3

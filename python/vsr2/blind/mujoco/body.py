@@ -77,12 +77,6 @@ class Body:
         """Mass centre moved horizontally [m]."""
         return replace(self, center=self.center + np.array([x, y, 0.0]))
 
-    def with_width(self, factor: float) -> Body:
-        """The base narrower or wider along x about the mass centre; mass properties kept."""
-        points = self.points.copy()
-        points[:, 0] = self.center[0] + factor * (points[:, 0] - self.center[0])
-        return replace(self, points=points)
-
 
 def block(width: float, depth: float, height: float, density: float) -> Body:
     """A homogeneous block, `width` along x.
