@@ -155,6 +155,11 @@ def test_small_blocks_slide_at_the_friction_angle() -> None:
     assert slid(1.4 * 0.3 * G)
 
 
+def test_what_slides_hops() -> None:
+    """Why `friction` is no effect of this engine: below b / h = 0.42 a rigid block only slides."""
+    assert run_trial(situation(8.0, friction=0.38)).peak_tilt > 0.05
+
+
 def test_a_series_is_told_from_the_rest_before() -> None:
     response = run_trial(situation(6.0, yaw=0.3, offset=(0.01, -0.02)))
     np.testing.assert_allclose(response.orientation[0], [0, 0, 0, 1], atol=1e-12)

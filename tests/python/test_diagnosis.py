@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import jsonschema
 import numpy as np
@@ -24,7 +25,12 @@ from vsr2.diagnosis.shrinkage import judge
 from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
-from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, verdict_sentence
+from vsr2.report.diagnosis import (
+    diagnosis_page,
+    figure_file,
+    format_diagnosis,
+    verdict_sentence,
+)
 from vsr2.report.diagnosis_figures import posterior_figure
 from vsr2.simulation import run_batch
 
@@ -82,6 +88,22 @@ def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:
     assert effect in judged.evidence.verdict.effects
     assert effect in judged.inference.conformal["both"]
     assert judged.evidence.verdict.probability > 0.8
+    # What the sizes and the set leave open is told, and nothing else is.
+    content, open_sizes = judged.diagnosis.content, set()
+    for row in content["effects"]:
+        null = {p.name: p.null for p in bench.rehearsal.simulator.library[row["name"]].parameters}
+        for name, value in row["parameters"].items():
+            low, high = value["ci95"]
+            assert low <= value["mode"] <= high or low <= value["mean"] <= high
+            if row["name"] in content["verdict"]["effects"] and low <= null[name] <= high:
+                open_sizes.add(row["name"])
+    limits = content["limits"]
+    told = [re.match(r"the size of (\w+) is not determined", text) for text in limits]
+    assert {match[1] for match in told if match} == open_sizes
+    outside = set(content["verdict"]["effects"]) - set(content["conformal_set_90"])
+    assert any("without a place in the 90 % set" in text for text in limits) == bool(
+        outside and content["verdict"]["kind"] == "class"
+    )
 
 
 def test_campaigns_without_gap_are_left_alone(bench) -> None:
@@ -317,6 +339,9 @@ def test_the_page_says_it_all_and_needs_nothing_else(found) -> None:
         content = {**found.content, "verdict": open_gap | {"reasons": [reason]}}
         assert verdict_sentence(content).startswith(start)
     assert page.count("<svg") == page.count("</svg>") == 6
+    image = ElementTree.fromstring(figure_file(posterior_figure(found.content)))
+    assert image.tag == "{http://www.w3.org/2000/svg}svg"
+    assert "font:12px" in image[0].text
     assert not re.search(r"(?:src|href)=|https?://|@import", page)
     # The bars of two classes never share a colour.
     many = [found.content["effects"][0] | {"name": f"e{i}", "class": f"e{i}"} for i in range(12)]

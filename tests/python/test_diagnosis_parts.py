@@ -456,6 +456,9 @@ CLEAR = Findings(
         ({"novelty_p": 0.01}, "effect"),
         ({"after_low": 0.01}, "effect"),
         ({"after_low": 0.01, "left": 0.9}, "unresolved"),
+        ({"after_low": 0.01, "left_of_all": 0.9}, "unresolved"),
+        ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.004}, "effect"),
+        ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.006}, "unresolved"),
         ({"after_low": -0.01, "left": 0.9}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"stable": False}, "unresolved"),
@@ -471,6 +474,16 @@ CLEAR = Findings(
 )
 def test_the_verdict_follows_its_rules(changes, kind) -> None:
     assert decide(dataclasses.replace(CLEAR, **changes)).kind == kind
+
+
+def test_a_gap_is_told_by_the_tests_that_found_it() -> None:
+    calm = dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, surprise_p=0.001)
+    first, *others = decide(calm).reasons
+    assert first.startswith("trials did what they never do in simulations")
+    assert not others
+    both = decide(dataclasses.replace(CLEAR, surprise_p=0.001)).reasons
+    assert both[0].startswith("a gap beyond noise: p = 0.005 for its size")
+    assert both[1] == first
 
 
 def test_no_gap_with_a_favoured_effect_says_so() -> None:

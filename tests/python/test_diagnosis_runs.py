@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -127,6 +128,7 @@ def test_trials_specimens_and_effects_that_are_not_used_are_told(
     assert "1 trials of the campaign have no motion or no outcome" in limits
     assert "table_pitch was not looked for, this scene cannot have it" in limits
     assert "2 specimens" in limits
+    assert re.search("needs at least [0-9]+ simulations, more than the budget of 300", limits)
     assert "other" in limits
     places = {row["place"] for row in found.content["where"]}
     assert any("day 2" in place for place in places)

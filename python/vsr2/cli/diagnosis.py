@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vsr2.diagnosis import Nuisances
 
 
 def add_verbs(verbs: Any) -> None:
@@ -105,7 +108,7 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
         ) from None
 
 
-def _nuisances(texts: list[str]) -> Any:
+def _nuisances(texts: list[str]) -> Nuisances:
     from dataclasses import fields
 
     from vsr2.diagnosis import Nuisances

@@ -67,7 +67,7 @@ def diagnose(
         client: of a Dask cluster that runs the trials.
         library: effects that may be the cause; None: all that are registered.
         exclude: names of effects left out.
-        priors: other ends of parameters' priors, by `effect.parameter`.
+        priors: lower and upper end of other priors, by `effect.parameter`, in its unit.
         nuisances: priors of what is uncertain about the set-up.
         seed: of everything random.
         progress: write stage, share done and leading classes to standard error.

@@ -57,6 +57,7 @@ class Schedule:
         most_trials: that may be kept.
         first_draws: of every effect in the first round.
         limited: whether the budget stopped the rounds.
+        exceeded: whether the trials kept need more than the budget for the fewest draws.
     """
 
     def __init__(self, budget: Budget, bank: Bank, trials: int, effects: int) -> None:
@@ -82,6 +83,8 @@ class Schedule:
             self.most_trials = trials
         self.first_draws = FIRST_DRAWS
         self.limited = False
+        self.exceeded = False
+        self._reserve = 0
         self._rest = rest
         self._trials = trials
         self._effects = effects
@@ -92,15 +95,17 @@ class Schedule:
             self.first_draws = self._fixed
             return
         # The dropped ones are simulated once more, under what is found.
-        self._rest -= DROPPED_RUNS * (self._trials - kept)
+        self._reserve = DROPPED_RUNS * (self._trials - kept)
+        self._rest -= self._reserve
         for draws in range(FIRST_DRAWS, FEWEST_DRAWS - 1, -1):
             self.first_draws = draws
             if (draws * self._effects + none_draws(draws)) * kept <= self._rest:
                 return
+        self.exceeded = True
 
     def affords(self, more: int, bank: Bank) -> bool:
-        """Whether so many more simulations fit."""
-        fits = bank.asked + more <= self.allowed
+        """Whether so many more simulations fit, beside those of the dropped trials."""
+        fits = bank.asked + more + self._reserve <= self.allowed
         self.limited = not fits
         return fits
 

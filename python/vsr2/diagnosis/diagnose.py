@@ -145,6 +145,7 @@ def diagnose_with(
                 "draws": dict(last.draws),
                 "rounds": len(rounds),
                 "limited": schedule.limited,
+                "exceeded": schedule.exceeded,
             },
             "wall_time_s": time.monotonic() - started,
             "simulator": simulator.identity,

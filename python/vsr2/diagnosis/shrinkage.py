@@ -60,7 +60,7 @@ class Shrinkage:
         each: with each effect.
         pair: with the best pair; None: none was tried.
         chosen: hypotheses by group, of `before`, `after`, `placebo` and `pair`.
-        draws: of every hypothesis in `chosen`, by group: see :func:`posterior_draws`.
+        draws: of every hypothesis, by group: see :func:`posterior_draws`.
         scaling: shift and slope of the logits behind `recalibrated`, by group, shape (groups, 2).
         predicted_before, predicted_after: probabilities of overturning.
         predicted_pair: the same with the best pair; None: none was tried.

@@ -335,7 +335,7 @@ def _limits(
             "probabilities rest on them"
         )
     budget = provenance["budget"]
-    if budget.get("simulations", 0) > budget.get("allowed", np.inf):
+    if budget.get("exceeded"):
         out.append(
             f"a diagnosis of these trials needs at least {budget['simulations']} simulations, more "
             f"than the budget of {budget['allowed']}"

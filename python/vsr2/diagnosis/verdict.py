@@ -140,14 +140,16 @@ def decide(f: Findings) -> Verdict:
                 "but no more than in gap-free campaigns by chance: too weak to be called a gap"
             )
         return Verdict("none", (), f.none_probability, tuple(reasons))
-    reasons = [
-        f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
-        "direction, against campaigns simulated without any effect"
-    ]
+    reasons = []
+    if beyond_noise(f.gap_low, f.gap_p, f.direction_p):
+        reasons.append(
+            f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
+            "direction, against campaigns simulated without any effect"
+        )
     if f.surprise_p <= SURPRISE_LEVEL:
         reasons.append(
-            "trials did what they never do in simulations, more often than chance has it "
-            f"(p = {f.surprise_p:.2g})"
+            "trials did what they never do in simulations without effect, more often than chance "
+            f"has it (p = {f.surprise_p:.2g})"
         )
     misfit = (
         f.novelty_p <= NOVELTY_LEVEL
