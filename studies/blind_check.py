@@ -173,7 +173,7 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-    for number, (data, key, _) in enumerate(parts, 1):
+    for number, (data, key, verdicts) in enumerate(parts, 1):
         shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
         packed = gzip.compress((key / "key.json").read_bytes(), mtime=0)
         (results / f"key{number}.json.gz").write_bytes(packed)
