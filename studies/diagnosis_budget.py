@@ -31,7 +31,7 @@ PLANTED: tuple[Effects, ...] = (
     (("restitution", (0.85,)),),
     (("restitution", (0.7,)),),
     (("table_gain", (0.08,)),),
-    (("time_scale", (0.05,)),),
+    (("time_scale", (0.025,)),),
     (("wear", (0.1,)),),
     (),
 )
