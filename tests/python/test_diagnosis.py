@@ -11,11 +11,13 @@ import jsonschema
 import numpy as np
 import pytest
 
-from vsr2.campaign import save_campaign
+from vsr2.campaign import MeasurementNoise, save_campaign, simulate_campaign
 from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
+from vsr2.diagnosis.equivalence import separations
 from vsr2.diagnosis.evidence import Data
+from vsr2.diagnosis.next_measurement import next_measurement
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.planar.simulator import PlanarSimulator
@@ -23,6 +25,7 @@ from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
 from vsr2.diagnosis.scene_simulator import SceneSimulator
 from vsr2.diagnosis.shrinkage import judge
 from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
+from vsr2.diagnosis.summary import ALL_OF_PRIOR
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import (
@@ -91,11 +94,14 @@ def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:
     # What the sizes and the set leave open is told, and nothing else is.
     content, open_sizes = judged.diagnosis.content, set()
     for row in content["effects"]:
-        null = {p.name: p.null for p in bench.rehearsal.simulator.library[row["name"]].parameters}
+        entry = bench.rehearsal.simulator.library[row["name"]]
+        priors = {parameter.name: parameter for parameter in entry.parameters}
         for name, value in row["parameters"].items():
             low, high = value["ci95"]
-            assert low <= value["mode"] <= high or low <= value["mean"] <= high
-            if row["name"] in content["verdict"]["effects"] and low <= null[name] <= high:
+            assert low <= value["mode"] <= high
+            prior = priors[name]
+            wide = high - low > ALL_OF_PRIOR * (prior.upper - prior.lower)
+            if row["name"] in content["verdict"]["effects"] and (wide or low <= prior.null <= high):
                 open_sizes.add(row["name"])
     limits = content["limits"]
     told = [re.match(r"the size of (\w+) is not determined", text) for text in limits]
@@ -135,6 +141,24 @@ def test_gain_and_slenderness_come_out_as_one_class(bench, tier, effect, nuisanc
     assert set(evidence.verdict.effects) == {"table_gain", "slenderness"}
     assert "tilt the base slowly" in evidence.next_measurement["what"]
     assert set(evidence.next_measurement["splits"]) == {"table_gain", "slenderness"}
+
+
+def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
+    planted = ("table_gain", (0.12,))
+    seen = bench.rehearsal.observed(bench.truth, (planted,), nuisance=2)
+    judged, prepared = bench.judge("M", planted, nuisance=2), bench.prepared("M")
+    found, kept = judged.inference, bench.rehearsal.screening.kept
+    members = ["table_gain", "wear"]
+    told = next_measurement(members, prepared, found, seen, kept)
+    # All trials together separate them by so much: the best one by more than the average.
+    observed = Data(seen.overturned[None, kept], seen.features[None, kept, :1])
+    apart = separations(members[0], prepared.tables, found.posteriors, observed)[members[1]]
+    assert told["information_per_repeat"] > found.exponent * apart / kept.size > 0
+    less = replace(found, exponent=0.5 * found.exponent)
+    half = next_measurement(members, prepared, less, seen, kept)
+    assert half["trial"] == told["trial"]
+    assert half["information_per_repeat"] == pytest.approx(0.5 * told["information_per_repeat"])
+    assert half["repeats"] in (2 * told["repeats"] - 1, 2 * told["repeats"])
 
 
 @pytest.mark.parametrize(
@@ -406,6 +430,26 @@ STILL = Nuisances(yaw=0.0, offset=0.0)
 @pytest.fixture(scope="module")
 def shaken():
     return shaken_campaign(5, 8, duration=2.0, pga=(0.6, 1.3), session_size=10)
+
+
+@pytest.mark.parametrize("noise", [None, 1e-5])
+def test_a_scene_that_says_nothing_of_recordings_is_driven_as_recorded(tmp_path, noise) -> None:
+    """Where the campaign states noise, without it; so a simulated campaign comes out again."""
+    cosines = {
+        "mode": "grid_cosine",
+        "pga": {"min": 0.5, "max": 0.6, "step": 0.1},
+        "pgv_pga": {"min": 0.08, "max": 0.14, "step": 0.02},
+    }
+    study = study_from_mapping(BOX | {"motion": cosines}, base=tmp_path)
+    simulated = simulate_campaign(study)
+    campaign = replace(simulated, noise=MeasurementNoise(displacement=noise))
+    simulator = SceneSimulator(campaign, study, library={"wear": full_library()["wear"]})
+    found = simulator.run([Request(i, (), 0, 0) for i in range(len(campaign))])
+    apart = np.abs(found.peak_tilt - [trial.peak_tilt for trial in campaign.trials])
+    if noise is None:
+        assert apart.max() < 1e-3
+    else:
+        assert apart.max() > 0.01
 
 
 def test_real_trials_answer_alike_alone_and_together(shaken, tmp_path) -> None:

@@ -11,6 +11,7 @@ from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.diagnose import diagnose_with
 from vsr2.diagnosis.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
 from vsr2.diagnosis.evidence import PREDICTED, Posterior
+from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.library import NONE
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar import PLANAR_LIBRARY, PlanarSimulator
@@ -46,7 +47,7 @@ class Thresholds:
         return Responses(np.array(down), np.zeros(len(down)), None)
 
 
-def shrinkage(push):
+def shrinkage(push, placebo=0.9, recalibrated=0.8):
     """Of two groups; in the second the effect chosen is half as strong."""
     blank = np.zeros(KEPT.size)
 
@@ -54,7 +55,8 @@ def shrinkage(push):
         return [((("wear", (value,)),), 1 + i) for i in range(PREDICTED)]
 
     return Shrinkage(
-        before=blank + 1.0, after=blank + 0.2, placebo=blank + 0.9, recalibrated=blank + 0.8,
+        before=blank + 1.0, after=blank + 0.2,
+        placebo=blank + placebo, recalibrated=blank + recalibrated,
         each={"wear": blank + 0.2, "catch": blank + 0.9, "table_gain": blank + 0.5},
         pair=None,
         chosen={"before": [NONE] * 2, "after": ["wear"] * 2, "placebo": ["catch"] * 2, "pair": []},
@@ -75,19 +77,19 @@ SCREENING = Screening(
 )
 
 
-def whole(push, overturned):
+def whole(push, overturned, gap_low=-1.0, motion=MOTION, **losses):
     campaign = shaken_campaign(3, 4)
     rows = tuple(
         dataclasses.replace(trial, overturned=bool(down))
         for trial, down in zip(campaign.trials, overturned, strict=True)
     )
     seen = dataclasses.replace(campaign, trials=rows)
-    told = shrinkage(push)
+    told = shrinkage(push, **losses)
     with Bank(Thresholds()) as store:
-        dropped = simulate_dropped(store, SCREENING, told, MOTION)
+        dropped = simulate_dropped(store, SCREENING, told, motion)
         assert store.asked <= DROPPED_RUNS * dropped.trials.size
-    observed = observe_like(seen)
-    return dropped, Whole(observed, KEPT, np.full(KEPT.size, 0.1), told, dropped, -1.0)
+    observed = dataclasses.replace(observe_like(seen), motion=motion)
+    return dropped, Whole(observed, KEPT, np.full(KEPT.size, 0.1), told, dropped, gap_low)
 
 
 def observe_like(campaign):
@@ -152,6 +154,50 @@ def test_an_effect_that_turns_trials_rightly_closes_more() -> None:
     _, without = whole(0.2, found)
     _, with_them = whole(0.6, found)
     assert with_them.left < 0.3 < without.left
+
+
+@pytest.mark.parametrize(
+    ("losses", "spared"),
+    [
+        ({}, 0.2),
+        ({"placebo": 0.5}, 0.5),
+        # Placebos that make it worse add nothing.
+        ({"placebo": 1.2, "recalibrated": 1.4}, 0.0),
+    ],
+)
+def test_the_headline_is_closure_minus_the_better_placebo_s(losses, spared) -> None:
+    stands = (np.arange(TRIALS) >= 9).astype(float)
+    _, found = whole(0.2, stands, gap_low=0.01, motion=np.arange(TRIALS) % 2, **losses)
+    # Of the four trials that are kept; the others lie on the floor.
+    assert found.closure("after")["value"] == pytest.approx((1.0 - 0.2) / (1.0 - 0.1))
+    assert found.headline()["value"] == pytest.approx((1.0 - 0.2 - spared) / (1.0 - 0.1))
+    assert whole(0.2, stands, **losses)[1].headline()["value"] is None
+
+
+class Jittery(Thresholds):
+    """Trials 0 and 1 of four fall if perturbed, 2 with other placement; nuisances turn all."""
+
+    def run(self, requests):
+        down = [
+            r.nuisance > 0 or (r.trial < 2 if r.replicate < 0 else r.replicate > 0 and r.trial == 2)
+            for r in requests
+        ]
+        return Responses(np.array(down, dtype=float), np.zeros(len(down)), None)
+
+
+def test_the_noise_floor_s_layers_are_told_apart() -> None:
+    campaign = shaken_campaign(3, 4)
+    observed = observe_like(
+        dataclasses.replace(
+            campaign,
+            trials=tuple(dataclasses.replace(t, overturned=False) for t in campaign.trials),
+        )
+    )
+    with Bank(Jittery()) as store:
+        layers = noise_floor(store, observed, KEPT)
+    assert (layers["numerical"], layers["input"], layers["nuisance"]) == (0.5, 0.25, 1.0)
+    assert layers["time_step"] is layers["solver"] is None
+    assert layers["trials"] == KEPT.size
 
 
 def test_what_is_kept_does_not_depend_on_outcomes(monkeypatch) -> None:

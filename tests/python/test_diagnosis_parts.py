@@ -12,8 +12,8 @@ from vsr2.diagnosis.discrepancy import COMMON, VARIANCE, disturbed
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import Data, Layout, Table, posterior, predict, tabulate
-from vsr2.diagnosis.features import Sampling, rest_features, tilt_features
-from vsr2.diagnosis.inference import Combination
+from vsr2.diagnosis.features import Feature, Sampling, rest_features, tilt_features
+from vsr2.diagnosis.inference import Combination, _combination
 from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.novelty import Misfit, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
@@ -21,10 +21,18 @@ from vsr2.diagnosis.observations import rest_logarithm
 from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
+from vsr2.diagnosis.summary import _shown
 from vsr2.diagnosis.table import agreement, table_residuals
-from vsr2.diagnosis.tempering import COVERAGE, Judged, Tempering, below, sharpness
+from vsr2.diagnosis.tempering import (
+    COVERAGE,
+    Judged,
+    Tempering,
+    below,
+    pairwise_exponent,
+    sharpness,
+)
 from vsr2.diagnosis.verdict import Findings, decide, disagreement
-from vsr2.diagnosis.where import OUTCOME, Conditions, scan
+from vsr2.diagnosis.where import OUTCOME, Conditions, Place, scan
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record
@@ -370,6 +378,24 @@ def test_an_accelerometer_that_passes_nothing_slow_leads_and_is_low_there() -> N
     assert 0.02 < phase_fast < np.radians(8.6)
 
 
+@pytest.mark.parametrize("last", [True, False])
+def test_the_ends_of_a_record_tell_nothing_of_the_instruments(last) -> None:
+    """A cosine's ends are steps, which fill the fast bands."""
+    time = np.arange(0.0, 6.0, 0.005)
+    omega = 2 * np.pi * 0.9
+    acceleration = 2.0 * np.cos(omega * time)
+    acceleration[-1] *= last
+    one = Record(
+        name="cosine",
+        sample_interval=0.005,
+        displacement=2.0 / omega**2 * (1 - np.cos(omega * time)),
+        acceleration=acceleration,
+    )
+    gain_slow, phase_slow, *fast = agreement(one)
+    assert np.abs([gain_slow[0], phase_slow[0]]).max() < 0.005
+    assert np.abs(np.nan_to_num(fast)).max() < 0.01
+
+
 def test_noise_alone_makes_recordings_differ_by_their_standard_errors() -> None:
     found = np.stack([agreement(recorded(seed=seed)) for seed in range(60)])
     over = found[:, :, 0] / found[:, :, 1]
@@ -415,6 +441,18 @@ def test_the_table_s_residuals_are_those_that_its_null_expects() -> None:
     assert table_residuals(table_campaign(one, one, one, one), null=9) is None
 
 
+def test_no_axis_and_no_channel_is_left_out_of_the_places_shown() -> None:
+    table, tilt = Feature("gain", "table", "whole motion"), OUTCOME
+    many = [Place(f"condition {i}", "conditions", table, 1.0, 0.01) for i in range(40)]
+    late = [
+        Place("second half", "order", tilt, 0.5, 0.2),
+        Place("last third", "order", tilt, 0.4, 0.3),
+        Place("all trials", "conditions", tilt, 0.1, 0.9),
+    ]
+    shown = [place.place for place in _shown(many + late)]
+    assert shown == [*(f"condition {i}" for i in range(20)), "second half", "all trials"]
+
+
 # --- the verdict --------------------------------------------------------------------------------
 
 CLEAR = Findings(
@@ -424,6 +462,8 @@ CLEAR = Findings(
     direction_p=0.005,
     none_probability=0.01,
     leading=("table_gain",),
+    alike=("table_gain",),
+    alike_probability=0.9,
     offered=20,
     class_probability=0.9,
     agreement=None,
@@ -445,7 +485,16 @@ CLEAR = Findings(
         ({}, "effect"),
         ({"leading": ("table_gain", "slenderness")}, "class"),
         ({"gap_low": -0.01, "direction_p": 0.3}, "unresolved"),
-        ({"gap_low": -0.01, "direction_p": 0.3, "none_probability": 0.03}, "none"),
+        (
+            {
+                "gap_low": -0.01,
+                "direction_p": 0.3,
+                "none_probability": 0.03,
+                "unknown_probability": 0.1,
+            },
+            "none",
+        ),
+        ({"gap_low": -0.01, "direction_p": 0.3, "none_probability": 0.03}, "unresolved"),
         ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
         ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
         (
@@ -462,7 +511,16 @@ CLEAR = Findings(
         ({"after_low": -0.01, "left": 0.9}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"stable": False}, "unresolved"),
-        ({"class_probability": 0.7}, "unresolved"),
+        (
+            {
+                "novelty_p": 0.01,
+                "after_low": 0.01,
+                "left": 0.5,
+                "none_probability": 0.5,
+                "unknown_probability": 0.32,
+            },
+            "unresolved",
+        ),
         ({"leading": tuple("abcde")}, "class"),
         ({"leading": tuple("abcdef")}, "unresolved"),
         ({"pair": ("table_gain", "wear")}, "effect"),
@@ -474,6 +532,17 @@ CLEAR = Findings(
 )
 def test_the_verdict_follows_its_rules(changes, kind) -> None:
     assert decide(dataclasses.replace(CLEAR, **changes)).kind == kind
+
+
+def test_what_is_less_probable_is_not_called_indistinguishable() -> None:
+    two = dataclasses.replace(CLEAR, leading=("table_gain", "wear"), alike_probability=0.7)
+    assert "table_gain has a probability of 0.70; 0.8 takes the others" in decide(two).reasons[-1]
+    same = dataclasses.replace(two, alike=two.leading)
+    assert decide(same).reasons[-1] == "this campaign does not tell these effects apart"
+    many = dataclasses.replace(two, leading=tuple("abcdef"), alike=("a", "b"))
+    assert "the class of a has a probability of 0.70; it takes 6" in decide(many).reasons[-1]
+    flat = dataclasses.replace(many, alike=many.leading)
+    assert "6 of the library's 20 effects cannot be told apart" in decide(flat).reasons[-1]
 
 
 def test_a_gap_is_told_by_the_tests_that_found_it() -> None:
@@ -488,7 +557,9 @@ def test_a_gap_is_told_by_the_tests_that_found_it() -> None:
 
 def test_no_gap_with_a_favoured_effect_says_so() -> None:
     verdict = decide(
-        dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2)
+        dataclasses.replace(
+            CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2, unknown_probability=0.1
+        )
     )
     assert verdict.kind == "none"
     assert "table_gain" in verdict.reasons[1]
@@ -542,11 +613,55 @@ def test_the_prior_counts_in_full_however_little_the_data_do() -> None:
     prior = np.log([0.6, 0.3, 0.1])
     ratio = np.array([0.0, 2.0, -1.0])
     flat = np.full(3, -np.log(3))
-    mute = Combination(Tempering(0.0, 0.0), 0.0)
+    mute = Combination(Tempering(0.0, 0.0), 0.0, np.inf)
     np.testing.assert_allclose(mute.log_probability(prior + ratio, flat, prior), prior)
     # Half of the evidence: odds are prior odds times the square root of the likelihood's ratio.
-    half = Combination(Tempering(0.5, 0.0), 1.0).log_probability(prior + ratio, flat, prior)
+    half = Combination(Tempering(0.5, 0.0), 1.0, np.inf).log_probability(prior + ratio, flat, prior)
     assert half[1] - half[0] == pytest.approx(np.log(0.5) + 1.0)
+
+
+def test_no_evidence_speaks_against_a_label_beyond_the_limit() -> None:
+    prior = np.log([0.6, 0.3, 0.1])
+    flat = np.full(3, -np.log(3))
+    sure = prior + np.array([0.0, -2000.0, -5000.0])
+    found = Combination(Tempering(0.5, 0.0), 1.0, 3.0).log_probability(sure, flat, prior)
+    np.testing.assert_allclose(found - found[0], prior - prior[0] - [0.0, 3.0, 3.0], atol=1e-12)
+    # Small ratios count as they are.
+    near = prior + np.array([0.0, -0.2, -0.1])
+    found = Combination(Tempering(0.5, 0.0), 1.0, 3.0).log_probability(near, flat, prior)
+    np.testing.assert_allclose(found - found[0], prior - prior[0] - [0, 0.1, 0.05], atol=2e-3)
+
+
+def test_campaigns_in_which_sure_evidence_misleads_are_counted() -> None:
+    rng = np.random.default_rng(3)
+    labels, rows = 6, 600
+    truth = np.arange(rows) % labels
+    prior = np.full(labels, -np.log(labels))
+    favoured = np.where(np.arange(rows) % 10 == 0, rng.integers(0, labels, rows), truth)
+    likelihood = 3.0 * rng.standard_normal((rows, labels)) + prior
+    likelihood[np.arange(rows), favoured] += 60.0
+    likelihood -= np.log(np.exp(likelihood).sum(axis=1, keepdims=True))
+    flat = np.full((rows, labels), -np.log(labels))
+    found = _combination(likelihood, flat, prior, truth, np.ones(rows))
+    p = np.exp(found.log_probability(likelihood, flat, prior))
+    right = (favoured == truth).mean()
+    assert p.max(axis=1).mean() == pytest.approx(right, abs=0.01)
+
+
+def test_the_pairwise_exponent_undoes_a_claim() -> None:
+    """Log likelihood ratios of mean D have variance 2 D; here they are told eight times too large.
+
+    600 campaigns: the standard error of the exponent is about 0.005.
+    """
+    rng = np.random.default_rng(5)
+    truth = np.arange(600) % 4
+    apart = rng.uniform(0.2, 3.0, (600, 4))
+    ratio = apart + np.sqrt(2 * apart) * rng.standard_normal((600, 4))
+    evidence = -8.0 * ratio
+    evidence[np.arange(600), truth] = 0.0
+    assert pairwise_exponent(evidence, truth) == pytest.approx(1 / 8, abs=0.02)
+    assert pairwise_exponent(0.5 * evidence / 8.0, truth) == 1.0
+    assert pairwise_exponent(evidence[:, :1], np.zeros(600, dtype=np.int64)) == 1.0
 
 
 def test_another_simulator_s_features_differ_alike_within_a_motion() -> None:

@@ -147,6 +147,8 @@ def test_trials_specimens_and_effects_that_are_not_used_are_told(
         (["--prior", "table_gain.chnage=0:1"], "has no parameter 'chnage'"),
         (["--prior", "table_gain.change=-2:1"], "it can be simulated from -0.9 to 5"),
         (["--prior", "table_gain.change=1:0"], "a prior from 1 to 0"),
+        (["--exclude", "bogus"], "no effect 'bogus'"),
+        (["--prior", "friction.factor=0:1"], "effects.friction.factor: parameter 'factor': a"),
         (["--nuisance", "frction=0.1"], "names are slenderness, inertia,"),
         (["--nuisance", "friction=-1"], "give NAME=SD with a number of 0 or more"),
         (["--nuisance", "friction"], "give NAME=SD"),

@@ -96,14 +96,6 @@ def diagnose(
     whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
     seen = observe_campaign(whole, tier)
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DiagnosisError(
-                f"{folder}: cannot be used ({error.strerror}); choose another folder"
-            ) from error
     simulator = SceneSimulator(
         seen.campaign,
         study,
@@ -118,6 +110,14 @@ def diagnose(
     )
     if not simulator.library:
         raise DiagnosisError("no effect is left to look for: exclude fewer")
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DiagnosisError(
+                f"{folder}: cannot be used ({error.strerror}); choose another folder"
+            ) from error
     found = diagnose_with(
         simulator,
         seen.campaign,

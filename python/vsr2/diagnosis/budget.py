@@ -17,7 +17,7 @@ ENOUGH_TRIALS = 100
 FEWEST_DRAWS = 6
 MAX_DRAWS = 192
 HALVING = 0.002
-"""Effects whose probability is below this get no further draws."""
+"""Effects whose probability by both routes is below this get no further draws."""
 SCREENING_SHARE = 0.25
 """Of the simulations that may go into screening."""
 FEWEST_TRIALS = 12

@@ -145,7 +145,7 @@ def diagnose_with(
                 "draws": dict(last.draws),
                 "rounds": len(rounds),
                 "limited": schedule.limited,
-                "exceeded": schedule.exceeded,
+                "exceeded": schedule.exceeded and store.asked > schedule.allowed,
             },
             "wall_time_s": time.monotonic() - started,
             "simulator": simulator.identity,
@@ -212,14 +212,12 @@ def _rounds(
             prepared.tables,
             inference.posteriors,
             observed,
-            exponent=min(
-                float(prepared.calibration.combination.likelihood.weight(inference.likelihood)), 1.0
-            ),
+            exponent=inference.exponent,
         )
         found = _Round(prepared, inference, groups, dict(draws))
         leading = _leading(found)
         out.append(found)
-        more = schedule.next_draws(draws, probability)
+        more = schedule.next_draws(draws, dict(zip(inference.labels, inference.told, strict=True)))
         spent = simulations(draws, kept.size)
         if more is None or not schedule.affords(simulations(more, kept.size) - spent, store):
             return out
@@ -310,6 +308,7 @@ def conclude(
     motion = seen.motion[kept]
     probability = dict(zip(found.labels, found.probability, strict=True))
     leading, within = leading_class(probability, groups)
+    alike = tuple(name for name in leading if name in groups[0])
     floor = prepared.calibration.floor
     gap_low = _gap_low(prepared, found, motion, seed)
     shrinkage = judge(
@@ -336,10 +335,14 @@ def conclude(
         surprise_p=surprise_p(outcome, dropped.before[dropped.certain]),
         none_probability=float(probability[NONE]),
         leading=leading,
+        alike=alike,
+        alike_probability=sum(probability[n] for n in groups[0])
+        / max(1 - float(probability[NONE]), 1e-9),
         offered=len(library),
         class_probability=within,
+        # Of two effects that act together a route that knows single ones may see either.
         agreement=disagreement(
-            leading,
+            leading if pair is None else tuple(dict.fromkeys((*leading, *pair))),
             found.labels[1 + int(np.argmax(found.likelihood[1:]))],
             found.labels[1 + int(np.argmax(found.classifier[1:]))],
             found.conformal["likelihood"],
@@ -383,7 +386,7 @@ def conclude(
         measure = measurement_of_a_pair(verdict.effects, library)
     elif verdict.kind != "none":
         members = list(verdict.effects)
-        measure = next_measurement(members, prepared, found.posteriors, observed, seen, kept)
+        measure = next_measurement(members, prepared, found, seen, kept)
     return Evidence(verdict, findings, groups, where, shrinkage, whole, measure)
 
 

@@ -22,7 +22,13 @@ from vsr2.diagnosis.library import NONE, UNKNOWN, Entry, Library, free_parameter
 from vsr2.diagnosis.novelty import PRIOR, Misfit, Strangers, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.score import crossfitted_none, losses, novelty_statistics
-from vsr2.diagnosis.tempering import Judged, Tempering, sharpness, strengths
+from vsr2.diagnosis.tempering import (
+    Judged,
+    Tempering,
+    pairwise_exponent,
+    sharpness,
+    strengths,
+)
 from vsr2.diagnosis.where import residuals
 
 Array = NDArray[np.float64]
@@ -32,17 +38,28 @@ FOLDS = 6
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
+LIMITS = (-5.0, 20.0)
+"""Of the logarithm of what route A may say [nat]."""
+GAP_QUANTILE = 0.95
+"""Of the strengths of campaigns without effect: above it there is something to tell apart."""
 
 
 @dataclass(frozen=True)
 class Combination:
     """How the two routes' log probabilities become one.
 
-    Exponents of routes A and B temper what the data say; the prior counts in full.
+    Exponents of routes A and B temper what the data say; the prior counts in full. However sure
+    route A is, it speaks against a label with no more than a limit: in some campaigns it misleads.
+
+    Attributes:
+        likelihood: exponent of route A.
+        classifier: exponent of route B.
+        limit: that a tempered log likelihood ratio approaches [nat].
     """
 
     likelihood: Tempering
     classifier: float
+    limit: float
 
     def log_probability(self, likelihood: Array, classifier: Array, prior: Array) -> Array:
         """Of each label, normalised, shape (..., labels).
@@ -52,10 +69,12 @@ class Combination:
             classifier: log probabilities by route B, of equally frequent labels, likewise.
             prior: its logarithm, shape (labels,).
         """
-        # Route A is bounded, so that no single route rules a label out beyond all evidence.
-        bounded = np.maximum(likelihood, likelihood.max(axis=-1, keepdims=True) - 30.0)
         weight = self.likelihood.weight(likelihood)[..., None]
-        return _normal(weight * (bounded - prior) + self.classifier * classifier + prior)
+        told = weight * (likelihood - prior)
+        told = told - told.max(axis=-1, keepdims=True)
+        if np.isfinite(self.limit):
+            told = self.limit * np.expm1(told / self.limit)
+        return _normal(told + self.classifier * classifier + prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +88,7 @@ class Calibration:
             campaigns, shape (rows,).
         likelihood, classifier: log probabilities of routes A and B, shape (rows, labels).
         combination: of A and B.
+        pairwise: exponent of a log likelihood ratio of two effects, where there is a gap.
         sharpness: of the posterior of parameters, for estimates and for intervals, learnt on
             campaigns as another simulator would have them.
         probability: weighted and normalised, shape (rows, labels).
@@ -88,6 +108,7 @@ class Calibration:
     likelihood: Array
     classifier: Array
     combination: Combination
+    pairwise: float
     sharpness: tuple[Tempering, Tempering]
     probability: Array
     gap: Array
@@ -108,6 +129,8 @@ class Inference:
         posteriors: route A, by label.
         likelihood, classifier: log probabilities of routes A and B, shape (labels,).
         probability: calibrated, shape (labels,).
+        told: the same without a limit to what route A says, shape (labels,).
+        exponent: with which a log likelihood ratio of two effects counts, at most 1.
         before: cross-fitted prediction of the model without effects.
         loss: of each trial under it, shape (trials,).
         gap_p, direction_p: share of simulated gap-free campaigns with at least this gap, and with
@@ -125,6 +148,8 @@ class Inference:
     likelihood: Array
     classifier: Array
     probability: Array
+    told: Array
+    exponent: float
     before: Prediction
     loss: Array
     gap_p: float
@@ -220,7 +245,9 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
     )
     classifier = prepared.classifier.log_probability(observed)[0]
     prior = log_prior(labels)
-    probability = np.exp(calibration.combination.log_probability(likelihood, classifier, prior))
+    combination = calibration.combination
+    unlimited = replace(combination, limit=np.inf)
+    probability = np.exp(combination.log_probability(likelihood, classifier, prior))
     best = labels[int(np.argmax(likelihood))]
     novelty = novelty_statistics(
         predict(tables[best], posteriors[best]), observed, prepared.places.directions()
@@ -238,6 +265,8 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         likelihood=likelihood,
         classifier=classifier,
         probability=probability,
+        told=np.exp(unlimited.log_probability(likelihood, classifier, prior)),
+        exponent=calibration.pairwise,
         before=before,
         loss=loss,
         gap_p=upper_tail(calibration.gap[none], float(loss.mean())),
@@ -337,6 +366,7 @@ def _calibrate(
         a,
         b,
         combination,
+        _pairwise(a - prior, truth, strengths(a)),
         sharpness(judged),
         probability,
         gap,
@@ -426,15 +456,28 @@ def _combination(
 
     def made(theta: Array) -> Combination:
         tempering = Tempering(float(np.exp(theta[0])), abs(float(theta[1])))
-        return Combination(tempering, float(np.exp(theta[2])))
+        limit = float(np.exp(np.clip(theta[3], *LIMITS)))
+        return Combination(tempering, float(np.exp(theta[2])), limit)
 
     def loss(theta: Array) -> float:
         found = made(theta).log_probability(a, b, prior)
         return -float((weight * found[rows, truth]).sum() / weight.sum())
 
-    start = np.array([np.log(0.5), 0.1, np.log(0.5)])
-    found = minimize(loss, start, method="Nelder-Mead", options={"maxiter": 200})
-    return made(found.x)
+    # A sure likelihood and a doubtful one are two basins.
+    starts = ((np.log(0.5), 0.1, np.log(0.5), np.log(8.0)), (-2.5, 0.02, -1.0, np.log(8.0)))
+    found = [
+        minimize(loss, np.array(start), method="Nelder-Mead", options={"maxiter": 500})
+        for start in starts
+    ]
+    return made(min(found, key=lambda one: float(one.fun)).x)
+
+
+def _pairwise(evidence: Array, truth: NDArray[np.int64], strength: Array) -> float:
+    """Of campaigns stronger than nearly all without effect; of all with one where none is."""
+    known = truth > 0
+    strong = known & (strength > np.quantile(strength[truth == 0], GAP_QUANTILE))
+    rows = strong if strong.any() else known
+    return pairwise_exponent(evidence[rows][:, 1:], truth[rows] - 1)
 
 
 def _odds(probability: Array) -> Array:

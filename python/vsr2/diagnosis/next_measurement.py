@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.equivalence import INSEPARABLE, expected_campaign
-from vsr2.diagnosis.evidence import Data, Posterior, log_likelihood, mode, posterior
-from vsr2.diagnosis.inference import Prepared
+from vsr2.diagnosis.evidence import Posterior, log_likelihood, mode, posterior
+from vsr2.diagnosis.inference import Inference, Prepared
 from vsr2.diagnosis.library import Entry, Library
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.where import SIGNIFICANT, Place
@@ -50,8 +50,7 @@ OWN_INSTRUMENTS = {
 def next_measurement(
     members: list[str],
     prepared: Prepared,
-    posteriors: Mapping[str, Posterior],
-    observed: Data,
+    found: Inference,
     seen: Observations,
     kept: NDArray[np.int64],
 ) -> dict[str, Any]:
@@ -59,14 +58,13 @@ def next_measurement(
 
     For a class, the instruments that look directly at its first two members, and the trial of the
     campaign whose repetition separates these two most, each at its own best parameters and
-    nuisances (expected log likelihood ratio per repeat, and the repeats after which the better one
-    is picked wrongly less than one time in ten).
+    nuisances (expected log likelihood ratio per repeat, as much of it as counts, and the repeats
+    after which the better one is picked wrongly less than one time in ten).
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
         prepared: effects and their tables.
-        posteriors: of each.
-        observed: kept trials.
+        found: inference on the campaign.
         seen: the whole campaign.
         kept: their indices.
     """
@@ -77,13 +75,13 @@ def next_measurement(
     out: dict[str, Any] = {"what": direct, "splits": members[:2] if len(members) > 1 else members}
     if len(members) == 1:
         return out
-    expected, _ = expected_campaign(tables[leader], posteriors[leader])
+    expected, _ = expected_campaign(tables[leader], found.posteriors[leader])
     rival = members[1]
     matched = posterior(tables[rival], expected)
     own = posterior(tables[leader], expected)
 
-    def likelihood(name: str, found: Posterior) -> NDArray[np.float64]:
-        node, z = mode(tables[name], found)
+    def likelihood(name: str, fitted: Posterior) -> NDArray[np.float64]:
+        node, z = mode(tables[name], fitted)
         at = tables[name].fine.at(node)
         values = log_likelihood(tables[name], at, expected, z[None, None])
         return np.asarray(values[0, 0], dtype=np.float64)
@@ -91,7 +89,7 @@ def next_measurement(
     gain = likelihood(leader, own) - likelihood(rival, matched)
     best = int(np.argmax(gain))
     trial = seen.campaign.trials[int(kept[best])]
-    information = float(max(gain[best], 0.0))
+    information = found.exponent * float(max(gain[best], 0.0))
     out |= {
         "trial": trial.trial,
         "information_per_repeat": information,

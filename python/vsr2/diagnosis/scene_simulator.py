@@ -416,7 +416,9 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
                 "have one with `with_motion`"
             )
         if trial.motion_file not in motions:
-            motions[trial.motion_file] = _driven(record, study, trial.motion_file)
+            motions[trial.motion_file] = _driven(
+                record, study, trial.motion_file, noisy=bool(campaign.noise.displacement)
+            )
         trials.append(
             Trial(
                 scene=scene,
@@ -431,7 +433,8 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
     return trials
 
 
-def _driven(record: Record, study: Study, name: str) -> Motion:
+def _driven(record: Record, study: Study, name: str, *, noisy: bool) -> Motion:
+    """As the study says of recordings; where it says nothing, as recorded, without its noise."""
     step = study.engine.time_step
     if isinstance(study.motion, SingleRecording | AllRecordings):
         return build_recorded_motion(
@@ -442,4 +445,5 @@ def _driven(record: Record, study: Study, name: str) -> Motion:
             scale=study.motion.scale,
             name=name,
         )
-    return build_recorded_motion(record, step, filter=Filter(), name=name)
+    filtered = noisy or record.displacement is None
+    return build_recorded_motion(record, step, filter=Filter() if filtered else None, name=name)

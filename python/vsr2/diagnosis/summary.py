@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 FEW_TRIALS = 100
 FEW_MOTIONS = 10
 FEW_NOTICED = 0.5
+ALL_OF_PRIOR = 0.85
+"""Share of a prior's range beyond which an interval tells no size."""
 _PLACES = 20
 """The most significant, beside those that hold all trials."""
 
@@ -119,13 +121,13 @@ def compose(
                 if place.p_familywise <= SIGNIFICANT
                 else None,
             }
-            for k, place in enumerate(evidence.where)
-            if k < _PLACES or place.is_whole
+            for place in _shown(evidence.where)
         ],
         "verdict": {
             "kind": verdict.kind,
             "effects": list(verdict.effects),
-            "probability": float(verdict.probability),
+            "probability": float(verdict.probability)
+            * (1 if verdict.kind == "unknown" else 1 - unknown),
             "reasons": list(verdict.reasons),
         },
         "effects": effects,
@@ -147,7 +149,10 @@ def compose(
         "routes": {
             "likelihood": _top(found.labels, np.exp(found.likelihood)),
             "classifier": _top(found.labels, np.exp(found.classifier)),
-            "combination": asdict(prepared.calibration.combination),
+            "combination": {
+                **asdict(prepared.calibration.combination),
+                "pairwise": prepared.calibration.pairwise,
+            },
         },
         "next_measurement": evidence.next_measurement,
         "limits": [
@@ -165,12 +170,22 @@ def compose(
     return Diagnosis(content, tuple(whole.rows()))
 
 
+def _shown(places: Sequence[Place]) -> list[Place]:
+    """The most significant places, those of all trials, and the first of each axis and channel."""
+    first = {(p.axis, p.feature.channel): k for k, p in reversed(list(enumerate(places)))}
+    return [
+        place
+        for k, place in enumerate(places)
+        if k < _PLACES or place.is_whole or k in first.values()
+    ]
+
+
 def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
     """Posterior means, modes and central 95 % intervals.
 
     The mode is that of all parameters together, as the likelihood has it: closures are about it.
     The mean is of the tempered posterior. The interval is of both temperings, because the wider
-    one lies nearer to the prior's middle.
+    one lies nearer to the prior's middle, and reaches to the mode.
     """
     entry = prepared.library[name]
     nodes = positions(entry, prepared.tables[name].fine.quantiles)
@@ -189,10 +204,11 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
         lows, highs = (
             [float(np.interp(q, total, values[order])) for total in totals] for q in (0.025, 0.975)
         )
+        peak = float(values[np.argmax(own)])
         out[parameter.name] = {
             "mean": float(weights[0] @ values),
-            "mode": float(values[np.argmax(own)]),
-            "ci95": [min(lows), max(highs)],
+            "mode": peak,
+            "ci95": [min(*lows, peak), max(*highs, peak)],
             "unit": parameter.unit,
         }
     return out
@@ -242,11 +258,16 @@ def _sizes(prepared: Prepared, verdict: Verdict, effects: Sequence[Mapping[str, 
             continue
         for parameter in free_parameters(prepared.library[row["name"]]):
             low, high = row["parameters"][parameter.name]["ci95"]
-            if not parameter.secondary and low <= parameter.null <= high:
-                out.append(
-                    f"the size of {row['name']} is not determined: its {parameter.name} lies from "
-                    f"{low:.3g} to {high:.3g} {parameter.unit}, {parameter.null:g} being no effect"
-                )
+            if parameter.secondary:
+                continue
+            lies = (
+                f"the size of {row['name']} is not determined: its {parameter.name} lies from "
+                f"{low:.3g} to {high:.3g} {parameter.unit}"
+            )
+            if low <= parameter.null <= high:
+                out.append(f"{lies}, {parameter.null:g} being no effect")
+            elif high - low > ALL_OF_PRIOR * (parameter.upper - parameter.lower):
+                out.append(f"{lies}, nearly all that its prior allows")
     return out
 
 
@@ -296,6 +317,7 @@ def _limits(
         lacking = int((np.isnan(seen.features[:, 0]) & (seen.overturned < 0.5)).sum())
         if lacking:
             out.append(f"{lacking} trials that stood have no largest tilt: their outcomes are used")
+    out += _unused(seen)
     alike = set(seen.overturned[np.isfinite(seen.overturned)])
     if len(alike) == 1:
         out.append(
@@ -347,6 +369,24 @@ def _limits(
     if not np.isfinite(seen.log_pga).all():
         out.append("some trials have no intensity measures and are left out of the conditions")
     return out
+
+
+def _unused(seen: Observations) -> list[str]:
+    """What some trials have and the tier leaves out."""
+    trials = seen.campaign.trials
+    standing = [t for t in trials if not t.overturned]
+    parts = {
+        "B": ("largest tilt", sum(t.peak_tilt is not None for t in standing), len(standing)),
+        "M": ("series", sum(t.series is not None for t in trials), len(trials)),
+    }
+    name, there, of = parts.get(seen.tier, ("", 0, 0))
+    if not there:
+        return []
+    which = "trials that stood" if seen.tier == "B" else "trials"
+    return [
+        f"{there} of {of} {which} have a {name} that tier {seen.tier} does not use; the next tier "
+        "needs it of nine in ten"
+    ]
 
 
 def _unseen(prepared: Prepared, name: str) -> bool:

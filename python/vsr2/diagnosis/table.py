@@ -44,6 +44,10 @@ CALIBRATION = 0.01
 phase [rad]."""
 LEAST_COHERENCE = 0.9
 """Of a band that is used."""
+LEAST_POWER = 1e-4
+"""Share of the motion's power that such a band must have: less may be leakage."""
+TAPER = 0.1
+"""Share of a record over which its ends fade, so that their steps do not fill other bands."""
 LEAST_FREQUENCIES = 4
 """In such a band: fewer are always coherent."""
 MOST = 4.0
@@ -60,18 +64,22 @@ def agreement(record: Record) -> Array:
     out = np.full((len(TABLE_FEATURES), 2), np.nan)
     if record.displacement is None or record.acceleration is None or record.size < 16:
         return out
+    from scipy.signal.windows import tukey
+
     interval = record.sample_interval
     second = np.diff(record.displacement, 2) / interval**2
     measured = record.acceleration[1:-1] - np.mean(record.acceleration)
     frequency = np.fft.rfftfreq(second.size, interval)
-    x = np.fft.rfft(second) / np.sinc(frequency * interval) ** 2
-    y = np.fft.rfft(measured)
+    window = tukey(second.size, TAPER)
+    x = np.fft.rfft(window * second) / np.sinc(frequency * interval) ** 2
+    y = np.fft.rfft(window * measured)
+    least = LEAST_POWER * float((np.abs(x[frequency <= 0.4 / interval]) ** 2).sum())
     for k, bands in enumerate(BANDS):
         rows = []
         for low, high in bands:
             inside = (frequency >= low) & (frequency < high)
             if high <= 0.4 / interval:
-                rows += _of_band(x[inside], y[inside])
+                rows += _of_band(x[inside], y[inside], least)
         if rows:
             gain, phase, variance, shared = np.array(rows).T
             out[2 * k] = _together(gain, variance, shared)
@@ -80,11 +88,14 @@ def agreement(record: Record) -> Array:
 
 
 def _of_band(
-    x: NDArray[np.complex128], y: NDArray[np.complex128]
+    x: NDArray[np.complex128], y: NDArray[np.complex128], least: float
 ) -> list[tuple[float, float, float, float]]:
-    """Log gain, phase, their variance and the gain's shared error; nothing if not coherent."""
+    """Log gain, phase, their variance and the gain's shared error; nothing if not coherent.
+
+    Nor is there anything where the power is not above `least`.
+    """
     xx, yy = float((np.abs(x) ** 2).sum()), float((np.abs(y) ** 2).sum())
-    if x.size < LEAST_FREQUENCIES or xx <= 0 or yy <= 0:
+    if x.size < LEAST_FREQUENCIES or xx <= least or yy <= 0:
         return []
     xy = complex((np.conj(x) * y).sum())
     coherence = min(abs(xy) ** 2 / (xx * yy), 1 - 1e-9)

@@ -116,3 +116,37 @@ def sharpness(campaigns: Sequence[Judged]) -> tuple[Tempering, Tempering]:
     if not covers.any():
         return best, options[0]
     return best, options[int(np.argmax(np.where(covers, score, -np.inf)))]
+
+
+def pairwise_exponent(evidence: Array, truth: NDArray[np.int64]) -> float:
+    """With what exponent a log likelihood ratio tells two effects apart.
+
+    The odds that the true effect of a campaign beats another are taken as the ratio's power, or as
+    even in a share of the pairs (both by maximum likelihood over all pairs).
+
+    Args:
+        evidence: log, of every effect in campaigns of known cause, shape (campaigns, effects).
+        truth: index of the campaign's own effect, shape (campaigns,).
+
+    Returns:
+        At most 1; 1 where there is no pair.
+    """
+    from scipy.optimize import minimize
+    from scipy.special import expit
+
+    rows = np.arange(truth.size)
+    ratio = evidence[rows, truth][:, None] - evidence
+    others = np.arange(evidence.shape[1]) != truth[:, None]
+    if not others.any():
+        return 1.0
+    count = np.bincount(truth, minlength=evidence.shape[1])
+    weight = np.broadcast_to(1.0 / count[truth][:, None], others.shape)[others]
+    ratio = ratio[others]
+
+    def loss(theta: Array) -> float:
+        even = expit(theta[1])
+        right = (1 - even) * expit(np.exp(theta[0]) * ratio) + even / 2
+        return -float(np.average(np.log(np.maximum(right, 1e-300)), weights=weight))
+
+    found = minimize(loss, np.array([-2.0, -3.0]), method="Nelder-Mead")
+    return min(float(np.exp(found.x[0])), 1.0)

@@ -59,9 +59,11 @@ class Findings:
         surprise_p: chance of so many outcomes of the dropped trials that do the same in all
             simulations, without effects too, against that.
         none_probability: calibrated.
-        leading: the leading class, most probable effect first.
+        leading: the fewest classes that reach `LEAST_PROBABILITY`, most probable effect first.
+        alike: those of them that the campaign does not tell from the first.
+        alike_probability: of these, given that something is missing.
         offered: effects in the library.
-        class_probability: of it, given that something is missing.
+        class_probability: of `leading`, given that something is missing.
         agreement: None, or why the routes disagree.
         novelty_p: of the best single effect's misfit.
         unknown_probability: of a cause outside the library, by that p value.
@@ -82,6 +84,8 @@ class Findings:
     surprise_p: float
     none_probability: float
     leading: tuple[str, ...]
+    alike: tuple[str, ...]
+    alike_probability: float
     offered: int
     class_probability: float
     agreement: str | None
@@ -123,15 +127,25 @@ def _not_beyond(f: Findings) -> str:
     )
 
 
+def _alike(f: Findings) -> str:
+    """The first effect, with those that are not told from it, and their probability."""
+    names = f.alike[0] if len(f.alike) == 1 else f"the class of {f.alike[0]}"
+    return f"{names} has a probability of {f.alike_probability:.2f}"
+
+
+def _none_beside_unknown(f: Findings) -> float:
+    return (1 - f.unknown_probability) * f.none_probability
+
+
 def decide(f: Findings) -> Verdict:
     """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
     if not beyond_noise(f.gap_low, f.gap_p, f.direction_p, f.surprise_p):
         reasons = [_not_beyond(f)]
-        if f.none_probability < LEAST_NONE:
+        none = _none_beside_unknown(f)
+        if none < LEAST_NONE:
             reasons.append(
-                f"but weighed by its prior, none has a probability of {f.none_probability:.1g}: "
-                f"{f.favoured} or another effect is likely; a larger budget, or more trials, may "
-                "decide"
+                f"but weighed by its prior, none has a probability of {none:.1g}: {f.favoured} or "
+                "another effect is likely; a larger budget, or more trials, may decide"
             )
             return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
         if f.none_probability < 0.5:
@@ -157,6 +171,13 @@ def decide(f: Findings) -> Verdict:
         and f.after_low > 0
         and f.left > UNEXPLAINED
     )
+    if misfit and f.pair is None and f.unknown_probability <= _none_beside_unknown(f):
+        reasons.append(
+            "the best effect leaves a gap above the floor on motions that it did not see, but by "
+            f"its prior none, with {_none_beside_unknown(f):.2f}, is more probable than a cause "
+            f"outside the library, with {f.unknown_probability:.2f}"
+        )
+        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if misfit and f.pair is None:
         reasons.append(
             "the best effect leaves a gap above the floor on motions that it did not see, and fits "
@@ -173,17 +194,17 @@ def decide(f: Findings) -> Verdict:
     if not f.stable:
         reasons.append("half the simulations led to another answer: spend a larger budget")
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    if f.class_probability < LEAST_PROBABILITY:
-        reasons.append(
-            f"no class of effects reaches a probability of {LEAST_PROBABILITY}: the data do not "
-            "decide between several"
-        )
-        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     if len(f.leading) > max(2, MOST_NAMED * f.offered):
-        reasons.append(
-            f"with these trials and simulations {len(f.leading)} of the library's {f.offered} "
-            "effects cannot be told apart: the data do not decide"
-        )
+        if len(f.alike) == len(f.leading):
+            reasons.append(
+                f"with these trials and simulations {len(f.leading)} of the library's {f.offered} "
+                "effects cannot be told apart: the data do not decide"
+            )
+        else:
+            reasons.append(
+                f"{_alike(f)}; it takes {len(f.leading)} of the library's {f.offered} effects to "
+                f"reach {LEAST_PROBABILITY}: the data do not decide"
+            )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     left = max(f.left, f.left_of_all)
     if f.pair is None and f.after_low > 0 and left > MOST_LEFT:
@@ -195,7 +216,11 @@ def decide(f: Findings) -> Verdict:
         reasons.append("a second effect improves the score on motions that the choice did not see")
         return Verdict("pair", f.pair, f.pair_probability, tuple(reasons))
     if len(f.leading) > 1:
-        reasons.append("this campaign does not tell these effects apart")
+        reasons.append(
+            "this campaign does not tell these effects apart"
+            if len(f.alike) == len(f.leading)
+            else f"{_alike(f)}; {LEAST_PROBABILITY} takes the others too, which fit worse"
+        )
         return Verdict("class", f.leading, f.class_probability, tuple(reasons))
     return Verdict("effect", f.leading, f.class_probability, tuple(reasons))
 

@@ -123,7 +123,7 @@ class Whole:
         return _estimate((before - value) / (before - floor), ratio)
 
     def headline(self) -> dict[str, Any]:
-        """Closure minus the better placebo's."""
+        """Closure minus the better placebo's, or nothing's where both placebos make it worse."""
         if self._touches_floor:
             return {"value": None, "ci95": None}
         before, befores = self._column("before")
@@ -131,6 +131,7 @@ class Whole:
         after, afters = self._column("after")
         options = [self._column(name) for name in ("placebo", "recalibrated")]
         best, bests = min(options, key=lambda option: option[0])
+        best, bests = min(best, before), np.minimum(bests, befores)
         ratio = (bests - afters) / np.maximum(befores - floors, 1e-9)
         return _estimate((best - after) / (before - floor), ratio)
 

@@ -197,7 +197,10 @@ class Effect:
                 f"effects.{self.name}.{name}: a prior from {lower:g} to {upper:g}; it can be "
                 f"simulated from {low:g} to {high:g}"
             )
-        wide = replace(old, lower=lower, upper=upper, limits=(low, high))
+        try:
+            wide = replace(old, lower=lower, upper=upper, limits=(low, high))
+        except ConfigError as error:
+            raise ConfigError(f"effects.{self.name}.{name}: {error}") from None
         made = copy(self)
         vars(made)["parameters"] = tuple(wide if p.name == name else p for p in self.parameters)
         return made

@@ -53,23 +53,34 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     """The verdict in one sentence."""
     verdict = content["verdict"]
     names = [str(name).replace("_", " ") for name in verdict["effects"]]
-    chance = f"{verdict['probability']:.0%}"
+    chance = f"{verdict['probability']:.0%}" if verdict["probability"] < 0.995 else "over 99%"
     match verdict["kind"]:
         case "none":
+            found = [row for row in content["where"] if row["p_familywise"] <= _LEVEL]
+            if found:
+                return (
+                    "No gap beyond noise in the loss, but residuals stand out: "
+                    f"{found[0]['place'].replace('_', ' ')} (family-wise p "
+                    f"{found[0]['p_familywise']:.2g})."
+                )
             return "No gap beyond noise: this campaign gives no reason to change the model."
         case "effect":
             said = f"Of the effects in the library, {names[0]} explains the gap ({chance})"
         case "class":
+            groups = {
+                row["class"] for row in content["effects"] if row["name"] in verdict["effects"]
+            }
+            does = "cannot tell them apart" if len(groups) == 1 else "does not decide between them"
             said = (
                 f"Of the effects in the library, {_listed(names)} explains the gap ({chance} "
-                "together; this campaign cannot tell them apart)"
+                f"together; this campaign {does})"
             )
         case "pair":
             said = f"{_listed(names, 'and').capitalize()} together explain the gap ({chance})"
         case "unknown":
             return (
-                "There is a gap; no effect of the library explains it, and no pair of them was "
-                "found that does."
+                f"There is a gap; no effect of the library explains it ({chance}), and no pair of "
+                "them was found that does."
             )
         case _:
             if verdict["reasons"][0].startswith(NO_GAP):
@@ -83,7 +94,7 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     bounds = content["gap"]["headline"]["ci95"]
     if bounds is None:
         return f"{said}; the gap is too small to tell how much of it that closes."
-    if bounds[0] <= 0:
+    if bounds[0] <= 0 or content["gap"]["closure"]["ci95"][0] <= 0:
         return f"{said}, but not surely better than a wrong effect or a plain rescaling does."
     closed = content["gap"]["closure"]["value"]
     return f"{said}: added, it closes {closed:.0%} of the gap on motions that it did not see."
@@ -252,7 +263,10 @@ def _channels_note(content: Mapping[str, Any]) -> str:
 
 def _next(content: Mapping[str, Any]) -> str:
     measure = content["next_measurement"]
-    if not measure:
+    found = [row for row in content["where"] if row["p_familywise"] <= _LEVEL]
+    if not measure and found:
+        text = f"<p>What stands out: {escape(found[0]['place'].replace('_', ' '))}.</p>"
+    elif not measure:
         text = "<p>Nothing: there is no gap to explain.</p>"
     else:
         text = f"<p>{escape(measure['what'][:1].upper() + measure['what'][1:])}.</p>"
