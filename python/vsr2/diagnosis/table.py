@@ -45,7 +45,8 @@ phase [rad]."""
 LEAST_COHERENCE = 0.9
 """Of a band that is used."""
 LEAST_POWER = 1e-4
-"""Share of the motion's power that such a band must have: less may be leakage."""
+"""Share of the motion's power up to the last band that such a band must have: less may be leakage.
+Beyond it a displacement's second difference is mostly noise."""
 TAPER = 0.1
 """Share of a record over which its ends fade, so that their steps do not fill other bands."""
 LEAST_FREQUENCIES = 4
@@ -73,7 +74,7 @@ def agreement(record: Record) -> Array:
     window = tukey(second.size, TAPER)
     x = np.fft.rfft(window * second) / np.sinc(frequency * interval) ** 2
     y = np.fft.rfft(window * measured)
-    least = LEAST_POWER * float((np.abs(x[frequency <= 0.4 / interval]) ** 2).sum())
+    least = LEAST_POWER * float((np.abs(x[frequency < BANDS[-1][-1][1]]) ** 2).sum())
     for k, bands in enumerate(BANDS):
         rows = []
         for low, high in bands:
