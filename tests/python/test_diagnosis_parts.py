@@ -543,11 +543,17 @@ def test_the_verdict_follows_its_rules(changes, kind) -> None:
 
 def test_what_is_less_probable_is_not_called_indistinguishable() -> None:
     two = dataclasses.replace(CLEAR, leading=("table_gain", "wear"), alike_probability=0.7)
-    assert "table_gain has a probability of 0.70; 0.8 takes the others" in decide(two).reasons[-1]
+    assert (
+        "table_gain has a probability of 0.70 if something is missing; 0.8 takes"
+        in decide(two).reasons[-1]
+    )
     same = dataclasses.replace(two, alike=two.leading)
     assert decide(same).reasons[-1] == "this campaign does not tell these effects apart"
     many = dataclasses.replace(two, leading=tuple("abcdef"), alike=("a", "b"))
-    assert "the class of a has a probability of 0.70; it takes 6" in decide(many).reasons[-1]
+    assert (
+        "the class of a has a probability of 0.70 if something is missing; it takes 6"
+        in decide(many).reasons[-1]
+    )
     flat = dataclasses.replace(many, alike=many.leading)
     assert "6 of the library's 20 effects cannot be told apart" in decide(flat).reasons[-1]
 

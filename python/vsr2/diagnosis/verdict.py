@@ -130,7 +130,7 @@ def _not_beyond(f: Findings) -> str:
 def _alike(f: Findings) -> str:
     """The first effect, with those that are not told from it, and their probability."""
     names = f.alike[0] if len(f.alike) == 1 else f"the class of {f.alike[0]}"
-    return f"{names} has a probability of {f.alike_probability:.2f}"
+    return f"{names} has a probability of {f.alike_probability:.2f} if something is missing"
 
 
 def _none_beside_unknown(f: Findings) -> float:
