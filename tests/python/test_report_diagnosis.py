@@ -188,7 +188,7 @@ def test_the_page_tells_the_numbers() -> None:
     text = re.sub(r"<[^>]+>", " ", page)
     for part in (
         "Closure 0.83 [0.82, 0.84]; placebo 0.33 [0.32, 0.34] (catch); recalibration 0.17",
-        "Headline, closure minus the better of these: 0.50 [0.49, 0.51]",
+        "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "The gap is 0.60 [0.59, 0.61] nat",
         "repeat trial T7, where wear and catch differ most; about 3 repeats would",
         "starts moved by 1e-6 to 1e-4 m and rad: 2.0%",

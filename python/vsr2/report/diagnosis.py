@@ -241,8 +241,8 @@ def _closure_note(content: Mapping[str, Any]) -> str:
     return (
         f"{size}Closure {_interval(gap['closure'])}; placebo {_interval(placebo['closure'])} "
         f"({str(placebo['effect']).replace('_', ' ')}); recalibration "
-        f"{_interval(placebo['recalibration'])}. Headline, closure minus the better of these: "
-        f"{_interval(gap['headline'])}."
+        f"{_interval(placebo['recalibration'])}. Headline, closure minus the better of these, or "
+        f"0: {_interval(gap['headline'])}."
     )
 
 
