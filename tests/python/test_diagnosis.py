@@ -447,8 +447,10 @@ def test_a_scene_that_says_nothing_of_recordings_is_driven_as_recorded(tmp_path,
     found = simulator.run([Request(i, (), 0, 0) for i in range(len(campaign))])
     apart = np.abs(found.peak_tilt - [trial.peak_tilt for trial in campaign.trials])
     if noise is None:
-        assert apart.max() < 1e-3
+        # The record comes at the simulation's own step: the motion is the same, to rounding.
+        assert apart.max() < 1e-9
     else:
+        # The band-pass rounds the steps at the cosines' ends.
         assert apart.max() > 0.01
 
 

@@ -399,6 +399,7 @@ def test_the_ends_of_a_record_tell_nothing_of_the_instruments(last) -> None:
         acceleration=acceleration,
     )
     gain_slow, phase_slow, *fast = agreement(one)
+    # Instruments in order are taken to differ by 0.01.
     assert np.abs([gain_slow[0], phase_slow[0]]).max() < 0.005
     assert np.abs(np.nan_to_num(fast)).max() < 0.01
 
@@ -645,7 +646,7 @@ def test_no_evidence_speaks_against_a_label_beyond_the_limit() -> None:
     np.testing.assert_allclose(found - found[0], prior - prior[0] - [0, 0.1, 0.05], atol=2e-3)
 
 
-def test_campaigns_in_which_sure_evidence_misleads_are_counted() -> None:
+def test_sure_evidence_that_misleads_one_time_in_ten_is_not_believed_more() -> None:
     rng = np.random.default_rng(3)
     labels, rows = 6, 600
     truth = np.arange(rows) % labels
