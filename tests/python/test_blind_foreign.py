@@ -310,9 +310,9 @@ CHANGES = {
     "model": model_changed,
 }
 MESSAGES = {
-    "no classes": "classes is None",
+    "no classes": r"classes is missing, sealed is .*; publish it",
     "scene": "differs from the sealed scene",
-    "tolerances": r"tolerances\.input_gain is None and differs from the sealed, \[0\.004, 0\.004\]",
+    "tolerances": r"tolerances\.input_gain is missing, sealed is \[0\.004, 0\.004\]; publish it",
     "no scene": r"scene\.yaml: cannot be read",
     "broken scene": r"scene\.yaml: is no scene",
     "model": r"boulder\.obj: differs from the sealed model",
@@ -629,6 +629,13 @@ def test_options_are_refused_before_the_submission_is_begun(options, message, tm
         diagnose_pack(data, tmp_path / "out", diagnose=Told, **options)
     assert not (tmp_path / "out").exists()
     assert diagnose_pack(data, tmp_path / "out", diagnose=Told).done == 6
+
+
+def test_a_file_in_the_place_of_the_diagnoses_is_refused(tmp_path, capsys) -> None:
+    data, _ = write_pack(tmp_path)
+    (tmp_path / "out").write_text("")
+    assert main(["blind", "diagnose", str(data), "--out", str(tmp_path / "out")]) == 2
+    assert "out: no folder can be made there" in capsys.readouterr().err
 
 
 def test_the_command_refuses_few_draws_and_begins_nothing(tmp_path, capsys) -> None:

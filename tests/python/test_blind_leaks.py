@@ -266,6 +266,30 @@ def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
     assert len(left_out["none"]) == 3
 
 
+def test_how_often_a_class_is_left_out_does_not_tell_the_kind() -> None:
+    # Decoys of a class are in proportion to its unknown campaigns, up to what dealing whole
+    # campaigns and a campaign's own class allow. Dealt at random they have a deviation of 3.
+    engines, told = ("mujoco", "bullet"), []
+    for seed in range(30):
+        plan, _ = planned(
+            seed, engines, single=(30, 10), none=(16, 4), unknown=(10, 4), pair=(10, 2), hidden=4
+        )
+        counts = Counter((p.exclude, p.kind == "unknown") for p in plan)
+        for members in {p.exclude for p in plan}:
+            assert abs(counts[members, False] - 72 / 14 * counts[members, True]) < 2.0
+        alike = Counter(p.exclude for p in plan)
+        unknown, others = (
+            np.array([alike[p.exclude] for p in plan if (p.kind == "unknown") == asked])
+            for asked in (True, False)
+        )
+        told.append((unknown[:, None] < others).mean() + (unknown[:, None] == others).mean() / 2)
+    assert np.mean(told) == pytest.approx(0.5, abs=0.01)
+    # Where each effect is left out in turn, as far as there are campaigns for it.
+    plan, _ = planned(leave_one_out=1, none=6)
+    counts = Counter((p.exclude, p.kind) for p in plan)
+    assert all(counts[members, "none"] == counts[members, "unknown"] for members, _ in counts)
+
+
 def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> None:
     for change in (
         {"single": 2, "pair": 1, "hidden": 2},
@@ -383,6 +407,14 @@ def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_pa
     assert set(clean) == {"engine", "kind", "class"}
     assert all(leak.p > 0.01 for leak in clean.values())
     entries = key["campaigns"]
+    one = [class_label(e["effects"][0]["name"], CLASSES) for e in entries.values() if e["effects"]]
+    assert clean["class"].count == sum(one.count(label) > 1 for label in one)
+    # What is left out of an unknown campaign's library is left out of no other.
+    alone = {name: ["a" if e["kind"] != "unknown" else name] for name, e in entries.items()}
+    telling = {"campaigns": {n: e | {"exclude": alone[n]} for n, e in entries.items()}}
+    found = {leak.question: leak for leak in find_leaks(data, key | telling)}
+    assert found["kind"].p <= 0.01
+    assert found["kind"].told_by == "campaigns that lack the same effects"
     labels = {
         "engine": {name: e["engine"] for name, e in entries.items()},
         "kind": {name: e["kind"] for name, e in entries.items()},

@@ -9,14 +9,18 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import vsr2.blind.make as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, same_folders
 from vsr2.blind import PackSettings, make_pack
+from vsr2.blind.floor import draw_own
 from vsr2.blind.seal import canonical, commitment, open_key, read_json
+from vsr2.blind.shake import Observed
 from vsr2.campaign import (
     check_campaign,
+    load_campaign,
 )
 from vsr2.config import Study, load_study
 from vsr2.errors import BlindError
@@ -47,6 +51,69 @@ def test_a_pack_is_what_was_asked(quick, study, tmp_path) -> None:
             assert 0.499 <= effect["relative"] <= 6.001
     # A load and a diagnosis need the nominal scene, without the folder that it came from.
     assert load_study(data / "scene.yaml").rock == study.rock
+
+
+def test_each_trial_and_campaign_has_its_own_nuisances(quick, study, tmp_path) -> None:
+    settings = PackSettings()
+    rng = np.random.default_rng(0)
+    own = [draw_own(rng, settings, 0.003) for _ in range(4000)]
+    tolerances = settings.tolerances
+    for values, expected in (
+        ([one.yaw for one in own], tolerances.yaw),
+        ([one.offset[0] for one in own], tolerances.offset),
+        ([one.offset[1] for one in own], tolerances.offset),
+        ([one.gain - 1 for one in own], 0.003),
+    ):
+        # The standard error of a standard deviation of 4000 draws is 1.1 %.
+        assert np.std(values) == pytest.approx(expected, rel=0.05)
+        assert np.mean(values) == pytest.approx(0, abs=0.07 * expected)
+    make(study, tmp_path, trials=24)
+    entries = open_key(tmp_path / "data", tmp_path / "key")["campaigns"].values()
+    for name, (low, high) in {"input_gain": tolerances.input_gain, "width": (0.97, 1.03)}.items():
+        drawn = [entry["nuisances"][name] for entry in entries]
+        assert len(set(drawn)) > 10
+        assert low <= min(drawn) < 0.6 * low + 0.4 * high < max(drawn) <= high
+
+
+def test_series_have_the_noise_that_is_published(quick, study, tmp_path) -> None:
+    make(study, tmp_path, single=0, none=2, unknown=0, pair=0, trials=24)
+    tolerances = PackSettings().tolerances
+    for folder in sorted((tmp_path / "data").glob("c*")):
+        series = [trial.series for trial in load_campaign(folder).trials]
+        # The quick engine's rock neither travels nor turns.
+        turned = np.concatenate([2 * one.orientation[1:, :3] for one in series])
+        moved = np.concatenate([one.position[1:] for one in series])
+        for values, expected in (
+            (turned, tolerances.orientation_noise), (moved, tolerances.position_noise)
+        ):  # fmt: skip
+            np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.1)
+
+
+def test_an_effect_acts_where_outcomes_or_tilts_change() -> None:
+    def seen(overturned, tilt):
+        none = np.zeros(0)
+        return Observed(overturned, tilt, none, none, none, none)
+
+    change = make_module._change
+    assert change(seen(False, 0.1), seen(False, 0.2)) == pytest.approx(math.log(2), abs=1e-4)
+    # What fell is seen as far as 1.2 rad, what stood still as 1 mrad.
+    assert change(seen(True, 1.5), seen(False, 0.6)) == pytest.approx(1 + math.log(2), abs=1e-4)
+    assert change(seen(False, 1e-6), seen(False, 1e-5)) == 0
+
+
+@pytest.mark.parametrize("where", ["pack", "key"])
+def test_folders_that_cannot_be_made_begin_nothing(quick, study, tmp_path, where) -> None:
+    (tmp_path / "file").write_text("")
+    places = {"pack": tmp_path / "pack", "key": tmp_path / "key"} | {where: tmp_path / "file"}
+    with pytest.raises(BlindError, match="no folder can be made there"):
+        make_pack(study, *places.values(), PackSettings(**SMALL))
+    assert not list(tmp_path.rglob("custodian.json"))
+
+
+def test_a_negative_seed_begins_nothing(quick, study, tmp_path) -> None:
+    with pytest.raises(BlindError, match="seed is -4; give 0 or more"):
+        make(study, tmp_path / "new", seed=-4)
+    assert not (tmp_path / "new").exists()
 
 
 def test_the_key_is_its_owners(quick, study, tmp_path) -> None:

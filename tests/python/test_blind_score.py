@@ -257,6 +257,12 @@ def test_the_bootstrap_covers_a_mean() -> None:
     assert inside >= 51
 
 
+def test_what_is_stated_as_certain_counts_in_the_calibration() -> None:
+    samples = np.array([[[1.0, 0.0], [1.0, 1.0], [0.5, 1.0], [0.0, 0.0]]])
+    # The bin at 1 is off by 0.5 in half of the campaigns, that at 0.5 by 0.5 in a quarter.
+    assert calibration_error(samples)[0] == pytest.approx(0.375)
+
+
 def test_roc_area_needs_both_kinds() -> None:
     assert np.isnan(area_under_roc(np.array([[[0.3, 1.0]]])))[0]
 
@@ -295,11 +301,25 @@ def test_changed_data_are_refused(pack, tmp_path) -> None:
         score_pack(*pack, tmp_path / "scores")
 
 
-def test_a_changed_exclusion_is_refused(pack, tmp_path) -> None:
+@pytest.mark.parametrize("changed", [["wear"], [], ["catch", "wear"]])
+def test_a_changed_exclusion_is_refused(changed, pack, tmp_path) -> None:
     path = pack[0] / "pack.json"
-    path.write_text(path.read_text().replace('"catch"', '"wear"'))
-    with pytest.raises(BlindError, match="exclude"):
+    content = json.loads(path.read_text())
+    assert content["campaigns"][6]["exclude"] == ["catch"]
+    content["campaigns"][6]["exclude"] = changed
+    path.write_text(json.dumps(content))
+    with pytest.raises(BlindError, match="exclude of g"):
         score_pack(*pack, tmp_path / "scores")
+
+
+def test_scores_that_cannot_be_written_leave_the_pack_unscored(pack, tmp_path) -> None:
+    (tmp_path / "file").write_text("")
+    for out in (tmp_path / "file", tmp_path / "file" / "scores"):
+        with pytest.raises(BlindError, match="no folder can be made there"):
+            score_pack(*pack, out)
+        assert not (pack[1] / "receipt.json").exists()
+    score_pack(*pack, tmp_path / "new" / "scores")
+    assert (tmp_path / "new" / "scores" / "scores.md").exists()
 
 
 def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsr2.blind.seal import read_json, read_pack, write_json
+from vsr2.blind.seal import make_folder, read_json, read_pack, write_json
 from vsr2.blind.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
@@ -224,5 +224,5 @@ def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> No
                 f"{mine[differs[0]]!r}; continue with the same, or choose another folder"
             )
         return
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     write_json(path, mine)

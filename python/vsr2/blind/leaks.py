@@ -21,6 +21,7 @@ PERMUTATIONS = 999
 LEAST = 8
 """Campaigns; fewer tell nothing at a level of 0.01."""
 _TOGETHER = "all together"
+_ALIKE = "campaigns that lack the same effects"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
     distance each counts in part. The labels are permuted 999 times. Numbers are compared by how
     many standard deviations of the permutations they tell more than by chance, and the best of
     them has its p value from the best of each permutation, so that many numbers do not raise it
-    (Westfall and Young 1993). The class is asked of campaigns with one effect whose class another
+    (Westfall and Young 1993). For engine and kind, how many campaigns lack the same effects is one
+    of the numbers. The class is asked of campaigns with one effect whose class another
     one has. What has one answer alone, or fewer than 8 campaigns, is not asked.
 
     Args:
@@ -64,6 +66,8 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
         return []
     found = [metadata(load_campaign(data / name), data / name) for name, _ in entries]
     numbers = {name: np.array([row[name] for row in found]) for name in found[0]}
+    lacking = [sorted(entry.get("exclude") or ()) for _, entry in entries]
+    alike = {_ALIKE: np.array([float(lacking.count(one)) for one in lacking])}
     classes = sealed_classes(key)
     questions: dict[str, list[str | None]] = {
         "engine": [str(entry["engine"]) for _, entry in entries],
@@ -76,7 +80,9 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
         known = sorted({str(labels[i]) for i in kept})
         codes = np.array([known.index(str(labels[i])) for i in kept], dtype=np.int64)
         if len(kept) >= LEAST and len(known) > 1:
-            mine = {name: values[kept] for name, values in numbers.items()}
+            # What an unknown campaign lacks is its class.
+            asked = numbers if question == "class" else numbers | alike
+            mine = {name: values[kept] for name, values in asked.items()}
             out.append(_told(question, mine, codes))
     return out
 

@@ -34,6 +34,7 @@ from vsr2.blind.seal import (
     canonical,
     commitment,
     folder_sha256,
+    make_folder,
     read_json,
     set_time_stamps,
     write_json,
@@ -46,7 +47,7 @@ from vsr2.config import Study
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 3
+FORM = 4
 """Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
 _STATE = "custodian.json"
 _FLOORS = "floors.json"
@@ -100,9 +101,11 @@ def make_pack(
         say: gets a line of progress now and then.
 
     Raises:
-        BlindError: the folders hold another pack, lie within each other, or an engine cannot
-            simulate the scene.
+        BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
+            is negative, or an engine cannot simulate the scene.
     """
+    if seed is not None and seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
     data = pack / "data"
     if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
         raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
@@ -197,11 +200,12 @@ def _begin(
         return state
     for folder in (data, key):
         # What a killed writer leaves of the state itself is no other pack.
-        if folder.exists() and set(folder.iterdir()) - set(folder.glob(f".{_STATE}.*.tmp")):
+        if folder.is_dir() and set(folder.iterdir()) - set(folder.glob(f".{_STATE}.*.tmp")):
             raise BlindError(
                 f"{folder}: is not empty and holds no pack of this key; choose another"
             )
-    key.mkdir(parents=True, exist_ok=True)
+    for folder in (data, key):
+        make_folder(folder)
     key.chmod(0o700)
     state = asked | {
         "seed": str(secrets.randbits(63) if seed is None else seed),

@@ -155,8 +155,8 @@ def draw_plan(
     about as often. Magnitudes are proposed log-uniform from 0.5 to 6 times the floor, within the
     range of the strength; what is kept is measured from 0.5 to 6 floors at all its values, on the
     campaign's own protocol. What is not in `ATTEMPTS` draws gives way to the list's next effect;
-    where each effect is left out in turn, its campaign is not made. There, each class that is left
-    out may be a decoy too.
+    where each effect is left out in turn, its campaign is not made. Decoys are dealt to classes in
+    proportion to `unknown` campaigns, so that how often a class is left out does not tell the kind.
 
     Args:
         seed: of everything.
@@ -191,7 +191,7 @@ def draw_plan(
             asked += [("unknown", engine, name) for name in deck.names]
     protocols = rng.permutation(np.arange(len(asked)) % settings.protocols)
     drawer = _Drawer(rng, effects, floors, measure)
-    made: list[tuple[Kind, str, int, tuple[Drawn, ...]]] = []
+    made: list[_Made] = []
     for (kind, engine, only), protocol in zip(asked, protocols, strict=True):
         deck, place = decks[engine], (engine, int(protocol))
         if only is None:
@@ -203,12 +203,11 @@ def draw_plan(
                 continue
             drawn = (one,)
         made.append((kind, engine, int(protocol), drawn))
+    excluded = _left_out(rng, settings, made, decks)
     ids = _ids(rng, len(made))
     places = rng.permutation(len(made))
     out: list[Planned] = []
-    for place, (kind, engine, protocol, drawn) in zip(places, made, strict=True):
-        names = [effect.name for effect in drawn]
-        excluded = settings.class_of(names[0]) if kind == "unknown" else decks[engine].decoy(names)
+    for place, (kind, engine, protocol, drawn), members in zip(places, made, excluded, strict=True):
         out.append(
             Planned(
                 index=int(place),
@@ -217,10 +216,45 @@ def draw_plan(
                 engine=engine,
                 protocol=protocol,
                 effects=drawn,
-                exclude=tuple(sorted(excluded)),
+                exclude=tuple(sorted(members)),
             )
         )
     return Plan(tuple(sorted(out, key=lambda planned: planned.index)), dict(drawer.refused))
+
+
+_Made = tuple[Kind, str, int, tuple[Drawn, ...]]
+"""Kind, engine, protocol and effects of a campaign."""
+
+
+def _left_out(
+    rng: np.random.Generator,
+    settings: PackSettings,
+    made: Sequence[_Made],
+    decks: Mapping[str, _Deck],
+) -> list[tuple[str, ...]]:
+    """The class that each campaign's diagnosis may not use; () where there is no decoy for it.
+
+    Those of decoys are dealt so that of each class about the same share is left out of campaigns
+    whose effect is of it: who counts how often a class is left out learns nothing of the kind.
+    Without `unknown` campaigns all classes are dealt evenly.
+    """
+    own = [{settings.class_of(effect.name) for effect in drawn} for *_, drawn in made]
+    unknown = [i for i, (kind, *_) in enumerate(made) if kind == "unknown"]
+    others = sorted(set(range(len(made))) - set(unknown), key=lambda i: -len(own[i]))
+    hidden = {engine: deck.hidden for engine, deck in decks.items()}
+    counts = Counter(next(iter(own[i])) for i in unknown)
+    if not unknown:
+        counts = Counter(members for classes in hidden.values() for members in set(classes))
+    rest = {members: count * len(others) / counts.total() for members, count in counts.items()}
+    out = [next(iter(own[i])) if i in unknown else () for i in range(len(made))]
+    for i in others:
+        allowed = sorted(set(hidden[made[i][1]]) - own[i])
+        if allowed:
+            left = np.array([max(rest.get(members, 0.0), 0.0) for members in allowed])
+            share = left / left.sum() if left.sum() > 0 else np.full(len(left), 1 / len(left))
+            out[i] = allowed[int(rng.choice(len(allowed), p=share))]
+            rest[out[i]] = rest.get(out[i], 0.0) - 1
+    return out
 
 
 class _Drawer:
@@ -278,7 +312,12 @@ def _ids(rng: np.random.Generator, count: int) -> list[str]:
 
 
 class _Deck:
-    """Deals effects evenly, at random."""
+    """Deals effects evenly, at random.
+
+    Attributes:
+        engine: whose effects they are.
+        hidden: classes that may be left out of the library.
+    """
 
     def __init__(
         self,
@@ -302,7 +341,7 @@ class _Deck:
                 "or allow more effects"
             )
         self.engine = engine
-        self._hidden = list(hidden)
+        self.hidden = list(hidden)
         self._rest: list[str] = []
         self._hidden_rest: list[tuple[str, ...]] = []
 
@@ -317,7 +356,7 @@ class _Deck:
         Of those that may be left out (`hidden`) a class first, and then an effect of it.
         """
         allowed = {
-            n for n in self._signs if not hidden or self._settings.class_of(n) in self._hidden
+            n for n in self._signs if not hidden or self._settings.class_of(n) in self.hidden
         }
         if allowed <= set(passed):
             return None
@@ -330,8 +369,8 @@ class _Deck:
         """The effects of the next class that may be left out, or the next effect."""
         if hidden:
             if not self._hidden_rest:
-                order = self._rng.permutation(len(self._hidden))
-                self._hidden_rest = [self._hidden[i] for i in order]
+                order = self._rng.permutation(len(self.hidden))
+                self._hidden_rest = [self.hidden[i] for i in order]
             chosen = self._hidden_rest.pop()
             return [name for name in self.names if name in chosen]
         if not self._rest:
@@ -346,12 +385,6 @@ class _Deck:
         """The effects of the deck in the class of one, and it."""
         mine = self._settings.class_of(name)
         return [other for other in self._signs if other in mine]
-
-    def decoy(self, names: list[str]) -> tuple[str, ...]:
-        """A class of another effect; drawn whether the campaign has an effect or not."""
-        own = {self._settings.class_of(name) for name in names}
-        others = [members for members in self._hidden if members not in own]
-        return others[int(self._rng.integers(len(others)))] if others else ()
 
 
 def _dealt(

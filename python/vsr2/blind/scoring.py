@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import io
 import json
 import math
 import os
@@ -22,10 +23,11 @@ from vsr2.blind.seal import (
     canonical,
     folder_sha256,
     is_open,
+    json_text,
+    make_folder,
     open_key,
     read_json,
     read_pack,
-    write_json,
 )
 from vsr2.blind.verdict import NONE, UNKNOWN
 from vsr2.errors import BlindError
@@ -120,8 +122,8 @@ def score_pack(
             None: there are none.
 
     Raises:
-        BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, or the pack has
-            been scored.
+        BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, the pack has been
+            scored, or `out` cannot be written to; the pack counts as scored in none of these.
     """
     pack = read_pack(data)
     opened = open_key(data, key)
@@ -143,9 +145,11 @@ def score_pack(
     }
     content = scored.to_json() | more
     canonical(content)
+    files = _files(scored, content)
+    make_folder(out)
     if not open_pack:
         _leave_receipt(receipt, content)
-    _write(scored, more, out)
+    _write(files, out)
     return scored
 
 
@@ -188,7 +192,9 @@ def pool_packs(
         packs.append(pack["commitment"]["sha256"])
         submissions.append(submission)
     scored = Scored(score_cases([*cases, *trivial]), rates, cases, all(development), leaks)
-    _write(scored, {"packs": packs, "submissions": submissions}, out)
+    files = _files(scored, scored.to_json() | {"packs": packs, "submissions": submissions})
+    make_folder(out)
+    _write(files, out)
     return scored
 
 
@@ -215,11 +221,18 @@ def _baselines(
     return baseline_cases(cases, data, folder, opened), [rate_alone(data, key)]
 
 
-def _write(scored: Scored, more: Mapping[str, Any], out: Path) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "scores.json", scored.to_json() | dict(more))
-    (out / "scores.md").write_text(format_scores(scored), encoding="utf-8")
-    _draw(scored, out / "reliability.png")
+def _files(scored: Scored, content: Mapping[str, Any]) -> dict[str, bytes]:
+    """What is written, by name."""
+    return {
+        "scores.json": json_text(content).encode(),
+        "scores.md": format_scores(scored).encode(),
+        "reliability.png": _drawn(scored),
+    }
+
+
+def _write(files: Mapping[str, bytes], out: Path) -> None:
+    for name, content in files.items():
+        (out / name).write_bytes(content)
 
 
 def _leave_receipt(path: Path, content: Mapping[str, Any]) -> None:
@@ -253,7 +266,9 @@ def format_scores(scored: Scored) -> str:
     trivial = [name for name in BASELINES if name in columns]
     columns = [*sorted(set(columns) - set(trivial)), *trivial]
     lines: list[str] = []
-    for group in dict.fromkeys(group for _, group in scored.scores):
+    for group in sorted(
+        {group for _, group in scored.scores}, key=lambda name: (name != ALL, name)
+    ):
         found = {column: scored.scores.get((column, group), {}) for column in columns}
         lines += ["", f"### {group}", "", "| score | " + " | ".join(columns) + " |"]
         lines.append("| --- |" + " --- |" * len(columns))
@@ -288,7 +303,8 @@ def _cell(score: Score | None) -> str:
     return f"{score.value:.2f}{span} ({score.count})"
 
 
-def _draw(scored: Scored, path: Path) -> None:
+def _drawn(scored: Scored) -> bytes:
+    """The reliability figure (PNG)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -314,4 +330,6 @@ def _draw(scored: Scored, path: Path) -> None:
     axes.set_ylim(0, 1)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="upper left")
-    figure.savefig(path, dpi=120)
+    drawn = io.BytesIO()
+    figure.savefig(drawn, dpi=120)
+    return drawn.getvalue()

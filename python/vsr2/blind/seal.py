@@ -52,10 +52,31 @@ def folder_sha256(folder: Path, pattern: str = "*") -> str:
 
 def write_json(path: Path, content: object, *, private: bool = False) -> None:
     """Write a JSON file, whole or not at all; `private`: readable by its owner alone."""
-    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    text = json_text(content)
     write_atomic(path, lambda file: file.write(text.encode()))
     if private:
         path.chmod(0o600)
+
+
+def json_text(content: object) -> str:
+    """Indented JSON with sorted keys."""
+    return json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder that files are to be written to, and those that it lies in.
+
+    Raises:
+        BlindError: it cannot be made, or not written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BlindError(
+            f"{path}: no folder can be made there ({error.strerror}); choose another"
+        ) from None
+    if not os.access(path, os.W_OK):
+        raise BlindError(f"{path}: cannot be written to; choose another folder")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -153,7 +174,9 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
         # So the packs of `vsr2 blind make` seal them.
         sealed["tiers"] = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
     for name, value in sealed.items():
-        published = bool(pack.get(name)) if name == "development" else pack.get(name)
+        published: Any = bool(pack.get(name)) if name == "development" else pack.get(name)
+        if name == "classes" and published is not None:
+            published, value = _unlike(published, value)
         if _comparable(name, published) != _comparable(name, value):
             raise _changed(path, name, published, value)
     if settings.get("tolerances") is not None:
@@ -171,13 +194,22 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
             raise _changed(path, f"protocol {here}", listed.get("protocol"), protocol)
 
 
+def _unlike(one: list[list[str]], other: list[list[str]]) -> tuple[list[list[str]], ...]:
+    """The classes that each of two lists has alone."""
+    both = {frozenset(members) for members in one} & {frozenset(members) for members in other}
+    return tuple([c for c in classes if frozenset(c) not in both] for classes in (one, other))
+
+
 def _comparable(name: str, value: Any) -> object:
-    if name == "classes":
-        return {frozenset(members) for members in value or ()}
     return set(value or ()) if name == "tiers" else value
 
 
 def _changed(path: Path, name: str, published: object, sealed: object) -> BlindError:
+    if published is None:
+        return BlindError(
+            f"{path}: {name} is missing, sealed is {shown(sealed)}; publish it, or get the "
+            "published file again; nothing is scored"
+        )
     return BlindError(
         f"{path}: {name} is {shown(published)} and differs from the sealed, {shown(sealed)}: it "
         "was changed; get the published file again; nothing is scored"
