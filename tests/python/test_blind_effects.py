@@ -30,6 +30,7 @@ from vsr2.blind.mujoco import (
     with_effects,
 )
 from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS
 from vsr2.blind.mujoco.model import build_model
 from vsr2.effects.order import ChangePoint
 from vsr2.effects.setup import Circumstances
@@ -162,6 +163,13 @@ def test_a_change_point_acts_from_the_nearest_bound_of_sessions_on(sessions: int
 def test_an_offset_of_the_mass_centre_lowers_the_threshold(azimuth: float) -> None:
     along = 0.015 * math.cos(math.radians(azimuth))
     assert_threshold(1 - along / 0.2, "com_offset", distance=0.015, azimuth=azimuth)
+
+
+def test_azimuths_turn_from_x_to_y() -> None:
+    moved = under("com_offset", situation(), distance=0.01, azimuth=90.0).body.center
+    np.testing.assert_allclose(moved[:2] - BLOCK.center[:2], [0, 0.01], atol=1e-12)
+    sloping = under("base_slope", situation(), angle=1.0, azimuth=90.0).slope
+    np.testing.assert_allclose(sloping, [0, math.radians(1.0)], atol=1e-12)
 
 
 def test_a_slope_lowers_the_threshold() -> None:
@@ -307,6 +315,14 @@ def test_a_tether_catches_the_block() -> None:
     for slack in (10.0, 25.0):
         response = run_trial(under("catch", base, slack=slack))
         assert math.radians(slack) < response.peak_tilt < math.radians(slack) + 0.1
+        # It brakes on the way out alone: what it took as a spring it gives back, faster than in a
+        # quarter of its period, because weight helps.
+        response = run_trial(under("catch", base, slack=slack), series_interval=0.001)
+        out = int(np.argmax(response.tilt > math.radians(slack)))
+        turned = out + int(np.argmax(np.diff(response.tilt[out:]) < 0))
+        back = int(np.argmax(response.tilt[turned:] < math.radians(slack)))
+        stiffness = CATCH_STIFFNESS * BLOCK.mass * G * BLOCK.radius
+        assert 0 < 0.001 * back < math.pi / 2 * math.sqrt(BLOCK.pivot_inertia / stiffness)
     # Tilts within the slack are free.
     small = situation(5.0)
     plain = run_trial(small)
@@ -381,7 +397,10 @@ def test_placement_is_drawn_for_each_trial() -> None:
     assert np.abs(yaw).max() <= 10.0
     # Uniform: a standard deviation of 10 / 3^(1/2), its standard error about 4 %.
     assert np.std(yaw) == pytest.approx(10 / math.sqrt(3), rel=0.15)
-    assert max(math.hypot(*s.offset) for s in starts) <= 0.02
+    radius = np.array([math.hypot(*s.offset) for s in starts]) / 0.02
+    assert radius.max() <= 1
+    # Uniform over a disc: the mean square is 1/2, its standard error 0.02.
+    assert np.mean(radius**2) == pytest.approx(0.5, abs=0.07)
     again = under("placement", situation(), Place(trial_seed=7), yaw=10.0, offset=0.02)
     assert (again.yaw, again.offset) == (starts[7].yaw, starts[7].offset)
 

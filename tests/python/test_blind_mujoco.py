@@ -135,11 +135,11 @@ def test_impacts_keep_the_energy_that_housner_says() -> None:
     np.testing.assert_allclose(kept(free_rocking()), BLOCK.housner_ratio, rtol=0.04)
 
 
-@pytest.mark.parametrize("ratio", [0.7, 0.9, 1.08])
-def test_the_impact_ratio_scales_that_energy(ratio: float) -> None:
-    # Contacts give a little back after the velocity was scaled: 4 % at a ratio of 0.7.
-    found = kept(free_rocking(impact_energy_ratio=ratio), 1)
-    np.testing.assert_allclose(found, ratio * BLOCK.housner_ratio, rtol=0.05)
+@pytest.mark.parametrize(("ratio", "near"), [(0.7, 0.08), (0.8, 0.05), (1.08, 0.05)])
+def test_the_impact_ratio_scales_that_energy(ratio: float, near: float) -> None:
+    # Contacts give a little back after the velocity was scaled: 4 and 7 % at a ratio of 0.7.
+    found = kept(free_rocking(impact_energy_ratio=ratio))
+    np.testing.assert_allclose(found, ratio * BLOCK.housner_ratio, rtol=near)
 
 
 def test_small_blocks_slide_at_the_friction_angle() -> None:
@@ -158,6 +158,40 @@ def test_small_blocks_slide_at_the_friction_angle() -> None:
 def test_what_slides_hops() -> None:
     """Why `friction` is no effect of this engine: below b / h = 0.42 a rigid block only slides."""
     assert run_trial(situation(8.0, friction=0.38)).peak_tilt > 0.05
+
+
+def test_what_leans_at_the_end_has_overturned() -> None:
+    from vsr2.blind.mujoco.trial import _judged
+
+    for lean, fallen in ((0.55, True), (0.45, False)):
+        half = lean * BLOCK.slenderness_angle / 2
+        rows = np.zeros((50, 7))
+        rows[:, 3], rows[:, 5] = math.cos(half), math.sin(half)
+        judged = _judged(rows, np.array([0, 0, 0, 1.0, 0, 0, 0]), situation(), 1, 0.001)
+        assert judged.peak_tilt == pytest.approx(2 * half)
+        assert judged.overturned == fallen
+
+
+def test_a_body_that_a_pitching_table_carries_is_at_rest_on_it() -> None:
+    from scipy.spatial.transform import Rotation
+
+    from vsr2.blind.mujoco.mechanisms import _Motion
+
+    turn = Rotation.from_euler("zyx", [0.4, 0.2, -0.1])
+    x, y, z, w = turn.as_quat()
+    moved, speed, rate, pivot = 0.03, 0.2, 0.5, 0.3
+    body = np.array([0.1, -0.05, 0.6])
+
+    class Data:
+        qpos = np.array([moved, 0.02, *body, w, x, y, z])
+        qvel = np.array([speed, rate, *np.zeros(6)])
+
+    found = _Motion(Data(), 2, ["x", "pitch"], pivot).table()
+    # The table turns about y, a pivot's depth below its surface.
+    turning = np.array([0.0, rate, 0.0])
+    carried = np.array([speed, 0, 0]) + np.cross(turning, body - [moved, 0.0, -pivot])
+    np.testing.assert_allclose(found[:3], carried, atol=1e-12)
+    np.testing.assert_allclose(found[3:], turn.inv().apply(turning), atol=1e-12)
 
 
 def test_a_series_is_told_from_the_rest_before() -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import math
+import os
 import shutil
 import sqlite3
 import subprocess
@@ -219,8 +220,10 @@ def watch(event, arguments):
 sys.addaudithook(watch)
 try:
     open({key!r} + "/key.json")
-except FileNotFoundError:
+except (FileNotFoundError, PermissionError):
     assert looked.pop() == "open"
+else:
+    sys.exit("the key can be read")
 import vsr2.diagnosis.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.design
 from vsr2.blind import diagnose_pack
 from vsr2.diagnosis import diagnose
@@ -235,10 +238,23 @@ print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}})
 """
 
 
-def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> None:
+EFFECTS = ("edge_rounding", "restitution", "vertical_motion")
+
+
+def watched(key, pack, out, *prefix):
+    """Diagnose a pack in a process of its own that reports whether it looked for the key."""
+    code = WATCHED.format(key=str(key), data=str(pack / "data"), out=str(out), names=EFFECTS)
+    done = subprocess.run([*prefix, sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory):
+    """A small pack, its key and its diagnoses, made while the key was on no disk."""
     pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
-    names = ("edge_rounding", "restitution", "vertical_motion")
-    pack, key, out = tmp_path / "pack", tmp_path / "key", tmp_path / "out"
+    folder = tmp_path_factory.mktemp("small")
+    pack, key, out = folder / "pack", folder / "key", folder / "out"
     settings = PackSettings(
         engines=("bullet", "mujoco"),
         single=(6, 0),
@@ -249,26 +265,50 @@ def test_a_small_pack_from_end_to_end(study, tmp_path, capsys, monkeypatch) -> N
         motions=4,
         catalogue=4,
         sessions=2,
-        effects=names,
+        effects=EFFECTS,
         series_interval=0.0,
         replicates=4,
         floor_trials=4,
     )
-    monkeypatch.setattr(make_module, "catalogue", pulses)
-    assert make_pack(study, pack, key, settings, seed=4).campaigns == 12
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(make_module, "catalogue", pulses)
+        assert make_pack(load_study(SCENE), pack, key, settings, seed=4).campaigns == 12
     # Nothing can read what is on no disk. The diagnosis, in a process of its own, does not look for
     # it either, nor starts a process that would.
     held = {path.relative_to(key): path.read_bytes() for path in key.rglob("*.json")}
     shutil.rmtree(key)
-    code = WATCHED.format(key=str(key), data=str(pack / "data"), out=str(out), names=names)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout.splitlines()[-1])
-    assert found == {"done": 12, "failed": [], "looked": []}
+    assert watched(key, pack, out) == {"done": 12, "failed": [], "looked": []}
     assert not key.exists()
     for path, content in held.items():
         (key / path).parent.mkdir(parents=True, exist_ok=True)
         (key / path).write_bytes(content)
+    return pack, key, out
+
+
+def test_a_key_that_cannot_be_read_is_not_missed(diagnosed, tmp_path) -> None:
+    pack, key, out = diagnosed
+    as_anybody = []
+    if os.getuid() == 0:
+        # Root without the right to read what is forbidden.
+        as_anybody = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"]
+        if subprocess.run([*as_anybody, "true"], capture_output=True).returncode:
+            pytest.skip("root may not give up its rights here, and reads everything")
+    again = tmp_path / "out"
+    shutil.copytree(out, again)
+    name = read_json(pack / "data" / "pack.json")["campaigns"][0]["id"]
+    shutil.rmtree(again / name)
+    key.chmod(0o000)
+    try:
+        found = watched(key, pack, again, *as_anybody)
+    finally:
+        key.chmod(0o700)
+    assert found == {"done": 12, "failed": [], "looked": []}
+    same = [read_json(place / name / "M" / DIAGNOSIS_FILE)["effects"] for place in (out, again)]
+    assert same[0] == same[1]
+
+
+def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
+    pack, key, out = diagnosed
     spent = [
         json.loads((out / name / "M" / DIAGNOSIS_FILE).read_text())["provenance"]["budget"]
         for name in sorted(c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"])
