@@ -182,8 +182,8 @@ def test_features_of_a_series() -> None:
     tilt += np.where((time > 2.1) & (time < 2.6), 0.04 * np.sin(np.pi * (time - 2.1) / 0.5), 0.0)
     found = tilt_features(time, np.stack([tilt, np.zeros_like(tilt)], axis=1))
     assert found[0, 0] == pytest.approx(1.04, abs=0.02)
-    np.testing.assert_allclose(np.exp(found[0, [1, 2]]), [0.1, 0.04], rtol=0.01)
-    assert found[0, 3] == pytest.approx(2.56, abs=0.02)
+    np.testing.assert_allclose(np.exp(found[0, [1, 3]]), [0.1, 0.04], rtol=0.01)
+    assert found[0, 4] == pytest.approx(2.56, abs=0.02)
     assert np.isnan(found[1]).all()
 
 

@@ -48,7 +48,7 @@ def test_an_impact_keeps_housners_energy(ratio: float) -> None:
     pulse[: round(0.12 / STEP)] = 9.0
     _, _, features = simulate_planar(blocks(1, energy_ratio=ratio), pulse, series=True)
     assert features is not None
-    first, second = np.exp(features[0, [1, 2]])
+    first, second = np.exp(features[0, [1, 3]])
     height = np.cos(ALPHA - np.array([first, second])) - np.cos(ALPHA)
     housner = (1 - 1.5 * np.sin(ALPHA) ** 2) ** 2
     # The impact is placed within a step of 5 ms by linear interpolation.

@@ -35,11 +35,12 @@ LARGEST_TILT = Feature("largest_tilt", "tilt", "strong shaking")
 TILT_FEATURES = (
     Feature("uplift_time", "tilt", "uplift"),
     Feature("first_excursion", "tilt", "first impacts"),
+    Feature("first_duration", "tilt", "first impacts"),
     Feature("second_excursion", "tilt", "first impacts"),
     Feature("rest_time", "tilt", "free decay"),
 )
-"""Time of the first uplift [s], logarithms of the largest tilts of the first and of the second
-excursion [rad], time of the last uplift [s]."""
+"""Time of the first uplift [s], logarithm of the first excursion's largest tilt [rad] and of its
+duration [s], the same tilt of the second excursion, time of the last uplift [s]."""
 REST_FEATURES = (
     Feature("final_yaw", "yaw", "rest pose"),
     Feature("final_travel", "slip", "rest pose"),
@@ -94,8 +95,8 @@ def tilt_features(time: Array, tilt: Array, uplift: float = UPLIFT) -> Array:
         uplift: threshold [rad].
 
     Returns:
-        Shape (n, 4), NaN where there is no such excursion, or where it does not end within the
-        series (both excursions, time of rest).
+        Shape (n, 5), NaN where there is no such excursion, or where it does not end within the
+        series (duration, second excursion, time of rest).
     """
     rows, count = tilt.shape
     out = np.full((count, len(TILT_FEATURES)), np.nan)
@@ -117,10 +118,11 @@ def tilt_features(time: Array, tilt: Array, uplift: float = UPLIFT) -> Array:
     with np.errstate(divide="ignore"):
         out[lifted, 0] = time[first[lifted]]
         out[returns, 1] = np.log(np.where(inside, tilt, 0.0).max(axis=0))[returns]
+        out[returns, 2] = np.log(time[np.minimum(end, rows - 1)] - time[first] + 1e-3)[returns]
         done2 = second & ended2.any(axis=0)
-        out[done2, 2] = np.log(np.where(inside2, tilt, 0.0).max(axis=0))[done2]
+        out[done2, 3] = np.log(np.where(inside2, tilt, 0.0).max(axis=0))[done2]
     rests = lifted & ~up[-1]
-    out[rests, 3] = time[last[rests]]
+    out[rests, 4] = time[last[rests]]
     return out
 
 
