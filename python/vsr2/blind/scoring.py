@@ -9,8 +9,9 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from vsr2.blind.seal import (
 )
 from vsr2.blind.verdict import NONE, UNKNOWN
 from vsr2.errors import BlindError
+from vsr2.results.atomic import write_atomic
 
 RECEIPT = "receipt.json"
 
@@ -123,7 +125,7 @@ def score_pack(
 
     Raises:
         BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, the pack has been
-            scored, or `out` cannot be written to; the pack counts as scored in none of these.
+            scored, or `out` cannot be written to. Nothing is scored then.
     """
     pack = read_pack(data)
     opened = open_key(data, key)
@@ -232,7 +234,11 @@ def _files(scored: Scored, content: Mapping[str, Any]) -> dict[str, bytes]:
 
 def _write(files: Mapping[str, bytes], out: Path) -> None:
     for name, content in files.items():
-        (out / name).write_bytes(content)
+        write_atomic(out / name, partial(_put, content))
+
+
+def _put(content: bytes, file: IO[bytes]) -> None:
+    file.write(content)
 
 
 def _leave_receipt(path: Path, content: Mapping[str, Any]) -> None:
