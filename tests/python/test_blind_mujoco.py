@@ -135,11 +135,13 @@ def test_impacts_keep_the_energy_that_housner_says() -> None:
     np.testing.assert_allclose(kept(free_rocking()), BLOCK.housner_ratio, rtol=0.04)
 
 
-@pytest.mark.parametrize(("ratio", "near"), [(0.7, 0.08), (0.8, 0.05), (1.08, 0.05)])
+@pytest.mark.parametrize(("ratio", "near"), [(0.7, 0.08), (0.8, 0.05), (0.9, 0.05), (1.08, 0.05)])
 def test_the_impact_ratio_scales_that_energy(ratio: float, near: float) -> None:
-    # Contacts give a little back after the velocity was scaled: 4 and 7 % at a ratio of 0.7.
-    found = kept(free_rocking(impact_energy_ratio=ratio))
-    np.testing.assert_allclose(found, ratio * BLOCK.housner_ratio, rtol=near)
+    # Contacts give a little back after the velocity was scaled: at a ratio of 0.7 4 % in the first
+    # impact, 7 % in the second, which is slower.
+    first, second = kept(free_rocking(impact_energy_ratio=ratio)) / BLOCK.housner_ratio
+    assert first == pytest.approx(ratio, rel=0.05)
+    assert second == pytest.approx(ratio, rel=near)
 
 
 def test_small_blocks_slide_at_the_friction_angle() -> None:
