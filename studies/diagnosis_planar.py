@@ -52,7 +52,7 @@ def class_of(name: str) -> tuple[str, ...]:
 
 def signal(table: Table, none: Table) -> NDArray[np.float64]:
     """Distance from "none" in standard deviations at each fine node of an effect."""
-    blank = np.zeros((1, 1, table.slope.shape[1]))
+    blank = np.zeros((1, 1, table.nuisances))
     at = table.fine
     features = np.stack(at.centre, axis=-1) if at.centre else np.zeros((*at.logit.shape, 0))
     data = Data(1 / (1 + np.exp(-at.logit)), features)
@@ -68,7 +68,7 @@ def signal(table: Table, none: Table) -> NDArray[np.float64]:
 
 def draw_effects(rehearsal: Rehearsal, count: int, rng: np.random.Generator) -> list[Planted]:
     """Effects in turn, each with values and magnitude over the floor of tier M."""
-    library = rehearsal.simulator.library
+    library = rehearsal.library
     emulator = fit_emulator(library, rehearsal.design("M"))
     none = tabulate(emulator, "")
     tables = {name: tabulate(emulator, name) for name in library}

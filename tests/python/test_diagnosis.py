@@ -94,7 +94,7 @@ def test_a_planted_effect_is_named(bench, tier, effect, values) -> None:
     # What the sizes and the set leave open is told, and nothing else is.
     content, open_sizes = judged.diagnosis.content, set()
     for row in content["effects"]:
-        entry = bench.rehearsal.simulator.library[row["name"]]
+        entry = bench.rehearsal.library[row["name"]]
         priors = {parameter.name: parameter for parameter in entry.parameters}
         for name, value in row["parameters"].items():
             low, high = value["ci95"]

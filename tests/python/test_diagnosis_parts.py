@@ -11,7 +11,16 @@ from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.discrepancy import COMMON, VARIANCE, disturbed
 from vsr2.diagnosis.emulator import Design, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
-from vsr2.diagnosis.evidence import Data, Layout, Table, posterior, predict, tabulate
+from vsr2.diagnosis.evidence import (
+    Change,
+    Data,
+    Layout,
+    Table,
+    _Products,
+    posterior,
+    predict,
+    tabulate,
+)
 from vsr2.diagnosis.features import Feature, Sampling, rest_features, tilt_features
 from vsr2.diagnosis.inference import Combination, _combination
 from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, values_at
@@ -118,8 +127,11 @@ def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
     assert len(values_at(entry, u[0])) == len(entry.parameters)
 
 
-def logistic_design(rng, rows=400, trials=12):
-    """Outcomes and a feature that follow the emulator's own form."""
+def logistic_design(rng, rows=400, trials=12, bend=0.0):
+    """Outcomes and a feature that follow the emulator's own form.
+
+    bend: by which the first nuisance's square moves the feature, from -1 to 1 times over trials.
+    """
     names = np.where(np.arange(rows) % 2 == 0, "", "table_gain")
     quantiles = tuple(rng.random(1) if name else np.zeros(0) for name in names)
     z = rng.standard_normal((rows, 2))
@@ -128,6 +140,7 @@ def logistic_design(rng, rows=400, trials=12):
     logit = intercept + z @ np.array([[1.0], [0.0]]) + 3.0 * c[:, None]
     y = (rng.random((rows, trials)) < 1 / (1 + np.exp(-logit))).astype(float)
     feature = 0.5 * intercept + 0.3 * z[:, 1:] - 1.0 * c[:, None]
+    feature = feature + bend * np.linspace(-1, 1, trials) * (z[:, :1] ** 2 - 1)
     feature = feature + 0.1 * rng.standard_normal((rows, trials))
     return Design(names, quantiles, z, y, feature[..., None])
 
@@ -150,15 +163,55 @@ def test_the_evidence_agrees_with_brute_force() -> None:
     emulator = fit_emulator(TWO, design)
     table = tabulate(emulator, "table_gain")
     one = Data(design.overturned[1:4], np.full((3, 12, 1), np.nan))
-    z = rng.standard_normal((10_000, table.slope.shape[1]))
+    z = rng.standard_normal((10_000, table.nuisances))
     at = table.fine.logit[::5], table.fine.factor[::5]
-    logit = at[0][:, None, :] + at[1][:, None, :] * (z @ table.slope.T)[None]
+    logit = at[0][:, None, :] + at[1][:, None, :] * table.slope(z)[None]
     p = 0.004 + 0.992 / (1 + np.exp(-logit))
     for c in range(3):
         y = one.overturned[c]
         likelihood = np.exp((np.log(p) * y + np.log1p(-p) * (1 - y)).sum(axis=2)).mean()
         # Laplace's error with twelve trials; the brute force's own is below 0.04.
         assert posterior(table, one).evidence[c] == pytest.approx(np.log(likelihood), abs=0.1)
+
+
+def test_nuisances_that_act_by_their_square_are_found_and_no_others() -> None:
+    bent = fit_emulator(TWO, logistic_design(np.random.default_rng(3), bend=0.2))
+    np.testing.assert_array_equal(bent.bends, [0])
+    change = tabulate(bent, "").response[0]
+    np.testing.assert_allclose(change.square[:, 0], np.linspace(-0.2, 0.2, 12), atol=0.03)
+    plain = fit_emulator(TWO, logistic_design(np.random.default_rng(3)))
+    assert plain.bends.size == 0
+
+
+def test_a_square_left_out_is_taken_for_an_effect() -> None:
+    design = logistic_design(np.random.default_rng(4), rows=800, trials=40, bend=0.2)
+    far = np.flatnonzero((design.effect == "") & (np.abs(design.nuisances[:, 0]) > 1.8))
+    data = Data(design.overturned[far], design.features[far])
+    favoured = {}
+    for bends in ([0], []):
+        emulator = dataclasses.replace(
+            fit_emulator(TWO, design), bends=np.array(bends, dtype=np.int64)
+        )
+        none, gain = (posterior(tabulate(emulator, name), data) for name in ("", "table_gain"))
+        favoured[len(bends)] = np.mean(gain.evidence > none.evidence + 3)
+    assert favoured[1] == 0
+    assert favoured[0] > 0.1
+
+
+def test_derivatives_by_nuisances_are_those_of_differences() -> None:
+    rng = np.random.default_rng(0)
+    change = Change(rng.standard_normal((5, 4)), np.array([0, 2]), rng.standard_normal((5, 2)))
+    z, weight = rng.standard_normal((3, 2, 4)), rng.random((3, 2, 5))
+    step = 1e-6 * np.eye(4)
+    slope = np.stack([(change(z + s) - change(z - s)) / 2e-6 for s in step], axis=-1)
+    np.testing.assert_allclose(change.at(z), slope, atol=1e-8)
+    np.testing.assert_allclose(
+        change.back(z, weight), np.einsum("cgt,cgti->cgi", weight, slope), atol=1e-8
+    )
+    hessian = np.zeros((3, 2, 4, 4))
+    _Products(change).add(hessian, z, weight)
+    by_hand = np.einsum("cgt,cgti,cgtj->cgij", weight, slope, slope)
+    np.testing.assert_allclose(hessian, by_hand, atol=1e-7)
 
 
 def test_held_out_predictions_are_better_with_the_true_effect() -> None:
@@ -273,6 +326,11 @@ def test_creep_below_the_resolution_is_taken_for_none() -> None:
     np.testing.assert_allclose(np.exp(rest_logarithm(size, 0.01, 0.01))[3], 0.03)
 
 
+def straight(linear) -> Change:
+    """Of nuisances that do not act by their squares."""
+    return Change(linear, np.zeros(0, dtype=np.int64), np.zeros((len(linear), 0)))
+
+
 def test_drawn_null_campaigns_hang_together_as_the_engine_s_do() -> None:
     """One nuisance moves all trials: the drawn deviation of sums must show it."""
     trials, q = 60, 1
@@ -288,8 +346,8 @@ def test_drawn_null_campaigns_hang_together_as_the_engine_s_do() -> None:
         at,
         at,
         np.ones((1, 1)),
-        np.full((trials, q), 2.0),
-        (np.full((trials, q), 0.5),),
+        straight(np.full((trials, q), 2.0)),
+        (straight(np.full((trials, q), 0.5)),),
         (np.full(trials, 1e-3),),
     )
     rng = np.random.default_rng(1)

@@ -9,6 +9,7 @@ from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import SCREENING_NONE, none_draws
 from vsr2.diagnosis.dropped import DROPPED_RUNS
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
+from vsr2.diagnosis.reach import SHARES, TRIALS
 
 FIRST_DRAWS = 24
 """Of every effect, before trials beyond `ENOUGH_TRIALS` are kept: the emulator's Monte Carlo error
@@ -21,6 +22,9 @@ HALVING = 0.002
 SCREENING_SHARE = 0.25
 """Of the simulations that may go into screening."""
 FEWEST_TRIALS = 12
+REACH_SHARE = 0.05
+"""Of the simulations that may go into trying how far effects reach."""
+FEWEST_REACH = 6
 _TIME_SHARE = 0.85
 """Of the time that goes into simulations."""
 
@@ -54,6 +58,7 @@ class Schedule:
         allowed: simulations, those that the bank had before included.
         screening_runs: simulations a trial for screening.
         floor_trials: whose noise floor is measured.
+        reach_trials: on which effects are tried.
         most_trials: that may be kept.
         first_draws: of every effect in the first round.
         limited: whether the budget stopped the rounds.
@@ -74,7 +79,10 @@ class Schedule:
         share = 1.0 if self._fixed else SCREENING_SHARE
         self.screening_runs = max(4, min(full, int(share * self.allowed / trials)))
         self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
+        tried = len(SHARES) * effects
+        self.reach_trials = max(FEWEST_REACH, min(TRIALS, int(REACH_SHARE * self.allowed / tried)))
         rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
+        rest -= tried * self.reach_trials
         fewest = FEWEST_DRAWS * effects + none_draws(FEWEST_DRAWS)
         wanted = FIRST_DRAWS * effects + none_draws(FIRST_DRAWS)
         enough = min(ENOUGH_TRIALS, rest // fewest)

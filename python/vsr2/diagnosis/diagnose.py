@@ -24,13 +24,14 @@ from vsr2.diagnosis.evidence import Data
 from vsr2.diagnosis.features import Feature
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
-from vsr2.diagnosis.library import NONE
+from vsr2.diagnosis.library import NONE, Library, reaches
 from vsr2.diagnosis.next_measurement import (
     measurement_of_a_pair,
     measurement_of_the_unknown,
     next_measurement,
 )
 from vsr2.diagnosis.observations import Observations, observe_campaign
+from vsr2.diagnosis.reach import reaching
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
 from vsr2.diagnosis.shared import Shared, fingerprint
@@ -116,9 +117,17 @@ def diagnose_with(
             progress=lambda n, m: tell("screening", n / m, {}),
         )
         schedule.fit(screening.kept.size)
+        library = reaching(
+            store,
+            screening,
+            most=schedule.reach_trials,
+            seed=seed,
+            progress=lambda n, m: tell("trying effects", n / m, {}),
+        )
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(
-            store, seen, screening, schedule, shared, seed, tell, watched=report is not None
+            store, library, seen, screening, schedule, shared, seed, tell,
+            watched=report is not None,
         )
         last = rounds[-1]
         tell("judging", 0.0, _leading(last))
@@ -156,6 +165,7 @@ def diagnose_with(
 
 def _rounds(
     store: Bank,
+    library: Library,
     seen: Observations,
     screening: Screening,
     schedule: Schedule,
@@ -166,7 +176,6 @@ def _rounds(
     watched: bool,
 ) -> list[_Round]:
     """Double the draws until the answer stands or the budget is spent; `watched`: by somebody."""
-    library = store.simulator.library
     kept = screening.kept
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
     places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
@@ -203,7 +212,7 @@ def _rounds(
         if shared is None:
             prepared = fit()
         else:
-            key = fingerprint(design, index, kept, seen.motion, *library, seed)
+            key = fingerprint(design, index, kept, seen.motion, *reaches(library).items(), seed)
             prepared = shared.prepared(key, fit)
         inference = infer(prepared, observed)
         probability = dict(zip(inference.labels, inference.probability, strict=True))

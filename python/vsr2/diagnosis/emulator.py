@@ -2,18 +2,19 @@
 
 For trial i, effect e at prior quantiles u and standardised nuisances z (each about N(0, 1)),
 
-    logit P(overturned) = a_i + c_i . z + b_ie . phi_e(u)         (logistic regression)
-    feature_ik          = a_ik + c_ik . z + b_iek . phi_e(u) + s_ik t_4   (robust regression)
+    logit P(overturned) = a_i + c_i . z + d_i . (z^2 - 1) + b_ie . phi_e(u)      (logistic)
+    feature_ik          = a_ik + c_ik . z + d_ik . (z^2 - 1) + b_iek . phi_e(u) + s_ik t_4
 
-with the functions phi_e of :func:`vsr2.diagnosis.library.basis`. All effects share the nuisances'
-coefficients, so that every simulation informs them. A trial's coefficients, in units of its noise,
-have a normal prior whose variance by column is estimated from all trials (empirical Bayes: C. M.
-Bishop, "Pattern Recognition and Machine Learning", 2006, 3.5 and 4.5); what an effect does not
-touch shrinks to zero. The coefficients' posterior covariance is kept: it is the Monte Carlo error
-of the emulator, and enters every probability drawn from it.
+(the latter by robust regression) with the functions phi_e of
+:func:`vsr2.diagnosis.library.basis`. All effects share the nuisances' coefficients, so that every
+simulation informs them. A trial's coefficients, in units of its noise, have a normal prior whose
+variance by column is estimated from all trials (empirical Bayes: C. M. Bishop, "Pattern Recognition
+and Machine Learning", 2006, 3.5 and 4.5); what an effect does not touch shrinks to zero. The
+coefficients' posterior covariance is kept: it is the Monte Carlo error of the emulator, and enters
+every probability drawn from it.
 
-What the features of a campaign have in common beyond that (curvature in z, an effect that changes
-how z acts) would make errors of trials alike where they are taken for independent, and the
+What the features of a campaign have in common beyond that (an effect that changes how z acts)
+would make errors of trials alike where they are taken for independent, and the
 evidence far too sure. The leading principal components of the residuals, those beyond what
 residuals shuffled column by column show (parallel analysis: J. L. Horn, Psychometrika 30, 1965),
 stand as further nuisances of unit variance that act on the features alone.
@@ -41,6 +42,9 @@ _MOST_SHARED = 0.8
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-6
+LEAST_BEND = 1.0
+"""Twice the log likelihood that a nuisance's square makes out in a typical campaign, below which it
+is left out [nat]."""
 _FAR = 3.0
 """Scales beyond which a residual is taken for stray."""
 _LEAST_STRAY = 0.03
@@ -119,6 +123,7 @@ class Emulator:
         library: effects in the order of their columns.
         blocks: columns of each effect.
         nuisances: q.
+        bends: which nuisances' squares count.
         factors: common to the features' residuals.
         outcome: fit of the logit.
         features: one fit a feature.
@@ -129,6 +134,7 @@ class Emulator:
     library: Library
     blocks: Mapping[str, slice]
     nuisances: int
+    bends: NDArray[np.int64]
     factors: int
     outcome: Fit
     features: tuple[Fit, ...]
@@ -141,12 +147,17 @@ class Emulator:
         return np.array([fit.scatter for fit in self.features]).reshape(-1, trials).T
 
     def columns(self, effect: str) -> NDArray[np.int64]:
-        """Columns that a campaign under `effect` uses: intercept, nuisances, its own."""
-        common = np.arange(1 + self.nuisances)
+        """Columns that a campaign under `effect` uses: those common to all, its own."""
+        common = np.arange(common_columns(self.nuisances))
         if not effect:
             return common
         block = self.blocks[effect]
         return np.concatenate([common, np.arange(block.start, block.stop)])
+
+
+def common_columns(nuisances: int) -> int:
+    """Number of the intercept, the nuisances and their squares."""
+    return 1 + 2 * nuisances
 
 
 def design_matrix(
@@ -155,13 +166,14 @@ def design_matrix(
     """Rows of regressors, shape (rows, columns), and the columns of each effect."""
     q = nuisances.shape[1]
     blocks: dict[str, slice] = {}
-    at = 1 + q
+    at = common_columns(q)
     for name, entry in library.items():
         blocks[name] = slice(at, at + basis_size(entry))
         at += basis_size(entry)
     x = np.zeros((len(effect), at))
     x[:, 0] = 1.0
     x[:, 1 : 1 + q] = nuisances
+    x[:, 1 + q : 1 + 2 * q] = nuisances**2 - 1
     names = np.asarray(effect)
     for name, entry in library.items():
         rows = np.flatnonzero(names == name)
@@ -174,7 +186,8 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     outcome = _logistic(x, design.overturned)
-    own = slice(1 + design.nuisances.shape[1], None)
+    q = design.nuisances.shape[1]
+    own = slice(common_columns(q), None)
     fits = [_linear(x, own, design.features[:, :, k]) for k in range(design.features.shape[2])]
     features = _with_factors(x, design.features, fits)
     factors = features[0].loading.shape[1] if features else 0
@@ -182,11 +195,22 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     return Emulator(
         library,
         blocks,
-        design.nuisances.shape[1],
+        q,
+        _bends(outcome, fits, q),
         factors,
         replace(outcome, loading=none),
         features,
     )
+
+
+def _bends(outcome: Fit, features: Sequence[Fit], q: int) -> NDArray[np.int64]:
+    """Nuisances whose squares count."""
+    squares = slice(1 + q, 1 + 2 * q)
+    p = 1 / (1 + np.exp(-np.clip(outcome.mean[:, 0], -30, 30)))
+    weight = 2 * (p * (1 - p)) @ outcome.mean[:, squares] ** 2
+    for fit in features:
+        weight += 2 * (fit.mean[:, squares] ** 2 / fit.noise[:, None]).sum(axis=0)
+    return np.flatnonzero(weight > LEAST_BEND)
 
 
 def _with_factors(x: Array, features: Array, fits: Sequence[Fit]) -> tuple[Fit, ...]:

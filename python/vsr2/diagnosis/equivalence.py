@@ -35,10 +35,10 @@ def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
     """What a hypothesis at its posterior mode expects, and |z|^2 / 2 there."""
     node, z = mode(table, found)
     at = table.fine
-    logit = at.logit[node] + at.factor[node] * (table.slope @ z)
+    logit = at.logit[node] + at.factor[node] * table.slope(z)
     p = 1 / (1 + np.exp(-np.clip(logit, -30, 30)))
     features = [
-        centre[node] + response @ z
+        centre[node] + response(z)
         for centre, response in zip(at.centre, table.response, strict=True)
     ]
     shape = (1, p.size, 0)

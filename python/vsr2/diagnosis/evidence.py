@@ -4,8 +4,8 @@ Parameters are integrated by quadrature, nuisances by Laplace's method.
 
 A hypothesis is laid out on nodes g of its prior (equal weights: midpoints of equal slices of prior
 probability for one parameter, a low-discrepancy sequence for more). At a node the emulator is
-linear in the nuisances z, whose prior is N(0, 1), so that the campaign's log likelihood plus log
-prior is concave in z and Laplace's method applies (D. J. C. MacKay, "Information Theory,
+nearly linear in the nuisances z, whose prior is N(0, 1), so that the campaign's log likelihood plus
+log prior is nearly concave in z and Laplace's method applies (D. J. C. MacKay, "Information Theory,
 Inference, and Learning Algorithms", 2003, ch. 27):
 
     log L(g) = max_z [log p(y | g, z) + log N(z)] + (q/2) log 2 pi - (1/2) log det H.
@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, design_matrix
+from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, common_columns, design_matrix
 from vsr2.diagnosis.library import NONE, Entry, coordinates, free_parameters, is_angle
 from vsr2.diagnosis.simulator import quasi_random
 
@@ -79,6 +79,72 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False)
+class Change:
+    """How one response of all trials changes with the nuisances.
+
+    Attributes:
+        linear: shape (trials, q).
+        bent: which nuisances act by their square less 1 too, shape (k,).
+        square: by that, shape (trials, k).
+    """
+
+    linear: Array
+    bent: NDArray[np.int64]
+    square: Array
+
+    def __call__(self, z: Array) -> Array:
+        """Change at nuisances (..., q), shape (..., trials)."""
+        out = z @ self.linear.T
+        if self.bent.size:
+            out = out + (z[..., self.bent] ** 2 - 1) @ self.square.T
+        return np.asarray(out, dtype=np.float64)
+
+    def back(self, z: Array, weight: Array) -> Array:
+        """Sum over trials of weight (..., trials) times the derivative, shape (..., q)."""
+        out = np.asarray(weight @ self.linear, dtype=np.float64)
+        if self.bent.size:
+            out[..., self.bent] += 2 * z[..., self.bent] * (weight @ self.square)
+        return out
+
+    def at(self, z: Array) -> Array:
+        """Derivative at nuisances (..., q), shape (..., trials, q)."""
+        out = np.broadcast_to(self.linear, (*z.shape[:-1], *self.linear.shape)).copy()
+        out[..., self.bent] += 2 * z[..., None, self.bent] * self.square
+        return out
+
+
+class _Products:
+    """Of a response's derivatives, summed over trials with weights: a part of the Hessian."""
+
+    def __init__(self, change: Change) -> None:
+        q, self._bent = change.linear.shape[1], change.bent
+        self._upper = np.triu_indices(q)
+        self._plain = change.linear[:, self._upper[0]] * change.linear[:, self._upper[1]]
+        k = change.bent.size
+        mixed = change.square[:, :, None] * change.linear[:, None, :]
+        square = change.square[:, :, None] * change.square[:, None, :]
+        trials = len(change.linear)
+        self._mixed = mixed.reshape(trials, k * q)
+        self._square = square.reshape(trials, k * k)
+
+    def add(self, hessian: Array, z: Array, weight: Array) -> None:
+        """Add sum_t weight_t d_i d_j, d the derivative at z (..., q), to (..., q, q)."""
+        q, k, bent = hessian.shape[-1], self._bent.size, self._bent
+        own = np.empty_like(hessian)
+        own[..., self._upper[0], self._upper[1]] = weight @ self._plain
+        own[..., self._upper[1], self._upper[0]] = own[..., self._upper[0], self._upper[1]]
+        hessian += own
+        if not k:
+            return
+        turn = 2 * z[..., bent, None]
+        mixed = turn * (weight @ self._mixed).reshape(*weight.shape[:-1], k, q)
+        hessian[..., bent, :] += mixed
+        hessian[..., :, bent] += np.swapaxes(mixed, -1, -2)
+        square = (weight @ self._square).reshape(*weight.shape[:-1], k, k)
+        hessian[..., bent[:, None], bent] += turn * np.swapaxes(turn, -1, -2) * square
+
+
+@dataclass(frozen=True, eq=False)
 class Table:
     """A hypothesis, ready for any campaign of the same trials.
 
@@ -87,9 +153,8 @@ class Table:
         coarse: where Laplace's method is applied.
         fine: where the evidence is integrated.
         weights: interpolate from coarse to fine nodes, shape (fine nodes, coarse nodes).
-        slope: of the logit by nuisance, before the averaging factor, shape (trials, q); the
-            features' common residual factors are nuisances too.
-        response: of each feature by nuisance, each (trials, q).
+        slope, response: how the logit, before the averaging factor, and each feature change with
+            the nuisances; the features' common residual factors are nuisances too.
         stray: density of each feature's strays, each (trials,).
     """
 
@@ -97,9 +162,14 @@ class Table:
     coarse: Layout
     fine: Layout
     weights: Array
-    slope: Array
-    response: tuple[Array, ...]
+    slope: Change
+    response: tuple[Change, ...]
     stray: tuple[Array, ...]
+
+    @property
+    def nuisances(self) -> int:
+        """Their number, common factors included."""
+        return int(self.slope.linear.shape[1])
 
     def nearest(self, entry: Entry, quantiles: Array) -> int:
         """The fine node nearest to some quantiles of the parameters."""
@@ -222,8 +292,11 @@ def tabulate_pair(
 
 
 def _regressors(emulator: Emulator, effect: str, given: Array) -> tuple[Array, dict[str, slice]]:
-    blank = np.zeros((len(given), emulator.nuisances))
-    return design_matrix(emulator.library, [effect] * len(given), list(given), blank)
+    blank = np.ones((len(given), emulator.nuisances))
+    x, blocks = design_matrix(emulator.library, [effect] * len(given), list(given), blank)
+    # Nuisances at their nominal values, their squares at their mean.
+    x[:, 1 : common_columns(emulator.nuisances)] = 0.0
+    return x, blocks
 
 
 def _layout(emulator: Emulator, x: Array, used: NDArray[np.int64], quantiles: Array) -> Layout:
@@ -241,14 +314,19 @@ def _layout(emulator: Emulator, x: Array, used: NDArray[np.int64], quantiles: Ar
 
 
 def _table(emulator: Emulator, name: str, coarse: Layout, fine: Layout, weights: Array) -> Table:
-    columns = slice(1, 1 + emulator.nuisances)
+    q, bends = emulator.nuisances, emulator.bends
+
+    def change(fit: Fit) -> Change:
+        linear = np.hstack([fit.mean[:, 1 : 1 + q], fit.loading])
+        return Change(linear, bends, fit.mean[:, 1 + q + bends])
+
     return Table(
         name=name,
         coarse=coarse,
         fine=fine,
         weights=weights,
-        slope=np.hstack([emulator.outcome.mean[:, columns], emulator.outcome.loading]),
-        response=tuple(np.hstack([fit.mean[:, columns], fit.loading]) for fit in emulator.features),
+        slope=change(emulator.outcome),
+        response=tuple(change(fit) for fit in emulator.features),
         stray=tuple(fit.stray for fit in emulator.features),
     )
 
@@ -257,8 +335,10 @@ def _predicted(fit: Fit, x: Array, used: NDArray[np.int64], q: int) -> tuple[Arr
     part = x[:, used]
     covariance = fit.covariance[:, used[:, None], used[None, :]]
     variance = np.einsum("gi,tij,gj->gt", part, covariance, part, optimize=True)
-    # Nuisances of unit variance carry their coefficients' errors along.
-    variance += np.einsum("tii->t", fit.covariance[:, 1 : 1 + q, 1 : 1 + q])[None, :]
+    # Nuisances of unit variance, and their squares less 1 of variance 2, carry their
+    # coefficients' errors along.
+    own = np.diagonal(fit.covariance, axis1=1, axis2=2)
+    variance += (own[:, 1 : 1 + q].sum(axis=1) + 2 * own[:, 1 + q : 1 + 2 * q].sum(axis=1))[None, :]
     return part @ fit.mean[:, used].T, variance
 
 
@@ -296,32 +376,28 @@ def posterior(table: Table, data: Data) -> Posterior:
 
 
 def _posterior(table: Table, data: Data) -> Posterior:
-    campaigns, q = len(data), table.slope.shape[1]
+    campaigns, q = len(data), table.nuisances
     at = table.coarse
     nodes = len(at.logit)
     known = np.isfinite(data.overturned)[:, None, :]
     y = np.where(known, data.overturned[:, None, :], 0.5)
     shown = known * at.factor
     z = np.zeros((campaigns, nodes, q))
-    upper = np.triu_indices(q)
-    outer = table.slope[:, upper[0]] * table.slope[:, upper[1]]
     parts = _feature_parts(table, at, data)
-    products = [part.response[:, upper[0]] * part.response[:, upper[1]] for part in parts]
-    hessian = np.zeros((campaigns, nodes, q, q))
+    outer = _Products(table.slope)
+    products = [_Products(part.response) for part in parts]
     for _ in range(_STEPS):
-        p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * (z @ table.slope.T), -30, 30)))
-        slope = ((y - p) * shown) @ table.slope - z
-        packed = (p * (1 - p) * shown * at.factor) @ outer
+        p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * table.slope(z), -30, 30)))
+        slope = table.slope.back(z, (y - p) * shown) - z
+        hessian = np.broadcast_to(np.eye(q), (campaigns, nodes, q, q)).copy()
+        outer.add(hessian, z, p * (1 - p) * shown * at.factor)
         for part, product in zip(parts, products, strict=True):
-            gap = part.value - z @ part.response.T
+            gap = part.value - part.response(z)
             tail = 1.0 / (DEGREES * part.variance + gap**2)
             own = _density(tail * DEGREES * part.variance, part.variance)
             tail *= part.known * ((DEGREES + 1) * own / (own + part.stray))
-            slope += (tail * gap) @ part.response
-            packed += tail @ product
-        hessian[..., upper[0], upper[1]] = packed
-        hessian[..., upper[1], upper[0]] = packed
-        hessian[..., np.arange(q), np.arange(q)] += 1.0
+            slope += part.response.back(z, tail * gap)
+            product.add(hessian, z, tail)
         step = np.linalg.solve(hessian, slope[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         z = z + step * np.minimum(1.0, 2.0 / np.maximum(length, 1e-12))
@@ -360,7 +436,7 @@ class _Part(NamedTuple):
 
     value: Array
     known: NDArray[np.bool_]
-    response: Array
+    response: Change
     variance: Array
     stray: Array
 
@@ -383,7 +459,7 @@ def _feature_parts(table: Table, at: Layout, data: Data) -> list[_Part]:
 
 def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     """Of each trial at given nuisances, shape (campaigns, nodes, trials); 0 where unknown."""
-    p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * (z @ table.slope.T), -30, 30)))
+    p = 1 / (1 + np.exp(-np.clip(at.logit + at.factor * table.slope(z), -30, 30)))
     p = _lapsed(p)
     y = data.overturned[:, None, :]
     known = np.isfinite(y)
@@ -391,7 +467,7 @@ def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     likely = np.nan_to_num(y)
     out = np.where(known, likely * np.log(p) + (1 - likely) * np.log1p(-p), 0.0)
     for value, shown, response, variance, stray in _feature_parts(table, at, data):
-        gap = value - z @ response.T
+        gap = value - response(z)
         density = _density(1.0 / (1.0 + gap**2 / (DEGREES * variance)), variance)
         out = out + np.log(density + stray) * shown
     return np.asarray(out, dtype=np.float64)
@@ -429,23 +505,29 @@ def predict(table: Table, found: Posterior) -> Prediction:
     at = table.fine
     drawn = drawn_nodes(found)
     z = np.einsum("cpg,cgq->cpq", table.weights[drawn], found.nuisance)
-    spread = np.einsum("ti,cij,tj->ct", table.slope, found.covariance, table.slope, optimize=True)
+    middle = z.mean(axis=1)
+    spread = _spread_of(table.slope.at(middle), found.covariance)
     factor = at.factor[drawn]
-    logit = at.logit[drawn] + factor * (z @ table.slope.T)
+    logit = at.logit[drawn] + factor * table.slope(z)
     probability = _lapsed(
         1 / (1 + np.exp(-logit / np.sqrt(1 + np.pi / 8 * factor**2 * spread[:, None])))
     ).mean(axis=1)
     centres, deviations = [], []
     for centre, response, variance in zip(at.centre, table.response, at.variance, strict=True):
-        value = centre[drawn] + z @ response.T
-        own = np.einsum("ti,cij,tj->ct", response, found.covariance, response, optimize=True)
-        middle = value.mean(axis=1)
+        value = centre[drawn] + response(z)
+        own = _spread_of(response.at(middle), found.covariance)
+        mean = value.mean(axis=1)
         second = (value**2 + variance[drawn]).mean(axis=1) + own
-        centres.append(middle)
-        deviations.append(np.sqrt(np.maximum(second - middle**2, 1e-12)))
+        centres.append(mean)
+        deviations.append(np.sqrt(np.maximum(second - mean**2, 1e-12)))
     shape = (*probability.shape, 0)
     return Prediction(
         probability,
         np.stack(centres, axis=-1) if centres else np.zeros(shape),
         np.stack(deviations, axis=-1) if deviations else np.zeros(shape),
     )
+
+
+def _spread_of(change: Array, covariance: Array) -> Array:
+    """Variance that nuisances of a covariance (c, q, q) give by derivatives (c, trials, q)."""
+    return np.asarray(((change @ covariance) * change).sum(axis=-1), dtype=np.float64)

@@ -7,6 +7,7 @@ have the planar block's own entries.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -99,22 +100,132 @@ def _null_quantile(parameter: Parameter) -> float | None:
     return 0.5 * (low + high)
 
 
+@dataclass(frozen=True)
+class Reaching:
+    """An effect whose range reaches beyond where it begins to overwhelm all else.
+
+    Attributes:
+        entry: the effect.
+        below, above: share of the range on either side of the null at which it does, at most 1.
+    """
+
+    entry: Entry
+    below: float
+    above: float
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.entry.name
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Of the effect."""
+        return self.entry.parameters
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Of the effect."""
+        return self.entry.channels
+
+    @property
+    def stage(self) -> str:
+        """Of the effect."""
+        return self.entry.stage
+
+
+def reaches(library: Library) -> dict[str, tuple[float, float]]:
+    """Below and above the null of each effect, 1 where its whole range is used."""
+    return {
+        name: (entry.below, entry.above) if isinstance(entry, Reaching) else (1.0, 1.0)
+        for name, entry in library.items()
+    }
+
+
+class _Axis:
+    """A primary parameter's range as distances from its null, on either side.
+
+    Distances are shares f of the side. Up to the effect's reach r the coordinate is f / r, beyond
+    it 1 + ln(f / r): what is overwhelming takes less room than what is not.
+
+    Args:
+        entry: the effect.
+        parameter: one of its primary ones.
+    """
+
+    def __init__(self, entry: Entry, parameter: Parameter) -> None:
+        null = null_quantile(parameter)
+        self.inside = null is not None
+        self.null = (1.0 if parameter.null > parameter.upper else 0.0) if null is None else null
+        self.two_sided = 1e-6 < self.null < 1 - 1e-6
+        reach = (entry.below, entry.above) if isinstance(entry, Reaching) else (1.0, 1.0)
+        self.reach: dict[bool, float] = {False: reach[0], True: reach[1]}
+        self.side = {False: max(self.null, 1e-9), True: max(1.0 - self.null, 1e-9)}
+
+    @property
+    def compressed(self) -> bool:
+        """Whether the range reaches beyond the effect's reach anywhere."""
+        return any(r < 1 and self.side[above] > 1e-6 for above, r in self.reach.items())
+
+    def placed(self, quantile: Array) -> Array:
+        """Quantiles of the library's prior at quantiles of the diagnosis' own."""
+        gap = quantile - self.null
+        out = np.empty_like(gap)
+        for above, reach in self.reach.items():
+            mine = (gap > 0) == above
+            share = np.abs(gap[mine]) / self.side[above]
+            if self.inside or reach < 1:
+                far = share**2 * (1 - np.log(reach))
+                share = reach * np.where(far < 1, far, np.exp(np.maximum(far, 1) - 1))
+            out[mine] = self.null + (1 if above else -1) * share * self.side[above]
+        return out
+
+    def distance(self, position: Array) -> tuple[Array, Array]:
+        """Coordinate of positions in the prior, signed, of at most 2: within reach, and beyond."""
+        gap = position - self.null
+        near, beyond = np.empty_like(gap), np.empty_like(gap)
+        for above, reach in self.reach.items():
+            mine = (gap > 0) == above
+            share = np.abs(gap[mine]) / (self.side[above] * reach)
+            size = (1 if above else -1) * 2 * self.side[above]
+            near[mine] = size * np.minimum(share, 1)
+            beyond[mine] = size * np.log(np.maximum(share, 1))
+        return near, beyond
+
+
 def positions(entry: Entry, quantiles: Array) -> Array:
     """Quantiles of the library's priors at quantiles of the diagnosis' own, shape (n, parameters).
 
     A cause is more likely weak than strong, and most effects show long before their prior ends: the
     distance of a primary parameter's quantile from that of its null value is squared, of the larger
-    distance that its side has. So half the draws lie within a quarter of the range.
+    distance that its side has. So half the draws lie within a quarter of the range, or of what its
+    coordinate makes of it where the effect is :class:`Reaching`.
     """
     out = np.array(np.atleast_2d(quantiles), dtype=np.float64)
     for j, parameter in enumerate(free_parameters(entry)):
-        null = null_quantile(parameter)
-        if parameter.secondary or null is None:
-            continue
-        gap = out[:, j] - null
-        side = np.where(gap > 0, 1.0 - null, null)
-        out[:, j] = null + gap * np.abs(gap) / np.maximum(side, 1e-9)
+        if not parameter.secondary:
+            out[:, j] = _Axis(entry, parameter).placed(out[:, j])
     return out
+
+
+def at_share(entry: Entry, share: float, *, above: bool, secondary: Array) -> tuple[float, ...]:
+    """Values with all primary parameters at a share of their range from the null.
+
+    Args:
+        entry: the effect.
+        share: of the range on one side, in (0, 1].
+        above: on which side, where there are two.
+        secondary: prior quantiles of all free parameters, of which the secondary ones are used.
+    """
+    known = {}
+    for parameter, quantile in zip(free_parameters(entry), secondary, strict=True):
+        u = float(quantile)
+        if not parameter.secondary:
+            axis = _Axis(entry, parameter)
+            up = above if axis.two_sided else axis.null < 0.5
+            u = axis.null + (1 if up else -1) * share * axis.side[up]
+        known[parameter.name] = float(parameter.ppf(min(max(u, 1e-6), 1 - 1e-6)))
+    return tuple(known.get(p.name, float(p.null)) for p in entry.parameters)
 
 
 def basis_size(entry: Entry) -> int:
@@ -135,8 +246,10 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     end next to it where the prior does not reach it): c, c^2 and c^3 of a primary parameter with
     values on both sides of its null; of one with values on one side 1, c, c^2 and two squared
     hinges, because such an effect may start with a jump (any bump under a flat base) or not act
-    before a threshold (a cap); products c_j c_k; and 1 or c times functions of every secondary
-    parameter: c and c^2, or cosine and sine of a full turn.
+    before a threshold (a cap); products c_j c_k; and c times functions of every secondary
+    parameter: c and c^2, or cosine and sine of a full turn. Of an effect that is
+    :class:`Reaching`, c is taken over its reach, and what lies beyond has two columns of its own in
+    the logarithm of the distance.
 
     Args:
         entry: the effect.
@@ -149,17 +262,21 @@ def basis(entry: Entry, quantiles: Array) -> Array:
     u = positions(entry, quantiles)
     columns: list[Array] = []
     distances: list[Array] = []
-    for j in (j for j, p in enumerate(parameters) if not p.secondary):
-        null = null_quantile(parameters[j])
-        if null is None:
-            null = 1.0 if parameters[j].null > parameters[j].upper else 0.0
-        c = 2.0 * (u[:, j] - null)
+    far: list[Array] = []
+    for j, parameter in enumerate(parameters):
+        if parameter.secondary:
+            continue
+        axis = _Axis(entry, parameter)
+        c, beyond = axis.distance(u[:, j])
         distances.append(c)
-        if 1e-6 < null < 1 - 1e-6:
+        if axis.two_sided:
             columns += [c, c**2, c**3]
         else:
             columns += [np.ones(len(u)), c, c**2]
             columns += [np.maximum(np.abs(c) - knot, 0.0) ** 2 for knot in HINGES]
+        if axis.compressed:
+            far.append(beyond)
+            columns += [beyond, np.abs(beyond)] if axis.two_sided else [beyond, beyond**2]
     for j, one in enumerate(distances):
         columns += [one * other for other in distances[:j]]
     for j, parameter in enumerate(parameters):
@@ -169,7 +286,7 @@ def basis(entry: Entry, quantiles: Array) -> Array:
                 functions = [np.cos(turn), np.sin(turn)]
             else:
                 functions = [2 * u[:, j] - 1, (2 * u[:, j] - 1) ** 2]
-            columns += [one * function for one in distances for function in functions]
+            columns += [one * function for one in distances + far for function in functions]
     return np.stack(columns, axis=1)
 
 

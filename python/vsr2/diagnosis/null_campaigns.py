@@ -32,9 +32,9 @@ def null_campaigns(table: Table, simulated: Data, *, count: int = COUNT, seed: i
     """
     rng = np.random.default_rng([seed, 7])
     at = table.fine.at(0)
-    trials, nuisances = table.slope.shape
-    z = rng.standard_normal((count, nuisances))
-    logit = at.logit + at.factor * (z @ table.slope.T)
+    trials = at.logit.shape[1]
+    z = rng.standard_normal((count, table.nuisances))
+    logit = at.logit + at.factor * table.slope(z)
     p = LAPSE + (1 - 2 * LAPSE) / (1 + np.exp(-np.clip(logit, -30, 30)))
     overturned = (rng.random(p.shape) < p).astype(np.float64)
     features = np.full((count, trials, len(at.centre)), np.nan)
@@ -48,7 +48,7 @@ def null_campaigns(table: Table, simulated: Data, *, count: int = COUNT, seed: i
             _known(simulated.features[..., k], simulated.overturned < 0.5),
         )
         seen = rng.random(p.shape) < share
-        features[..., k] = np.where(seen, centre + z @ response.T + noise, np.nan)
+        features[..., k] = np.where(seen, centre + response(z) + noise, np.nan)
     return Data(overturned, features)
 
 

@@ -22,6 +22,7 @@ from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
 from vsr2.diagnosis.observations import Observations, observe_campaign
 from vsr2.diagnosis.planar.block import GRAVITY
 from vsr2.diagnosis.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.reach import reaching
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.simulator import Effects, Request, Responses, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
@@ -177,10 +178,10 @@ class Rehearsal:
         self.screening: Screening = screen(
             self.bank, self._seen, runs=screening_runs, most=most, seed=0
         )
+        self.library = reaching(self.bank, self.screening)
         self._design, self.draws = simulate_design(
-            self.bank, self._seen, self.screening, simulator.library,
-            dict.fromkeys(simulator.library, draws),
-        )  # fmt: skip
+            self.bank, self._seen, self.screening, self.library, dict.fromkeys(self.library, draws)
+        )
 
     def observed(
         self, truth: Simulator, effects: Effects = (), *, nuisance: int, replicate: int = 1
@@ -203,7 +204,7 @@ class Rehearsal:
         self, tier: Tier, *, without: Sequence[str] = (), design: Design | None = None
     ) -> Prepared:
         """Both routes for a tier, some effects left out of the library."""
-        library = {n: e for n, e in self.simulator.library.items() if n not in without}
+        library = {n: e for n, e in self.library.items() if n not in without}
         whole = self.design(tier) if design is None else design
         rows = np.flatnonzero(~np.isin(whole.effect, list(without)))
         seen, kept = self._seen, self.screening.kept

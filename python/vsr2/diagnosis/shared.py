@@ -48,7 +48,7 @@ class Shared:
         return self._models[key]
 
 
-def fingerprint(design: Design, *parts: NDArray[np.generic] | str | int) -> str:
+def fingerprint(design: Design, *parts: NDArray[np.generic] | tuple[object, ...] | int) -> str:
     """Hash of simulated campaigns and of what else a fit depends on."""
     digest = hashlib.blake2b(digest_size=16)
     arrays = [design.effect, design.nuisances, design.overturned, design.features]

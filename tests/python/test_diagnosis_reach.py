@@ -1,0 +1,158 @@
+"""How far an effect's range reaches, and where its draws lie then."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.library import (
+    Reaching,
+    at_share,
+    basis,
+    free_parameters,
+    positions,
+    reaches,
+    values_at,
+)
+from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.reach import OVERWHELMING, reaching
+from vsr2.diagnosis.simulator import Responses, nuisance_normal
+from vsr2.effects import library as full_library
+
+SCATTER = 0.05
+"""Of the logarithm of the largest tilt, of what nuisances leave."""
+
+
+class Straight:
+    """Largest tilts whose logarithm moves in proportion to an effect, and with a nuisance."""
+
+    identity = "straight"
+    variants = ()
+    nuisance_names = ("a",)
+
+    def __init__(self, slopes) -> None:
+        self.slopes = slopes
+        self.library = {name: full_library()[name] for name in slopes}
+
+    def trial_key(self, trial):
+        return str(trial)
+
+    def nuisance_draw(self, index):
+        return nuisance_normal(5, 1, index)
+
+    def run(self, requests):
+        tilt = []
+        for r in requests:
+            rng = np.random.default_rng([r.trial, r.nuisance])
+            log = -3.0 + 0.3 * self.nuisance_draw(r.nuisance)[0] + SCATTER * rng.standard_normal()
+            log += sum(self.slopes[name](values) for name, values in r.effects)
+            tilt.append(np.exp(log))
+        return Responses(np.zeros(len(requests)), np.array(tilt), None)
+
+
+def reach_of(slopes) -> dict[str, tuple[float, float]]:
+    kept = np.arange(40)
+    with Bank(Straight(slopes)) as bank:
+        return reaches(reaching(bank, SimpleNamespace(kept=kept, guard=kept[:3])))
+
+
+def test_the_reach_is_where_an_effect_moves_trials_by_two_standard_deviations() -> None:
+    # At share s of 0.15 the change is 20 s * 0.05: two standard deviations at s = 0.1.
+    found = reach_of({"wear": lambda values: 20 * SCATTER * values[0] / 0.15})
+    assert found["wear"][1] == pytest.approx(OVERWHELMING / 20, rel=0.15)
+
+
+def test_each_side_of_the_null_has_a_reach_of_its_own() -> None:
+    def bent(values):
+        share = values[0] / 0.15
+        return SCATTER * (8 * share if share > 0 else 100 * share)
+
+    below, above = reach_of({"table_gain": bent})["table_gain"]
+    assert below == pytest.approx(OVERWHELMING / 100, rel=0.2)
+    assert above == pytest.approx(OVERWHELMING / 8, rel=0.2)
+
+
+def test_what_is_weak_everywhere_or_leaps_keeps_its_whole_range() -> None:
+    found = reach_of(
+        {
+            "wear": lambda values: SCATTER * values[0] / 0.15,
+            "base_asperity": lambda values: 30 * SCATTER if values[0] else 0.0,
+            "restitution": lambda values: 30 * SCATTER,
+        }
+    )
+    assert found == dict.fromkeys(found, (1.0, 1.0))
+
+
+def test_overturning_counts_as_a_tilt_of_one_radian() -> None:
+    class Overturning(Straight):
+        def run(self, requests):
+            found = super().run(requests)
+            strong = [bool(r.effects) and r.effects[0][1][0] > 0.01 for r in requests]
+            return Responses(np.array(strong, dtype=float), found.peak_tilt, None)
+
+    kept = np.arange(40)
+    with Bank(Overturning({"wear": lambda values: 0.0})) as bank:
+        found = reaches(reaching(bank, SimpleNamespace(kept=kept, guard=kept[:0])))
+    # It sets in between a sixteenth of the range, 0.0094, and a quarter of it.
+    assert 1 / 16 < found["wear"][1] < 1 / 4
+
+
+@pytest.mark.parametrize("name", sorted(full_library()))
+def test_draws_keep_their_order_and_reach_both_ends(name: str) -> None:
+    entry = Reaching(full_library()[name], 0.02, 0.1)
+    free = free_parameters(entry)
+    u = np.linspace(0, 1, 4001)
+    for j, parameter in enumerate(free):
+        given = np.full((u.size, len(free)), 0.4)
+        given[:, j] = u
+        found = positions(entry, given)[:, j]
+        assert np.diff(found).min() >= 0
+        # A leap is none of the prior's: the coordinate is continuous.
+        assert np.diff(found).max() < 0.01
+        assert found[[0, -1]] == pytest.approx([0, 1], abs=1e-9), parameter.name
+
+
+def test_within_reach_lie_more_draws_than_by_the_square_alone() -> None:
+    entry = full_library()["table_pitch"]
+    u = np.column_stack([np.linspace(0, 1, 1001), np.full(1001, 0.5)])
+    own = positions(Reaching(entry, 0.02, 0.02), u)[:, 0] <= 0.02
+    plain = positions(entry, u)[:, 0] <= 0.02
+    assert plain.mean() == pytest.approx(np.sqrt(0.02), abs=2e-3)
+    assert own.mean() == pytest.approx(1 / np.sqrt(1 - np.log(0.02)), abs=2e-3)
+
+
+@pytest.mark.parametrize("name", ["table_gain", "table_pitch", "table_saturation", "wear"])
+def test_the_basis_is_continuous_and_has_columns_for_what_lies_beyond(name: str) -> None:
+    effect = full_library()[name]
+    entry = Reaching(effect, 0.1, 0.1)
+    free = free_parameters(entry)
+
+    def columns(count):
+        u = np.full((count, len(free)), 0.37)
+        u[:, [not p.secondary for p in free]] = np.linspace(0.0, 1.0, count)[:, None]
+        return basis(entry, u)
+
+    coarse, fine = (np.abs(np.diff(columns(n), axis=0)).max() for n in (1001, 4001))
+    # A leap would not shrink with the grid.
+    assert fine < 0.3 * coarse
+    near = np.full((1, len(free)), 0.5)
+    assert basis(effect, near).shape[1] < basis(entry, near).shape[1]
+
+
+def test_at_a_share_all_primary_parameters_lie_there() -> None:
+    saturation = full_library()["table_saturation"]
+    half = np.full(2, 0.5)
+    velocity, acceleration = at_share(saturation, 0.25, above=True, secondary=half)
+    # Three quarters up logarithmic ranges of 0.15 to 1.5 and of 2 to 20.
+    assert velocity == pytest.approx(0.15 * 10**0.75)
+    assert acceleration == pytest.approx(2 * 10**0.75)
+    gain = PLANAR_LIBRARY["table_gain"]
+    up, down = (at_share(gain, 0.1, above=a, secondary=half[:1])[0] for a in (True, False))
+    assert up == pytest.approx(-down)
+    pitch = full_library()["table_pitch"]
+    values = at_share(pitch, 0.25, above=True, secondary=np.array([0.5, 0.2]))
+    assert values[:2] == pytest.approx((0.005, 8.0))
+    assert values[2:] == values_at(pitch, np.array([0.5, 0.2]))[2:]
