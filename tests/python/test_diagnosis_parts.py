@@ -174,6 +174,54 @@ def test_the_evidence_agrees_with_brute_force() -> None:
         assert posterior(table, one).evidence[c] == pytest.approx(np.log(likelihood), abs=0.1)
 
 
+def shared_draws(rng, draws=30, each=20, trials=60, common=0.3, own=0.1):
+    """Campaigns of which `each` share a draw of nuisances, and with it most of their noise."""
+    names = np.array(["", "table_gain"])[np.arange(draws * each) % 2]
+    quantiles = tuple(rng.random(1) if name else np.zeros(0) for name in names)
+    z = rng.standard_normal((draws, 2))
+    c = np.array([basis(TWO["table_gain"], u)[0, 0] if u.size else 0.0 for u in quantiles])
+    shift = common * rng.standard_normal((draws, trials))
+    index = np.repeat(np.arange(draws), each)
+    logit = (0.3 * z[:, :1] + 4 * shift)[index] + 2.0 * c[:, None]
+    y = (rng.random(logit.shape) < 1 / (1 + np.exp(-logit))).astype(float)
+    feature = (0.3 * z[:, :1] + shift)[index] - 1.0 * c[:, None]
+    feature = feature + own * rng.standard_normal(feature.shape)
+    return Design(names, quantiles, z[index], y, feature[..., None])
+
+
+def standardised(found, columns, true, fit) -> float:
+    """Root mean square error of coefficients over their stated standard errors."""
+    error = np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))[:, columns]
+    return float(np.sqrt(np.mean(((fit.mean[:, columns] - true) / error) ** 2)))
+
+
+def test_campaigns_that_share_a_draw_are_no_independent_witnesses() -> None:
+    design = shared_draws(np.random.default_rng(5))
+    found = fit_emulator(TWO, design)
+    feature = found.features[0]
+    assert standardised(found, [1], 0.3, feature) < 1.3
+    assert standardised(found, [1], 0.3, found.outcome) < 1.3
+    # A fresh campaign scatters by both kinds of noise.
+    assert np.sqrt(np.median(feature.scatter)) == pytest.approx(np.hypot(0.3, 0.1), rel=0.1)
+    assert np.sqrt(found.outcome.noise[0]) == pytest.approx(1.2, rel=0.25)
+    # Taken for independent, they seem to know four times more than they do.
+    moved = design.nuisances + 1e-9 * np.random.default_rng(6).standard_normal((600, 2))
+    alone = fit_emulator(TWO, dataclasses.replace(design, nuisances=moved))
+    assert standardised(alone, [1], 0.3, alone.features[0]) > 2.5
+
+
+def test_effects_are_known_from_differences_within_draws() -> None:
+    design = shared_draws(np.random.default_rng(7))
+    found = fit_emulator(TWO, design)
+    gain = found.blocks["table_gain"].start
+    feature = found.features[0]
+    off = feature.mean[:, gain] + 1.0
+    moved = design.nuisances + 1e-9 * np.random.default_rng(6).standard_normal((600, 2))
+    alone = fit_emulator(TWO, dataclasses.replace(design, nuisances=moved)).features[0]
+    assert np.abs(off).mean() < 0.7 * np.abs(alone.mean[:, gain] + 1.0).mean()
+    assert standardised(found, [gain], -1.0, feature) < 1.4
+
+
 def test_nuisances_that_act_by_their_square_are_found_and_no_others() -> None:
     bent = fit_emulator(TWO, logistic_design(np.random.default_rng(3), bend=0.2))
     np.testing.assert_array_equal(bent.bends, [0])

@@ -13,6 +13,12 @@ and Machine Learning", 2006, 3.5 and 4.5); what an effect does not touch shrinks
 coefficients' posterior covariance is kept: it is the Monte Carlo error of the emulator, and enters
 every probability drawn from it.
 
+Campaigns simulated with the same draw of nuisances share all that is random: where an effect is
+weak they end alike, trial by trial, and are far from independent. So each draw shifts each trial by
+an amount of its own (a random intercept: N. M. Laird and J. H. Ware, "Random-effects models for
+longitudinal data", Biometrics 38, 1982), whose variance is estimated with the rest: differences
+between effects are known better than what all have in common.
+
 What the features of a campaign have in common beyond that (an effect that changes how z acts)
 would make errors of trials alike where they are taken for independent, and the
 evidence far too sure. The leading principal components of the residuals, those beyond what
@@ -42,6 +48,9 @@ _MOST_SHARED = 0.8
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-6
+_SHIFT_WEIGHT = 4.0
+"""Draws' worth of the mean over trials in the variance of one trial's shifts."""
+_MOST_SHIFT = 100.0
 LEAST_BEND = 1.0
 """Twice the log likelihood that a nuisance's square makes out in a typical campaign, below which it
 is left out [nat]."""
@@ -96,7 +105,8 @@ class Fit:
     Attributes:
         mean: shape (trials, columns).
         covariance: shape (trials, columns, columns).
-        noise: square of the residuals' scale, shape (trials,); 0 of outcomes.
+        noise: square of the residuals' scale, that of the draws' shifts within; of outcomes that
+            of the shifts alone, shape (trials,).
         loading: of the common residual factors, shape (trials, factors).
         stray: density of responses that have nothing to do with the fit, the share of such times
             their flat density, shape (trials,): a rock that just fails to lift off, or to overturn,
@@ -182,14 +192,61 @@ def design_matrix(
     return x, blocks
 
 
+class _Draws:
+    """Which campaigns were simulated with the same draw of nuisances.
+
+    Args:
+        nuisances: of each campaign, shape (rows, q).
+    """
+
+    def __init__(self, nuisances: Array) -> None:
+        _, index, counts = np.unique(nuisances, axis=0, return_inverse=True, return_counts=True)
+        index = index.ravel()
+        shared = np.flatnonzero(counts > 1)
+        self.groups = [np.flatnonzero(index == k) for k in shared]
+        """Rows of each draw that several campaigns share."""
+        self.single = np.flatnonzero(counts[index] == 1)
+        """Rows whose draw no other shares."""
+        self.rows = len(index)
+
+    def __len__(self) -> int:
+        return len(self.groups)
+
+    def spread(self, shift: Array) -> Array:
+        """Shifts (trials, draws) at each row, 0 where its draw is its own, shape (trials, rows)."""
+        out = np.zeros((len(shift), self.rows))
+        for k, rows in enumerate(self.groups):
+            out[:, rows] = shift[:, k, None]
+        return out
+
+    def summed(self, values: Array) -> Array:
+        """Sums of (trials, rows) over each draw's rows, shape (trials, draws)."""
+        out = np.zeros((len(values), len(self)))
+        for k, rows in enumerate(self.groups):
+            out[:, k] = values[:, rows].sum(axis=1)
+        return out
+
+    def products(self, x: Array, weight: Array) -> Array:
+        """Sums of weight times regressors likewise, shape (trials, columns, draws)."""
+        out = np.zeros((len(weight), x.shape[1], len(self)))
+        for k, rows in enumerate(self.groups):
+            out[:, :, k] = weight[:, rows] @ x[rows]
+        return out
+
+
 def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
-    outcome = _logistic(x, design.overturned)
+    draws = _Draws(design.nuisances)
+    outcome = _logistic(x, draws, design.overturned)
     q = design.nuisances.shape[1]
     own = slice(common_columns(q), None)
-    fits = [_linear(x, own, design.features[:, :, k]) for k in range(design.features.shape[2])]
-    features = _with_factors(x, design.features, fits)
+    fits, common = [], []
+    for k in range(design.features.shape[2]):
+        fit, shift = _linear(x, draws, own, design.features[:, :, k])
+        fits.append(fit)
+        common.append(shift)
+    features = _with_factors(fits, common)
     factors = features[0].loading.shape[1] if features else 0
     none = np.zeros((design.overturned.shape[1], factors))
     return Emulator(
@@ -213,21 +270,23 @@ def _bends(outcome: Fit, features: Sequence[Fit], q: int) -> NDArray[np.int64]:
     return np.flatnonzero(weight > LEAST_BEND)
 
 
-def _with_factors(x: Array, features: Array, fits: Sequence[Fit]) -> tuple[Fit, ...]:
-    """The fits with what their residuals have in common taken out of the noise."""
+def _with_factors(fits: Sequence[Fit], common: Sequence[Array]) -> tuple[Fit, ...]:
+    """The fits with what their draws' residuals have in common taken out of the noise.
+
+    Args:
+        fits: of each feature.
+        common: residual of each draw in each, shape (draws, trials), NaN where it is not known.
+    """
     if not fits:
         return ()
-    parts = []
-    for k, fit in enumerate(fits):
-        residual = (features[:, :, k] - x @ fit.mean.T) / np.sqrt(fit.noise)
-        parts.append(np.clip(np.nan_to_num(residual, nan=0.0), -3, 3))
-    whole = np.concatenate(parts, axis=1)
-    known = np.concatenate([np.isfinite(features[:, :, k]) for k in range(len(fits))], axis=1)
+    parts = [own / np.sqrt(fit.noise) for fit, own in zip(fits, common, strict=True)]
+    known = np.isfinite(np.concatenate(parts, axis=1))
+    whole = np.clip(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.0), -3, 3)
     left, size, _ = np.linalg.svd(whole, full_matrices=False)
     shuffled = np.random.default_rng(0).permuted(whole, axis=0)
     threshold = np.linalg.svd(shuffled, compute_uv=False)[0]
     count = min(int(np.count_nonzero(size > threshold)), MOST_FACTORS)
-    score = left[:, :count] * np.sqrt(len(x))
+    score = left[:, :count] * np.sqrt(len(whole))
     loading = (whole.T @ score) / (known.T.astype(np.float64) @ score**2 + 1.0)
     out = []
     for fit, own in zip(fits, np.split(loading, len(fits)), strict=True):
@@ -238,7 +297,7 @@ def _with_factors(x: Array, features: Array, fits: Sequence[Fit]) -> tuple[Fit, 
     return tuple(out)
 
 
-def _logistic(x: Array, y: Array) -> Fit:
+def _logistic(x: Array, draws: _Draws, y: Array) -> Fit:
     trials, columns = y.shape[1], x.shape[1]
     known = np.isfinite(y)
     target = np.where(known, y, 0.0).T
@@ -250,24 +309,46 @@ def _logistic(x: Array, y: Array) -> Fit:
     prior[0] = _INTERCEPT_VARIANCE
     covariance = np.zeros((trials, columns, columns))
     ones = np.ones(trials)
+    shift, variance = np.zeros((trials, len(draws))), _START_VARIANCE if len(draws) else 0.0
     for em in range(_EM_STEPS):
         precision = np.diag(1 / prior)
         for _ in range(_NEWTON_STEPS[min(em, 1)]):
-            logits = np.clip(mean @ x.T, -30, 30)
+            logits = np.clip(mean @ x.T + draws.spread(shift), -30, 30)
             p = 1.0 / (1.0 + np.exp(-logits))
-            slope = (use * (target - p)) @ x - mean @ precision
-            hessian = _weighted(x, use * p * (1 - p)) + precision
+            # A shift that one campaign alone has is averaged over, to first order.
+            weaker = np.ones_like(p)
+            weaker[:, draws.single] = 1 / (1 + variance * (p * (1 - p))[:, draws.single])
+            off, weight = use * (target - p) * weaker, use * p * (1 - p) * weaker
+            slope = off @ x - mean @ precision
+            hessian = _weighted(x, weight) + precision
+            mixed = draws.products(x, weight)
+            own = draws.summed(weight) + 1 / max(variance, 1e-12)
+            pull = draws.summed(off) - shift / max(variance, 1e-12)
+            hessian -= (mixed / own[:, None, :]) @ np.swapaxes(mixed, 1, 2)
+            slope -= (mixed @ (pull / own)[:, :, None])[:, :, 0]
             step = np.linalg.solve(hessian, slope[:, :, None])[:, :, 0]
+            turn = (pull - (step[:, None, :] @ mixed)[:, 0]) / own
             # A full step may overshoot where outcomes separate.
-            largest = np.abs(step @ x.T).max(axis=1)
-            mean += step * np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
+            largest = np.abs(step @ x.T + draws.spread(turn)).max(axis=1)
+            damped = np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
+            mean, shift = mean + damped * step, shift + damped * turn
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
         prior = _updated(mean, covariance, ones, prior)
-    return Fit(mean, covariance, np.zeros(trials), np.zeros((trials, 0)), np.zeros(trials))
+        error = 1 / own + _through(covariance, mixed) / own**2
+        variance = _shift_variance(shift, error, ones, variance)
+    none = np.zeros((trials, 0))
+    return Fit(mean, covariance, np.full(trials, variance), none, np.zeros(trials))
 
 
-def _linear(x: Array, own: slice, y: Array) -> Fit:
-    """Robust regression; `own`: columns that belong to effects."""
+def _linear(x: Array, draws: _Draws, own: slice, y: Array) -> tuple[Fit, Array]:
+    """Robust regression, and each draw's residuals, shape (draws, trials).
+
+    Args:
+        x: regressors.
+        draws: of the rows.
+        own: columns that belong to effects.
+        y: responses, shape (rows, trials), NaN where unknown.
+    """
     trials, columns = y.shape[1], x.shape[1]
     known = np.isfinite(y).T
     target = np.where(known, y.T, 0.0)
@@ -282,14 +363,28 @@ def _linear(x: Array, own: slice, y: Array) -> Fit:
     prior[0] = 100 * _INTERCEPT_VARIANCE * max(pooled, 1.0) / pooled
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
-    weight, trust = use, np.ones_like(use)
+    weight, trust = use.copy(), np.ones_like(use)
+    shift, variance = np.zeros((trials, len(draws))), _START_VARIANCE if len(draws) else 0.0
+    error = np.zeros_like(shift)
     for _ in range(_EM_STEPS):
+        # A shift that one campaign alone has is noise.
+        weight[:, draws.single] /= 1 + variance
         gram = _weighted(x, weight)
-        hessian = (gram + np.diag(1 / prior)) / noise[:, None, None]
-        covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-        mean = np.einsum("tij,tj->ti", covariance, ((weight * target) @ x) / noise[:, None])
-        residual = use * (target - mean @ x.T)
-        explained = np.einsum("tij,tji->t", covariance, gram)
+        mixed = draws.products(x, weight)
+        each = draws.summed(weight)
+        stiff = each + 1 / max(variance, 1e-12)
+        hessian = gram + np.diag(1 / prior) - (mixed / stiff[:, None, :]) @ np.swapaxes(mixed, 1, 2)
+        covariance = np.asarray(np.linalg.inv(hessian / noise[:, None, None]), dtype=np.float64)
+        gathered = draws.summed(weight * target)
+        drive = (weight * target) @ x - (mixed @ (gathered / stiff)[:, :, None])[:, :, 0]
+        mean = np.einsum("tij,tj->ti", covariance, drive / noise[:, None])
+        shift = (gathered - (mean[:, None, :] @ mixed)[:, 0]) / stiff
+        through = _through(covariance, mixed)
+        error = noise[:, None] / stiff + through / stiff**2
+        whole = use * (target - mean @ x.T)
+        residual = whole - use * draws.spread(shift)
+        explained = np.einsum("tij,tji->t", covariance, gram) + (each * error).sum(axis=1)
+        explained -= 2 * (through / stiff).sum(axis=1)
         # Two pseudo-residuals of pooled size keep few data from claiming certainty.
         believed = (use * trust).sum(axis=1)
         noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (believed + 2)
@@ -297,12 +392,33 @@ def _linear(x: Array, own: slice, y: Array) -> Fit:
         # Where an effect is strong the polynomial is off by a share of it: that is not noise.
         off = ERROR * mean[:, own] @ x[:, own].T
         trust = 1 / (1 + off**2 / noise[:, None])
-        weight = use * trust * (DEGREES + 1) / (DEGREES + trust * residual**2 / noise[:, None])
+        size = residual**2
+        size[:, draws.single] /= 1 + variance
+        weight = use * trust * (DEGREES + 1) / (DEGREES + trust * size / noise[:, None])
         prior = _updated(mean, covariance, noise, prior)
-    far = (use * (residual**2 > (_FAR**2) * noise[:, None])).sum(axis=1)
+        variance = _shift_variance(shift, error, noise, variance)
+    square = (shift**2 + error).sum(axis=1) + _SHIFT_WEIGHT * variance * noise
+    total = noise + square / (len(draws) + _SHIFT_WEIGHT)
+    far = (use * (whole**2 > (_FAR**2) * total[:, None])).sum(axis=1)
     share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)
     breadth = np.sqrt(np.maximum(2 * np.pi * spread, pooled))
-    return Fit(mean, covariance, noise, np.zeros((trials, 0)), share / breadth)
+    fit = Fit(mean, covariance, total, np.zeros((trials, 0)), share / breadth)
+    seen = draws.summed(use) > 0
+    alone = np.where(known, whole, np.nan)[:, draws.single]
+    return fit, np.concatenate([np.where(seen, shift, np.nan), alone], axis=1).T
+
+
+def _through(covariance: Array, mixed: Array) -> Array:
+    """Variance of each draw's summed predictions, shape (trials, draws)."""
+    return np.asarray((mixed * (covariance @ mixed)).sum(axis=1), dtype=np.float64)
+
+
+def _shift_variance(shift: Array, error: Array, noise: Array, old: float) -> float:
+    """Variance of the draws' shifts over trials, in units of the noise: as `_updated`."""
+    if not shift.size:
+        return 0.0
+    known = np.maximum(1 - error / noise[:, None] / old, 1e-3).sum()
+    return float(np.clip((shift**2 / noise[:, None]).sum() / known, _LEAST_VARIANCE, _MOST_SHIFT))
 
 
 def relative_errors(

@@ -302,7 +302,7 @@ def _regressors(emulator: Emulator, effect: str, given: Array) -> tuple[Array, d
 def _layout(emulator: Emulator, x: Array, used: NDArray[np.int64], quantiles: Array) -> Layout:
     q = emulator.nuisances
     logit, variance = _predicted(emulator.outcome, x, used, q)
-    variance += _model_error(emulator, emulator.outcome, x, 0)
+    variance += _model_error(emulator, emulator.outcome, x, 0) + emulator.outcome.noise
     factor = 1.0 / np.sqrt(1.0 + np.pi * (variance + DISCREPANCY**2) / 8.0)
     centre, spread = [], []
     for fit in emulator.features:
