@@ -202,7 +202,8 @@ def test_campaigns_that_share_a_draw_are_no_independent_witnesses() -> None:
     assert standardised(found, [1], 0.3, feature) < 1.3
     assert standardised(found, [1], 0.3, found.outcome) < 1.3
     # A fresh campaign scatters by both kinds of noise.
-    assert np.sqrt(np.median(feature.scatter)) == pytest.approx(np.hypot(0.3, 0.1), rel=0.1)
+    # The scale of Student's t that fits a normal distribution best is 0.86 of its own.
+    assert np.sqrt(np.median(feature.scatter)) == pytest.approx(0.86 * np.hypot(0.3, 0.1), rel=0.1)
     assert np.sqrt(found.outcome.noise[0]) == pytest.approx(1.2, rel=0.25)
     # Taken for independent, they seem to know four times more than they do.
     moved = design.nuisances + 1e-9 * np.random.default_rng(6).standard_normal((600, 2))
@@ -733,23 +734,30 @@ def test_the_prior_counts_in_full_however_little_the_data_do() -> None:
     prior = np.log([0.6, 0.3, 0.1])
     ratio = np.array([0.0, 2.0, -1.0])
     flat = np.full(3, -np.log(3))
-    mute = Combination(Tempering(0.0, 0.0), 0.0, np.inf)
+    mute = Combination(Tempering(0.0, 0.0), 0.0, np.inf, 0.0)
     np.testing.assert_allclose(mute.log_probability(prior + ratio, flat, prior), prior)
     # Half of the evidence: odds are prior odds times the square root of the likelihood's ratio.
-    half = Combination(Tempering(0.5, 0.0), 1.0, np.inf).log_probability(prior + ratio, flat, prior)
-    assert half[1] - half[0] == pytest.approx(np.log(0.5) + 1.0)
+    half = Combination(Tempering(0.5, 0.0), 0.2, np.inf, 1.0)
+    found = half.log_probability(prior + ratio, flat, prior)
+    assert found[1] - found[0] == pytest.approx(np.log(0.5) + 1.0)
+    # Against an effect another power counts.
+    assert found[2] - found[0] == pytest.approx(np.log(0.1 / 0.6) - 0.2)
 
 
-def test_no_evidence_speaks_against_a_label_beyond_the_limit() -> None:
+def test_no_evidence_speaks_against_an_effect_beyond_the_limit() -> None:
     prior = np.log([0.6, 0.3, 0.1])
     flat = np.full(3, -np.log(3))
+    limited = Combination(Tempering(0.5, 0.0), 0.5, 3.0, 1.0)
     sure = prior + np.array([0.0, -2000.0, -5000.0])
-    found = Combination(Tempering(0.5, 0.0), 1.0, 3.0).log_probability(sure, flat, prior)
+    found = limited.log_probability(sure, flat, prior)
     np.testing.assert_allclose(found - found[0], prior - prior[0] - [0.0, 3.0, 3.0], atol=1e-12)
     # Small ratios count as they are.
     near = prior + np.array([0.0, -0.2, -0.1])
-    found = Combination(Tempering(0.5, 0.0), 1.0, 3.0).log_probability(near, flat, prior)
+    found = limited.log_probability(near, flat, prior)
     np.testing.assert_allclose(found - found[0], prior - prior[0] - [0, 0.1, 0.05], atol=2e-3)
+    # What speaks for an effect is not limited.
+    found = limited.log_probability(prior + np.array([0.0, 80.0, 20.0]), flat, prior)
+    np.testing.assert_allclose(found - found[0], prior - prior[0] + [0, 40.0, 10.0], atol=1e-9)
 
 
 def test_sure_evidence_that_misleads_one_time_in_ten_is_not_believed_more() -> None:

@@ -126,7 +126,14 @@ def diagnose_with(
         )
         layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(
-            store, library, seen, screening, schedule, shared, seed, tell,
+            store,
+            library,
+            seen,
+            screening,
+            schedule,
+            shared,
+            seed,
+            tell,
             watched=report is not None,
         )
         last = rounds[-1]
@@ -157,6 +164,7 @@ def diagnose_with(
                 "exceeded": schedule.exceeded and store.asked > schedule.allowed,
             },
             "wall_time_s": time.monotonic() - started,
+            "reach": {n: list(ends) for n, ends in reaches(library).items() if min(ends) < 1},
             "simulator": simulator.identity,
             "nuisances": list(simulator.nuisance_names),
         }

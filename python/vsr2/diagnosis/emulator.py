@@ -48,8 +48,7 @@ _MOST_SHARED = 0.8
 _INTERCEPT_VARIANCE = 30.0
 _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-6
-_SHIFT_WEIGHT = 4.0
-"""Draws' worth of the mean over trials in the variance of one trial's shifts."""
+_NOISE_STEPS = 8
 _MOST_SHIFT = 100.0
 LEAST_BEND = 1.0
 """Twice the log likelihood that a nuisance's square makes out in a typical campaign, below which it
@@ -207,7 +206,12 @@ class _Draws:
         """Rows of each draw that several campaigns share."""
         self.single = np.flatnonzero(counts[index] == 1)
         """Rows whose draw no other shares."""
+        self._size = counts[index].astype(np.float64)
         self.rows = len(index)
+
+    def share(self) -> Array:
+        """Of each row in its draw: draws count alike, shape (rows,)."""
+        return np.asarray(1 / self._size, dtype=np.float64)
 
     def __len__(self) -> int:
         return len(self.groups)
@@ -240,13 +244,12 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     draws = _Draws(design.nuisances)
     outcome = _logistic(x, draws, design.overturned)
     q = design.nuisances.shape[1]
-    own = slice(common_columns(q), None)
-    fits, common = [], []
+    fits, rests = [], []
     for k in range(design.features.shape[2]):
-        fit, shift = _linear(x, draws, own, design.features[:, :, k])
+        fit, rest = _linear(x, draws, common_columns(q), design.features[:, :, k])
         fits.append(fit)
-        common.append(shift)
-    features = _with_factors(fits, common)
+        rests.append(rest)
+    features = _with_factors(fits, rests)
     factors = features[0].loading.shape[1] if features else 0
     none = np.zeros((design.overturned.shape[1], factors))
     return Emulator(
@@ -270,16 +273,16 @@ def _bends(outcome: Fit, features: Sequence[Fit], q: int) -> NDArray[np.int64]:
     return np.flatnonzero(weight > LEAST_BEND)
 
 
-def _with_factors(fits: Sequence[Fit], common: Sequence[Array]) -> tuple[Fit, ...]:
+def _with_factors(fits: Sequence[Fit], rests: Sequence[Array]) -> tuple[Fit, ...]:
     """The fits with what their draws' residuals have in common taken out of the noise.
 
     Args:
         fits: of each feature.
-        common: residual of each draw in each, shape (draws, trials), NaN where it is not known.
+        rests: residual of each draw in each, shape (draws, trials), NaN where it is not known.
     """
     if not fits:
         return ()
-    parts = [own / np.sqrt(fit.noise) for fit, own in zip(fits, common, strict=True)]
+    parts = [own / np.sqrt(fit.noise) for fit, own in zip(fits, rests, strict=True)]
     known = np.isfinite(np.concatenate(parts, axis=1))
     whole = np.clip(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.0), -3, 3)
     left, size, _ = np.linalg.svd(whole, full_matrices=False)
@@ -340,13 +343,13 @@ def _logistic(x: Array, draws: _Draws, y: Array) -> Fit:
     return Fit(mean, covariance, np.full(trials, variance), none, np.zeros(trials))
 
 
-def _linear(x: Array, draws: _Draws, own: slice, y: Array) -> tuple[Fit, Array]:
+def _linear(x: Array, draws: _Draws, common: int, y: Array) -> tuple[Fit, Array]:
     """Robust regression, and each draw's residuals, shape (draws, trials).
 
     Args:
         x: regressors.
         draws: of the rows.
-        own: columns that belong to effects.
+        common: number of columns that all campaigns have; the others belong to effects.
         y: responses, shape (rows, trials), NaN where unknown.
     """
     trials, columns = y.shape[1], x.shape[1]
@@ -390,15 +393,14 @@ def _linear(x: Array, draws: _Draws, own: slice, y: Array) -> tuple[Fit, Array]:
         noise = ((weight * residual**2).sum(axis=1) + explained + 0.1 * pooled) / (believed + 2)
         noise = np.maximum(noise, 1e-8)
         # Where an effect is strong the polynomial is off by a share of it: that is not noise.
-        off = ERROR * mean[:, own] @ x[:, own].T
+        off = ERROR * mean[:, common:] @ x[:, common:].T
         trust = 1 / (1 + off**2 / noise[:, None])
         size = residual**2
         size[:, draws.single] /= 1 + variance
         weight = use * trust * (DEGREES + 1) / (DEGREES + trust * size / noise[:, None])
         prior = _updated(mean, covariance, noise, prior)
         variance = _shift_variance(shift, error, noise, variance)
-    square = (shift**2 + error).sum(axis=1) + _SHIFT_WEIGHT * variance * noise
-    total = noise + square / (len(draws) + _SHIFT_WEIGHT)
+    total = _total_noise(whole, use * trust * draws.share(), noise, pooled, common)
     far = (use * (whole**2 > (_FAR**2) * total[:, None])).sum(axis=1)
     share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)
     breadth = np.sqrt(np.maximum(2 * np.pi * spread, pooled))
@@ -406,6 +408,25 @@ def _linear(x: Array, draws: _Draws, own: slice, y: Array) -> tuple[Fit, Array]:
     seen = draws.summed(use) > 0
     alone = np.where(known, whole, np.nan)[:, draws.single]
     return fit, np.concatenate([np.where(seen, shift, np.nan), alone], axis=1).T
+
+
+def _total_noise(rest: Array, weight: Array, noise: Array, pooled: float, common: int) -> Array:
+    """Square of the scale of Student's t about the fit, draws' shifts and all, shape (trials,).
+
+    Args:
+        rest: residuals, 0 where unknown, shape (trials, rows).
+        weight: of the rows, likewise; each draw has 1 at most.
+        noise: within draws, to begin with.
+        pooled: variance of all trials: two pseudo-residuals, as within draws.
+        common: columns that all campaigns have, which take as many degrees of freedom.
+    """
+    count = weight.sum(axis=1)
+    left = np.maximum(count - common, 0.5 * count)
+    total = noise
+    for _ in range(_NOISE_STEPS):
+        own = weight * (DEGREES + 1) / (DEGREES + rest**2 / total[:, None])
+        total = np.maximum(((own * rest**2).sum(axis=1) + 0.1 * pooled) / (left + 2), 1e-8)
+    return np.asarray(total, dtype=np.float64)
 
 
 def _through(covariance: Array, mixed: Array) -> Array:

@@ -38,8 +38,10 @@ FOLDS = 6
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
-LIMITS = (-5.0, 20.0)
-"""Of the logarithm of what route A may say [nat]."""
+LIMITS = (-5.0, 5.0)
+"""Of the logarithm of what route A may say against an effect [nat]."""
+STARTS = ((0.7, 0.25, 0.05, 3.5, 0.1), (0.07, 0.04, 0.05, 3.5, 0.1), (0.5, 0.1, 0.5, 10.0, 0.5))
+"""From which a combination is sought: power, error, against, limit, exponent of route B."""
 GAP_QUANTILE = 0.95
 """Of the strengths of campaigns without effect: above it there is something to tell apart."""
 
@@ -48,33 +50,39 @@ GAP_QUANTILE = 0.95
 class Combination:
     """How the two routes' log probabilities become one.
 
-    Exponents of routes A and B temper what the data say; the prior counts in full. However sure
-    route A is, it speaks against a label with no more than a limit: in some campaigns it misleads.
+    Exponents of routes A and B temper what the data say; the prior counts in full. What route A
+    says for an effect, against none, is worth another power than what it says against it: that an
+    effect explains what none does not is a finding, that it does worse than none is often the
+    emulator's error where the effect is weak. Against it, therefore, it says no more than a limit.
 
     Attributes:
-        likelihood: exponent of route A.
+        likelihood: exponent of route A where it speaks for an effect.
+        against: the same where it speaks against one.
+        limit: that a tempered log likelihood ratio against an effect approaches [nat].
         classifier: exponent of route B.
-        limit: that a tempered log likelihood ratio approaches [nat].
     """
 
     likelihood: Tempering
-    classifier: float
+    against: float
     limit: float
+    classifier: float
 
     def log_probability(self, likelihood: Array, classifier: Array, prior: Array) -> Array:
         """Of each label, normalised, shape (..., labels).
 
         Args:
-            likelihood: log probabilities by route A, the prior within, shape (..., labels).
+            likelihood: log probabilities by route A, the prior within, "none" first, shape
+                (..., labels).
             classifier: log probabilities by route B, of equally frequent labels, likewise.
             prior: its logarithm, shape (labels,).
         """
-        weight = self.likelihood.weight(likelihood)[..., None]
-        told = weight * (likelihood - prior)
-        told = told - told.max(axis=-1, keepdims=True)
+        ratio = likelihood - prior
+        ratio = ratio - ratio[..., :1]
+        told = self.likelihood.weight(likelihood)[..., None] * np.maximum(ratio, 0.0)
+        against = self.against * np.minimum(ratio, 0.0)
         if np.isfinite(self.limit):
-            told = self.limit * np.expm1(told / self.limit)
-        return _normal(told + self.classifier * classifier + prior)
+            against = self.limit * np.expm1(against / self.limit)
+        return _normal(told + against + self.classifier * classifier + prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +137,7 @@ class Inference:
         posteriors: route A, by label.
         likelihood, classifier: log probabilities of routes A and B, shape (labels,).
         probability: calibrated, shape (labels,).
-        told: the same without a limit to what route A says, shape (labels,).
+        told: the same without a limit to what route A says against effects, shape (labels,).
         exponent: with which a log likelihood ratio of two effects counts, at most 1.
         before: cross-fitted prediction of the model without effects.
         loss: of each trial under it, shape (trials,).
@@ -455,19 +463,22 @@ def _combination(
     rows = np.arange(truth.size)
 
     def made(theta: Array) -> Combination:
-        tempering = Tempering(float(np.exp(theta[0])), abs(float(theta[1])))
-        limit = float(np.exp(np.clip(theta[3], *LIMITS)))
-        return Combination(tempering, float(np.exp(theta[2])), limit)
+        power, error, against, limit, classifier = theta
+        return Combination(
+            Tempering(float(np.exp(power)), float(np.exp(error))),
+            float(np.exp(against)),
+            float(np.exp(np.clip(limit, *LIMITS))),
+            float(np.exp(classifier)),
+        )
 
     def loss(theta: Array) -> float:
         found = made(theta).log_probability(a, b, prior)
         return -float((weight * found[rows, truth]).sum() / weight.sum())
 
     # A sure likelihood and a doubtful one are two basins.
-    starts = ((np.log(0.5), 0.1, np.log(0.5), np.log(8.0)), (-2.5, 0.02, -1.0, np.log(8.0)))
     found = [
-        minimize(loss, np.array(start), method="Nelder-Mead", options={"maxiter": 500})
-        for start in starts
+        minimize(loss, np.log(start), method="Nelder-Mead", options={"maxiter": 600})
+        for start in STARTS
     ]
     return made(min(found, key=lambda one: float(one.fun)).x)
 

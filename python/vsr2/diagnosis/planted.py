@@ -226,7 +226,7 @@ class Rehearsal:
             prepared.tables,
             found.posteriors,
             observed,
-            min(float(prepared.calibration.combination.likelihood.weight(found.likelihood)), 1.0),
+            exponent=found.exponent,
         )
         evidence = conclude(self.bank, part, self.screening, prepared, found, groups)
         spent = {"budget": {"limited": False}}

@@ -103,8 +103,7 @@ def reaching(
     size = np.clip((moved - own) / scatter, -_MOST, _MOST)
     sizes = np.sqrt(np.nanmean(size**2, axis=2))
     reach = {
-        (entry.name, above): _reach(row)
-        for (entry, above), row in zip(ladders, sizes, strict=True)
+        (entry.name, above): _reach(row) for (entry, above), row in zip(ladders, sizes, strict=True)
     }
     return {name: _with_reach(entry, reach) for name, entry in library.items()}
 
