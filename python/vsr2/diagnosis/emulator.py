@@ -216,6 +216,20 @@ class _Draws:
     def __len__(self) -> int:
         return len(self.groups)
 
+    def part(self, effect: Array, variance: Array) -> Array:
+        """What campaigns have of their draw's shift, shape (trials, rows).
+
+        All of it where an effect moves a trial by little beside what is random, next to nothing
+        where by much: near overturning, small changes decide what small changes do.
+
+        Args:
+            effect: change of each trial in each campaign, shape (trials, rows).
+            variance: of what is random, shape (trials,).
+        """
+        out = 1 / (1 + effect**2 / variance[:, None])
+        out[:, self.single] = 0.0
+        return np.asarray(out, dtype=np.float64)
+
     def spread(self, shift: Array) -> Array:
         """Shifts (trials, draws) at each row, 0 where its draw is its own, shape (trials, rows)."""
         out = np.zeros((len(shift), self.rows))
@@ -242,11 +256,12 @@ def fit_emulator(library: Library, design: Design) -> Emulator:
     """Fit outcomes and features of all trials to the simulated campaigns."""
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     draws = _Draws(design.nuisances)
-    outcome = _logistic(x, draws, design.overturned)
     q = design.nuisances.shape[1]
+    common = common_columns(q)
+    outcome = _logistic(x, draws, common, design.overturned)
     fits, rests = [], []
     for k in range(design.features.shape[2]):
-        fit, rest = _linear(x, draws, common_columns(q), design.features[:, :, k])
+        fit, rest = _linear(x, draws, common, design.features[:, :, k])
         fits.append(fit)
         rests.append(rest)
     features = _with_factors(fits, rests)
@@ -300,7 +315,7 @@ def _with_factors(fits: Sequence[Fit], rests: Sequence[Array]) -> tuple[Fit, ...
     return tuple(out)
 
 
-def _logistic(x: Array, draws: _Draws, y: Array) -> Fit:
+def _logistic(x: Array, draws: _Draws, common: int, y: Array) -> Fit:
     trials, columns = y.shape[1], x.shape[1]
     known = np.isfinite(y)
     target = np.where(known, y, 0.0).T
@@ -316,23 +331,23 @@ def _logistic(x: Array, draws: _Draws, y: Array) -> Fit:
     for em in range(_EM_STEPS):
         precision = np.diag(1 / prior)
         for _ in range(_NEWTON_STEPS[min(em, 1)]):
-            logits = np.clip(mean @ x.T + draws.spread(shift), -30, 30)
+            part = draws.part(mean[:, common:] @ x[:, common:].T, np.full(trials, 1 + variance))
+            logits = np.clip(mean @ x.T + part * draws.spread(shift), -30, 30)
             p = 1.0 / (1.0 + np.exp(-logits))
-            # A shift that one campaign alone has is averaged over, to first order.
-            weaker = np.ones_like(p)
-            weaker[:, draws.single] = 1 / (1 + variance * (p * (1 - p))[:, draws.single])
+            # What a campaign does not share of a shift is averaged over, to first order.
+            weaker = 1 / (1 + variance * (1 - part**2) * p * (1 - p))
             off, weight = use * (target - p) * weaker, use * p * (1 - p) * weaker
             slope = off @ x - mean @ precision
             hessian = _weighted(x, weight) + precision
-            mixed = draws.products(x, weight)
-            own = draws.summed(weight) + 1 / max(variance, 1e-12)
-            pull = draws.summed(off) - shift / max(variance, 1e-12)
+            mixed = draws.products(x, part * weight)
+            own = draws.summed(part**2 * weight) + 1 / max(variance, 1e-12)
+            pull = draws.summed(part * off) - shift / max(variance, 1e-12)
             hessian -= (mixed / own[:, None, :]) @ np.swapaxes(mixed, 1, 2)
             slope -= (mixed @ (pull / own)[:, :, None])[:, :, 0]
             step = np.linalg.solve(hessian, slope[:, :, None])[:, :, 0]
             turn = (pull - (step[:, None, :] @ mixed)[:, 0]) / own
             # A full step may overshoot where outcomes separate.
-            largest = np.abs(step @ x.T + draws.spread(turn)).max(axis=1)
+            largest = np.abs(step @ x.T + part * draws.spread(turn)).max(axis=1)
             damped = np.minimum(1.0, 4.0 / np.maximum(largest, 1e-12))[:, None]
             mean, shift = mean + damped * step, shift + damped * turn
         covariance = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
@@ -366,26 +381,28 @@ def _linear(x: Array, draws: _Draws, common: int, y: Array) -> tuple[Fit, Array]
     prior[0] = 100 * _INTERCEPT_VARIANCE * max(pooled, 1.0) / pooled
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
-    weight, trust = use.copy(), np.ones_like(use)
+    weight, trust = use, np.ones_like(use)
     shift, variance = np.zeros((trials, len(draws))), _START_VARIANCE if len(draws) else 0.0
     error = np.zeros_like(shift)
     for _ in range(_EM_STEPS):
-        # A shift that one campaign alone has is noise.
-        weight[:, draws.single] /= 1 + variance
+        part = draws.part(mean[:, common:] @ x[:, common:].T, noise * (1 + variance))
+        # What a campaign does not share of a shift is noise.
+        more = 1 + variance * (1 - part**2)
+        weight = weight / more
         gram = _weighted(x, weight)
-        mixed = draws.products(x, weight)
-        each = draws.summed(weight)
+        mixed = draws.products(x, part * weight)
+        each = draws.summed(part**2 * weight)
         stiff = each + 1 / max(variance, 1e-12)
         hessian = gram + np.diag(1 / prior) - (mixed / stiff[:, None, :]) @ np.swapaxes(mixed, 1, 2)
         covariance = np.asarray(np.linalg.inv(hessian / noise[:, None, None]), dtype=np.float64)
-        gathered = draws.summed(weight * target)
+        gathered = draws.summed(part * weight * target)
         drive = (weight * target) @ x - (mixed @ (gathered / stiff)[:, :, None])[:, :, 0]
         mean = np.einsum("tij,tj->ti", covariance, drive / noise[:, None])
         shift = (gathered - (mean[:, None, :] @ mixed)[:, 0]) / stiff
         through = _through(covariance, mixed)
         error = noise[:, None] / stiff + through / stiff**2
         whole = use * (target - mean @ x.T)
-        residual = whole - use * draws.spread(shift)
+        residual = whole - use * part * draws.spread(shift)
         explained = np.einsum("tij,tji->t", covariance, gram) + (each * error).sum(axis=1)
         explained -= 2 * (through / stiff).sum(axis=1)
         # Two pseudo-residuals of pooled size keep few data from claiming certainty.
@@ -395,9 +412,8 @@ def _linear(x: Array, draws: _Draws, common: int, y: Array) -> tuple[Fit, Array]
         # Where an effect is strong the polynomial is off by a share of it: that is not noise.
         off = ERROR * mean[:, common:] @ x[:, common:].T
         trust = 1 / (1 + off**2 / noise[:, None])
-        size = residual**2
-        size[:, draws.single] /= 1 + variance
-        weight = use * trust * (DEGREES + 1) / (DEGREES + trust * size / noise[:, None])
+        size = trust * residual**2 / more / noise[:, None]
+        weight = use * trust * (DEGREES + 1) / (DEGREES + size)
         prior = _updated(mean, covariance, noise, prior)
         variance = _shift_variance(shift, error, noise, variance)
     total = _total_noise(whole, use * trust * draws.share(), noise, pooled, common)

@@ -12,7 +12,7 @@ picked wrongly with probability Phi(-sqrt(D / 2)) (H. Chernoff's problem for nea
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -24,6 +24,8 @@ LEAST_PROBABILITY = 0.8
 """Of a class that is named, given that something is missing."""
 LEAST_SHARE = 0.005
 """Of that probability, below which a member is not named."""
+LEAST_SHARE_ALIKE = 0.0005
+"""The same of members that theory takes for about the same as the leader."""
 CONFOUNDED = 5.0
 """How much more separation effects need that theory takes for about the same: what is left between
 them is of second order, where the emulator is weakest."""
@@ -93,18 +95,15 @@ def classes(
     Returns:
         Classes, most probable leader first.
     """
-    if confounded is None:
-        confounded = {name: effect.confounded_with for name, effect in library().items()}
+    alike = _confounded(confounded)
     left = sorted((n for n in tables if n != NONE), key=lambda n: -probability[n])
     out: list[list[str]] = []
     while left:
         leader = left[0]
         found = separations(leader, tables, posteriors, observed)
-        rivals = frozenset(confounded.get(leader, ()))
         members = [leader]
         for name in left[1:]:
-            known = name in rivals or leader in confounded.get(name, ())
-            limit = INSEPARABLE * (CONFOUNDED if known else 1.0)
+            limit = INSEPARABLE * (CONFOUNDED if alike(leader, name) else 1.0)
             if exponent * found[name] < limit:
                 members.append(name)
         out.append(members)
@@ -112,14 +111,29 @@ def classes(
     return out
 
 
+def _confounded(
+    declared: Mapping[str, Collection[str]] | None = None,
+) -> Callable[[str, str], bool]:
+    """Whether theory takes two effects for about the same; None: as their library declares."""
+    known = (
+        {name: effect.confounded_with for name, effect in library().items()}
+        if declared is None
+        else declared
+    )
+    return lambda one, other: other in known.get(one, ()) or one in known.get(other, ())
+
+
 def leading_class(
-    probability: Mapping[str, float], groups: Sequence[Sequence[str]]
+    probability: Mapping[str, float],
+    groups: Sequence[Sequence[str]],
+    confounded: Mapping[str, Collection[str]] | None = None,
 ) -> tuple[tuple[str, ...], float]:
     """The fewest leading classes that hold most of the probability of something missing.
 
     Args:
         probability: of each hypothesis.
         groups: classes, the leading one first.
+        confounded: as in :func:`classes`.
 
     Returns:
         Their members, most probable first, and their probability given that something is missing.
@@ -132,5 +146,11 @@ def leading_class(
             break
         members += group
         within += sum(float(probability[name]) for name in group) / something
-    members = [n for n in members if probability[n] >= LEAST_SHARE * within * something]
+    alike, leader = _confounded(confounded), groups[0][0]
+
+    def least(name: str) -> float:
+        kept = name in groups[0] and alike(leader, name)
+        return (LEAST_SHARE_ALIKE if kept else LEAST_SHARE) * within * something
+
+    members = [n for n in members if probability[n] >= least(n)]
     return tuple(sorted(members, key=lambda n: -probability[n])), min(within, 1.0)

@@ -38,10 +38,12 @@ FOLDS = 6
 PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
-LIMITS = (-5.0, 5.0)
-"""Of the logarithm of what route A may say against an effect [nat]."""
-STARTS = ((0.7, 0.25, 0.05, 3.5, 0.1), (0.07, 0.04, 0.05, 3.5, 0.1), (0.5, 0.1, 0.5, 10.0, 0.5))
-"""From which a combination is sought: power, error, against, limit, exponent of route B."""
+EXPECTED = (0.6, 0.2, 0.06, 3.5, 0.06)
+"""Of a combination: power, error, against, limit, exponent of route B."""
+DOUBT = (0.7, 0.7, 1.0, 0.5, 1.2)
+"""Standard deviations of their logarithms: what few campaigns do not tell must not run away."""
+STARTS = (EXPECTED, (0.07, 0.04, 0.05, 3.5, 0.1), (0.5, 0.1, 0.5, 10.0, 0.5))
+"""From which a combination is sought."""
 GAP_QUANTILE = 0.95
 """Of the strengths of campaigns without effect: above it there is something to tell apart."""
 
@@ -463,17 +465,14 @@ def _combination(
     rows = np.arange(truth.size)
 
     def made(theta: Array) -> Combination:
-        power, error, against, limit, classifier = theta
-        return Combination(
-            Tempering(float(np.exp(power)), float(np.exp(error))),
-            float(np.exp(against)),
-            float(np.exp(np.clip(limit, *LIMITS))),
-            float(np.exp(classifier)),
-        )
+        power, error, against, limit, classifier = (float(value) for value in np.exp(theta))
+        # No likelihood is worth more than itself.
+        return Combination(Tempering(min(power, 1.0), error), min(against, 1.0), limit, classifier)
 
     def loss(theta: Array) -> float:
         found = made(theta).log_probability(a, b, prior)
-        return -float((weight * found[rows, truth]).sum() / weight.sum())
+        lost = -float((weight * found[rows, truth]).sum() / weight.sum())
+        return truth.size * lost + 0.5 * float((((theta - np.log(EXPECTED)) / DOUBT) ** 2).sum())
 
     # A sure likelihood and a doubtful one are two basins.
     found = [
