@@ -59,26 +59,27 @@ def reach_of(slopes) -> dict[str, tuple[float, float]]:
         return reaches(reaching(bank, SimpleNamespace(kept=kept, guard=kept[:3])))
 
 
-def test_the_reach_is_where_an_effect_moves_trials_by_two_standard_deviations() -> None:
-    # At share s of 0.15 the change is 20 s * 0.05: two standard deviations at s = 0.1.
-    found = reach_of({"wear": lambda values: 20 * SCATTER * values[0] / 0.15})
-    assert found["wear"][1] == pytest.approx(OVERWHELMING / 20, rel=0.15)
+def test_the_reach_is_where_an_effect_moves_trials_by_so_many_standard_deviations() -> None:
+    # At a share s of 0.15 the change is 40 s standard deviations.
+    found = reach_of({"wear": lambda values: 40 * SCATTER * values[0] / 0.15})
+    assert found["wear"][1] == pytest.approx(OVERWHELMING / 40, rel=0.15)
 
 
 def test_each_side_of_the_null_has_a_reach_of_its_own() -> None:
     def bent(values):
         share = values[0] / 0.15
-        return SCATTER * (8 * share if share > 0 else 100 * share)
+        return SCATTER * (25 * share if share > 0 else 150 * share)
 
     below, above = reach_of({"table_gain": bent})["table_gain"]
-    assert below == pytest.approx(OVERWHELMING / 100, rel=0.2)
-    assert above == pytest.approx(OVERWHELMING / 8, rel=0.2)
+    assert below == pytest.approx(OVERWHELMING / 150, rel=0.2)
+    assert above == pytest.approx(OVERWHELMING / 25, rel=0.2)
 
 
-def test_what_is_weak_everywhere_or_leaps_keeps_its_whole_range() -> None:
+def test_what_is_weak_everywhere_leaps_or_needs_a_quarter_keeps_its_whole_range() -> None:
     found = reach_of(
         {
             "wear": lambda values: SCATTER * values[0] / 0.15,
+            "rocking_damping": lambda values: 12 * SCATTER * values[0] / 0.05,
             "base_asperity": lambda values: 30 * SCATTER if values[0] else 0.0,
             "restitution": lambda values: 30 * SCATTER,
         }
