@@ -383,7 +383,6 @@ def _linear(x: Array, draws: _Draws, common: int, y: Array) -> tuple[Fit, Array]
     covariance = np.zeros((trials, columns, columns))
     weight, trust = use, np.ones_like(use)
     shift, variance = np.zeros((trials, len(draws))), _START_VARIANCE if len(draws) else 0.0
-    error = np.zeros_like(shift)
     for _ in range(_EM_STEPS):
         part = draws.part(mean[:, common:] @ x[:, common:].T, noise * (1 + variance))
         # What a campaign does not share of a shift is noise.
