@@ -75,11 +75,10 @@ def test_each_side_of_the_null_has_a_reach_of_its_own() -> None:
     assert above == pytest.approx(OVERWHELMING / 25, rel=0.2)
 
 
-def test_what_is_weak_everywhere_leaps_or_needs_a_quarter_keeps_its_whole_range() -> None:
+def test_what_is_weak_everywhere_or_leaps_keeps_its_whole_range() -> None:
     found = reach_of(
         {
             "wear": lambda values: SCATTER * values[0] / 0.15,
-            "rocking_damping": lambda values: 12 * SCATTER * values[0] / 0.05,
             "base_asperity": lambda values: 30 * SCATTER if values[0] else 0.0,
             "restitution": lambda values: 30 * SCATTER,
         }
@@ -123,6 +122,25 @@ def test_within_reach_lie_more_draws_than_by_the_square_alone() -> None:
     plain = positions(entry, u)[:, 0] <= 0.02
     assert plain.mean() == pytest.approx(np.sqrt(0.02), abs=2e-3)
     assert own.mean() == pytest.approx(1 / np.sqrt(1 - np.log(0.02)), abs=2e-3)
+
+
+def test_a_range_of_which_a_quarter_tells_is_used_as_it_is() -> None:
+    u = np.linspace(0.01, 0.99, 99)[:, None]
+    for name in ("wear", "table_gain"):
+        entry = full_library()[name]
+        np.testing.assert_allclose(
+            positions(Reaching(entry, 0.26, 0.26), u), positions(entry, u), atol=1e-9
+        )
+        assert np.abs(positions(Reaching(entry, 0.24, 0.24), u) - positions(entry, u)).max() > 0.01
+
+
+def test_distances_from_a_null_outside_the_prior_are_squared_where_that_tells_more() -> None:
+    entry = full_library()["table_saturation"]
+    u = np.column_stack([np.linspace(0.0, 1.0, 101)] * 2)
+    np.testing.assert_allclose(positions(Reaching(entry, 0.6, 0.6), u), u, atol=1e-9)
+    np.testing.assert_allclose(
+        positions(Reaching(entry, 0.4, 0.4), u), 1 - (1 - u) ** 2, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("name", ["table_gain", "table_pitch", "table_saturation", "wear"])

@@ -100,6 +100,13 @@ def _null_quantile(parameter: Parameter) -> float | None:
     return 0.5 * (low + high)
 
 
+FAR = 0.25
+"""Reach from which on a range is not compressed: half the squared distances lie within it."""
+HALF = 0.5
+"""Reach below which distances from a null outside the prior are squared too: less than half of
+those that are not lie within it."""
+
+
 @dataclass(frozen=True)
 class Reaching:
     """An effect whose range reaches beyond where it begins to overwhelm all else.
@@ -155,11 +162,11 @@ class _Axis:
 
     def __init__(self, entry: Entry, parameter: Parameter) -> None:
         null = null_quantile(parameter)
-        self.inside = null is not None
         self.null = (1.0 if parameter.null > parameter.upper else 0.0) if null is None else null
         self.two_sided = 1e-6 < self.null < 1 - 1e-6
         reach = (entry.below, entry.above) if isinstance(entry, Reaching) else (1.0, 1.0)
-        self.reach: dict[bool, float] = {False: reach[0], True: reach[1]}
+        self.squared = {up: null is not None or r < HALF for up, r in enumerate(reach)}
+        self.reach = {bool(up): r if r < FAR else 1.0 for up, r in enumerate(reach)}
         self.side = {False: max(self.null, 1e-9), True: max(1.0 - self.null, 1e-9)}
 
     @property
@@ -174,7 +181,7 @@ class _Axis:
         for above, reach in self.reach.items():
             mine = (gap > 0) == above
             share = np.abs(gap[mine]) / self.side[above]
-            if self.inside or reach < 1:
+            if self.squared[above]:
                 far = share**2 * (1 - np.log(reach))
                 share = reach * np.where(far < 1, far, np.exp(np.maximum(far, 1) - 1))
             out[mine] = self.null + (1 if above else -1) * share * self.side[above]
@@ -199,7 +206,8 @@ def positions(entry: Entry, quantiles: Array) -> Array:
     A cause is more likely weak than strong, and most effects show long before their prior ends: the
     distance of a primary parameter's quantile from that of its null value is squared, of the larger
     distance that its side has. So half the draws lie within a quarter of the range, or of what its
-    coordinate makes of it where the effect is :class:`Reaching`.
+    coordinate makes of it where the effect is :class:`Reaching`. Where the null lies outside the
+    prior, the distance is from the end next to it, and squared only where that tells less.
     """
     out = np.array(np.atleast_2d(quantiles), dtype=np.float64)
     for j, parameter in enumerate(free_parameters(entry)):

@@ -29,11 +29,9 @@ Array = NDArray[np.float64]
 
 SHARES = (1.0, 0.25, 0.0625, 0.015625, 0.00390625)
 """Of the range on one side of the null at which an effect is tried."""
-OVERWHELMING = 4.0
+OVERWHELMING = 3.0
 """Root mean square change of the trials, in standard deviations of what nuisances leave, at an
 effect's reach."""
-FAR = 0.25
-"""Reach from which on a range is used as it is: half the draws lie within a quarter of it then."""
 TRIALS = 24
 """On which effects are tried at most."""
 PLAIN = 24
@@ -58,8 +56,7 @@ def reaching(
 
     The response is the logarithm of the largest tilt, 1 rad for a rock that overturns, whatever the
     tier, so that all tiers share their simulations. An effect that changes it by `OVERWHELMING` at
-    the smallest share already leaps beside its null: it keeps its whole range, as one does whose
-    reach is `FAR`.
+    the smallest share already leaps beside its null: it keeps its whole range.
 
     Args:
         bank: of simulations.
@@ -149,8 +146,7 @@ def _reach(sizes: Array) -> float:
     k = int(np.argmax(rising >= OVERWHELMING))
     low, high = np.log(rising[k - 1]), np.log(rising[k])
     part = (np.log(OVERWHELMING) - low) / max(high - low, 1e-9)
-    reach = float(np.exp(shares[k - 1] + part * (shares[k] - shares[k - 1])))
-    return reach if reach < FAR else 1.0
+    return float(np.exp(shares[k - 1] + part * (shares[k] - shares[k - 1])))
 
 
 def _with_reach(entry: Entry, reach: dict[tuple[str, bool], float]) -> Entry:
