@@ -138,9 +138,7 @@ def test_distances_from_a_null_outside_the_prior_are_squared_where_that_tells_mo
     entry = full_library()["table_saturation"]
     u = np.column_stack([np.linspace(0.0, 1.0, 101)] * 2)
     np.testing.assert_allclose(positions(Reaching(entry, 0.6, 0.6), u), u, atol=1e-9)
-    np.testing.assert_allclose(
-        positions(Reaching(entry, 0.4, 0.4), u), 1 - (1 - u) ** 2, atol=1e-9
-    )
+    np.testing.assert_allclose(positions(Reaching(entry, 0.4, 0.4), u), 1 - (1 - u) ** 2, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["table_gain", "table_pitch", "table_saturation", "wear"])
