@@ -73,7 +73,12 @@ def shrinkage(push, placebo=0.9, recalibrated=0.8):
 
 MOTION = np.array([0, 1, 0, 1, 0, 1, 0, 1, 2, 0, 1, 0])
 SCREENING = Screening(
-    KEPT, KEPT[:0], np.where(np.arange(TRIALS) < 9, 0.02, 0.98), np.ones(TRIALS, dtype=bool), 0
+    KEPT,
+    KEPT[:0],
+    np.where(np.arange(TRIALS) < 9, 0.02, 0.98),
+    np.ones(TRIALS, dtype=bool),
+    0,
+    KEPT,
 )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from vsr2.diagnosis.bank import Bank
+from vsr2.diagnosis.design import screen
 from vsr2.diagnosis.library import (
     Reaching,
     at_share,
@@ -17,7 +19,10 @@ from vsr2.diagnosis.library import (
     reaches,
     values_at,
 )
+from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.planted import observe, shaken_campaign
 from vsr2.diagnosis.reach import OVERWHELMING, reaching
 from vsr2.diagnosis.simulator import Responses, nuisance_normal
 from vsr2.effects import library as full_library
@@ -56,7 +61,7 @@ class Straight:
 def reach_of(slopes) -> dict[str, tuple[float, float]]:
     kept = np.arange(40)
     with Bank(Straight(slopes)) as bank:
-        return reaches(reaching(bank, SimpleNamespace(kept=kept, guard=kept[:3])))
+        return reaches(reaching(bank, SimpleNamespace(kept=kept, verge=kept[3:])))
 
 
 def test_the_reach_is_where_an_effect_moves_trials_by_so_many_standard_deviations() -> None:
@@ -95,9 +100,26 @@ def test_overturning_counts_as_a_tilt_of_one_radian() -> None:
 
     kept = np.arange(40)
     with Bank(Overturning({"wear": lambda values: 0.0})) as bank:
-        found = reaches(reaching(bank, SimpleNamespace(kept=kept, guard=kept[:0])))
+        found = reaches(reaching(bank, SimpleNamespace(kept=kept, verge=kept[:0])))
     # It sets in between a sixteenth of the range, 0.0094, and a quarter of it.
     assert 1 / 16 < found["wear"][1] < 1 / 4
+
+
+def test_all_tiers_find_the_same_reach_and_so_share_their_simulations() -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0)
+    names = ("table_gain", "slenderness", "table_pitch")
+    library = {name: PLANAR_LIBRARY[name] for name in names}
+    simulator = PlanarSimulator(campaign, library=library, seed=1)
+    seen = observe_campaign(observe(campaign, simulator, nuisance=3, tier="M"), "M")
+    found, kept = [], []
+    for one in (seen, replace(seen, tier="B")):
+        with Bank(simulator) as bank:
+            screening = screen(bank, one, runs=20, most=48)
+            found.append(reaches(reaching(bank, screening)))
+            kept.append(screening.kept.size)
+    assert kept[0] > kept[1]
+    assert found[0] == found[1]
+    assert min(found[0]["table_pitch"]) < 1
 
 
 @pytest.mark.parametrize("name", sorted(full_library()))

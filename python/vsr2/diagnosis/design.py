@@ -46,6 +46,7 @@ class Screening:
             for every trial, shape (trials,).
         alike: whether all of its draws ended alike, shape (trials,).
         left_out: uncertain trials that the budget does not reach.
+        verge: indices of those that were uncertain at the first look, at any tier the same.
     """
 
     kept: NDArray[np.int64]
@@ -53,6 +54,7 @@ class Screening:
     probability: Array
     alike: NDArray[np.bool_]
     left_out: int
+    verge: NDArray[np.int64]
 
 
 def effect_quantiles(entry: Entry, draw: int, seed: int) -> Array:
@@ -115,6 +117,7 @@ def screen(
     first = [row[:FIRST_LOOK] for row in asked]
     outcome, peaks = _screened(bank, first, done)
     uncertain, rocking = _worthwhile(outcome, peaks, seen)
+    verge = np.flatnonzero(uncertain)
     # What neither moved nor nearly overturned needs no second look, nor does what is kept anyway.
     standing = np.nanmax(np.where(outcome < 0.5, peaks, 0.0), axis=0)
     near = (np.nanmin(outcome, axis=0) > 0.5) | (standing > STIRRED)
@@ -142,7 +145,7 @@ def screen(
     wanted = np.flatnonzero(uncertain | rocking)
     ranked = wanted[np.argsort(-worth[wanted], kind="stable")][: max(most - guard.size, 1)]
     kept = np.union1d(ranked, guard)
-    return Screening(kept, guard, probability, ~uncertain, int(wanted.size - ranked.size))
+    return Screening(kept, guard, probability, ~uncertain, int(wanted.size - ranked.size), verge)
 
 
 def _screened(

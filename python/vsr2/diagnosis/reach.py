@@ -19,11 +19,11 @@ from vsr2.diagnosis.library import (
     Entry,
     Library,
     Reaching,
+    at_share,
     free_parameters,
     null_quantile,
 )
-from vsr2.diagnosis.library import at_share as values_at_share
-from vsr2.diagnosis.simulator import Request, Responses
+from vsr2.diagnosis.simulator import Effects, Request, Responses
 
 Array = NDArray[np.float64]
 
@@ -60,34 +60,23 @@ def reaching(
 
     Args:
         bank: of simulations.
-        screening: which trials were kept.
+        screening: which trials were near the verge.
         most: trials that are used.
         seed: of the draws.
         progress: called with simulations done and all.
     """
     library = bank.simulator.library
-    uncertain = np.setdiff1d(screening.kept, screening.guard)
-    chosen = uncertain if uncertain.size else screening.kept
+    chosen = screening.verge if screening.verge.size else screening.kept
     trials = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).astype(int)]
     ladders = [(entry, above) for entry in library.values() for above in _sides(entry)]
     plain = [Request(int(t), (), m, 1) for m in range(1, PLAIN + 1) for t in trials]
+
+    def tried(entry: Entry, above: bool, share: float, m: int) -> Effects:
+        secondary = effect_quantiles(entry, m, seed)
+        return ((entry.name, at_share(entry, share, above=above, secondary=secondary)),)
+
     steps = [
-        Request(
-            int(t),
-            (
-                (
-                    entry.name,
-                    values_at_share(
-                        entry,
-                        share,
-                        above=above,
-                        secondary=effect_quantiles(entry, _nuisance(i), seed),
-                    ),
-                ),
-            ),
-            _nuisance(i),
-            1,
-        )
+        Request(int(t), tried(entry, above, share, _nuisance(i)), _nuisance(i), 1)
         for entry, above in ladders
         for share in SHARES
         for i, t in enumerate(trials)
