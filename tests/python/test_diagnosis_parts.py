@@ -826,6 +826,17 @@ def test_members_of_a_class_that_are_ruled_out_are_not_named() -> None:
     assert leading_class(probability, [["a", "b", "c"]])[0] == ("a", "b")
 
 
+def test_what_theory_takes_for_the_same_is_named_down_to_a_tenth_of_that() -> None:
+    probability = {"none": 0.0, "a": 0.995, "b": 0.003, "c": 0.002}
+    groups = [["a", "b", "c"]]
+    assert leading_class(probability, groups, {})[0] == ("a",)
+    assert leading_class(probability, groups, {"b": ("a",)})[0] == ("a", "b")
+    # Only where the campaign does not tell them apart, and not without end.
+    assert leading_class(probability, [["a", "c"], ["b"]], {"b": ("a",)})[0] == ("a",)
+    ruled_out = probability | {"b": 0.0004}
+    assert leading_class(ruled_out, groups, {"b": ("a",)})[0] == ("a",)
+
+
 def test_simulated_series_are_measured_as_the_campaign_was() -> None:
     time = np.arange(0, 2, 0.01)
     tilt = 0.1 * np.sin(np.pi * time).clip(0)
