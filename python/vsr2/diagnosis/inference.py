@@ -39,7 +39,8 @@ PRIOR_NONE = 0.25
 """Prior probability that nothing is missing; the effects share the rest equally."""
 SET_LEVEL = 0.9
 EXPECTED = (0.6, 0.2, 0.06, 3.5, 0.06)
-"""Of a combination: power, error, against, limit, exponent of route B."""
+"""Of a combination: power, error, against, limit, exponent of route B. About what two protocols of
+a block, 133 trials and 24 draws of 28 effects each, gave without a prior."""
 DOUBT = (0.7, 0.7, 1.0, 0.5, 1.2)
 """Standard deviations of their logarithms: what few campaigns do not tell must not run away."""
 STARTS = (EXPECTED, (0.07, 0.04, 0.05, 3.5, 0.1), (0.5, 0.1, 0.5, 10.0, 0.5))

@@ -23,6 +23,7 @@ from vsr2.diagnosis.library import (
     free_parameters,
     null_quantile,
 )
+from vsr2.diagnosis.observations import LEAST_TILT
 from vsr2.diagnosis.simulator import Effects, Request, Responses
 
 Array = NDArray[np.float64]
@@ -38,8 +39,8 @@ PLAIN = 24
 """Draws without effect, from which that standard deviation is taken."""
 _NUISANCES = 4
 """Draws of nuisances that the trials take in turn."""
-_LEAST_TILT = 0.003
 _MOST = 8.0
+"""Standard deviations that one trial counts for at most."""
 _LEAST_SCATTER = 0.3
 """Of a trial, over the median of all."""
 
@@ -113,7 +114,7 @@ def _sides(entry: Entry) -> tuple[bool, ...]:
 
 def _severity(found: Responses) -> Array:
     """Logarithm of the largest tilt [rad], 1 rad for a rock that overturned."""
-    tilt = np.where(found.overturned > 0.5, 1.0, np.clip(found.peak_tilt, _LEAST_TILT, 1.0))
+    tilt = np.where(found.overturned > 0.5, 1.0, np.clip(found.peak_tilt, LEAST_TILT, 1.0))
     return np.where(np.isfinite(found.overturned), np.log(tilt), np.nan)
 
 
