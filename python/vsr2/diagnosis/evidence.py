@@ -26,8 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.emulator import DEGREES, Emulator, Fit, common_columns, design_matrix
+from vsr2.diagnosis.emulator import Emulator, common_columns, design_matrix
 from vsr2.diagnosis.library import NONE, Entry, coordinates, free_parameters, is_angle
+from vsr2.diagnosis.regression import DEGREES, Fit
 from vsr2.diagnosis.simulator import quasi_random
 
 Array = NDArray[np.float64]

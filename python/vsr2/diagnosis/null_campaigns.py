@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.emulator import DEGREES
 from vsr2.diagnosis.evidence import LAPSE, Data, Table
+from vsr2.diagnosis.regression import DEGREES
 
 COUNT = 999
 """Campaigns: the least p value is 0.001."""
