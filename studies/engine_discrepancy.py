@@ -66,7 +66,7 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
     copy = out / f"{part.name}.sqlite"
     shutil.copyfile(part / "verdicts" / "bank.sqlite", copy)
     with Bank(simulator, copy) as bank:
-        schedule = Schedule(Budget(draws=DRAWS), bank, len(first), len(effects))
+        schedule = Schedule(Budget(draws=DRAWS), bank, len(first), effects)
         screening = screen(
             bank, first, runs=schedule.screening_runs, most=schedule.most_trials, seed=0
         )

@@ -16,7 +16,7 @@ from vsr2.diagnosis.library import NONE
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar import PLANAR_LIBRARY, PlanarSimulator
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.shrinkage import Shrinkage, posterior_draws
+from vsr2.diagnosis.shrinkage import Shrinkage, accepted_pair, posterior_draws
 from vsr2.diagnosis.simulator import Responses
 from vsr2.diagnosis.whole import Whole
 
@@ -264,3 +264,22 @@ def test_draws_follow_the_posterior(tmp_path) -> None:
         effects == ()
         for effects, _ in posterior_draws(PLANAR_LIBRARY, (), Table(), found, nuisances)
     )
+
+
+def test_a_pair_must_close_most_of_what_one_effect_leaves() -> None:
+    floor, motion = np.zeros(KEPT.size), np.arange(KEPT.size)
+    one = shrinkage(0.5)
+    told = {"after": ["com_offset", "catch"], "pair": ["catch", "base_slope"]}
+
+    def accepted(after, pair, chosen=told):
+        losses = {"after": floor + after, "pair": floor + pair}
+        tried = dataclasses.replace(one, **losses, chosen=one.chosen | chosen)
+        return accepted_pair(tried, floor, motion, 0)
+
+    assert accepted(0.6, 0.2) == (("base_slope", "catch"), 1.0)
+    assert accepted(0.6, 0.4)[0] is None, "the second effect closes a third"
+    assert accepted(1.5, 0.6)[0] is None, "together they leave more than half of the gap"
+    assert accepted(0.2, 0.6)[0] is None, "one effect does better"
+    other = {"after": ["wear", "catch"], "pair": ["catch", "base_slope"]}
+    assert accepted(0.6, 0.2, other)[0] is None, "each group chose another pair"
+    assert accepted_pair(one, floor, motion, 0) == (None, 0.0), "none was tried"

@@ -600,6 +600,9 @@ CLEAR = Findings(
 )
 
 
+SECOND = {"pair": ("table_gain", "wear"), "novelty_p": 0.1, "after_low": 0.01, "left": 0.5}
+
+
 @pytest.mark.parametrize(
     ("changes", "kind"),
     [
@@ -645,10 +648,10 @@ CLEAR = Findings(
         ({"leading": tuple("abcde")}, "class"),
         ({"leading": tuple("abcdef")}, "unresolved"),
         ({"pair": ("table_gain", "wear")}, "effect"),
-        (
-            {"pair": ("table_gain", "wear"), "novelty_p": 0.01, "after_low": 0.01, "left": 0.5},
-            "pair",
-        ),
+        (SECOND, "pair"),
+        (SECOND | {"novelty_p": 0.3}, "effect"),
+        (SECOND | {"after_low": -0.01}, "effect"),
+        (SECOND | {"left": 0.1}, "effect"),
     ],
 )
 def test_the_verdict_follows_its_rules(changes, kind) -> None:

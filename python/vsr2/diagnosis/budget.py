@@ -9,7 +9,8 @@ from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.design import SCREENING_NONE, none_draws
 from vsr2.diagnosis.dropped import DROPPED_RUNS
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
-from vsr2.diagnosis.reach import SHARES, TRIALS
+from vsr2.diagnosis.library import Library
+from vsr2.diagnosis.reach import TRIALS, tries
 
 FIRST_DRAWS = 24
 """Of every effect, before trials beyond `ENOUGH_TRIALS` are kept: the emulator's Monte Carlo error
@@ -52,7 +53,7 @@ class Schedule:
         budget: what may be spent.
         bank: that has run a first simulation of every trial.
         trials: of the campaign.
-        effects: in the library.
+        library: of effects.
 
     Attributes:
         allowed: simulations, those that the bank had before included.
@@ -65,7 +66,8 @@ class Schedule:
         exceeded: whether the trials kept need more than the budget for the fewest draws.
     """
 
-    def __init__(self, budget: Budget, bank: Bank, trials: int, effects: int) -> None:
+    def __init__(self, budget: Budget, bank: Bank, trials: int, library: Library) -> None:
+        effects = len(library)
         full = SCREENING_NONE + 2 * effects
         self._fixed = budget.draws
         if budget.draws is not None:
@@ -79,7 +81,7 @@ class Schedule:
         share = 1.0 if self._fixed else SCREENING_SHARE
         self.screening_runs = max(4, min(full, int(share * self.allowed / trials)))
         self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
-        tried = len(SHARES) * effects
+        tried = tries(library)
         self.reach_trials = max(FEWEST_REACH, min(TRIALS, int(REACH_SHARE * self.allowed / tried)))
         rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
         rest -= tried * self.reach_trials

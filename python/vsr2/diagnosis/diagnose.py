@@ -35,12 +35,11 @@ from vsr2.diagnosis.reach import reaching
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
 from vsr2.diagnosis.shared import Shared, fingerprint
-from vsr2.diagnosis.shrinkage import Shrinkage, judge, resampled_means
+from vsr2.diagnosis.shrinkage import accepted_pair, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.table import TABLE_FEATURES, table_residuals
 from vsr2.diagnosis.verdict import (
-    PAIR_UNEXPLAINED,
     Findings,
     beyond_noise,
     decide,
@@ -106,7 +105,7 @@ def diagnose_with(
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
         schedule = Schedule(
-            Budget() if budget is None else budget, store, len(seen), len(simulator.library)
+            Budget() if budget is None else budget, store, len(seen), simulator.library
         )
         screening = screen(
             store,
@@ -339,7 +338,7 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
-    pair, gain = _accepted_pair(shrinkage, floor, motion, seed)
+    pair, gain = accepted_pair(shrinkage, floor, motion, seed)
     dropped = simulate_dropped(store, screening, shrinkage, seen.motion)
     whole = Whole(seen, kept, floor, shrinkage, dropped, gap_low)
     # Only of trials that all simulations without effect agree on: nuisances move others together.
@@ -444,29 +443,3 @@ def _gap_low(prepared: Prepared, found: Inference, motion: NDArray[np.int64], se
     null = calibration.gap[calibration.truth == 0]
     simulated = float(excess.mean() - (np.quantile(null, 0.975) - null.mean()))
     return min(resampled, simulated)
-
-
-def _accepted_pair(
-    shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
-) -> tuple[tuple[str, str] | None, float]:
-    """The pair that most groups chose, if it explains the gap, and the probability of a gain.
-
-    Its held-out gain over one effect must have a lower bound above zero; it must leave less than
-    `PAIR_UNEXPLAINED` of the gap of the uncertain trials, and less than a rescaling of the
-    probabilities does.
-    """
-    if shrinkage.pair is None:
-        return None, 0.0
-    gain = shrinkage.after - shrinkage.pair
-    gains = resampled_means(gain[None], motion, seed=seed)[:, 0]
-    names = [
-        tuple(sorted(names))
-        for names in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
-    ]
-    common = max(set(names), key=names.count)
-    left = (shrinkage.pair - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)
-    better = shrinkage.pair.mean() < shrinkage.recalibrated.mean()
-    proven = np.quantile(gains, 0.025) > 0 and 2 * names.count(common) > len(names)
-    if not (proven and better and left < PAIR_UNEXPLAINED):
-        return None, 0.0
-    return (common[0], common[1]), float((gains > 0).mean())

@@ -95,7 +95,7 @@ def classes(
     Returns:
         Classes, most probable leader first.
     """
-    alike = _confounded(confounded)
+    alike = takes_for_alike(confounded)
     left = sorted((n for n in tables if n != NONE), key=lambda n: -probability[n])
     out: list[list[str]] = []
     while left:
@@ -111,10 +111,14 @@ def classes(
     return out
 
 
-def _confounded(
+def takes_for_alike(
     declared: Mapping[str, Collection[str]] | None = None,
 ) -> Callable[[str, str], bool]:
-    """Whether theory takes two effects for about the same; None: as their library declares."""
+    """Whether theory takes two effects for about the same.
+
+    Args:
+        declared: of each effect; None: as the library of effects declares.
+    """
     known = (
         {name: effect.confounded_with for name, effect in library().items()}
         if declared is None
@@ -146,7 +150,7 @@ def leading_class(
             break
         members += group
         within += sum(float(probability[name]) for name in group) / something
-    alike, leader = _confounded(confounded), groups[0][0]
+    alike, leader = takes_for_alike(confounded), groups[0][0]
 
     def least(name: str) -> float:
         kept = name in groups[0] and alike(leader, name)

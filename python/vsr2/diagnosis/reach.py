@@ -98,6 +98,11 @@ def reaching(
     return {name: _with_reach(entry, reach) for name, entry in library.items()}
 
 
+def tries(library: Library) -> int:
+    """Simulations under effects of each trial on which they are tried."""
+    return len(SHARES) * sum(len(_sides(entry)) for entry in library.values())
+
+
 def _nuisance(i: int) -> int:
     return 1 + i % _NUISANCES
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.emulator import Emulator
+from vsr2.diagnosis.equivalence import takes_for_alike
 from vsr2.diagnosis.evidence import (
     Data,
     Posterior,
@@ -23,19 +24,18 @@ from vsr2.diagnosis.evidence import (
     drawn_nodes,
     posterior,
     predict,
-    tabulate_pair,
 )
 from vsr2.diagnosis.library import NONE, Library, free_parameters, values_at
+from vsr2.diagnosis.pairs import best_pair
 from vsr2.diagnosis.score import crossfitted, losses
-from vsr2.diagnosis.simulator import Effects, nuisance_normal, quasi_random
+from vsr2.diagnosis.simulator import Effects, nuisance_normal
+from vsr2.diagnosis.verdict import PAIR_CLOSED, PAIR_UNEXPLAINED
 
 Array = NDArray[np.float64]
 Draw = tuple[Effects, int]
 """How effects act, and the number of a draw of the nuisances."""
 
 PAIR = "pair"
-_PAIR_NODES = 120
-_PAIR_SHORTLIST = 3
 _SPREAD_SEED = 4
 
 
@@ -195,25 +195,6 @@ def judge(
     )
 
 
-def best_pair(
-    library: Library, emulator: Emulator, first: str, data: Data
-) -> tuple[str, Table, Posterior]:
-    """The effect with the greatest evidence beside `first`; effects add up on the logit."""
-
-    def tried(second: str, nodes: int) -> tuple[Table, Posterior]:
-        a, b = len(free_parameters(library[first])), len(free_parameters(library[second]))
-        spread = np.array([quasi_random(1, a + b, i + 1) for i in range(nodes)])
-        table = tabulate_pair(emulator, first, second, (spread[:, :a], spread[:, a:]))
-        return table, posterior(table, data)
-
-    def evidence(second: str) -> float:
-        return float(tried(second, _PAIR_NODES // 4)[1].evidence[0])
-
-    ranked = sorted((name for name in library if name != first), key=lambda n: -evidence(n))
-    found = [(name, *tried(name, _PAIR_NODES)) for name in ranked[:_PAIR_SHORTLIST]]
-    return max(found, key=lambda one: float(one[2].evidence[0]))
-
-
 def posterior_draws(
     library: Library, names: Sequence[str], table: Table, found: Posterior, nuisances: Array
 ) -> list[Draw]:
@@ -302,3 +283,47 @@ def interval(value: float, draws: Array) -> Interval:
     """The 2.5 and 97.5 % quantiles around an estimate."""
     low, high = np.quantile(draws, [0.025, 0.975])
     return Interval(value, float(low), float(high))
+
+
+def accepted_pair(
+    shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
+) -> tuple[tuple[str, str] | None, float]:
+    """The pair that most groups chose, if it explains the gap, and the probability of a gain.
+
+    Groups that chose what theory takes for about the same count. The pair's held-out gain over one
+    effect must have a lower bound above zero and be more than `PAIR_CLOSED` of what that one
+    leaves; it must leave less than `PAIR_UNEXPLAINED` of the gap of the uncertain trials.
+
+    Args:
+        shrinkage: of the kept trials.
+        floor: mean loss of each in campaigns without effect.
+        motion: of each.
+        seed: of resamples.
+    """
+    if shrinkage.pair is None:
+        return None, 0.0
+    gain = shrinkage.after - shrinkage.pair
+    gains = resampled_means(gain[None], motion, seed=seed)[:, 0]
+    names = [
+        (first, second) if first < second else (second, first)
+        for first, second in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
+    ]
+    common = max(sorted(set(names)), key=names.count)
+    alike = sum(_alike(common, other) for other in names)
+    left = (shrinkage.pair - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)
+    closes = gain.mean() > PAIR_CLOSED * (shrinkage.after - floor).mean()
+    proven = np.quantile(gains, 0.025) > 0 and 2 * alike > len(names)
+    if not (proven and closes and left < PAIR_UNEXPLAINED):
+        return None, 0.0
+    return common, float((gains > 0).mean())
+
+
+def _alike(one: tuple[str, str], other: tuple[str, str]) -> bool:
+    """Whether two pairs are the same but for what theory takes for about the same."""
+    alike = takes_for_alike()
+
+    def same(a: str, b: str) -> bool:
+        return a == b or alike(a, b)
+
+    straight = same(one[0], other[0]) and same(one[1], other[1])
+    return straight or (same(one[0], other[1]) and same(one[1], other[0]))

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.design import Screening
+from vsr2.diagnosis.equivalence import takes_for_alike
 from vsr2.diagnosis.inference import Inference, Prepared
-from vsr2.diagnosis.library import NONE, free_parameters, positions
+from vsr2.diagnosis.library import NONE, Library, free_parameters, positions
 from vsr2.diagnosis.novelty import PRIOR
 from vsr2.diagnosis.observations import Observations
 from vsr2.diagnosis.result import SCHEMA, Diagnosis
@@ -158,6 +159,7 @@ def compose(
         "limits": [
             *_doubts(verdict, whole.headline(), findings),
             *_outside(verdict, found.conformal["both"]),
+            *_mates(verdict, prepared.library),
             *_sizes(prepared, verdict, effects),
             *_limits(seen, screening, prepared, whole, layers, provenance),
         ],
@@ -246,6 +248,22 @@ def _outside(verdict: Verdict, inside: Sequence[str]) -> list[str]:
     return [
         f"{', '.join(outside)} named beside {verdict.effects[0]} without a place in the 90 % set: "
         "what theory takes for about the same is told apart by strong evidence alone"
+    ]
+
+
+def _mates(verdict: Verdict, library: Library) -> list[str]:
+    """Effects that stand behind the two of a pair."""
+    if verdict.kind != "pair":
+        return []
+    alike = takes_for_alike()
+    mates = {
+        name: [other for other in library if other not in verdict.effects and alike(name, other)]
+        for name in verdict.effects
+    }
+    return [
+        f"in place of {name} it may be {' or '.join(others)}, which theory takes for about the same"
+        for name, others in mates.items()
+        if others
     ]
 
 

@@ -29,7 +29,12 @@ LEAST_UNKNOWN = 2 * UNKNOWN_PRIOR
 MOST_LEFT = 0.8
 """Share of the gap that the best effect may leave, significantly, and yet be named."""
 PAIR_UNEXPLAINED = 0.5
-"""The same for a pair, which must also do better than a rescaling of the probabilities."""
+"""Share of the gap below which what a pair leaves must lie."""
+PAIR_CLOSED = 0.5
+"""Share that its second effect must close of what the best one alone leaves: where the cause lies
+outside the library, or is one effect, a second one closes some of it too, but less."""
+PAIR_MISFIT = 0.2
+"""Of the best single effect, above which it fits as well as most: then no second one is called."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ class Findings:
         left: share of their gap that it leaves.
         left_of_all: share of the gap of all trials that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero, and it
-            explains the gap: see `PAIR_UNEXPLAINED`.
+            explains the gap: see `PAIR_UNEXPLAINED` and `PAIR_CLOSED`.
         pair_probability: of the leading class, times that of a gain over one effect.
         stable: whether the previous, smaller budget led to an overlapping answer.
     """
@@ -212,7 +217,8 @@ def decide(f: Findings) -> Verdict:
             f"the best effect leaves {min(left, 1.0):.0%} of the gap on motions that it did not see"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    if f.pair is not None and misfit:
+    rest = f.novelty_p <= PAIR_MISFIT and f.after_low > 0 and f.left > UNEXPLAINED
+    if f.pair is not None and rest:
         reasons.append("a second effect improves the score on motions that the choice did not see")
         return Verdict("pair", f.pair, f.pair_probability, tuple(reasons))
     if len(f.leading) > 1:
