@@ -16,7 +16,7 @@ from vsr2.diagnosis.library import NONE
 from vsr2.diagnosis.observations import observe_campaign
 from vsr2.diagnosis.planar import PLANAR_LIBRARY, PlanarSimulator
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.shrinkage import Shrinkage, accepted_pair, posterior_draws
+from vsr2.diagnosis.shrinkage import Shrinkage, found_pair, posterior_draws
 from vsr2.diagnosis.simulator import Responses
 from vsr2.diagnosis.whole import Whole
 
@@ -266,20 +266,24 @@ def test_draws_follow_the_posterior(tmp_path) -> None:
     )
 
 
-def test_a_pair_must_close_most_of_what_one_effect_leaves() -> None:
-    floor, motion = np.zeros(KEPT.size), np.arange(KEPT.size)
+def test_a_pair_is_found_where_a_second_effect_helps() -> None:
+    floor, motion = np.full(KEPT.size, 0.1), np.arange(KEPT.size)
     one = shrinkage(0.5)
     told = {"after": ["com_offset", "catch"], "pair": ["catch", "base_slope"]}
 
-    def accepted(after, pair, chosen=told):
+    def found(after, pair, chosen=told):
         losses = {"after": floor + after, "pair": floor + pair}
         tried = dataclasses.replace(one, **losses, chosen=one.chosen | chosen)
-        return accepted_pair(tried, floor, motion, 0)
+        return found_pair(tried, floor, motion, 0)
 
-    assert accepted(0.6, 0.2) == (("base_slope", "catch"), 1.0)
-    assert accepted(0.6, 0.4)[0] is None, "the second effect closes a third"
-    assert accepted(1.5, 0.6)[0] is None, "together they leave more than half of the gap"
-    assert accepted(0.2, 0.6)[0] is None, "one effect does better"
+    pair = found(0.6, 0.2)
+    assert pair.names == ("base_slope", "catch")
+    assert pair.probability == 1.0
+    assert pair.left == pytest.approx(0.2 / 0.9)
+    assert pair.closed == pytest.approx(0.4 / 0.6)
+    assert pair.better, "a rescaling leaves 0.7"
+    assert not found(0.9, 0.75).better
+    assert found(0.2, 0.6) is None, "one effect does better"
     other = {"after": ["wear", "catch"], "pair": ["catch", "base_slope"]}
-    assert accepted(0.6, 0.2, other)[0] is None, "each group chose another pair"
-    assert accepted_pair(one, floor, motion, 0) == (None, 0.0), "none was tried"
+    assert found(0.6, 0.2, other) is None, "each group chose another pair"
+    assert found_pair(one, floor, motion, 0) is None, "none was tried"

@@ -40,7 +40,7 @@ from vsr2.diagnosis.tempering import (
     pairwise_exponent,
     sharpness,
 )
-from vsr2.diagnosis.verdict import Findings, decide, disagreement
+from vsr2.diagnosis.verdict import Findings, Pair, decide, disagreement
 from vsr2.diagnosis.where import OUTCOME, Conditions, Place, scan
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
@@ -595,12 +595,17 @@ CLEAR = Findings(
     left=0.1,
     left_of_all=0.1,
     pair=None,
-    pair_probability=0.0,
     stable=True,
 )
 
 
-SECOND = {"pair": ("table_gain", "wear"), "novelty_p": 0.1, "after_low": 0.01, "left": 0.5}
+BOTH = Pair(("table_gain", "wear"), probability=1.0, left=0.4, closed=0.6, better=True)
+SECOND = {"pair": BOTH, "novelty_p": 0.1, "after_low": 0.01, "left": 0.5}
+MISFIT = {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}
+
+
+def second(**changes):
+    return {"pair": dataclasses.replace(BOTH, **changes)}
 
 
 @pytest.mark.parametrize(
@@ -647,11 +652,16 @@ SECOND = {"pair": ("table_gain", "wear"), "novelty_p": 0.1, "after_low": 0.01, "
         ),
         ({"leading": tuple("abcde")}, "class"),
         ({"leading": tuple("abcdef")}, "unresolved"),
-        ({"pair": ("table_gain", "wear")}, "effect"),
+        ({"pair": BOTH}, "effect"),
         (SECOND, "pair"),
         (SECOND | {"novelty_p": 0.3}, "effect"),
         (SECOND | {"after_low": -0.01}, "effect"),
         (SECOND | {"left": 0.1}, "effect"),
+        (SECOND | second(closed=0.4), "effect"),
+        (SECOND | second(left=0.6), "effect"),
+        (MISFIT | second(closed=0.4), "pair"),
+        (MISFIT | second(closed=0.4, better=False), "unresolved"),
+        (MISFIT | second(left=0.6), "unresolved"),
     ],
 )
 def test_the_verdict_follows_its_rules(changes, kind) -> None:

@@ -35,7 +35,7 @@ from vsr2.diagnosis.reach import reaching
 from vsr2.diagnosis.result import Diagnosis
 from vsr2.diagnosis.score import blocks
 from vsr2.diagnosis.shared import Shared, fingerprint
-from vsr2.diagnosis.shrinkage import accepted_pair, judge, resampled_means
+from vsr2.diagnosis.shrinkage import found_pair, judge, resampled_means
 from vsr2.diagnosis.simulator import Request, Simulator
 from vsr2.diagnosis.summary import Evidence, compose
 from vsr2.diagnosis.table import TABLE_FEATURES, table_residuals
@@ -338,7 +338,7 @@ def conclude(
         pairs=len(library) > 1 and beyond_noise(gap_low, found.gap_p, found.direction_p),
     )
     after = resampled_means((shrinkage.after - floor)[None], motion, seed=seed)[:, 0]
-    pair, gain = accepted_pair(shrinkage, floor, motion, seed)
+    pair = found_pair(shrinkage, floor, motion, seed)
     dropped = simulate_dropped(store, screening, shrinkage, seen.motion)
     whole = Whole(seen, kept, floor, shrinkage, dropped, gap_low)
     # Only of trials that all simulations without effect agree on: nuisances move others together.
@@ -358,7 +358,7 @@ def conclude(
         class_probability=within,
         # Of two effects that act together a route that knows single ones may see either.
         agreement=disagreement(
-            leading if pair is None else tuple(dict.fromkeys((*leading, *pair))),
+            leading if pair is None else tuple(dict.fromkeys((*leading, *pair.names))),
             found.labels[1 + int(np.argmax(found.likelihood[1:]))],
             found.labels[1 + int(np.argmax(found.classifier[1:]))],
             found.conformal["likelihood"],
@@ -375,7 +375,6 @@ def conclude(
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         left_of_all=whole.left,
         pair=pair,
-        pair_probability=within * gain,
         stable=earlier is None or bool(set(earlier) & set(leading)),
     )
     verdict = decide(findings)

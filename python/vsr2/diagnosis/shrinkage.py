@@ -29,7 +29,7 @@ from vsr2.diagnosis.library import NONE, Library, free_parameters, values_at
 from vsr2.diagnosis.pairs import best_pair
 from vsr2.diagnosis.score import crossfitted, losses
 from vsr2.diagnosis.simulator import Effects, nuisance_normal
-from vsr2.diagnosis.verdict import PAIR_CLOSED, PAIR_UNEXPLAINED
+from vsr2.diagnosis.verdict import Pair
 
 Array = NDArray[np.float64]
 Draw = tuple[Effects, int]
@@ -285,14 +285,12 @@ def interval(value: float, draws: Array) -> Interval:
     return Interval(value, float(low), float(high))
 
 
-def accepted_pair(
+def found_pair(
     shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
-) -> tuple[tuple[str, str] | None, float]:
-    """The pair that most groups chose, if it explains the gap, and the probability of a gain.
+) -> Pair | None:
+    """The pair that most groups chose, if its gain over one effect has a lower bound above zero.
 
-    Groups that chose what theory takes for about the same count. The pair's held-out gain over one
-    effect must have a lower bound above zero and be more than `PAIR_CLOSED` of what that one
-    leaves; it must leave less than `PAIR_UNEXPLAINED` of the gap of the uncertain trials.
+    Groups that chose what theory takes for about the same count.
 
     Args:
         shrinkage: of the kept trials.
@@ -301,7 +299,7 @@ def accepted_pair(
         seed: of resamples.
     """
     if shrinkage.pair is None:
-        return None, 0.0
+        return None
     gain = shrinkage.after - shrinkage.pair
     gains = resampled_means(gain[None], motion, seed=seed)[:, 0]
     names = [
@@ -309,13 +307,19 @@ def accepted_pair(
         for first, second in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
     ]
     common = max(sorted(set(names)), key=names.count)
-    alike = sum(_alike(common, other) for other in names)
-    left = (shrinkage.pair - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)
-    closes = gain.mean() > PAIR_CLOSED * (shrinkage.after - floor).mean()
-    proven = np.quantile(gains, 0.025) > 0 and 2 * alike > len(names)
-    if not (proven and closes and left < PAIR_UNEXPLAINED):
-        return None, 0.0
-    return common, float((gains > 0).mean())
+    if np.quantile(gains, 0.025) <= 0 or 2 * sum(_alike(common, n) for n in names) <= len(names):
+        return None
+    before, after, left = (
+        float((losses - floor).mean())
+        for losses in (shrinkage.before, shrinkage.after, shrinkage.pair)
+    )
+    return Pair(
+        common,
+        probability=float((gains > 0).mean()),
+        left=left / max(before, 1e-9),
+        closed=float(gain.mean()) / max(after, 1e-9),
+        better=bool(shrinkage.pair.mean() < shrinkage.recalibrated.mean()),
+    )
 
 
 def _alike(one: tuple[str, str], other: tuple[str, str]) -> bool:

@@ -31,10 +31,11 @@ MOST_LEFT = 0.8
 PAIR_UNEXPLAINED = 0.5
 """Share of the gap below which what a pair leaves must lie."""
 PAIR_CLOSED = 0.5
-"""Share that its second effect must close of what the best one alone leaves: where the cause lies
-outside the library, or is one effect, a second one closes some of it too, but less."""
+"""Share of what the best effect leaves above which a second one tells a pair even where one alone
+would not be called a misfit: under one effect, or one outside the library, it closes less."""
 PAIR_MISFIT = 0.2
-"""Of the best single effect, above which it fits as well as most: then no second one is called."""
+"""p value of the best effect's misfit above which it fits as well as most, and no second is called.
+"""
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,25 @@ class Verdict:
     effects: tuple[str, ...]
     probability: float
     reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two effects that do better than one on motions that the choice did not see.
+
+    Attributes:
+        names: of both.
+        probability: of a gain over one effect.
+        left: share of the gap of the uncertain trials that both leave.
+        closed: share that the second one closes of what the best one alone leaves.
+        better: whether they do better than a rescaling of the probabilities.
+    """
+
+    names: tuple[str, str]
+    probability: float
+    left: float
+    closed: float
+    better: bool
 
 
 @dataclass(frozen=True)
@@ -77,9 +97,7 @@ class Findings:
             trials.
         left: share of their gap that it leaves.
         left_of_all: share of the gap of all trials that it leaves.
-        pair: the pair, if its held-out gain over one effect has a lower bound above zero, and it
-            explains the gap: see `PAIR_UNEXPLAINED` and `PAIR_CLOSED`.
-        pair_probability: of the leading class, times that of a gain over one effect.
+        pair: the pair, if its held-out gain over one effect has a lower bound above zero.
         stable: whether the previous, smaller budget led to an overlapping answer.
     """
 
@@ -100,8 +118,7 @@ class Findings:
     after_low: float
     left: float
     left_of_all: float
-    pair: tuple[str, str] | None
-    pair_probability: float
+    pair: Pair | None
     stable: bool
 
 
@@ -142,6 +159,18 @@ def _none_beside_unknown(f: Findings) -> float:
     return (1 - f.unknown_probability) * f.none_probability
 
 
+def explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
+    """Whether a pair explains the gap, and one effect does not.
+
+    Args:
+        pair: found.
+        misfit: whether one effect alone would be no explanation.
+        novelty_p: of the best single effect's misfit.
+    """
+    closes = pair.closed > PAIR_CLOSED and novelty_p <= PAIR_MISFIT
+    return pair.left < PAIR_UNEXPLAINED and (closes or (misfit and pair.better))
+
+
 def decide(f: Findings) -> Verdict:
     """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
     if not beyond_noise(f.gap_low, f.gap_p, f.direction_p, f.surprise_p):
@@ -170,30 +199,11 @@ def decide(f: Findings) -> Verdict:
             "trials did what they never do in simulations without effect, more often than chance "
             f"has it (p = {f.surprise_p:.2g})"
         )
-    misfit = (
-        f.novelty_p <= NOVELTY_LEVEL
-        and f.unknown_probability > LEAST_UNKNOWN
-        and f.after_low > 0
-        and f.left > UNEXPLAINED
-    )
-    if misfit and f.pair is None and f.unknown_probability <= _none_beside_unknown(f):
-        reasons.append(
-            "the best effect leaves a gap above the floor on motions that it did not see, but by "
-            f"its prior none, with {_none_beside_unknown(f):.2f}, is more probable than a cause "
-            f"outside the library, with {f.unknown_probability:.2f}"
-        )
-        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    if misfit and f.pair is None:
-        reasons.append(
-            "the best effect leaves a gap above the floor on motions that it did not see, and fits "
-            f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
-        )
-        if f.left < 0.5:
-            reasons.append(
-                f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: "
-                "it may be a part of the cause, beside what the library lacks"
-            )
-        return Verdict("unknown", (), f.unknown_probability, tuple(reasons))
+    rest = f.after_low > 0 and f.left > UNEXPLAINED
+    misfit = rest and f.novelty_p <= NOVELTY_LEVEL and f.unknown_probability > LEAST_UNKNOWN
+    pair = f.pair if f.pair and rest and explains(f.pair, misfit, f.novelty_p) else None
+    if misfit and pair is None:
+        return _misfit(f, reasons)
     if f.agreement is not None:
         return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
     if not f.stable:
@@ -212,15 +222,15 @@ def decide(f: Findings) -> Verdict:
             )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
     left = max(f.left, f.left_of_all)
-    if f.pair is None and f.after_low > 0 and left > MOST_LEFT:
+    if pair is None and f.after_low > 0 and left > MOST_LEFT:
         reasons.append(
             f"the best effect leaves {min(left, 1.0):.0%} of the gap on motions that it did not see"
         )
         return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
-    rest = f.novelty_p <= PAIR_MISFIT and f.after_low > 0 and f.left > UNEXPLAINED
-    if f.pair is not None and rest:
+    if pair is not None:
         reasons.append("a second effect improves the score on motions that the choice did not see")
-        return Verdict("pair", f.pair, f.pair_probability, tuple(reasons))
+        probability = f.class_probability * pair.probability
+        return Verdict("pair", pair.names, probability, tuple(reasons))
     if len(f.leading) > 1:
         reasons.append(
             "this campaign does not tell these effects apart"
@@ -229,6 +239,37 @@ def decide(f: Findings) -> Verdict:
         )
         return Verdict("class", f.leading, f.class_probability, tuple(reasons))
     return Verdict("effect", f.leading, f.class_probability, tuple(reasons))
+
+
+def _misfit(f: Findings, reasons: list[str]) -> Verdict:
+    """What is said where neither one effect nor a pair explains the gap."""
+    none = _none_beside_unknown(f)
+    if f.unknown_probability <= none:
+        reason = (
+            "the best effect leaves a gap above the floor on motions that it did not see, but by "
+            f"its prior none, with {none:.2f}, is more probable than a cause outside the library, "
+            f"with {f.unknown_probability:.2f}"
+        )
+        return Verdict("unresolved", f.leading, f.class_probability, (*reasons, reason))
+    reasons = [
+        *reasons,
+        "the best effect leaves a gap above the floor on motions that it did not see, and fits "
+        f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes",
+    ]
+    if f.pair is not None:
+        first, second = f.pair.names
+        reasons.append(
+            f"{first} and {second} together do better there than one effect, but leave "
+            f"{min(max(f.pair.left, 0.0), 1.0):.0%} of the gap: two effects, or a cause outside "
+            "the library"
+        )
+        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+    if f.left < 0.5:
+        reasons.append(
+            f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: "
+            "it may be a part of the cause, beside what the library lacks"
+        )
+    return Verdict("unknown", (), f.unknown_probability, tuple(reasons))
 
 
 def disagreement(
