@@ -8,7 +8,7 @@ simulator whose draws of nuisances the diagnosis does not know: one effect each,
 effects of different classes (both at their floor or above), and one effect whose class is taken out
 of the library. Magnitudes are log-uniform from 0.5 to 6 times the
 detection floor of tier M, at which the expected log likelihood ratio against "none", nuisances
-fitted, is 4.5 nat (3 standard deviations); an effect whose range ends below gets its end.
+fitted, is 4.5 nat (3 standard deviations); where an effect's range ends below that, up to its end.
 
 Writes `campaigns.csv`, one row a campaign and tier, and `table.csv`, one row a tier, as committed
 in docs/results/diagnosis_planar.
@@ -79,7 +79,8 @@ def draw_effects(rehearsal: Rehearsal, count: int, rng: np.random.Generator) -> 
     for _ in range(count):
         deck = deck or [names[i] for i in rng.permutation(len(names))]
         name = deck.pop()
-        wanted = FLOOR * np.exp(rng.uniform(np.log(0.5), np.log(6.0)))
+        most = min(6.0, signals[name].max() / FLOOR)
+        wanted = FLOOR * np.exp(rng.uniform(np.log(0.5), np.log(most)))
         near = np.argsort(np.abs(np.log(np.maximum(signals[name], 1e-3) / wanted)))[:3]
         node = int(rng.choice(near))
         values = values_at(library[name], tables[name].fine.quantiles[node])
