@@ -9,7 +9,7 @@ import pytest
 
 from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.discrepancy import COMMON, VARIANCE, disturbed
-from vsr2.diagnosis.emulator import Design, fit_emulator
+from vsr2.diagnosis.emulator import Design, design_matrix, fit_emulator
 from vsr2.diagnosis.equivalence import leading_class
 from vsr2.diagnosis.evidence import (
     Change,
@@ -27,10 +27,11 @@ from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, 
 from vsr2.diagnosis.novelty import Misfit, fit_strangers
 from vsr2.diagnosis.null_campaigns import null_campaigns
 from vsr2.diagnosis.observations import rest_logarithm
+from vsr2.diagnosis.pairs import pair_posterior
 from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
-from vsr2.diagnosis.summary import _shown
+from vsr2.diagnosis.summary import _shown, mates
 from vsr2.diagnosis.table import agreement, table_residuals
 from vsr2.diagnosis.tempering import (
     COVERAGE,
@@ -40,7 +41,7 @@ from vsr2.diagnosis.tempering import (
     pairwise_exponent,
     sharpness,
 )
-from vsr2.diagnosis.verdict import Findings, Pair, decide, disagreement
+from vsr2.diagnosis.verdict import Findings, Pair, Verdict, decide, disagreement
 from vsr2.diagnosis.where import OUTCOME, Conditions, Place, scan
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
@@ -172,6 +173,45 @@ def test_the_evidence_agrees_with_brute_force() -> None:
         likelihood = np.exp((np.log(p) * y + np.log1p(-p) * (1 - y)).sum(axis=2)).mean()
         # Laplace's error with twelve trials; the brute force's own is below 0.04.
         assert posterior(table, one).evidence[c] == pytest.approx(np.log(likelihood), abs=0.1)
+
+
+def test_nodes_close_in_on_a_pair() -> None:
+    rng = np.random.default_rng(7)
+    rows, trials = 300, 40
+    names = np.array(["", "table_gain", "restitution"])[np.arange(rows) % 3]
+    quantiles = tuple(rng.random(1) if name else np.zeros(0) for name in names)
+    x, blocks = design_matrix(TWO, list(names), quantiles, rng.standard_normal((rows, 2)))
+    ways = {"table_gain": np.ones(trials), "restitution": np.linspace(-1, 1, trials)}
+    shown = sum(x[:, blocks[name]][:, :1] * way for name, way in ways.items())
+    blank = np.full((rows, trials), np.nan)
+    features = shown + 0.1 * rng.standard_normal((rows, trials))
+    emulator = fit_emulator(TWO, Design(names, quantiles, x[:, 1:3], blank, features[..., None]))
+    true = {"table_gain": 0.9, "restitution": 0.2}
+    both = sum(basis(TWO[n], np.array([[u]]))[0, 0] * ways[n] for n, u in true.items())
+    seen = both + 0.1 * rng.standard_normal(trials)
+    one = Data(blank[:1], seen[None, :, None])
+
+    def told(*nodes):
+        return pair_posterior(TWO, emulator, ("table_gain", "restitution"), one, nodes)
+
+    table, near = told(120, 120, 120)
+    assert near.evidence[0] == pytest.approx(told(400, 400, 400)[1].evidence[0], abs=0.05)
+    # Of 4000 nodes over both priors a few share the posterior: a third of the evidence is chance.
+    assert near.evidence[0] == pytest.approx(told(4000)[1].evidence[0], abs=0.4)
+    assert near.evidence[0] > told(120)[1].evidence[0] + 5, "which 120 nodes hardly meet"
+    mean = np.exp(near.nodes[0]) @ table.fine.quantiles
+    np.testing.assert_allclose(mean, list(true.values()), atol=0.1)
+    assert np.exp(near.nodes[0]).max() < 0.1, "many nodes share the posterior"
+
+
+def test_a_pair_names_what_stands_behind_its_members() -> None:
+    pair = Verdict("pair", ("catch", "com_offset"), 0.9, ())
+    assert [told.split(",")[0] for told in mates(pair, full_library())] == [
+        "in place of catch it may be outcome_rule",
+        "in place of com_offset it may be base_slope",
+    ]
+    assert mates(Verdict("pair", ("inertia", "time_scale"), 0.9, ()), full_library()) == []
+    assert mates(Verdict("effect", ("com_offset",), 0.9, ()), full_library()) == []
 
 
 def shared_draws(rng, draws=30, each=20, trials=60, common=0.3, own=0.1):

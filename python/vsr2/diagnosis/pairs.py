@@ -13,7 +13,7 @@ from vsr2.diagnosis.library import Library, free_parameters, is_angle
 from vsr2.diagnosis.simulator import quasi_random
 
 _NODES = (120, 120, 120)
-"""In each round: see `_tried`."""
+"""In each round: see `pair_posterior`."""
 _RANKED_NODES = (40, 40)
 """Of pairs that are ranked."""
 _NEAR = 5.0
@@ -27,7 +27,7 @@ def best_pair(
     """The effect with the greatest evidence beside `first`; effects add up on the logit."""
 
     def tried(second: str, nodes: Sequence[int]) -> tuple[Table, Posterior]:
-        return _tried(library, emulator, (first, second), data, nodes)
+        return pair_posterior(library, emulator, (first, second), data, nodes)
 
     def evidence(second: str) -> float:
         return float(tried(second, _RANKED_NODES)[1].evidence[0])
@@ -37,13 +37,23 @@ def best_pair(
     return max(found, key=lambda one: float(one[2].evidence[0]))
 
 
-def _tried(
+def pair_posterior(
     library: Library, emulator: Emulator, names: tuple[str, str], data: Data, nodes: Sequence[int]
 ) -> tuple[Table, Posterior]:
     """A pair on nodes that close in on where its posterior lies.
 
     Two strong effects leave a posterior that nodes spread over both priors would hardly meet. So
     each further set of nodes is spread over the box that holds the better nodes of the last.
+
+    Args:
+        library: effects.
+        emulator: fitted.
+        names: of both.
+        data: one campaign.
+        nodes: their number in each round.
+
+    Returns:
+        The pair on the last nodes, and its posterior there, with the evidence of the whole prior.
     """
     free = [*free_parameters(library[names[0]]), *free_parameters(library[names[1]])]
     first = len(free_parameters(library[names[0]]))

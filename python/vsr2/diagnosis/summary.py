@@ -159,7 +159,7 @@ def compose(
         "limits": [
             *_doubts(verdict, whole.headline(), findings),
             *_outside(verdict, found.conformal["both"]),
-            *_mates(verdict, prepared.library),
+            *mates(verdict, prepared.library),
             *_sizes(prepared, verdict, effects),
             *_limits(seen, screening, prepared, whole, layers, provenance),
         ],
@@ -251,18 +251,18 @@ def _outside(verdict: Verdict, inside: Sequence[str]) -> list[str]:
     ]
 
 
-def _mates(verdict: Verdict, library: Library) -> list[str]:
-    """Effects that stand behind the two of a pair."""
+def mates(verdict: Verdict, library: Library) -> list[str]:
+    """Sentences on effects that stand behind the two of a pair."""
     if verdict.kind != "pair":
         return []
     alike = takes_for_alike()
-    mates = {
+    behind = {
         name: [other for other in library if other not in verdict.effects and alike(name, other)]
         for name in verdict.effects
     }
     return [
         f"in place of {name} it may be {' or '.join(others)}, which theory takes for about the same"
-        for name, others in mates.items()
+        for name, others in behind.items()
         if others
     ]
 

@@ -159,7 +159,7 @@ def _none_beside_unknown(f: Findings) -> float:
     return (1 - f.unknown_probability) * f.none_probability
 
 
-def explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
+def _explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
     """Whether a pair explains the gap, and one effect does not.
 
     Args:
@@ -201,7 +201,7 @@ def decide(f: Findings) -> Verdict:
         )
     rest = f.after_low > 0 and f.left > UNEXPLAINED
     misfit = rest and f.novelty_p <= NOVELTY_LEVEL and f.unknown_probability > LEAST_UNKNOWN
-    pair = f.pair if f.pair and rest and explains(f.pair, misfit, f.novelty_p) else None
+    pair = f.pair if f.pair and rest and _explains(f.pair, misfit, f.novelty_p) else None
     if misfit and pair is None:
         return _misfit(f, reasons)
     if f.agreement is not None:
