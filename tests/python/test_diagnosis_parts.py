@@ -628,6 +628,7 @@ CLEAR = Findings(
     offered=20,
     class_probability=0.9,
     agreement=None,
+    pair_agreement=None,
     novelty_p=0.5,
     unknown_probability=0.9,
     favoured="table_gain",
@@ -694,6 +695,10 @@ def second(**changes):
         ({"leading": tuple("abcdef")}, "unresolved"),
         ({"pair": BOTH}, "effect"),
         (SECOND, "pair"),
+        (SECOND | {"agreement": "the routes disagree"}, "pair"),
+        (SECOND | {"pair_agreement": "the routes disagree"}, "unresolved"),
+        # A pair that is not named excuses no contradiction.
+        (SECOND | second(closed=0.4) | {"agreement": "the routes disagree"}, "unresolved"),
         (SECOND | {"novelty_p": 0.3}, "effect"),
         (SECOND | {"after_low": -0.01}, "effect"),
         (SECOND | {"left": 0.1}, "effect"),

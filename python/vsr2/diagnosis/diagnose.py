@@ -356,14 +356,8 @@ def conclude(
         / max(1 - float(probability[NONE]), 1e-9),
         offered=len(library),
         class_probability=within,
-        # Of two effects that act together a route that knows single ones may see either.
-        agreement=disagreement(
-            leading if pair is None else tuple(dict.fromkeys((*leading, *pair.names))),
-            found.labels[1 + int(np.argmax(found.likelihood[1:]))],
-            found.labels[1 + int(np.argmax(found.classifier[1:]))],
-            found.conformal["likelihood"],
-            found.conformal["classifier"],
-        ),
+        agreement=_disagreement(found, leading),
+        pair_agreement=_disagreement(found, (*leading, *(pair.names if pair else ()))),
         novelty_p=novelty_p,
         unknown_probability=float(
             prepared.calibration.strangers.probability(
@@ -403,6 +397,17 @@ def conclude(
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found, seen, kept)
     return Evidence(verdict, findings, groups, where, shrinkage, whole, measure)
+
+
+def _disagreement(found: Inference, named: tuple[str, ...]) -> str | None:
+    """Why the routes contradict each other about some effects."""
+    return disagreement(
+        named,
+        found.labels[1 + int(np.argmax(found.likelihood[1:]))],
+        found.labels[1 + int(np.argmax(found.classifier[1:]))],
+        found.conformal["likelihood"],
+        found.conformal["classifier"],
+    )
 
 
 def _names(index: NDArray[np.int64], names: list[str]) -> tuple[str, ...]:

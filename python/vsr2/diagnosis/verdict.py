@@ -90,6 +90,8 @@ class Findings:
         offered: effects in the library.
         class_probability: of `leading`, given that something is missing.
         agreement: None, or why the routes disagree.
+        pair_agreement: the same where the pair is named: of two effects that act together a route
+            that knows single ones may see either.
         novelty_p: of the best single effect's misfit.
         unknown_probability: of a cause outside the library, by that p value.
         favoured: most probable hypothesis.
@@ -112,6 +114,7 @@ class Findings:
     offered: int
     class_probability: float
     agreement: str | None
+    pair_agreement: str | None
     novelty_p: float
     unknown_probability: float
     favoured: str
@@ -159,6 +162,10 @@ def _none_beside_unknown(f: Findings) -> float:
     return (1 - f.unknown_probability) * f.none_probability
 
 
+def _unresolved(f: Findings, *reasons: str) -> Verdict:
+    return Verdict("unresolved", f.leading, f.class_probability, reasons)
+
+
 def _explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
     """Whether a pair explains the gap, and one effect does not.
 
@@ -181,7 +188,7 @@ def decide(f: Findings) -> Verdict:
                 f"but weighed by its prior, none has a probability of {none:.1g}: {f.favoured} or "
                 "another effect is likely; a larger budget, or more trials, may decide"
             )
-            return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+            return _unresolved(f, *reasons)
         if f.none_probability < 0.5:
             reasons.append(
                 f"weighed by its prior, {f.favoured} or another effect is more probable than none, "
@@ -204,11 +211,12 @@ def decide(f: Findings) -> Verdict:
     pair = f.pair if f.pair and rest and _explains(f.pair, misfit, f.novelty_p) else None
     if misfit and pair is None:
         return _misfit(f, reasons)
-    if f.agreement is not None:
-        return Verdict("unresolved", f.leading, f.class_probability, (*reasons, f.agreement))
+    agreement = f.agreement if pair is None else f.pair_agreement
+    if agreement is not None:
+        return _unresolved(f, *reasons, agreement)
     if not f.stable:
         reasons.append("half the simulations led to another answer: spend a larger budget")
-        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+        return _unresolved(f, *reasons)
     if len(f.leading) > max(2, MOST_NAMED * f.offered):
         if len(f.alike) == len(f.leading):
             reasons.append(
@@ -220,13 +228,13 @@ def decide(f: Findings) -> Verdict:
                 f"{_alike(f)}; it takes {len(f.leading)} of the library's {f.offered} effects to "
                 f"reach {LEAST_PROBABILITY}: the data do not decide"
             )
-        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+        return _unresolved(f, *reasons)
     left = max(f.left, f.left_of_all)
     if pair is None and f.after_low > 0 and left > MOST_LEFT:
         reasons.append(
             f"the best effect leaves {min(left, 1.0):.0%} of the gap on motions that it did not see"
         )
-        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+        return _unresolved(f, *reasons)
     if pair is not None:
         reasons.append("a second effect improves the score on motions that the choice did not see")
         probability = f.class_probability * pair.probability
@@ -250,7 +258,7 @@ def _misfit(f: Findings, reasons: list[str]) -> Verdict:
             f"its prior none, with {none:.2f}, is more probable than a cause outside the library, "
             f"with {f.unknown_probability:.2f}"
         )
-        return Verdict("unresolved", f.leading, f.class_probability, (*reasons, reason))
+        return _unresolved(f, *reasons, reason)
     reasons = [
         *reasons,
         "the best effect leaves a gap above the floor on motions that it did not see, and fits "
@@ -263,7 +271,7 @@ def _misfit(f: Findings, reasons: list[str]) -> Verdict:
             f"{min(max(f.pair.left, 0.0), 1.0):.0%} of the gap: two effects, or a cause outside "
             "the library"
         )
-        return Verdict("unresolved", f.leading, f.class_probability, tuple(reasons))
+        return _unresolved(f, *reasons)
     if f.left < 0.5:
         reasons.append(
             f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: "
