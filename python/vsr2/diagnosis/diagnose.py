@@ -357,7 +357,9 @@ def conclude(
         offered=len(library),
         class_probability=within,
         agreement=_disagreement(found, leading),
-        pair_agreement=_disagreement(found, (*leading, *(pair.names if pair else ()))),
+        pair_agreement=_disagreement(
+            found, tuple(dict.fromkeys((*leading, *(pair.names if pair else ()))))
+        ),
         novelty_p=novelty_p,
         unknown_probability=float(
             prepared.calibration.strangers.probability(
