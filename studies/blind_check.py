@@ -35,11 +35,11 @@ from vsr2.blind import (
     pool_packs,
     score_pack,
 )
-from vsr2.blind.cases import read_cases
-from vsr2.blind.kept import keep_diagnoses, kept_cases
-from vsr2.blind.score import score_cases, top_one
-from vsr2.blind.scoring import Scored
-from vsr2.blind.seal import open_key, read_json
+from vsr2.blind.form.seal import open_key, read_json
+from vsr2.blind.scoring.cases import read_cases
+from vsr2.blind.scoring.kept import keep_diagnoses, kept_cases
+from vsr2.blind.scoring.packs import Scored
+from vsr2.blind.scoring.score import score_cases, top_one
 from vsr2.config import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -262,8 +262,8 @@ def page(
         f"{_shown(results)}`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
         f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
-        "in its pack (`vsr2.blind.seal.commitment`), `diagnosesN.json.gz` what scoring reads of "
-        "its diagnoses; `python studies/blind_check.py "
+        "in its pack (`vsr2.blind.form.seal.commitment`), `diagnosesN.json.gz` what scoring reads "
+        "of its diagnoses; `python studies/blind_check.py "
         f"{name} --recompute --results {_shown(results)}` computes the scores of the tiers from "
         f"both. {_trained(training)}",
         "",

@@ -6,10 +6,11 @@
     python studies/blind_floors.py --spread              # of the measure over its own seeds
 
 Reads `keyN.json.gz` and `diagnosesN.json.gz` of `--results`. Each effect is simulated at its sealed
-values on its campaign's protocol (:class:`vsr2.blind.floor.FloorMeter`), and its signal over noise
-over 3 is written to `floors.csv` there, beside what was sealed; what is there is kept. `floors.md`
-then holds the scores in groups of what was measured. Effects are those of the present version:
-where an engine's effect was changed since, or taken out, its campaigns say little or are left out.
+values on its campaign's protocol (:class:`vsr2.blind.custodian.floor.FloorMeter`), and its signal
+over noise over 3 is written to `floors.csv` there, beside what was sealed; what is there is kept.
+`floors.md` then holds the scores in groups of what was measured. Effects are those of the present
+version: where an engine's effect was changed since, or taken out, its campaigns say little or are
+left out.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from typing import Any
 import numpy as np
 
 from vsr2.blind import PackSettings
-from vsr2.blind.cases import Case
-from vsr2.blind.design import catalogue, draw_protocol, overturning_pga
-from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import DETECTED, FloorMeter
-from vsr2.blind.kept import kept_cases
-from vsr2.blind.score import FIRST, score_cases
+from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pga
+from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind.custodian.floor import DETECTED, FloorMeter
+from vsr2.blind.scoring.cases import Case
+from vsr2.blind.scoring.kept import kept_cases
+from vsr2.blind.scoring.score import FIRST, score_cases
 from vsr2.config import load_study
 
 ROOT = Path(__file__).resolve().parents[1]

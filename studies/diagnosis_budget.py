@@ -23,8 +23,8 @@ from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
 from vsr2.diagnosis import Diagnosis, diagnose
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulator import Effects, Request
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Effects, Request
 
 SCENE = Path(__file__).resolve().parents[1] / "configs" / "blind.yaml"
 PLANTED: tuple[Effects, ...] = (

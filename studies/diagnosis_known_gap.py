@@ -25,8 +25,8 @@ from diagnosis_planar import write
 from vsr2.campaign import Tier
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis.planted import Rehearsal, shaken_campaign
-from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulator import Effects
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Effects
 from vsr2.effects import Effect
 from vsr2.effects import library as known_effects
 

@@ -6,8 +6,8 @@ PART is a folder of a scored blind check (`out/blind/validation/part1`). Of its 
 effect, residuals against the diagnosis' own model without effect are compared between campaigns,
 which share motions and nothing else: what two campaigns have in common in one trial, or in two
 trials of one motion, is a difference between the engines, over the square of the emulator's
-scatter. `VARIANCE` and `COMMON` of `vsr2.diagnosis.discrepancy` rest on it. The part's bank of
-simulations is copied and used. Writes `table.csv`, committed as
+scatter. `VARIANCE` and `COMMON` of `vsr2.diagnosis.where.discrepancy` rest on it. The part's bank
+of simulations is copied and used. Writes `table.csv`, committed as
 docs/results/engine_discrepancy.csv. Three minutes a part.
 """
 
@@ -26,18 +26,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.diagnose import uncertainties
-from vsr2.blind.seal import open_key, read_pack
+from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Nuisances
-from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Schedule
-from vsr2.diagnosis.design import screen, simulate_design
-from vsr2.diagnosis.emulator import fit_emulator
-from vsr2.diagnosis.evidence import Data, tabulate
-from vsr2.diagnosis.observations import Observations, observe_campaign
-from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.diagnosis.score import crossfitted_none
+from vsr2.diagnosis.likelihood.emulator import fit_emulator
+from vsr2.diagnosis.likelihood.evidence import Data, tabulate
+from vsr2.diagnosis.likelihood.score import crossfitted_none
+from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import screen, simulate_design
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 
 Array = NDArray[np.float64]
 

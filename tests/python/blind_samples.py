@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.blind import make_pack
-from vsr2.blind.design import catalogue, draw_protocol
+from vsr2.blind.custodian.design import catalogue, draw_protocol
+from vsr2.blind.custodian.shake import Drawable, Observed, Strength
+from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
+from vsr2.blind.form.settings import PackSettings
 from vsr2.blind.mujoco import GroundMotion
-from vsr2.blind.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
-from vsr2.blind.settings import PackSettings
-from vsr2.blind.shake import Drawable, Observed, Strength
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}

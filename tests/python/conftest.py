@@ -2,7 +2,7 @@
 
 import pytest
 
-import vsr2.blind.make as make_module
+import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine
 from vsr2.config import load_study
 

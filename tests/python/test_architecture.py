@@ -13,6 +13,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "python" / "vsr2"
+PARTED = ("diagnosis", "blind")
+"""Rooms with rooms of their own."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 HEAVY = {
     "matplotlib",
@@ -31,11 +33,12 @@ HEAVY = {
 }
 
 
-def order() -> list[set[str]]:
-    """Rooms of the arrow line in docs/architecture.md, most upstream first."""
+def order(room: str = "") -> list[set[str]]:
+    """Rooms of an arrow line in docs/architecture.md, most upstream first."""
     text = (ROOT / "docs" / "architecture.md").read_text()
-    line = next(line for line in text.splitlines() if line.startswith("errors ->"))
-    stages = [re.sub(r"\(.*?\)", "", stage) for stage in line.split("->")]
+    start = f"{room}: " if room else "errors ->"
+    line = next(line for line in text.splitlines() if line.startswith(start))
+    stages = [re.sub(r"\(.*?\)", "", stage) for stage in line.removeprefix(f"{room}:").split("->")]
     return [{name.strip() for name in stage.split(",")} for stage in stages]
 
 
@@ -79,6 +82,29 @@ def test_imports_go_upstream_only(path: Path) -> None:
         if parts[0] != "vsr2" or len(parts) < 2 or parts[1] in (own, "_native"):
             continue
         assert place[parts[1]] < place[own], f"{own} imports {name}, which lies downstream"
+
+
+@pytest.mark.parametrize("room", PARTED)
+def test_imports_inside_a_room_go_upstream_only(room: str) -> None:
+    stages = order(room)
+    folders = {p.name for p in (PACKAGE / room).iterdir() if (p / "__init__.py").exists()}
+    assert folders == set().union(*stages)
+    place = {name: i for i, stage in enumerate(stages) for name in stage}
+    for path in (PACKAGE / room).rglob("*.py"):
+        own = path.relative_to(PACKAGE / room).parts[0]
+        if own not in place:
+            continue
+        for name, _ in imports(path):
+            parts = name.split(".")
+            if parts[:2] != ["vsr2", room] or parts[2] == own:
+                continue
+            assert parts[2] in place, f"{own} imports {name}, which puts the rooms together"
+            assert place[parts[2]] < place[own], f"{own} imports {name}, which lies downstream"
+
+
+def test_the_blind_diagnosis_knows_neither_custodian_nor_scores() -> None:
+    names = [name for name, _ in imports(PACKAGE / "blind" / "diagnose.py")]
+    assert {name.split(".")[2] for name in names if name.startswith("vsr2.blind.")} == {"form"}
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))

@@ -9,12 +9,12 @@ import pytest
 
 from blind_samples import SMALL, QuickEngine, make, protocol, pulses
 from vsr2.blind import PackSettings
-from vsr2.blind.design import catalogue, draw_protocol
-from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import DETECTED, Floor, FloorMeter, squared_signal
-from vsr2.blind.plan import ATTEMPTS, draw_plan, not_drawn
-from vsr2.blind.seal import open_key, read_json
-from vsr2.blind.shake import Drawable, Nuisances, Shake, Strength
+from vsr2.blind.custodian.design import catalogue, draw_protocol
+from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind.custodian.floor import DETECTED, Floor, FloorMeter, squared_signal
+from vsr2.blind.custodian.plan import ATTEMPTS, draw_plan, not_drawn
+from vsr2.blind.custodian.shake import Drawable, Nuisances, Shake, Strength
+from vsr2.blind.form.seal import open_key, read_json
 from vsr2.errors import BlindError
 
 

@@ -13,11 +13,19 @@ import pytest
 
 from blind_samples import hand_made
 from vsr2.blind import diagnose_pack, score_pack
-from vsr2.blind.cases import groups, read_cases
 from vsr2.blind.diagnose import uncertainties
-from vsr2.blind.score import closure, in_set, log_loss, magnitude, top_one, top_three, where_mass
-from vsr2.blind.seal import open_key, read_pack
-from vsr2.blind.verdict import verdict_of
+from vsr2.blind.form.seal import open_key, read_pack
+from vsr2.blind.form.verdict import verdict_of
+from vsr2.blind.scoring.cases import groups, read_cases
+from vsr2.blind.scoring.score import (
+    closure,
+    in_set,
+    log_loss,
+    magnitude,
+    top_one,
+    top_three,
+    where_mass,
+)
 from vsr2.cli.main import main
 from vsr2.errors import BlindError, ConfigError
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-import vsr2.blind.intervals as intervals
+import vsr2.blind.scoring.intervals as intervals
 from blind_samples import hand_made
 from test_blind_score import CAMPAIGNS, VERDICTS
-from vsr2.blind.cases import read_cases
-from vsr2.blind.kept import keep_diagnoses, kept_cases, what_is_read
-from vsr2.blind.score import score_cases
-from vsr2.blind.scoring import Scored
-from vsr2.blind.seal import open_key, read_json
+from vsr2.blind.form.seal import open_key, read_json
+from vsr2.blind.scoring.cases import read_cases
+from vsr2.blind.scoring.kept import keep_diagnoses, kept_cases, what_is_read
+from vsr2.blind.scoring.packs import Scored
+from vsr2.blind.scoring.score import score_cases
 from vsr2.errors import BlindError
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"

@@ -11,29 +11,29 @@ from time import sleep
 import numpy as np
 import pytest
 
-import vsr2.blind.make as make_module
+import vsr2.blind.custodian.make as make_module
 from blind_samples import QuickEngine, make, pulses
 from vsr2.blind import PackSettings
-from vsr2.blind.baselines import (
+from vsr2.blind.custodian.design import draw_protocol
+from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind.custodian.floor import Floor
+from vsr2.blind.custodian.plan import directions, draw_plan
+from vsr2.blind.custodian.shake import Drawable, Observed, Shake, Strength
+from vsr2.blind.custodian.write import written_campaign
+from vsr2.blind.form.seal import open_key
+from vsr2.blind.form.settings import CLASSES, KINDS
+from vsr2.blind.form.verdict import Verdict
+from vsr2.blind.scoring.baselines import (
     BASELINES,
     baseline_cases,
     logistic_in_pga,
     overturn_rate,
     rate_alone,
 )
-from vsr2.blind.cases import Case, class_label
-from vsr2.blind.design import draw_protocol
-from vsr2.blind.engines import build_engine
-from vsr2.blind.floor import Floor
-from vsr2.blind.leaks import _told, find_leaks
-from vsr2.blind.metadata import metadata
-from vsr2.blind.plan import directions, draw_plan
-from vsr2.blind.score import top_one
-from vsr2.blind.seal import open_key
-from vsr2.blind.settings import CLASSES, KINDS
-from vsr2.blind.shake import Drawable, Observed, Shake, Strength
-from vsr2.blind.verdict import Verdict
-from vsr2.blind.write import written_campaign
+from vsr2.blind.scoring.cases import Case, class_label
+from vsr2.blind.scoring.leaks import _told, find_leaks
+from vsr2.blind.scoring.metadata import metadata
+from vsr2.blind.scoring.score import top_one
 from vsr2.campaign import (
     Campaign,
     CampaignTrial,

@@ -101,7 +101,7 @@ def test_it_shares_nothing_with_the_rest() -> None:
         "from ...motion import Record",
         "from .. import floor",
         "from ..mujoco_engine import MujocoEngine",
-        "def f():\n    from vsr2.blind.mujoco_engine import MujocoEngine",
+        "def f():\n    from vsr2.blind.custodian.mujoco_engine import MujocoEngine",
     ):
         assert len(borrowed(source)) == 1, source
     assert borrowed("from .table import drive\nfrom . import body\nimport numpy") == []

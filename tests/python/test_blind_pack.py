@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import vsr2.blind.make as make_module
+import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, same_folders
 from vsr2.blind import PackSettings, make_pack
-from vsr2.blind.floor import draw_own
-from vsr2.blind.seal import canonical, commitment, open_key, read_json
-from vsr2.blind.shake import Observed
+from vsr2.blind.custodian.floor import draw_own
+from vsr2.blind.custodian.shake import Observed
+from vsr2.blind.form.seal import canonical, commitment, open_key, read_json
 from vsr2.campaign import (
     check_campaign,
     load_campaign,

@@ -15,22 +15,22 @@ import numpy as np
 import pytest
 
 import vsr2.blind
-import vsr2.blind.make as make_module
+import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind.custodian.make import Made
+from vsr2.blind.custodian.shake import Shake
 from vsr2.blind.diagnose import at_tier, uncertainties
-from vsr2.blind.engines import build_engine
-from vsr2.blind.make import Made
-from vsr2.blind.seal import folder_sha256, open_key, read_json
-from vsr2.blind.shake import Shake
-from vsr2.blind.verdict import DIAGNOSIS_FILE
+from vsr2.blind.form.seal import folder_sha256, open_key, read_json
+from vsr2.blind.form.verdict import DIAGNOSIS_FILE
 from vsr2.campaign import (
     load_campaign,
 )
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
 from vsr2.diagnosis import Nuisances
-from vsr2.diagnosis.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
 
@@ -224,14 +224,14 @@ except (FileNotFoundError, PermissionError):
     assert looked.pop() == "open"
 else:
     sys.exit("the key can be read")
-import vsr2.diagnosis.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.design
+import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
 from vsr2.blind import diagnose_pack
 from vsr2.diagnosis import diagnose
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
-vsr2.diagnosis.design.LEAST_NONE = 12
+vsr2.diagnosis.simulated.design.LEAST_NONE = 12
 vsr2.diagnosis.budget.MAX_TRIALS = 4
-vsr2.diagnosis.amortised.TREES = 40
+vsr2.diagnosis.which.amortised.TREES = 40
 rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
 made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M"], draws=6, diagnose=rough)
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))

@@ -8,12 +8,18 @@ import pytest
 
 from blind_samples import diagnosis, effect, hand_made
 from vsr2.blind import pool_packs, score_pack
-from vsr2.blind.cases import read_cases
-from vsr2.blind.intervals import Score, area_under_roc, calibration_error, proportion, resampled
-from vsr2.blind.score import FIRST, magnitude
-from vsr2.blind.scoring import Scored, format_scores
-from vsr2.blind.seal import open_key
-from vsr2.blind.verdict import read_verdict, verdict_of
+from vsr2.blind.form.seal import open_key
+from vsr2.blind.form.verdict import read_verdict, verdict_of
+from vsr2.blind.scoring.cases import read_cases
+from vsr2.blind.scoring.intervals import (
+    Score,
+    area_under_roc,
+    calibration_error,
+    proportion,
+    resampled,
+)
+from vsr2.blind.scoring.packs import Scored, format_scores
+from vsr2.blind.scoring.score import FIRST, magnitude
 from vsr2.errors import BlindError
 
 TOLD = {"change": {"mean": 0.12, "ci95": [0.08, 0.16], "unit": "1"}}

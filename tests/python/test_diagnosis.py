@@ -15,17 +15,17 @@ from vsr2.campaign import MeasurementNoise, save_campaign, simulate_campaign
 from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
-from vsr2.diagnosis.equivalence import separations
-from vsr2.diagnosis.evidence import Data
-from vsr2.diagnosis.next_measurement import next_measurement
-from vsr2.diagnosis.observations import observe_campaign
-from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.how_far.shrinkage import judge
+from vsr2.diagnosis.likelihood.equivalence import separations
+from vsr2.diagnosis.likelihood.evidence import Data
+from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
-from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.diagnosis.shrinkage import judge
-from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
-from vsr2.diagnosis.summary import ALL_OF_PRIOR
+from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
+from vsr2.diagnosis.verdict.next_measurement import next_measurement
+from vsr2.diagnosis.verdict.summary import ALL_OF_PRIOR
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import (

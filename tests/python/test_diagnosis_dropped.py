@@ -5,20 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget
-from vsr2.diagnosis.design import Screening
 from vsr2.diagnosis.diagnose import diagnose_with
-from vsr2.diagnosis.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
-from vsr2.diagnosis.evidence import PREDICTED, Posterior
 from vsr2.diagnosis.floor import noise_floor
-from vsr2.diagnosis.library import NONE
-from vsr2.diagnosis.observations import observe_campaign
-from vsr2.diagnosis.planar import PLANAR_LIBRARY, PlanarSimulator
+from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
+from vsr2.diagnosis.how_far.shrinkage import Shrinkage, found_pair, posterior_draws
+from vsr2.diagnosis.how_far.whole import Whole
+from vsr2.diagnosis.likelihood.evidence import PREDICTED, Posterior
+from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.shrinkage import Shrinkage, found_pair, posterior_draws
-from vsr2.diagnosis.simulator import Responses
-from vsr2.diagnosis.whole import Whole
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import Screening
+from vsr2.diagnosis.simulated.library import NONE
+from vsr2.diagnosis.simulated.planar import PLANAR_LIBRARY, PlanarSimulator
+from vsr2.diagnosis.simulated.simulator import Responses
 
 TRIALS = 12
 KEPT = np.arange(4)
@@ -206,7 +206,7 @@ def test_the_noise_floor_s_layers_are_told_apart() -> None:
 
 
 def test_what_is_kept_does_not_depend_on_outcomes(monkeypatch) -> None:
-    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 30)
+    monkeypatch.setattr("vsr2.diagnosis.which.amortised.TREES", 30)
     campaign = shaken_campaign(8, 6, duration=2.5, pga=(0.4, 1.3), session_size=12)
     library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}
     kept = []

@@ -7,11 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.bank import Bank
-from vsr2.diagnosis.discrepancy import COMMON, VARIANCE, disturbed
-from vsr2.diagnosis.emulator import Design, design_matrix, fit_emulator
-from vsr2.diagnosis.equivalence import leading_class
-from vsr2.diagnosis.evidence import (
+from vsr2.diagnosis.how_far.shrinkage import Pair
+from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
+from vsr2.diagnosis.likelihood.equivalence import leading_class
+from vsr2.diagnosis.likelihood.evidence import (
     Change,
     Data,
     Layout,
@@ -21,19 +20,24 @@ from vsr2.diagnosis.evidence import (
     predict,
     tabulate,
 )
-from vsr2.diagnosis.features import Feature, Sampling, rest_features, tilt_features
-from vsr2.diagnosis.inference import Combination, _combination
-from vsr2.diagnosis.library import NONE, basis, free_parameters, null_quantile, values_at
-from vsr2.diagnosis.novelty import Misfit, fit_strangers
-from vsr2.diagnosis.null_campaigns import null_campaigns
-from vsr2.diagnosis.observations import rest_logarithm
-from vsr2.diagnosis.pairs import pair_posterior
-from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.likelihood.pairs import pair_posterior
+from vsr2.diagnosis.observed.features import Feature, Sampling, rest_features, tilt_features
+from vsr2.diagnosis.observed.observations import rest_logarithm
+from vsr2.diagnosis.observed.table import agreement, table_residuals
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.simulator import Request, Responses, nuisance_normal
-from vsr2.diagnosis.summary import _shown, mates
-from vsr2.diagnosis.table import agreement, table_residuals
-from vsr2.diagnosis.tempering import (
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import Design
+from vsr2.diagnosis.simulated.library import NONE, basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
+from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement
+from vsr2.diagnosis.verdict.summary import _shown, mates
+from vsr2.diagnosis.where.discrepancy import COMMON, VARIANCE, disturbed
+from vsr2.diagnosis.where.null_campaigns import null_campaigns
+from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, scan
+from vsr2.diagnosis.which.novelty import Misfit, fit_strangers
+from vsr2.diagnosis.which.routes import Combination, _combination
+from vsr2.diagnosis.which.tempering import (
     COVERAGE,
     Judged,
     Tempering,
@@ -41,8 +45,6 @@ from vsr2.diagnosis.tempering import (
     pairwise_exponent,
     sharpness,
 )
-from vsr2.diagnosis.verdict import Findings, Pair, Verdict, decide, disagreement
-from vsr2.diagnosis.where import OUTCOME, Conditions, Place, scan
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record

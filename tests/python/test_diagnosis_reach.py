@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.bank import Bank
-from vsr2.diagnosis.design import screen
-from vsr2.diagnosis.library import (
+from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.planted import observe, shaken_campaign
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import screen
+from vsr2.diagnosis.simulated.library import (
     Reaching,
     at_share,
     basis,
@@ -19,12 +21,10 @@ from vsr2.diagnosis.library import (
     reaches,
     values_at,
 )
-from vsr2.diagnosis.observations import observe_campaign
-from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.planar.simulator import PlanarSimulator
-from vsr2.diagnosis.planted import observe, shaken_campaign
-from vsr2.diagnosis.reach import OVERWHELMING, reaching
-from vsr2.diagnosis.simulator import Responses, nuisance_normal
+from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.simulated.reach import OVERWHELMING, reaching
+from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
 from vsr2.effects import library as full_library
 
 SCATTER = 0.05

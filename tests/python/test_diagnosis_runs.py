@@ -19,8 +19,8 @@ from vsr2.cli.main import main
 from vsr2.config import load_study
 from vsr2.diagnosis import diagnose, schema
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulator import Request
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import library
 
 SCENE = """
@@ -102,7 +102,7 @@ def test_what_was_not_looked_for_is_told(folder, told) -> None:
 def test_trials_specimens_and_effects_that_are_not_used_are_told(
     folder, tmp_path, monkeypatch
 ) -> None:
-    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 30)
+    monkeypatch.setattr("vsr2.diagnosis.which.amortised.TREES", 30)
     campaign = load_campaign(folder / "campaign")
     rows = tuple(
         replace(trial, specimen="other" if i % 2 else trial.specimen, session=f"day {i // 10}")

@@ -9,16 +9,16 @@ import pytest
 
 from vsr2.diagnosis import Budget, Shared, diagnose_with
 from vsr2.diagnosis import diagnose as api
-from vsr2.diagnosis.dropped import DROPPED_RUNS
-from vsr2.diagnosis.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
 from vsr2.diagnosis.planted import observe, shaken_campaign
+from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.errors import DiagnosisError
 
 
 def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("vsr2.diagnosis.design.LEAST_NONE", 12)
-    monkeypatch.setattr("vsr2.diagnosis.amortised.TREES", 30)
+    monkeypatch.setattr("vsr2.diagnosis.simulated.design.LEAST_NONE", 12)
+    monkeypatch.setattr("vsr2.diagnosis.which.amortised.TREES", 30)
     protocol = shaken_campaign(6, 7, duration=2.0, pga=(0.55, 1.15), session_size=14)
     truth = PlanarSimulator(protocol, seed=99)
     library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}

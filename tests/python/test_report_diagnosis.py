@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from vsr2.diagnosis.result import Diagnosis
+from vsr2.diagnosis.verdict.result import Diagnosis
 from vsr2.report.diagnosis import diagnosis_page, verdict_sentence
 from vsr2.report.diagnosis_figures import (
     bars_figure,

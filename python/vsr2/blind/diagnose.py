@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsr2.blind.seal import make_folder, read_json, read_pack, write_json
-from vsr2.blind.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
+from vsr2.blind.form.seal import make_folder, read_json, read_pack, write_json
+from vsr2.blind.form.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
 from vsr2.errors import BlindError, Vsr2Error
@@ -138,7 +138,7 @@ def diagnose_pack(
 
         diagnose = installed
     from vsr2.diagnosis import Nuisances, Shared
-    from vsr2.diagnosis.observations import series_sampling
+    from vsr2.diagnosis.observed.observations import series_sampling
 
     _check_options(draws, budget_minutes, threads, seed)
     budget: dict[str, Any] = {"draws": draws}

@@ -23,7 +23,7 @@ def add_verbs(verbs: Any) -> None:
 
 
 def _add_make(verbs: Any) -> None:
-    from vsr2.blind.settings import ENGINES, PackSettings
+    from vsr2.blind.form.settings import ENGINES, PackSettings
 
     defaults = {f.name: f.default for f in fields(PackSettings)}
     make = verbs.add_parser(
@@ -166,9 +166,9 @@ def _add_score(verbs: Any) -> None:
 
 def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
-    from vsr2.blind.settings import KINDS
+    from vsr2.blind.form.settings import KINDS
     from vsr2.config import load_study
-    from vsr2.diagnosis.observations import LEAST_MOTIONS, LEAST_TRIALS
+    from vsr2.diagnosis.observed.observations import LEAST_MOTIONS, LEAST_TRIALS
     from vsr2.errors import BlindError
 
     if options.seed is not None and not options.development:
@@ -242,7 +242,7 @@ def _diagnose(options: argparse.Namespace) -> int:
 
 def _score(options: argparse.Namespace) -> int:
     from vsr2.blind import score_pack
-    from vsr2.blind.scoring import format_scores
+    from vsr2.blind.scoring.packs import format_scores
 
     scored = score_pack(
         options.data,

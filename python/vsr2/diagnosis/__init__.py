@@ -3,10 +3,10 @@
 from vsr2.diagnosis.api import diagnose
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.diagnose import diagnose_with
-from vsr2.diagnosis.result import SCHEMA, Diagnosis, schema
-from vsr2.diagnosis.scene_simulator import Nuisances
 from vsr2.diagnosis.shared import Shared
-from vsr2.diagnosis.simulator import Request, Responses, Simulator
+from vsr2.diagnosis.simulated.scene_simulator import Nuisances
+from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
+from vsr2.diagnosis.verdict.result import SCHEMA, Diagnosis, schema
 
 __all__ = [
     "SCHEMA",

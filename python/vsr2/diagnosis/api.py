@@ -15,10 +15,10 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import FEWEST_DRAWS, Budget
 from vsr2.diagnosis.diagnose import diagnose_with
-from vsr2.diagnosis.observations import observe_campaign
-from vsr2.diagnosis.result import Diagnosis
-from vsr2.diagnosis.scene_simulator import Nuisances, SceneSimulator
+from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.shared import Shared
+from vsr2.diagnosis.simulated.scene_simulator import Nuisances, SceneSimulator
+from vsr2.diagnosis.verdict.result import Diagnosis
 from vsr2.errors import DiagnosisError
 
 if TYPE_CHECKING:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from vsr2.diagnosis.bank import Bank
-from vsr2.diagnosis.design import SCREENING_NONE, none_draws
-from vsr2.diagnosis.dropped import DROPPED_RUNS
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
-from vsr2.diagnosis.library import Library
-from vsr2.diagnosis.reach import TRIALS, tries
+from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import SCREENING_NONE, none_draws
+from vsr2.diagnosis.simulated.library import Library
+from vsr2.diagnosis.simulated.reach import TRIALS, tries
 
 FIRST_DRAWS = 24
 """Of every effect, before trials beyond `ENOUGH_TRIALS` are kept: the emulator's Monte Carlo error

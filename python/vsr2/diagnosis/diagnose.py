@@ -13,40 +13,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, Tier
-from vsr2.diagnosis.amortised import Places
-from vsr2.diagnosis.bank import Bank
 from vsr2.diagnosis.budget import Budget, Schedule
-from vsr2.diagnosis.design import Screening, screen, simulate_design, simulations
-from vsr2.diagnosis.dropped import simulate_dropped, surprise_p
-from vsr2.diagnosis.emulator import Design
-from vsr2.diagnosis.equivalence import classes, leading_class
-from vsr2.diagnosis.evidence import Data
-from vsr2.diagnosis.features import Feature
 from vsr2.diagnosis.floor import noise_floor
-from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
-from vsr2.diagnosis.library import NONE, Library, reaches
-from vsr2.diagnosis.next_measurement import (
+from vsr2.diagnosis.how_far.dropped import simulate_dropped, surprise_p
+from vsr2.diagnosis.how_far.shrinkage import found_pair, judge, resampled_means
+from vsr2.diagnosis.how_far.whole import Whole
+from vsr2.diagnosis.likelihood.equivalence import classes, leading_class
+from vsr2.diagnosis.likelihood.evidence import Data
+from vsr2.diagnosis.likelihood.score import blocks
+from vsr2.diagnosis.observed.features import Feature
+from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.observed.table import TABLE_FEATURES, table_residuals
+from vsr2.diagnosis.shared import Shared, fingerprint
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import Design, Screening, screen, simulate_design, simulations
+from vsr2.diagnosis.simulated.library import NONE, Library, reaches
+from vsr2.diagnosis.simulated.reach import reaching
+from vsr2.diagnosis.simulated.simulator import Request, Simulator
+from vsr2.diagnosis.verdict.next_measurement import (
     measurement_of_a_pair,
     measurement_of_the_unknown,
     next_measurement,
 )
-from vsr2.diagnosis.observations import Observations, observe_campaign
-from vsr2.diagnosis.reach import reaching
-from vsr2.diagnosis.result import Diagnosis
-from vsr2.diagnosis.score import blocks
-from vsr2.diagnosis.shared import Shared, fingerprint
-from vsr2.diagnosis.shrinkage import found_pair, judge, resampled_means
-from vsr2.diagnosis.simulator import Request, Simulator
-from vsr2.diagnosis.summary import Evidence, compose
-from vsr2.diagnosis.table import TABLE_FEATURES, table_residuals
-from vsr2.diagnosis.verdict import (
+from vsr2.diagnosis.verdict.result import Diagnosis
+from vsr2.diagnosis.verdict.rules import (
     Findings,
     beyond_noise,
     decide,
     disagreement,
 )
-from vsr2.diagnosis.where import OUTCOME, Conditions, Place, residuals, scan
-from vsr2.diagnosis.whole import Whole
+from vsr2.diagnosis.verdict.summary import Evidence, compose
+from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, residuals, scan
+from vsr2.diagnosis.which.amortised import Places
+from vsr2.diagnosis.which.routes import Inference, Prepared, infer, prepare
 
 FEWEST_LOOK = 3
 """Draws below which nothing is told of the leading effects."""

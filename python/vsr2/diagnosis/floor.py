@@ -7,9 +7,9 @@ from collections import defaultdict
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.bank import Bank
-from vsr2.diagnosis.observations import Observations
-from vsr2.diagnosis.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
+from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 
 Array = NDArray[np.float64]
 

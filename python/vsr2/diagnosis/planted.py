@@ -10,22 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
-from vsr2.diagnosis.amortised import Places
-from vsr2.diagnosis.bank import Bank
-from vsr2.diagnosis.design import Screening, screen, simulate_design
 from vsr2.diagnosis.diagnose import conclude
-from vsr2.diagnosis.emulator import Design
-from vsr2.diagnosis.equivalence import classes
-from vsr2.diagnosis.evidence import Data
-from vsr2.diagnosis.features import TILT_FEATURES
-from vsr2.diagnosis.inference import Inference, Prepared, infer, prepare
-from vsr2.diagnosis.observations import Observations, observe_campaign
-from vsr2.diagnosis.planar.block import GRAVITY
-from vsr2.diagnosis.planar.simulator import PlanarSimulator
-from vsr2.diagnosis.reach import reaching
-from vsr2.diagnosis.result import Diagnosis
-from vsr2.diagnosis.simulator import Effects, Request, Responses, Simulator
-from vsr2.diagnosis.summary import Evidence, compose
+from vsr2.diagnosis.likelihood.equivalence import classes
+from vsr2.diagnosis.likelihood.evidence import Data
+from vsr2.diagnosis.observed.features import TILT_FEATURES
+from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import Design, Screening, screen, simulate_design
+from vsr2.diagnosis.simulated.planar.block import GRAVITY
+from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.simulated.reach import reaching
+from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, Simulator
+from vsr2.diagnosis.verdict.result import Diagnosis
+from vsr2.diagnosis.verdict.summary import Evidence, compose
+from vsr2.diagnosis.which.amortised import Places
+from vsr2.diagnosis.which.routes import Inference, Prepared, infer, prepare
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]

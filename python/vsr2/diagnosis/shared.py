@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.emulator import Design
-from vsr2.diagnosis.features import Sampling
-from vsr2.diagnosis.inference import Prepared
+from vsr2.diagnosis.observed.features import Sampling
+from vsr2.diagnosis.simulated.design import Design
+from vsr2.diagnosis.which.routes import Prepared
 
 KEPT = 2
 """Fitted models that are remembered."""

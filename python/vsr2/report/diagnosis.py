@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vsr2.diagnosis import Diagnosis
-from vsr2.diagnosis.verdict import NO_GAP
+from vsr2.diagnosis.verdict.rules import NO_GAP
 from vsr2.report.diagnosis_figures import (
     bars_figure,
     channels_figure,
@@ -358,7 +358,7 @@ def _noise_floor(layers: Mapping[str, Any]) -> str:
 def _provenance(content: Mapping[str, Any]) -> str:
     import json
 
-    from vsr2.diagnosis.result import finite
+    from vsr2.diagnosis.verdict.result import finite
 
     text = json.dumps(finite(dict(content["provenance"])), indent=1)
     return (

@@ -1,0 +1,226 @@
+"""The engine `bullet`: a scene on our own core, with the library's effects."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.custodian.shake import Drawable, Nuisances, Observed, Shake, Strength
+from vsr2.config import Study
+from vsr2.config.study import BoxRock, YawStart
+from vsr2.effects import Effect, EffectRangeWarning, Parameter, library
+from vsr2.errors import BlindError, SimulationError
+from vsr2.motion import Record, build_recorded_motion
+from vsr2.results import TrialLog, quaternion_product
+
+if TYPE_CHECKING:
+    from vsr2.scene import Pose
+    from vsr2.simulation import Scene, Trial
+
+Array = NDArray[np.float64]
+
+JUDGED = ("ok", "tail_timeout")
+"""Statuses with which a trial's outcome is known."""
+STOP = 1.4
+"""Tilt up to which a falling rock is simulated at least [rad]: farther than a series is written."""
+
+
+class BulletEngine:
+    """Trials of a study on the native core; effects are those of `vsr2.effects`.
+
+    Nuisances scale the block's edges, the energy that its impacts leave and its friction.
+
+    Raises:
+        BlindError: the rock is no block on `mode: yaw`.
+    """
+
+    def __init__(self, study: Study) -> None:
+        if not isinstance(study.rock, BoxRock) or not isinstance(study.rock.start, YawStart):
+            raise BlindError("engine bullet: takes a rock of shape box with a start of mode yaw")
+        self._study = study
+
+    @property
+    def name(self) -> Literal["bullet"]:
+        """Of the engine."""
+        return "bullet"
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Of what simulates."""
+        from vsr2 import _native
+
+        return {key: str(value) for key, value in _native.build_facts().items()}
+
+    @property
+    def static_pga(self) -> float:
+        """Acceleration of uplift, g b / h [m/s^2]."""
+        assert isinstance(self._study.rock, BoxRock)
+        width, _, height = self._study.rock.size
+        return self._study.engine.gravity * width / height
+
+    @cached_property
+    def effects(self) -> Mapping[str, Drawable]:
+        """The library's, but those that this scene cannot have."""
+        found = {name: self._drawable(effect) for name, effect in library().items()}
+        return {name: drawable for name, drawable in found.items() if drawable is not None}
+
+    def _drawable(self, effect: Effect) -> Drawable | None:
+        free = [p for p in effect.parameters if p.prior != "fixed"]
+        first = next((p for p in free if not p.secondary), None)
+        if first is None:
+            return None
+        others = tuple((p.name, p.lower, p.upper) for p in free if p is not first)
+        return Drawable(
+            effect.name, self._strength(effect.name, first), others, effect.stage == "order"
+        )
+
+    def _strength(self, effect: str, parameter: Parameter) -> Strength:
+        null = parameter.null
+        if math.isnan(null):
+            # As the study has it: Housner's ratio for an impact, the pair's own spinning friction.
+            null = 1.0
+            if effect == "spin_friction":
+                from vsr2.simulation import effective_pair
+
+                contact = self._study.contact
+                null = effective_pair(contact.rock, contact.pedestal).spinning_friction
+        return Strength(
+            parameter.name,
+            parameter.unit,
+            null,
+            parameter.lower,
+            parameter.upper,
+            reciprocal=math.isinf(null),
+        )
+
+    def run(self, shakes: Iterable[Shake], series_interval: float) -> Iterator[Observed]:
+        """Simulate the trials of one campaign, in their order.
+
+        Raises:
+            ValueError: they differ in nuisances, effects or seed.
+        """
+        from vsr2.simulation import run_batch
+        from vsr2.simulation.effects import apply_effects
+
+        ordered = list(shakes)
+        if not ordered:
+            return
+        first = ordered[0]
+        for shake in ordered:
+            same = (shake.nuisances, shake.effects, shake.campaign_seed)
+            if same != (first.nuisances, first.effects, first.campaign_seed):
+                raise ValueError("the trials of a campaign share nuisances, effects and seed")
+        trials = self._trials(ordered, first.nuisances, series_interval)
+        acting = {name: dict(values) for name, values in first.effects.items()}
+        # Relative to Housner's, which the contact's own impacts keep within 1 %.
+        impact = acting.setdefault("restitution", {"energy_ratio": 1.0})
+        impact["energy_ratio"] *= first.nuisances.energy_ratio
+        with warnings.catch_warnings():
+            # A drawn ratio at the end of its prior, times a nuisance, may lie beyond.
+            warnings.simplefilter("ignore", EffectRangeWarning)
+            trials = apply_effects(
+                trials,
+                acting,
+                orders=[shake.order for shake in ordered],
+                sessions=[f"{shake.session}" for shake in ordered],
+                seed=first.campaign_seed,
+            )
+        logs: dict[int, TrialLog] = {}
+
+        def keep(index: int, log: TrialLog | None) -> None:
+            if log is not None:
+                logs[index] = log
+
+        result = run_batch(trials, keep_logs=False, on_trial=keep)
+        for i in range(len(trials)):
+            status, outcome = str(result["status"][i]), str(result["outcome"][i])
+            if status not in JUDGED or outcome == "failed":
+                raise SimulationError(
+                    f"engine bullet: a trial ended with status {status}: "
+                    f"{result['message'][i] or 'no message'}; change the scene"
+                )
+            yield _observed(outcome == "overturned", float(result["peak_tilt"][i]), logs[i])
+
+    def _trials(
+        self, shakes: Sequence[Shake], nuisances: Nuisances, series_interval: float
+    ) -> list[Trial]:
+        from vsr2.simulation import Trial, build_scene
+
+        scene = build_scene(self._nominal(nuisances))
+        step = scene.engine.time_step
+        output = self._study.output.model_copy(
+            update={
+                "log_every": max(1, round(series_interval / step)),
+                "log_settling": False,
+                "contacts_every": 0,
+                "contact_trials": None,
+                "npy": False,
+            }
+        )
+        outcome = self._study.outcome
+        outcome = outcome.model_copy(update={"overturned_tilt": max(STOP, outcome.overturned_tilt)})
+        return [
+            Trial(
+                scene=scene,
+                motion=build_recorded_motion(
+                    Record(f"m{i}", shake.interval, displacement=shake.displacement), step
+                ),
+                start=self._start(scene, shake),
+                name=f"m{i}",
+                settling=self._study.settling,
+                outcome=outcome,
+                output=output,
+            )
+            for i, shake in enumerate(shakes)
+        ]
+
+    def _start(self, scene: Scene, shake: Shake) -> Pose:
+        """The scene's start turned about the block's vertical and shifted."""
+        start = scene.rock.start
+        half = 0.5 * shake.yaw
+        turned = quaternion_product(
+            np.array([[0.0, 0.0, math.sin(half), math.cos(half)]]), np.array([start.orientation])
+        )[0]
+        x, y, z, w = (float(value) for value in turned)
+        at = start.position
+        return replace(
+            start,
+            position=(at[0] + shake.offset[0], at[1] + shake.offset[1], at[2]),
+            orientation=(x, y, z, w),
+        )
+
+    def _nominal(self, nuisances: Nuisances) -> Study:
+        study = self._study
+        assert isinstance(study.rock, BoxRock)
+        factors = (nuisances.width, nuisances.depth, nuisances.height)
+        width, depth, height = (s * f for s, f in zip(study.rock.size, factors, strict=True))
+        material = study.contact.rock
+        material = material.model_copy(
+            update={"lateral_friction": material.lateral_friction * nuisances.friction}
+        )
+        return study.model_copy(
+            update={
+                "rock": study.rock.model_copy(update={"size": (width, depth, height)}),
+                "contact": study.contact.model_copy(update={"rock": material}),
+            }
+        )
+
+
+def _observed(overturned: bool, peak_tilt: float, log: TrialLog) -> Observed:
+    kept = (log.time >= 0) & np.isfinite(log.state).all(axis=1)
+    position, orientation = log.from_rest(kept)
+    return Observed(
+        overturned,
+        peak_tilt,
+        log.time[kept],
+        log.tilt[kept],
+        position,
+        orientation / np.linalg.norm(orientation, axis=1, keepdims=True),
+    )

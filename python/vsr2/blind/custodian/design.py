@@ -1,0 +1,168 @@
+"""What a campaign shakes with: motions, amplitudes, order and sessions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.custodian.shake import Engine, Shake
+from vsr2.blind.form.settings import PackSettings
+from vsr2.blind.mujoco import GroundMotion, ground_motion
+from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.motion import Record
+
+Array = NDArray[np.float64]
+
+SPREAD = (-0.55, 0.4)
+"""Of ln PGA about a motion's overturning PGA, within a campaign."""
+SHIFT = 0.12
+"""Standard deviation of what a protocol adds to it."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial of a design.
+
+    Attributes:
+        motion: position in the catalogue.
+        pga: peak acceleration of the table [m/s^2].
+        session: 0 to sessions - 1.
+    """
+
+    motion: int
+    pga: float
+    session: int
+
+
+@dataclass(frozen=True, eq=False)
+class Protocol:
+    """What campaigns of a pack have in common.
+
+    Attributes:
+        rows: trials in the order of execution.
+        motions: of the rows.
+        records: recorded motion of each row, by the trial's name.
+        displacement_noise, acceleration_noise: of the records [m], [m/s^2].
+    """
+
+    rows: tuple[Row, ...]
+    motions: tuple[GroundMotion, ...]
+    records: dict[str, Record]
+    displacement_noise: float
+    acceleration_noise: float
+
+
+def draw_protocol(
+    rng: np.random.Generator,
+    motions: Sequence[GroundMotion],
+    thresholds: Sequence[float],
+    settings: PackSettings,
+) -> Protocol:
+    """A protocol: its trials, and their motions as recorded, with noise, digits fixed.
+
+    Args:
+        rng: of the protocol.
+        motions: the catalogue.
+        thresholds: overturning PGA of each of them [m/s^2].
+        settings: of the pack.
+    """
+    rows = draw_design(rng, thresholds, settings.trials, settings.motions, settings.sessions)
+    tolerances = settings.tolerances
+    moved_noise = log_uniform(rng, *tolerances.displacement_noise)
+    felt_noise = log_uniform(rng, *tolerances.acceleration_noise)
+    records = {}
+    for i, row in enumerate(rows):
+        motion = motions[row.motion]
+        moved = motion.displacement * row.pga
+        felt = acceleration_of(moved, motion.interval)
+        draws = rng.standard_normal((2, moved.size))
+        label = trial_name(i, len(rows))
+        records[label] = Record(
+            name=label,
+            sample_interval=motion.interval,
+            displacement=np.round(moved + moved_noise * draws[0], 8),
+            acceleration=np.round(felt + felt_noise * draws[1], 5),
+        )
+    return Protocol(
+        tuple(rows),
+        tuple(motions[row.motion] for row in rows),
+        records,
+        moved_noise,
+        felt_noise,
+    )
+
+
+def trial_name(place: int, trials: int) -> str:
+    """Name of the trial at a place of the order, from 0."""
+    return f"T{place + 1:0{len(str(trials))}d}"
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A draw with three digits."""
+    return float(f"{low * (high / low) ** float(rng.random()):.3g}")
+
+
+def catalogue(seed: int, count: int) -> list[GroundMotion]:
+    """Ground motions, each from its own seed."""
+    return [
+        ground_motion(f"M{i + 1:02d}", np.random.default_rng([seed, 101, i])) for i in range(count)
+    ]
+
+
+def overturning_pga(engine: Engine, motion: GroundMotion) -> float:
+    """About the PGA at which the nominal body overturns in this motion [m/s^2].
+
+    The outcome is no monotonic function of PGA near there: the first of steps of 12 % from the
+    static threshold at which it overturns, at most 3.1 times that.
+    """
+    low = engine.static_pga
+    for step in range(10):
+        pga = low * 1.12**step
+        shake = Shake(motion.interval, motion.displacement * pga)
+        if next(iter(engine.run([shake], 1.0))).overturned:
+            return pga
+    return low * 1.12**10
+
+
+def draw_design(
+    rng: np.random.Generator,
+    thresholds: Sequence[float],
+    trials: int,
+    motions: int,
+    sessions: int,
+) -> list[Row]:
+    """A campaign in the order of execution.
+
+    A random part of the catalogue is used; each motion is run in two blocks of rising PGA at
+    random places, so that neither order nor session goes with the motion.
+
+    Args:
+        rng: of the campaign.
+        thresholds: overturning PGA of each motion of the catalogue [m/s^2].
+        trials: number of them.
+        motions: number of ground motions.
+        sessions: number of them.
+    """
+    chosen = rng.permutation(len(thresholds))[:motions]
+    shift = SHIFT * rng.standard_normal()
+    counts = [trials // motions + (i < trials % motions) for i in range(motions)]
+    blocks: list[list[tuple[int, float]]] = []
+    for motion, count in zip(chosen, counts, strict=True):
+        # Stratified, so that every motion is run below and above its threshold.
+        place = (np.arange(count) + rng.random(count)) / count
+        level = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * place + shift
+        pga = [round(thresholds[motion] * math.exp(value), 3) for value in level]
+        half = rng.permutation(count) < count // 2
+        for part in (half, ~half):
+            block = [(int(motion), value) for value, kept in zip(pga, part, strict=True) if kept]
+            if block:
+                blocks.append(block)
+    order = [entry for i in rng.permutation(len(blocks)) for entry in blocks[i]]
+    return [
+        Row(motion, pga, min(sessions - 1, i * sessions // len(order)))
+        for i, (motion, pga) in enumerate(order)
+    ]

@@ -1,0 +1,415 @@
+"""The custodian: draws, simulates and seals a pack of campaigns."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsr2.blind.custodian.design import (
+    Protocol,
+    catalogue,
+    draw_protocol,
+    log_uniform,
+)
+from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind.custodian.floor import Floor, draw_nuisances, draw_own, shake_of
+from vsr2.blind.custodian.measure import Measures, Say
+from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
+from vsr2.blind.custodian.shake import Engine, Observed, Shake
+from vsr2.blind.custodian.write import written_campaign
+from vsr2.blind.form.seal import (
+    KEY_FILE,
+    KEY_SCHEMA,
+    PACK_FILE,
+    PACK_SCHEMA,
+    SALT_BYTES,
+    canonical,
+    commitment,
+    folder_sha256,
+    make_folder,
+    read_json,
+    set_time_stamps,
+    write_json,
+)
+from vsr2.blind.form.settings import PackSettings
+from vsr2.campaign import save_campaign
+from vsr2.config import Study
+from vsr2.errors import BlindError, SimulationError
+
+SCENE_FILE = "scene.yaml"
+FORM = 4
+"""Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
+_STATE = "custodian.json"
+_FLOORS = "floors.json"
+_ENTRIES = "entries"
+ATTEMPTS = 6
+"""Draws of a campaign, until its rock rests before every motion."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A finished pack.
+
+    Attributes:
+        campaigns: number of them.
+        commitment: SHA-256 that is published with the data.
+        not_drawn: by engine, effects of which no magnitude was found from 0.5 to 6 floors, or the
+            sides of their null (`table_gain below 0`) where there is one on the other.
+        refused: by engine and effect, for how many campaigns every draw of it was measured outside
+            0.5 to 6 floors, so that they got another effect, or were not made where each effect is
+            left out in turn.
+    """
+
+    campaigns: int
+    commitment: str
+    not_drawn: dict[str, list[str]]
+    refused: dict[str, dict[str, int]]
+
+
+def make_pack(
+    study: Study,
+    pack: Path,
+    key: Path,
+    settings: PackSettings,
+    *,
+    seed: int | None = None,
+    say: Say = lambda text: None,
+) -> Made:
+    """Make a pack, or continue one that was interrupted.
+
+    `pack/data` gets the campaigns under random ids, the scene, and last of all `pack.json` with
+    the hash of salt and key; `key` gets the answer and is readable by its owner alone. What
+    is drawn depends on the seed, the settings and the scene alone, so that a pack that was killed
+    and continued is the same, bit for bit, as one that was not.
+
+    Args:
+        study: the nominal scene: rock, contact; its motion is not used.
+        pack: folder of the pack.
+        key: another folder, not within it.
+        settings: of the pack.
+        seed: of everything; None: from the operating system, kept in the key folder.
+        say: gets a line of progress now and then.
+
+    Raises:
+        BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
+            is negative, or an engine cannot simulate the scene.
+    """
+    if seed is not None and seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
+    data = pack / "data"
+    if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
+        raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
+    engines = {name: build_engine(name, study) for name in settings.engines}
+    effects = {
+        name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
+    }
+    classes = [{settings.class_of(name) for name in found} for found in effects.values()]
+    if classes:
+        most = len(set.intersection(*classes))
+        check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
+    state = _begin(study, data, key, settings, seed)
+    data.mkdir(parents=True, exist_ok=True)
+    (key / _ENTRIES).mkdir(exist_ok=True)
+    for folder in (data, key, key / _ENTRIES):
+        _clear(folder)
+    if not (data / PACK_FILE).exists():
+        _write_scene(study, data)
+    number = int(state["seed"])
+    motions = catalogue(number, settings.catalogue)
+    measures = Measures(key / _FLOORS, engines, settings, number, say)
+    thresholds = measures.thresholds(settings.engines[0], motions)
+    protocols = [
+        draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
+        for i in range(settings.protocols)
+    ]
+    floors = measures.floors(effects, protocols)
+    drawn = draw_plan(number, settings, effects, floors, partial(measures.relative, protocols))
+    plan = drawn.campaigns
+    for done, planned in enumerate(plan):
+        file = key / _ENTRIES / f"{planned.id}.json"
+        if file.exists() and (data / planned.id).is_dir():
+            continue
+        engine = engines[planned.engine]
+        protocol = protocols[planned.protocol]
+        entry = _campaign(data, planned, engine, protocol, settings, number)
+        write_json(file, entry, private=True)
+        say(f"campaign {done + 1} of {len(plan)}")
+    if not (data / PACK_FILE).exists():
+        _write_together(data, sorted(planned.id for planned in plan))
+    entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
+    sealed = _seal(data, key, state, settings, engines, floors, entries)
+    refused = {
+        name: {e: count for (on, e), count in sorted(drawn.refused.items()) if on == name}
+        for name in effects
+    }
+    return Made(
+        len(plan), sealed, {name: not_drawn(effects, floors, name) for name in effects}, refused
+    )
+
+
+def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
+    unknown = set(settings.effects) - set(engine.effects)
+    if unknown:
+        raise BlindError(
+            f"engine {engine.name} has no effect {min(unknown)!r}; it has "
+            f"{', '.join(engine.effects)}"
+        )
+    return {
+        name: effect
+        for name, effect in engine.effects.items()
+        if not settings.effects or name in settings.effects
+    }
+
+
+def _begin(
+    study: Study, data: Path, key: Path, settings: PackSettings, seed: int | None
+) -> dict[str, Any]:
+    """The custodian's state: read where the pack was begun, else drawn and written."""
+    scene = _scene(study)
+    asked = {
+        "form": FORM,
+        "settings": settings.to_json(),
+        "scene_sha256": hashlib.sha256(canonical(scene)).hexdigest(),
+    }
+    file = getattr(study.rock, "file", None)
+    if file is not None:
+        asked["model_sha256"] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+    # Through JSON, so that tuples compare as the lists that a file holds.
+    asked = dict(read_back(asked))
+    path = key / _STATE
+    if path.exists():
+        state = read_json(path)
+        differs = [name for name in asked if state.get(name) != asked[name]]
+        if differs or seed not in (None, int(state["seed"])):
+            raise BlindError(
+                f"{path}: was begun with another {differs[0] if differs else 'seed'}; continue it "
+                "with the same, or choose other folders"
+            )
+        if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
+            raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
+        return state
+    for folder in (data, key):
+        # What a killed writer leaves of the state itself is no other pack.
+        if folder.is_dir() and set(folder.iterdir()) - set(folder.glob(f".{_STATE}.*.tmp")):
+            raise BlindError(
+                f"{folder}: is not empty and holds no pack of this key; choose another"
+            )
+    for folder in (data, key):
+        make_folder(folder)
+    key.chmod(0o700)
+    state = asked | {
+        "seed": str(secrets.randbits(63) if seed is None else seed),
+        "salt": secrets.token_hex(SALT_BYTES)
+        if seed is None
+        else hashlib.sha256(f"salt {seed}".encode()).hexdigest(),
+    }
+    write_json(path, state, private=True)
+    return state
+
+
+def _clear(folder: Path) -> None:
+    """Remove what a killed writer left behind."""
+    for path in folder.glob(".*.tmp"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
+def read_back(content: Any) -> Any:
+    """As it is after JSON."""
+    import json
+
+    return json.loads(json.dumps(content))
+
+
+def _scene(study: Study) -> dict[str, Any]:
+    """The nominal scene as plain data; the motion is a mere placeholder."""
+    content = study.model_dump(mode="json", exclude_unset=True)
+    content["name"] = "blind"
+    content["motion"] = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1.0}
+    content.pop("output", None)
+    if "file" in content["rock"]:
+        content["rock"]["file"] = f"model{Path(content['rock']['file']).suffix.lower()}"
+    return content
+
+
+def _write_scene(study: Study, data: Path) -> None:
+    import yaml
+
+    (data / SCENE_FILE).write_text(yaml.safe_dump(_scene(study), sort_keys=False))
+    file = getattr(study.rock, "file", None)
+    if file is not None:
+        shutil.copyfile(file, data / f"model{Path(file).suffix.lower()}")
+
+
+def _campaign(
+    data: Path,
+    planned: Planned,
+    engine: Engine,
+    protocol: Protocol,
+    settings: PackSettings,
+    seed: int,
+) -> dict[str, Any]:
+    """Simulate and write one campaign; returns its entry of the key.
+
+    Where a rock does not come to rest, all draws are made anew, as it would be placed anew.
+
+    Raises:
+        SimulationError: nor does it in any of `ATTEMPTS` draws.
+    """
+    for attempt in range(ATTEMPTS - 1):
+        try:
+            return _drawn(data, planned, engine, protocol, settings, (seed, attempt))
+        except SimulationError:
+            continue
+    return _drawn(data, planned, engine, protocol, settings, (seed, ATTEMPTS - 1))
+
+
+def _drawn(
+    data: Path,
+    planned: Planned,
+    engine: Engine,
+    protocol: Protocol,
+    settings: PackSettings,
+    seed: tuple[int, int],
+) -> dict[str, Any]:
+    number, attempt = seed
+    rng = np.random.default_rng([number, 401, planned.index, *([attempt] if attempt else [])])
+    rows = protocol.rows
+    nuisances = draw_nuisances(rng, settings)
+    gain = log_uniform(rng, *settings.tolerances.input_gain)
+    own = [draw_own(rng, settings, gain) for _ in rows]
+    seeds = rng.integers(0, 2**31, size=len(rows) + 1)
+
+    def shakes(effects: dict[str, dict[str, float]]) -> list[Shake]:
+        return [
+            shake_of(
+                row,
+                motion,
+                i / max(1, len(rows) - 1),
+                settings.sessions,
+                nuisances,
+                own[i],
+                effects,
+                (int(seeds[-1]), int(seeds[i])),
+            )
+            for i, (row, motion) in enumerate(zip(rows, protocol.motions, strict=True))
+        ]
+
+    acting = {effect.name: effect.values for effect in planned.effects}
+    interval = settings.series_interval or 1.0
+    seen = list(engine.run(shakes(acting), interval))
+    weights: list[float] = []
+    if acting:
+        # The same campaign without the effect, all else equal: where the effect acts.
+        plain = list(engine.run(shakes({}), 1.0))
+        weights = [_change(a, b) for a, b in zip(seen, plain, strict=True)]
+    campaign = written_campaign(planned.id, protocol, seen, settings, rng)
+    folder = data / planned.id
+    if folder.exists():
+        shutil.rmtree(folder)
+    save_campaign(campaign, folder)
+    set_time_stamps(folder)
+    entry: dict[str, Any] = read_back(
+        {
+            "kind": planned.kind,
+            "engine": planned.engine,
+            "effects": [asdict(effect) for effect in planned.effects],
+            "exclude": list(planned.exclude),
+            "protocol": planned.protocol,
+            "nuisances": asdict(nuisances) | {"input_gain": gain},
+            "where": {"axis": _axis(planned.effects), "weights": weights},
+            "data_sha256": folder_sha256(folder),
+        }
+    )
+    return entry
+
+
+def _write_together(data: Path, names: Sequence[str]) -> None:
+    """Copy all campaigns, one after the other: a file system may keep when each was made.
+
+    Made as they are simulated, the time between two of them would tell the engine and the kind.
+    """
+    for name in names:
+        fresh = data / f".{name}.tmp"
+        shutil.copytree(data / name, fresh)
+        shutil.rmtree(data / name)
+        fresh.rename(data / name)
+
+
+def _change(a: Observed, b: Observed) -> float:
+    tilts = [min(max(x.peak_tilt, 1e-3), 1.2) for x in (a, b)]
+    return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
+
+
+def _axis(effects: tuple[Drawn, ...]) -> str:
+    if not effects:
+        return "none"
+    return "order" if any(effect.drifts for effect in effects) else "conditions"
+
+
+def _seal(
+    data: Path,
+    key: Path,
+    state: Mapping[str, Any],
+    settings: PackSettings,
+    engines: Mapping[str, Engine],
+    floors: Mapping[tuple[str, str, int], Floor],
+    entries: dict[str, Any],
+) -> str:
+    versions = {"numpy": np.__version__, "python": platform.python_version()}
+    for engine in engines.values():
+        versions |= dict(engine.versions)
+    content = read_back(
+        {
+            "campaigns": entries,
+            "settings": settings.to_json(),
+            **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
+            "seed": state["seed"],
+            "versions": versions,
+            "floors": {
+                f"{engine} {name} {sign:+d}": floor.magnitude
+                if math.isfinite(floor.magnitude)
+                else None
+                for (engine, name, sign), floor in floors.items()
+            },
+        }
+    )
+    sealed = commitment(state["salt"], content)
+    write_json(
+        key / KEY_FILE,
+        {"schema": KEY_SCHEMA, "salt": state["salt"], "key": content},
+        private=True,
+    )
+    tolerances = asdict(settings.tolerances)
+    published = {
+        "schema": PACK_SCHEMA,
+        "development": settings.development,
+        "scene": SCENE_FILE,
+        "tiers": ["B", "M", "T"] if settings.series_interval else ["B", "M"],
+        "classes": settings.classes,
+        "tolerances": tolerances,
+        "campaigns": [
+            {
+                "id": name,
+                "protocol": entries[name]["protocol"],
+                "exclude": entries[name]["exclude"],
+            }
+            for name in sorted(entries)
+        ],
+        "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
+    }
+    write_json(data / PACK_FILE, read_back(published))
+    set_time_stamps(data)
+    return sealed

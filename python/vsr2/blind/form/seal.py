@@ -1,0 +1,248 @@
+"""The sealed answer: canonical JSON, its hash with a salt, hashes of data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from vsr2.blind.form.forms import check_key, check_pack
+from vsr2.config.problems import shown
+from vsr2.errors import BlindError
+from vsr2.results.atomic import write_atomic
+
+PACK_SCHEMA = "vsr2.blind-pack/1"
+KEY_SCHEMA = "vsr2.blind-key/1"
+PACK_FILE = "pack.json"
+KEY_FILE = "key.json"
+SALT_BYTES = 32
+
+
+def canonical(content: object) -> bytes:
+    """JSON with sorted keys and no blanks: one content, one sequence of bytes.
+
+    Raises:
+        BlindError: NaN, infinity, or what JSON does not know.
+    """
+    try:
+        text = json.dumps(
+            content, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=True
+        )
+    except (TypeError, ValueError) as error:
+        raise BlindError(f"cannot be sealed ({error}); give plain, finite data") from None
+    return text.encode("ascii")
+
+
+def commitment(salt: str, key: Mapping[str, Any]) -> str:
+    """SHA-256 of the salt's bytes (given in hex) and the canonical key."""
+    return hashlib.sha256(bytes.fromhex(salt) + canonical(key)).hexdigest()
+
+
+def folder_sha256(folder: Path, pattern: str = "*") -> str:
+    """Of all files below a folder: their paths in order, each with its own hash."""
+    whole = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob(pattern) if p.is_file()):
+        name = path.relative_to(folder).as_posix()
+        whole.update(f"{name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    return whole.hexdigest()
+
+
+def write_json(path: Path, content: object, *, private: bool = False) -> None:
+    """Write a JSON file, whole or not at all; `private`: readable by its owner alone."""
+    text = json_text(content)
+    write_atomic(path, lambda file: file.write(text.encode()))
+    if private:
+        path.chmod(0o600)
+
+
+def json_text(content: object) -> str:
+    """Indented JSON with sorted keys."""
+    return json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder that files are to be written to, and those that it lies in.
+
+    Raises:
+        BlindError: it cannot be made, or not written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BlindError(
+            f"{path}: no folder can be made there ({error.strerror}); choose another"
+        ) from None
+    if not os.access(path, os.W_OK):
+        raise BlindError(f"{path}: cannot be written to; choose another folder")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A JSON file that holds a mapping.
+
+    Raises:
+        BlindError: it is missing, cannot be read, or holds something else.
+    """
+    try:
+        content = json.loads(path.read_bytes())
+    except OSError as error:
+        raise BlindError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    except (ValueError, RecursionError) as error:
+        raise BlindError(f"{path}: is no JSON ({error}); make it again") from None
+    if not isinstance(content, dict):
+        raise BlindError(f"{path}: holds no mapping; make it again")
+    return content
+
+
+def read_pack(data: Path) -> dict[str, Any]:
+    """`pack.json` of a finished pack, whoever wrote it.
+
+    Raises:
+        BlindError: it is missing or of another schema, or a value is missing or of a wrong kind.
+    """
+    path = data / PACK_FILE
+    if not path.exists():
+        raise BlindError(
+            f"{path}: no such file; name a finished pack's data folder (`vsr2 blind make` writes "
+            "it last, so an interrupted pack has none: make it again to continue)"
+        )
+    pack = read_json(path)
+    if pack.get("schema") != PACK_SCHEMA:
+        raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
+    check_pack(pack, str(path))
+    return pack
+
+
+def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
+    """The key of a pack, after its hash and all that it seals were found right.
+
+    Compared are the campaigns' files, what they exclude, their protocols, the scene, and of
+    `pack.json` whether the pack is open, tiers, classes and tolerances. Of these a key may seal
+    less: the files and `exclude` always, the others where it has them. A pack whose key does not
+    say that it is open is not.
+
+    Raises:
+        BlindError: the key is not that of the pack, was changed or is of a wrong form, or what it
+            seals was changed.
+    """
+    pack = read_pack(data)
+    path = key_folder / KEY_FILE
+    sealed = read_json(path)
+    if sealed.get("schema") != KEY_SCHEMA or not isinstance(sealed.get("key"), dict):
+        raise BlindError(f"{path}: schema is {sealed.get('schema')!r}, wanted is {KEY_SCHEMA!r}")
+    try:
+        found = commitment(str(sealed["salt"]), sealed["key"])
+    except (KeyError, ValueError):
+        raise BlindError(f"{path}: salt is missing or no hexadecimal; get the key again") from None
+    if found != pack["commitment"]["sha256"]:
+        raise BlindError(
+            f"{path}: its hash is {found}, published was {pack['commitment']['sha256']}: the key "
+            "is of another pack, or was changed; nothing is scored"
+        )
+    key: dict[str, Any] = sealed["key"]
+    check_key(key, str(path))
+    listed = {entry["id"]: entry for entry in pack["campaigns"]}
+    if set(listed) != set(key["campaigns"]):
+        raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")
+    _check_published(data / PACK_FILE, pack, key)
+    _check_scene(data, pack["scene"], key)
+    for name, entry in key["campaigns"].items():
+        if folder_sha256(data / name) != entry["data_sha256"]:
+            raise BlindError(f"{data / name}: differs from the sealed data; nothing is scored")
+    return key
+
+
+def is_open(key: Mapping[str, Any]) -> bool:
+    """Whether a pack is open: scored at will, campaign by campaign."""
+    return bool(key["settings"].get("development"))
+
+
+def sealed_classes(key: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
+    """The equivalence classes that verdicts are judged by."""
+    return tuple(tuple(members) for members in key["settings"]["classes"])
+
+
+def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]) -> None:
+    """Compare what diagnosing and scoring take from `pack.json` with the sealed."""
+    settings = key["settings"]
+    sealed = {"development": is_open(key)} | {
+        name: settings[name] for name in ("tiers", "classes") if settings.get(name) is not None
+    }
+    if "tiers" not in sealed and "series_interval" in settings:
+        # So the packs of `vsr2 blind make` seal them.
+        sealed["tiers"] = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
+    for name, value in sealed.items():
+        published: Any = bool(pack.get(name)) if name == "development" else pack.get(name)
+        if name == "classes" and published is not None:
+            published, value = _unlike(published, value)
+        if _comparable(name, published) != _comparable(name, value):
+            raise _changed(path, name, published, value)
+    if settings.get("tolerances") is not None:
+        here, there = pack.get("tolerances") or {}, settings["tolerances"]
+        for name in sorted({*here, *there}):
+            if here.get(name) != there.get(name):
+                raise _changed(path, f"tolerances.{name}", here.get(name), there.get(name))
+    for listed in pack["campaigns"]:
+        entry = key["campaigns"][listed["id"]]
+        here = f"of {listed['id']}"
+        if (listed.get("exclude") or []) != (entry.get("exclude") or []):
+            raise _changed(path, f"exclude {here}", listed.get("exclude"), entry.get("exclude"))
+        protocol = entry.get("protocol")
+        if protocol is not None and (listed.get("protocol") or 0) != protocol:
+            raise _changed(path, f"protocol {here}", listed.get("protocol"), protocol)
+
+
+def _unlike(one: list[list[str]], other: list[list[str]]) -> tuple[list[list[str]], ...]:
+    """The classes that each of two lists has alone."""
+    both = {frozenset(members) for members in one} & {frozenset(members) for members in other}
+    return tuple([c for c in classes if frozenset(c) not in both] for classes in (one, other))
+
+
+def _comparable(name: str, value: Any) -> object:
+    return set(value or ()) if name == "tiers" else value
+
+
+def _changed(path: Path, name: str, published: object, sealed: object) -> BlindError:
+    if published is None:
+        return BlindError(
+            f"{path}: {name} is missing, sealed is {shown(sealed)}; publish it, or get the "
+            "published file again; nothing is scored"
+        )
+    return BlindError(
+        f"{path}: {name} is {shown(published)} and differs from the sealed, {shown(sealed)}: it "
+        "was changed; get the published file again; nothing is scored"
+    )
+
+
+def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
+    """Compare the scene, and the model that it names, with the hashes in the key."""
+    sealed, model = key.get("scene_sha256"), key.get("model_sha256")
+    if sealed is None and model is None:
+        return
+    import yaml
+
+    path = data / scene
+    try:
+        content = yaml.safe_load(path.read_bytes())
+        file = path.parent / content["rock"]["file"] if model is not None else path
+        found = hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError as error:
+        raise BlindError(
+            f"{error.filename}: cannot be read ({error.strerror}); get the published file again"
+        ) from None
+    except (yaml.YAMLError, KeyError, TypeError):
+        raise BlindError(
+            f"{path}: is no scene, or lacks the sealed rock.file; get the published file again"
+        ) from None
+    if sealed is not None and hashlib.sha256(canonical(content)).hexdigest() != sealed:
+        raise BlindError(f"{path}: differs from the sealed scene; nothing is scored")
+    if model is not None and found != model:
+        raise BlindError(f"{file}: differs from the sealed model; nothing is scored")
+
+
+def set_time_stamps(folder: Path, when: float = 946684800.0) -> None:
+    """Give all below a folder, and it, one time of change: when it was made tells nothing."""
+    for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
+        os.utime(path, (when, when))

@@ -1,0 +1,1 @@
+"""Scores: a key opened once, verdicts against it, baselines and leaks beside them."""

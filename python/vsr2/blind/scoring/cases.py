@@ -1,0 +1,219 @@
+"""Verdicts beside the sealed truth, one case a campaign and tier."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
+from vsr2.blind.form.verdict import DIAGNOSIS_FILE, NONE, UNKNOWN, Verdict, read_verdict
+from vsr2.campaign.folder import TRIALS
+from vsr2.campaign.problems import Problems
+from vsr2.campaign.table import read_table
+from vsr2.config.problems import shown
+from vsr2.errors import BlindError
+
+ALL = "all"
+BINS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf))
+"""Of the magnitude over the floor."""
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One campaign at one tier: truth and verdict.
+
+    Attributes:
+        id: of the campaign.
+        tier: B, M or T.
+        kind, engine: sealed.
+        truth: class of each true effect, by its label; `none`, `unknown` for those kinds.
+        effects: sealed, as plain data.
+        exclude: effects the diagnosis could not use.
+        relative: least magnitude over the floor; NaN without effects, or where none is sealed.
+        where: sealed axis and weights, one a trial in the order of `trials`.
+        trials: ids, in the order of the rows of `trials.csv`.
+        verdict: of the diagnosis.
+        classes: equivalence classes.
+    """
+
+    id: str
+    tier: str
+    kind: str
+    engine: str
+    truth: tuple[str, ...]
+    effects: tuple[Mapping[str, Any], ...]
+    exclude: tuple[str, ...]
+    relative: float
+    where: Mapping[str, Any]
+    trials: tuple[str, ...]
+    verdict: Verdict
+    classes: tuple[tuple[str, ...], ...]
+
+    def label(self, effect: str) -> str:
+        """The class of an effect, by the names in it."""
+        return class_label(effect, self.classes)
+
+    @property
+    def class_probabilities(self) -> dict[str, float]:
+        """By class label, the greatest first; equal ones by name."""
+        out: dict[str, float] = {}
+        for name, value in self.verdict.probabilities.items():
+            out[self.label(name)] = out.get(self.label(name), 0.0) + value
+        return dict(sorted(out.items(), key=lambda item: (-item[1], item[0])))
+
+    @property
+    def first(self) -> tuple[str, float]:
+        """The most probable class and its probability."""
+        return next(iter(self.class_probabilities.items()), ("", 0.0))
+
+
+def class_label(effect: str, classes: Sequence[Sequence[str]]) -> str:
+    """The class of an effect, by the names in it; `none` and `unknown` are their own."""
+    return " = ".join(next((c for c in classes if effect in c), (effect,)))
+
+
+def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case]:
+    """All campaigns and tiers of a pack that were to be diagnosed.
+
+    Tiers that no campaign was diagnosed at are left out; of the others every campaign is needed.
+
+    Args:
+        data: the pack's data folder.
+        key: opened by :func:`vsr2.blind.form.seal.open_key`.
+        diagnoses: folder of them.
+
+    Raises:
+        BlindError: diagnoses of another pack, or missing, or of a wrong form; one names an effect
+            that it was to leave out, or trials that the campaign does not have; the sealed weights
+            are not one a trial.
+    """
+    pack = read_pack(data)
+    submission = read_json(diagnoses / "submission.json")
+    if submission.get("pack") != pack["commitment"]["sha256"]:
+        raise BlindError(
+            f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
+        )
+    tiers = [
+        t for t in pack["tiers"] if any((diagnoses / c / t).is_dir() for c in key["campaigns"])
+    ]
+    if not tiers:
+        raise BlindError(f"{diagnoses}: holds no diagnosis; run `vsr2 blind diagnose` first")
+    out = []
+    for name in sorted(key["campaigns"]):
+        trials = _trial_ids(data / name / TRIALS)
+        for tier in tiers:
+            folder = diagnoses / name / tier
+            verdict = read_verdict(folder)
+            out.append(
+                case_of(key, name, tier, verdict, trials, (data / name, folder / DIAGNOSIS_FILE))
+            )
+    return out
+
+
+def case_of(
+    key: Mapping[str, Any],
+    name: str,
+    tier: str,
+    verdict: Verdict,
+    trials: tuple[str, ...],
+    places: tuple[Path, Path],
+) -> Case:
+    """The truth of a campaign beside a verdict on it.
+
+    Args:
+        key: opened.
+        name: id of the campaign.
+        tier: of the verdict.
+        verdict: read.
+        trials: ids, in the order of the rows of `trials.csv`.
+        places: of the campaign and of the verdict, in front of messages.
+
+    Raises:
+        BlindError: the sealed weights are not one a trial, or the verdict does not keep to what its
+            campaign allows and has.
+    """
+    entry, classes = key["campaigns"][name], sealed_classes(key)
+    effects = tuple(entry.get("effects") or ())
+    truth = tuple(class_label(effect["name"], classes) for effect in effects)
+    if entry["kind"] in (NONE, UNKNOWN):
+        truth = (entry["kind"],)
+    weights = entry["where"]["weights"]
+    if weights and len(weights) != len(trials):
+        raise BlindError(
+            f"{places[0] / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
+            f"weights in campaigns.{name}.where; give one a trial, or none"
+        )
+    exclude = tuple(entry.get("exclude") or ())
+    _check_verdict(verdict, str(places[1]), exclude, trials)
+    return Case(
+        id=name,
+        tier=tier,
+        kind=entry["kind"],
+        engine=entry["engine"],
+        truth=truth,
+        effects=effects,
+        exclude=exclude,
+        relative=_relative(effects),
+        where=entry["where"],
+        trials=trials,
+        verdict=verdict,
+        classes=classes,
+    )
+
+
+def _relative(effects: Sequence[Mapping[str, Any]]) -> float:
+    told = [float(e["relative"]) for e in effects if e.get("relative") is not None]
+    return min(told) if told and len(told) == len(effects) else math.nan
+
+
+def _trial_ids(path: Path) -> tuple[str, ...]:
+    problems = Problems()
+    table = read_table(path, str(path), problems)
+    if table is not None and "trial" not in table.columns:
+        raise BlindError(f"{path}: has no column trial; give one with the trials' ids")
+    if table is None or problems:
+        raise BlindError(str(problems.found[0]))
+    return tuple(row.cells["trial"] for row in table.rows)
+
+
+def _check_verdict(
+    verdict: Verdict, label: str, exclude: tuple[str, ...], trials: tuple[str, ...]
+) -> None:
+    """That a verdict keeps to what its campaign allows and has."""
+    held = [name for name, value in verdict.probabilities.items() if value > 0]
+    used = [name for name in (*verdict.effects, *held, *verdict.conformal) if name in exclude]
+    if used:
+        raise BlindError(
+            f"{label}: names {used[0]}, which exclude in pack.json withholds from this campaign; "
+            "diagnose it without"
+        )
+    strange = [t for place in verdict.where for t in place.trials or () if t not in trials]
+    if strange:
+        raise BlindError(
+            f"{label}: where names the trial {shown(min(strange))}, which is not in the "
+            f"campaign's {TRIALS}; give the ids of its column trial"
+        )
+
+
+def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
+    """Cases by tier and by what they share: all, engine, kind, magnitude over the floor.
+
+    Campaigns without effect have no magnitude and are in none of its groups.
+    """
+    out: dict[tuple[str, str], list[Case]] = {}
+    for case in cases:
+        names = [ALL, f"engine {case.engine}"]
+        for low, high in BINS:
+            if low <= case.relative < high:
+                names.append(
+                    f"floor x {low:g}-{high:g}" if high < math.inf else f"floor x {low:g}+"
+                )
+        if case.relative >= 2:
+            names += ["floor x 2+", f"engine {case.engine}, floor x 2+"]
+        names.append(f"kind {case.kind}")
+        for name in names:
+            out.setdefault((case.tier, name), []).append(case)
+    return out

@@ -1,0 +1,233 @@
+"""Scores of a pack: what was asked of each case, and the figures over cases."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.form.verdict import NONE, UNKNOWN, Estimate
+from vsr2.blind.scoring.cases import Case, groups
+from vsr2.blind.scoring.intervals import (
+    Score,
+    area_under_roc,
+    calibration_error,
+    proportion,
+    resampled,
+)
+
+Array = NDArray[np.float64]
+
+LEAST_PROBABILITY = 1e-3
+"""Probabilities count as at least this in the log score: one verdict cannot cost more than 6.9."""
+FALSE_ALARM = 0.05
+SIGNIFICANT = 0.05
+FIRST = "most probable class, whatever the verdict (single)"
+
+Scores = dict[str, Score]
+
+
+def is_alarm(case: Case) -> bool:
+    """Whether the verdict says that something is missing."""
+    return case.verdict.kind in ("effect", "class", "pair", "unknown")
+
+
+def top_one(case: Case) -> bool:
+    """Whether the verdict's most probable class is the true one.
+
+    A verdict of no gap, of the unknown, or `unresolved` stands for itself: it is right for a
+    campaign of that kind only. Of a pair either class counts.
+    """
+    kind = case.verdict.kind
+    if kind in (NONE, UNKNOWN):
+        return case.truth == (kind,)
+    if kind == "unresolved":
+        return False
+    return _leading(case) in case.truth
+
+
+def _leading(case: Case) -> str:
+    """The most probable class that is an effect's; of a verdict without any, the first it names."""
+    ranked = [name for name in case.class_probabilities if name not in (NONE, UNKNOWN)]
+    named = [case.label(name) for name in case.verdict.effects]
+    return next(iter(ranked + named), "")
+
+
+def top_three(case: Case) -> bool:
+    """Whether a true class is among the three most probable."""
+    return bool(set(list(case.class_probabilities)[:3]) & set(case.truth))
+
+
+def pair_found(case: Case) -> bool:
+    """Whether the verdict is a pair of exactly the true classes."""
+    named = {case.label(name) for name in case.verdict.effects}
+    return case.verdict.kind == "pair" and named == set(case.truth)
+
+
+def in_set(case: Case) -> bool:
+    """Whether the 90 % set holds a true class."""
+    return bool({case.label(name) for name in case.verdict.conformal} & set(case.truth))
+
+
+def set_size(case: Case) -> int:
+    """Classes in the 90 % set."""
+    return len({case.label(name) for name in case.verdict.conformal})
+
+
+def log_loss(case: Case) -> float:
+    """- ln of the probability of the true class, at least 0.001."""
+    found = case.class_probabilities.get(case.truth[0], 0.0)
+    return -math.log(min(1.0, max(found, LEAST_PROBABILITY)))
+
+
+def magnitude(case: Case) -> tuple[float, bool] | None:
+    """Relative error of the strength and whether its interval holds the truth; None: not told.
+
+    The error is |estimate - truth| / |truth - null|, for a null of infinity over |truth|.
+    """
+    if case.kind != "single":
+        return None
+    effect = case.effects[0]
+    told = case.verdict.parameters.get(effect["name"], {})
+    estimate: Estimate | None = told.get(effect["strength"])
+    if estimate is None:
+        return None
+    truth = effect["values"][effect["strength"]]
+    size = abs(truth if effect["null"] is None else truth - effect["null"])
+    error = abs(estimate.mean - truth) / size
+    return error, estimate.low <= truth <= estimate.high
+
+
+def closure(case: Case) -> float | None:
+    """Closure of the verdict over that of the true effect (the oracle); None: no ratio."""
+    if case.kind != "single" or case.verdict.closure is None:
+        return None
+    oracle = case.verdict.closures.get(case.effects[0]["name"])
+    if oracle is None or oracle <= 0:
+        return None
+    return case.verdict.closure / oracle
+
+
+def where_mass(case: Case) -> float | None:
+    """Share of the effect's changes in the places named at p <= 0.05; None: none names trials."""
+    named = [f.trials for f in case.verdict.where if f.p <= SIGNIFICANT and f.trials is not None]
+    weights = case.where["weights"]
+    total = math.fsum(weights)
+    if not named or not weights or total <= 0:
+        return None
+    inside = frozenset[str]().union(*named)
+    return math.fsum(w for n, w in zip(case.trials, weights, strict=True) if n in inside) / total
+
+
+def axis_named(case: Case) -> bool:
+    """Whether a place at p <= 0.05 lies on the axis along which the effect acts."""
+    wanted = ("order", "session") if case.where["axis"] == "order" else ("conditions",)
+    named = [f.axis for f in case.verdict.where if f.p <= SIGNIFICANT]
+    return any(axis in name for name in named for axis in wanted)
+
+
+def score_cases(cases: Sequence[Case]) -> dict[tuple[str, str], Scores]:
+    """Scores by tier and group, each with its 95 % interval.
+
+    Proportions have exact intervals, all else a bootstrap over campaigns.
+    """
+    return {name: _scores(members) for name, members in groups(cases).items()}
+
+
+def _scores(cases: Sequence[Case]) -> Scores:
+    def of(*kinds: str) -> list[Case]:
+        return [case for case in cases if case.kind in kinds]
+
+    def share(test: Callable[[Case], bool], members: Sequence[Case]) -> Score:
+        return proportion(sum(map(test, members)), len(members))
+
+    single, none, pair, unknown = of("single"), of(NONE), of("pair"), of(UNKNOWN)
+    told = [case for case in of("single", NONE, UNKNOWN)]
+    out: Scores = {
+        "top-1 class (single)": share(top_one, single),
+        FIRST: share(lambda c: _leading(c) in c.truth, single),
+        "top-3 class (single)": share(top_three, single),
+        "90 % set: coverage": share(in_set, told),
+        "90 % set: median size": resampled([set_size(c) for c in told], _median),
+        "log score": resampled([log_loss(c) for c in told], _mean),
+        "log score below uniform": resampled(
+            [(log_loss(c), math.log(_hypotheses(c))) for c in told], _below
+        ),
+        "calibration error": resampled(
+            np.array([(min(c.first[1], 1.0), c.first[0] in c.truth) for c in told]).reshape(-1, 2),
+            calibration_error,
+        ),
+        "false alarms (none)": share(is_alarm, none),
+        "detected (single)": share(is_alarm, single),
+        "pair found (pair)": share(pair_found, pair),
+        "one of pair first (pair)": share(top_one, pair),
+        "unknown named (unknown)": share(lambda c: c.verdict.kind == UNKNOWN, unknown),
+        "failed or unresolved": share(lambda c: c.verdict.kind == "unresolved", cases),
+    }
+    out |= _unknown_scores(unknown, of("single", NONE, "pair"))
+    errors = [found for case in single if (found := magnitude(case)) is not None]
+    out["magnitude: median relative error"] = resampled([e for e, _ in errors], _median)
+    out["magnitude: interval coverage"] = proportion(sum(h for _, h in errors), len(errors))
+    ratios = [r for case in single if (r := closure(case)) is not None]
+    out["closure over oracle: median"] = resampled(ratios, _median)
+    highs = [c.verdict.closure_high for c in single if c.verdict.closure_high is not None]
+    out["closure below 0 beyond its interval"] = proportion(sum(h < 0 for h in highs), len(highs))
+    masses = [m for case in single if (m := where_mass(case)) is not None]
+    out["where: median mass inside"] = resampled(masses, _median)
+    out["where: axis named (single)"] = share(axis_named, single)
+    out["where: false places (none)"] = share(
+        lambda c: any(f.p <= SIGNIFICANT for f in c.verdict.where), none
+    )
+    return {name: score for name, score in out.items() if score.count}
+
+
+def _unknown_scores(unknown: Sequence[Case], others: Sequence[Case]) -> Scores:
+    if not (unknown and others):
+        return {}
+    rows = np.array(
+        [(c.verdict.novelty, 1.0) for c in unknown] + [(c.verdict.novelty, 0.0) for c in others]
+    )
+    # The least threshold that at most 5 % of the others exceed.
+    other = np.sort(rows[rows[:, 1] == 0, 0])[::-1]
+    threshold = other[int(FALSE_ALARM * other.size)]
+    found = int((rows[rows[:, 1] == 1, 0] > threshold).sum())
+    return {
+        "unknown: AUROC": resampled(rows, area_under_roc),
+        "unknown: rate at 5 % false alarms": proportion(found, len(unknown)),
+    }
+
+
+def _hypotheses(case: Case) -> int:
+    """Classes that a diagnosis may choose among, with none and unknown.
+
+    Those of the canonical effects that are not excluded, and the true ones.
+    """
+    effects = {case.label(name) for name in canonical() if name not in case.exclude}
+    return len(effects | {NONE, UNKNOWN, *case.truth})
+
+
+@cache
+def canonical() -> frozenset[str]:
+    """Names of the library's effects."""
+    from vsr2.effects import library
+
+    return frozenset(library())
+
+
+def _median(samples: Array) -> Array:
+    out: Array = np.median(samples, axis=1)
+    return out
+
+
+def _mean(samples: Array) -> Array:
+    out: Array = samples.mean(axis=1)
+    return out
+
+
+def _below(samples: Array) -> Array:
+    loss, uniform = samples.mean(axis=1).T
+    out: Array = 1 - loss / uniform
+    return out

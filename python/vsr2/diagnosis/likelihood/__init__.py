@@ -1,0 +1,1 @@
+"""Route A: emulators of the response, evidence of effects and pairs, classes that look alike."""

@@ -1,0 +1,266 @@
+"""The observed campaign as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.campaign import Campaign, CampaignTrial, Tier, intensity_measures
+from vsr2.diagnosis.observed.features import (
+    LARGEST_TILT,
+    REST_FEATURES,
+    REST_NOISE,
+    TILT_FEATURES,
+    Feature,
+    Sampling,
+    rest_features,
+    tilt_features,
+)
+from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
+
+Array = NDArray[np.float64]
+
+LEAST_TRIALS = 40
+"""Fewer trials with motion and outcome are refused."""
+LEAST_MOTIONS = 4
+"""Fewer ground motions cannot be split into fit, choose and judge with something to resample."""
+ENOUGH = 0.9
+"""Share of the trials that must have what a tier rests on: the largest tilts of those that stood
+(M), series (T)."""
+LEAST_TILT = 0.003
+"""Added to largest tilts before the logarithm where the campaign states no noise [rad]."""
+REST_RESOLUTION = (0.05, 0.01)
+"""Final turns [rad] and travels [m] below these are taken for one: how far a rocking block creeps
+on its edges is a matter of the contact model. Where one engine has it stay within a millimetre,
+another lets it go several."""
+REST_SCATTER = 0.3
+"""Standard deviation of the logarithm of larger ones between two correct engines."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """What was observed, one value a trial.
+
+    Attributes:
+        campaign: trials with motion and outcome, in order of execution.
+        tier: information used: B, M or T.
+        overturned: 1 or 0, shape (n,).
+        features: shape (n, k): none (B), logarithm of the largest tilt (M), and features of the
+            series (T); NaN where one does not apply.
+        measured: what the features are.
+        tilt_offset: added to tilts before the logarithm [rad].
+        tilt_noise: standard error of the largest tilt [rad].
+        rest_noise: standard errors of the final turn [rad] and of the final travel [m].
+        motion, session, specimen: indices from 0, shape (n,).
+        order: 0 at the first trial, 1 at the last, shape (n,).
+        log_pga, log_ratio: ln PGA [m/s^2] and ln PGV/PGA [s], shape (n,).
+    """
+
+    campaign: Campaign
+    tier: Tier
+    overturned: Array
+    features: Array
+    measured: tuple[Feature, ...]
+    tilt_offset: float
+    tilt_noise: float
+    rest_noise: tuple[float, float]
+    motion: NDArray[np.int64]
+    session: NDArray[np.int64]
+    specimen: NDArray[np.int64]
+    order: Array
+    log_pga: Array
+    log_ratio: Array
+
+    def __len__(self) -> int:
+        return self.overturned.size
+
+    def noted(self, overturned: Array, peak: Array, series: Array | None, seed: int) -> Array:
+        """Features of simulated responses as this campaign would have noted them.
+
+        Args:
+            overturned: shape (..., n).
+            peak: largest tilts [rad], shape (..., n).
+            series: of simulated series, as `Responses.features`, shape (..., n, k), needed for
+                tier T.
+            seed: of the measurements' noise.
+
+        Returns:
+            Shape (..., n, features).
+        """
+        out = np.full((*overturned.shape, len(self.measured)), np.nan)
+        if self.tier == "B":
+            return out
+        rng = np.random.default_rng(seed)
+        standing = overturned < 0.5
+        noise = self.tilt_noise * rng.standard_normal(overturned.shape)
+        seen = np.log(np.maximum(peak + noise, 0.0) + self.tilt_offset)
+        out[..., 0] = np.where(standing, seen, np.nan)
+        if self.tier != "T" or series is None:
+            return out
+        tilts = len(TILT_FEATURES)
+        out[..., 1 : 1 + tilts] = series[..., :tilts]
+        for k, feature in enumerate(REST_FEATURES[: series.shape[-1] - tilts]):
+            noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
+            if feature in self.measured:
+                raw = np.abs(series[..., tilts + k] + noise)
+                known = rest_logarithm(raw, REST_RESOLUTION[k], self.rest_noise[k])
+                known += REST_SCATTER * rng.standard_normal(overturned.shape)
+                out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
+        return out
+
+
+def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
+    """Logarithm of turns or travels, those within what can be told apart taken for one."""
+    return np.asarray(np.log(np.maximum(size, max(resolution, 3 * noise))), dtype=np.float64)
+
+
+def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:
+    """The campaign's usable trials as arrays.
+
+    Args:
+        campaign: trials without motion or outcome are left out.
+        tier: information to use; None: all that `ENOUGH` of the trials have.
+
+    Raises:
+        DiagnosisError: too few trials or motions, or a tier that the campaign does not reach.
+    """
+    kept = [
+        i
+        for i, trial in enumerate(campaign.trials)
+        if trial.motion_file is not None and trial.overturned is not None
+    ]
+    motions = {campaign.trials[i].motion for i in kept}
+    if len(kept) < LEAST_TRIALS or len(motions) < LEAST_MOTIONS:
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: {len(kept)} trials of {len(motions)} motions have both "
+            f"motion and outcome; a diagnosis needs {LEAST_TRIALS} of {LEAST_MOTIONS} motions"
+        )
+    kept.sort(key=lambda i: campaign.trials[i].order)
+    mask = np.zeros(len(campaign), dtype=bool)
+    mask[kept] = True
+    used = campaign.select(mask)
+    used = _in_order(used)
+    tier = _reached_tier(used, tier)
+    overturned = used.overturned
+    noise = used.noise.peak_tilt or 0.0
+    offset = max(LEAST_TILT, noise)
+    rest_noise = (
+        REST_NOISE * (used.noise.orientation or 0.0),
+        REST_NOISE * (used.noise.position or 0.0),
+    )
+    columns: list[Array] = []
+    measured: list[Feature] = []
+    if tier != "B":
+        peaks = np.array([_peak(trial) for trial in used.trials])
+        seen = np.log(np.maximum(peaks, 0.0) + offset)
+        columns.append(np.where(overturned < 0.5, seen, np.nan))
+        measured.append(LARGEST_TILT)
+    if tier == "T":
+        found = np.stack([_tilt_features(trial) for trial in used.trials])
+        columns.extend(found.T)
+        measured.extend(TILT_FEATURES)
+        rest = np.stack([_rest_features(trial, used.record(trial)) for trial in used.trials])
+        for k, feature in enumerate(REST_FEATURES):
+            if np.isfinite(rest[:, k]).any():
+                raw = rest_logarithm(rest[:, k], REST_RESOLUTION[k], rest_noise[k])
+                columns.append(np.where(overturned < 0.5, raw, np.nan))
+                measured.append(feature)
+    order = np.array([trial.order for trial in used.trials], dtype=np.float64)
+    measures = intensity_measures(used)
+    with np.errstate(divide="ignore"):
+        log_pga, log_ratio = np.log(measures.pga), np.log(measures.pgv_pga)
+    return Observations(
+        campaign=used,
+        tier=tier,
+        overturned=overturned,
+        features=np.stack(columns, axis=1) if columns else np.zeros((len(used), 0)),
+        measured=tuple(measured),
+        tilt_offset=offset,
+        tilt_noise=noise,
+        rest_noise=rest_noise,
+        motion=_index([trial.motion for trial in used.trials]),
+        session=_index([trial.session for trial in used.trials]),
+        specimen=_index([trial.specimen for trial in used.trials]),
+        order=(order - order.min()) / max(float(np.ptp(order)), 1.0),
+        log_pga=log_pga,
+        log_ratio=log_ratio,
+    )
+
+
+def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
+    """The tier that `ENOUGH` of the trials reach, or a lower one that is wanted."""
+    standing = [t for t in campaign.trials if not t.overturned]
+    without_tilt = [t.trial for t in standing if not np.isfinite(_peak(t))]
+    without_series = [t.trial for t in campaign.trials if t.series is None]
+    reached: Tier = "B"
+    lacking, measured = without_tilt, "largest tilt"
+    tilts = len(without_tilt) <= (1 - ENOUGH) * len(standing)
+    if tilts if standing else campaign.tier > "B":
+        reached, lacking, measured = "M", without_series, "series"
+        if len(without_series) <= (1 - ENOUGH) * len(campaign):
+            reached = "T"
+    if wanted is not None and wanted > reached:
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: reaches tier {reached}, not {wanted}: {len(lacking)} "
+            f"trials have no {measured} (the first is {lacking[0] if lacking else '-'}); choose "
+            f"tier {reached}, or measure more"
+        )
+    return reached if wanted is None else wanted
+
+
+def series_sampling(campaign: Campaign) -> Sampling | None:
+    """How the campaign's tilts were measured in time; None: they were not.
+
+    The median sampling interval of all trials, and their stated noise or else the campaign's.
+    """
+    found = [
+        t.series for t in campaign.trials if t.series is not None and t.series.tilt is not None
+    ]
+    intervals = [float(np.median(np.diff(one.time))) for one in found if one.time.size > 1]
+    if not intervals:
+        return None
+    stated = [one.noise_tilt for one in found if one.noise_tilt is not None]
+    noise = float(np.median(stated)) if stated else campaign.noise.tilt or 0.0
+    return Sampling(float(np.median(intervals)), noise)
+
+
+def _in_order(campaign: Campaign) -> Campaign:
+    from dataclasses import replace
+
+    return replace(campaign, trials=tuple(sorted(campaign.trials, key=lambda t: t.order)))
+
+
+def _index(names: list[str]) -> NDArray[np.int64]:
+    """Numbers in order of first appearance."""
+    places = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    return np.array([places[name] for name in names], dtype=np.int64)
+
+
+def _peak(trial: CampaignTrial) -> float:
+    if trial.peak_tilt is not None:
+        return trial.peak_tilt
+    if trial.series is not None and trial.series.tilt is not None:
+        return float(np.max(np.abs(trial.series.tilt)))
+    return float("nan")
+
+
+def _tilt_features(trial: CampaignTrial) -> Array:
+    series = trial.series
+    if series is None or series.tilt is None:
+        return np.full(len(TILT_FEATURES), np.nan)
+    found = tilt_features(series.time, np.abs(series.tilt)[:, None])
+    return np.asarray(found[0], dtype=np.float64)
+
+
+def _rest_features(trial: CampaignTrial, record: Record | None) -> Array:
+    series = trial.series
+    if series is None:
+        return np.full(len(REST_FEATURES), np.nan)
+    moved = None
+    if record is not None and record.displacement is not None:
+        moved = record.displacement - record.displacement[0]
+        moved = np.interp(series.time, record.sample_interval * np.arange(moved.size), moved)
+    return rest_features(series.tilt, series.position, series.orientation, moved)

@@ -1,0 +1,178 @@
+"""The table's motion itself: whether its two recordings tell of one motion.
+
+A campaign drives the simulation with a recorded motion. Where a trial has both a displacement and
+an acceleration of the table, they check each other: gain and phase of the acceleration over the
+displacement's second difference, for slow and for fast motion apart, because instruments err by
+frequency (an accelerometer that does not pass slow motion leads and is low there; a delay grows
+with frequency). Each is divided by its standard error. Instruments are off too: one calibration
+error, the same for all records, counts beside their noise.
+
+In a band of m frequencies with coherence c^2, logarithm of the gain and phase have variance
+(1 - c^2) / (2 m c^2) (J. S. Bendat and A. G. Piersol, "Random Data", 4th ed., 2010, table 9.6).
+Which channel the incoherent rest belongs to is not known: the gain is sqrt(S_aa / S_xx), between
+the two extremes, and half their distance, -ln(c^2) / 2, counts as an error that all bands share.
+Where bands that are taken together differ by more than their errors, the error is raised to match.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.campaign import Campaign
+from vsr2.diagnosis.observed.features import Feature
+from vsr2.motion import Record
+
+Array = NDArray[np.float64]
+Residuals = tuple[Array, Array]
+"""And their variances, each (campaigns, channels, trials)."""
+
+TABLE_FEATURES = (
+    Feature("record_gain_slow", "table", "whole motion"),
+    Feature("record_phase_slow", "table", "whole motion"),
+    Feature("record_gain_fast", "table", "whole motion"),
+    Feature("record_phase_fast", "table", "whole motion"),
+)
+"""Acceleration over displacement: logarithm of the gain, and phase lead [rad], over their errors;
+slow: 0.5 to 2 Hz, fast: 2 to 12 Hz."""
+BANDS = (((0.5, 1.0), (1.0, 2.0)), ((2.0, 4.0), (4.0, 8.0), (8.0, 12.0)))
+"""Taken together: slow, fast [Hz]."""
+CALIBRATION = 0.01
+"""Standard error of the logarithm of the two instruments' gain against each other, and of their
+phase [rad]."""
+LEAST_COHERENCE = 0.9
+"""Of a band that is used."""
+LEAST_POWER = 1e-4
+"""Share of the motion's power up to the last band that such a band must have: less may be leakage.
+Beyond it a displacement's second difference is mostly noise."""
+TAPER = 0.1
+"""Share of a record over which its ends fade, so that their steps do not fill other bands."""
+LEAST_FREQUENCIES = 4
+"""In such a band: fewer are always coherent."""
+MOST = 4.0
+"""Standard errors that one record counts at most."""
+
+
+def agreement(record: Record) -> Array:
+    """Gain and phase of one record's acceleration over its displacement.
+
+    Returns:
+        Shape (4, 2): the values of `TABLE_FEATURES`, each with its standard error from noise; NaN
+        without both channels, or where no band is coherent.
+    """
+    out = np.full((len(TABLE_FEATURES), 2), np.nan)
+    if record.displacement is None or record.acceleration is None or record.size < 16:
+        return out
+    from scipy.signal.windows import tukey
+
+    interval = record.sample_interval
+    second = np.diff(record.displacement, 2) / interval**2
+    measured = record.acceleration[1:-1] - np.mean(record.acceleration)
+    frequency = np.fft.rfftfreq(second.size, interval)
+    window = tukey(second.size, TAPER)
+    x = np.fft.rfft(window * second) / np.sinc(frequency * interval) ** 2
+    y = np.fft.rfft(window * measured)
+    least = LEAST_POWER * float((np.abs(x[frequency < BANDS[-1][-1][1]]) ** 2).sum())
+    for k, bands in enumerate(BANDS):
+        rows = []
+        for low, high in bands:
+            inside = (frequency >= low) & (frequency < high)
+            if high <= 0.4 / interval:
+                rows += _of_band(x[inside], y[inside], least)
+        if rows:
+            gain, phase, variance, shared = np.array(rows).T
+            out[2 * k] = _together(gain, variance, shared)
+            out[2 * k + 1] = _together(phase, variance, np.zeros_like(phase))
+    return out
+
+
+def _of_band(
+    x: NDArray[np.complex128], y: NDArray[np.complex128], least: float
+) -> list[tuple[float, float, float, float]]:
+    """Log gain, phase, their variance and the gain's shared error; nothing if not coherent.
+
+    Nor is there anything where the power is not above `least`.
+    """
+    xx, yy = float((np.abs(x) ** 2).sum()), float((np.abs(y) ** 2).sum())
+    if x.size < LEAST_FREQUENCIES or xx <= least or yy <= 0:
+        return []
+    xy = complex((np.conj(x) * y).sum())
+    coherence = min(abs(xy) ** 2 / (xx * yy), 1 - 1e-9)
+    if coherence < LEAST_COHERENCE:
+        return []
+    # About how many frequencies share the band's power.
+    count = xx**2 / float((np.abs(x) ** 4).sum())
+    variance = (1 - coherence) / (2 * count * coherence)
+    return [(0.5 * np.log(yy / xx), float(np.angle(xy)), variance, -0.5 * np.log(coherence))]
+
+
+def _together(value: Array, variance: Array, shared: Array) -> tuple[float, float]:
+    """Mean, each weighted by what is known of it, and its standard error."""
+    own = variance + shared**2
+    weight = 1.0 / own
+    weight /= weight.sum()
+    mean = float(weight @ value)
+    error = np.sqrt((weight**2 * variance).sum() + float(weight @ shared) ** 2)
+    if value.size > 1:
+        excess = float(((value - mean) ** 2 / own).sum()) / (value.size - 1)
+        error *= np.sqrt(max(excess, 1.0))
+    return mean, float(error)
+
+
+@dataclass(frozen=True, eq=False)
+class TableResiduals:
+    """Residuals of the table's own channel.
+
+    Attributes:
+        residual: shape (4, trials); trials that share a record share it.
+        variance: shape (4, trials), 0 where the record lacks a channel.
+        null: what instruments in order would make of it, shape (campaigns, 4, trials).
+    """
+
+    residual: Array
+    variance: Array
+    null: Array
+
+    def beside(self, other: Residuals, rows: slice | None) -> Residuals:
+        """Other channels with these behind them: the observed ones (None), or some of the null."""
+        own = self.residual[None] if rows is None else self.null[rows]
+        variance = np.broadcast_to(self.variance, own.shape)
+        return np.concatenate([other[0], own], 1), np.concatenate([other[1], variance], 1)
+
+
+def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableResiduals | None:
+    """Compare the two recordings of every trial's motion; None: no record has both channels.
+
+    Args:
+        campaign: the trials.
+        null: campaigns wanted.
+        seed: of them.
+    """
+    files = [trial.motion_file for trial in campaign.trials]
+    names = list(dict.fromkeys(files))
+    found = np.stack([_of_file(campaign, name) for name in names])
+    if not np.isfinite(found).any():
+        return None
+    index = np.array([names.index(name) for name in files])
+    value, noise = np.moveaxis(found, 2, 0)
+    error = np.hypot(noise, CALIBRATION)
+    rng = np.random.default_rng([seed, 8])
+    drawn = noise * rng.standard_normal((null, *value.shape))
+    drawn += CALIBRATION * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
+    return TableResiduals(
+        _clipped(value / error)[index].T,
+        np.isfinite(value).astype(np.float64)[index].T,
+        _clipped(drawn / error)[:, index].swapaxes(1, 2),
+    )
+
+
+def _clipped(residual: Array) -> Array:
+    return np.asarray(np.clip(np.nan_to_num(residual), -MOST, MOST), dtype=np.float64)
+
+
+def _of_file(campaign: Campaign, name: str | None) -> Array:
+    if name is None:
+        return np.full((len(TABLE_FEATURES), 2), np.nan)
+    return agreement(campaign.motions[name])

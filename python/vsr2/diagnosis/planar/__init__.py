@@ -1,6 +1,0 @@
-"""The planar rocking block: a fast simulator on which the diagnosis is rehearsed and tested."""
-
-from vsr2.diagnosis.planar.library import PLANAR_LIBRARY, PlanarEffect
-from vsr2.diagnosis.planar.simulator import PlanarSimulator
-
-__all__ = ["PLANAR_LIBRARY", "PlanarEffect", "PlanarSimulator"]

@@ -1,0 +1,158 @@
+"""A bank of simulations on disk: what was simulated once is never simulated again."""
+
+from __future__ import annotations
+
+import hashlib
+import sqlite3
+import struct
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
+from vsr2.errors import DiagnosisError
+
+CHUNK = 512
+"""Simulations between two commits."""
+
+
+class Bank:
+    """Simulations of one simulator, kept in an SQLite file.
+
+    A row's key is the hash of the simulator's identity, the trial's key, effects with their values,
+    the nuisances' values, and the replicate. Rows are committed chunk by chunk, so that an
+    interruption loses at most the chunk that was running. Several scenes may share a file.
+
+    Args:
+        simulator: makes what is missing.
+        path: of the file; None: in memory.
+        chunk: simulations between two commits.
+
+    Attributes:
+        simulated: number of simulations run since it was opened.
+
+    Raises:
+        DiagnosisError: the file is no bank or cannot be used.
+    """
+
+    def __init__(
+        self, simulator: Simulator, path: Path | None = None, *, chunk: int = CHUNK
+    ) -> None:
+        self.simulator = simulator
+        self.simulated = 0
+        self._asked: set[bytes] = set()
+        self._chunk = chunk
+        self._trials: dict[int, str] = {}
+        self._path = path
+        try:
+            self._file = sqlite3.connect(":memory:" if path is None else path)
+            self._file.execute(
+                "CREATE TABLE IF NOT EXISTS runs (key BLOB PRIMARY KEY, response BLOB NOT NULL) "
+                "WITHOUT ROWID"
+            )
+            self._file.execute("CREATE TABLE IF NOT EXISTS spent (seconds REAL, count INTEGER)")
+            self._file.execute("SELECT key, response FROM runs LIMIT 1")
+            self._file.execute("SELECT seconds, count FROM spent LIMIT 1")
+        except sqlite3.Error as error:
+            raise DiagnosisError(
+                f"{path}: cannot be used as a bank of simulations ({error}); remove it or choose "
+                "another folder"
+            ) from error
+
+    @property
+    def asked(self) -> int:
+        """Different simulations asked for since it was opened."""
+        return len(self._asked)
+
+    @property
+    def size(self) -> int:
+        """Simulations in the file."""
+        return int(self._file.execute("SELECT COUNT(*) FROM runs").fetchone()[0])
+
+    @property
+    def cost(self) -> float:
+        """Mean wall time of a simulation over the file's life [s]; 0 before the first."""
+        row = self._file.execute("SELECT SUM(seconds), SUM(count) FROM spent").fetchone()
+        return float(row[0]) / float(row[1]) if row[1] else 0.0
+
+    @property
+    def reused(self) -> int:
+        """Different simulations answered from what earlier runs left in the file."""
+        return len(self._asked) - self.simulated
+
+    def close(self) -> None:
+        """Close the file; it stays."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def run(
+        self, requests: Sequence[Request], *, done: Callable[[int], None] | None = None
+    ) -> Responses:
+        """Answer requests from the file, the rest by simulation.
+
+        Args:
+            requests: any, also the same twice.
+            done: called with the number of answered requests as it grows.
+        """
+        keys = [self._key(request) for request in requests]
+        known = self._known(keys)
+        missing = [i for i, key in enumerate(keys) if key not in known]
+        first = {keys[i]: i for i in reversed(missing)}
+        pending = sorted(first.values())
+        self._asked.update(keys)
+        for start in range(0, len(pending), self._chunk):
+            part = pending[start : start + self._chunk]
+            started = time.monotonic()
+            found = self.simulator.run([requests[i] for i in part])
+            seconds = time.monotonic() - started
+            rows = []
+            for k, i in enumerate(part):
+                values = [found.overturned[k], found.peak_tilt[k]]
+                if found.features is not None:
+                    values.extend(found.features[k])
+                packed = struct.pack(f"<{len(values)}d", *values)
+                known[keys[i]] = packed
+                rows.append((keys[i], packed))
+            with self._file:
+                self._file.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?)", rows)
+                self._file.execute("INSERT INTO spent VALUES (?, ?)", (seconds, len(part)))
+            self.simulated += len(part)
+            if done is not None:
+                done(len(requests) - len(pending) + start + len(part))
+        content = b"".join(known[key] for key in keys)
+        sizes = {len(known[key]) for key in keys}
+        if len(sizes) > 1 or any(size < 16 or size % 8 for size in sizes):
+            raise DiagnosisError(
+                f"{self._path}: holds damaged simulations; remove it, and they are made again"
+            )
+        table = np.frombuffer(content, dtype="<f8").reshape(len(requests), -1)
+        features = table[:, 2:].copy() if table.shape[1] > 2 else None
+        return Responses(table[:, 0].copy(), table[:, 1].copy(), features)
+
+    def _key(self, request: Request) -> bytes:
+        if request.trial not in self._trials:
+            self._trials[request.trial] = (
+                f"{self.simulator.identity}|{self.simulator.trial_key(request.trial)}"
+            )
+        nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
+        text = f"{self._trials[request.trial]}|{request.effects!r}|{request.nuisance}"
+        digest = hashlib.blake2b(text.encode(), digest_size=16)
+        digest.update(nuisances + struct.pack("<q", request.replicate))
+        return digest.digest()
+
+    def _known(self, keys: Sequence[bytes]) -> dict[bytes, bytes]:
+        out: dict[bytes, bytes] = {}
+        for start in range(0, len(keys), 500):
+            part = keys[start : start + 500]
+            marks = ",".join("?" * len(part))
+            query = f"SELECT key, response FROM runs WHERE key IN ({marks})"
+            out.update(self._file.execute(query, part).fetchall())
+        return out

@@ -1,0 +1,1 @@
+"""The verdict, what to measure next, and both as data."""

@@ -1,0 +1,122 @@
+"""What a diagnosis returns: `diagnosis.json`, its schema, and tables."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from vsr2.results.atomic import write_atomic
+
+SCHEMA = "vsr2.diagnosis/1"
+FILE = "diagnosis.json"
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of `diagnosis.json`."""
+    text = (
+        files("vsr2.diagnosis.verdict")
+        .joinpath("diagnosis.schema.json")
+        .read_text(encoding="utf-8")
+    )
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """A finished diagnosis.
+
+    Attributes:
+        content: of `diagnosis.json`, JSON-serialisable.
+        trials: one row a trial, for tables and figures: id, motion, session, order, ln PGA,
+            ln PGV/PGA, outcome, probabilities before and after, losses and floor.
+    """
+
+    content: Mapping[str, Any]
+    trials: tuple[Mapping[str, Any], ...] = field(default=())
+
+    @property
+    def kind(self) -> str:
+        """Of the verdict."""
+        return str(self.content["verdict"]["kind"])
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """That the verdict names."""
+        return tuple(self.content["verdict"]["effects"])
+
+    def to_json(self) -> str:
+        """`diagnosis.json`, numbers that do not exist as null."""
+        return json.dumps(finite(self.content), indent=2, allow_nan=False) + "\n"
+
+    def tables(self) -> dict[str, str]:
+        """CSV files by name: effects.csv, where.csv, trials.csv."""
+        effects = [
+            {
+                "effect": row["name"],
+                "probability": row["probability"],
+                "class": row["class"],
+                "closure": row["closure"]["value"],
+                "parameters": "; ".join(
+                    f"{name} {p['mean']:.4g} [{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}] {p['unit']}"
+                    for name, p in row["parameters"].items()
+                ),
+            }
+            for row in self.content["effects"]
+        ]
+        return {
+            "effects.csv": _csv(effects),
+            "where.csv": _csv(
+                [{k: v for k, v in row.items() if k != "trials"} for row in self.content["where"]]
+            ),
+            "trials.csv": _csv([dict(row) for row in self.trials]),
+        }
+
+    def save(self, folder: str | Path) -> Path:
+        """Write `diagnosis.json` and the tables; returns the path of the former.
+
+        Raises:
+            ResultError: a file cannot be written.
+        """
+        path = Path(folder)
+        path.mkdir(parents=True, exist_ok=True)
+        contents = {**self.tables(), FILE: self.to_json()}
+        for name, text in contents.items():
+            data = text.encode()
+            write_atomic(path / name, lambda file, data=data: file.write(data))  # type: ignore[misc]
+        return path / FILE
+
+
+def finite(value: Any) -> Any:
+    """The same with None for numbers that JSON does not know."""
+    if isinstance(value, Mapping):
+        return {str(key): finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(inner) for inner in value]
+    if isinstance(value, bool) or value is None or isinstance(value, str | int):
+        return value
+    number = float(value)
+    return number if math.isfinite(number) else None
+
+
+def _csv(rows: list[dict[str, Any]]) -> str:
+    out = io.StringIO()
+    if rows:
+        writer = csv.DictWriter(out, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({key: _cell(value) for key, value in row.items()})
+    return out.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, float):
+        return f"{value:.6g}" if math.isfinite(value) else ""
+    return "" if value is None else value

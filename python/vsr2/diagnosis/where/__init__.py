@@ -1,0 +1,1 @@
+"""WHERE the gap lies: places whose residuals are too large for campaigns without effect."""

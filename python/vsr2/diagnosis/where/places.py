@@ -1,0 +1,223 @@
+"""WHERE: places in which residuals are too large, with control over the whole family of places.
+
+The score of a place is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of a trial against the
+cross-fitted model without effects, v its variance, w the place's weights (1 inside, 0 outside; a
+centred trend; a step). The nulls are
+
+- for every place: campaigns simulated without effect, nuisances drawn. The engine's own are few: n
+  of them can show p = 1 / (n + 1) at best. Where none of them reaches a score, 999 campaigns drawn
+  from the model of no effect that was fitted to them tell how rare it is; else the larger p counts;
+- for places over the order of execution besides: permutations of the observed residuals in which
+  whole sessions change places (in a campaign of one session, and for sessions themselves: whole
+  runs of one motion). Residuals that hang together within a session look like a trend; permuting
+  less than sessions would take that for significant. The larger p value counts.
+
+Each score is divided by its null deviation, a drawn campaign's by that of the drawn ones, so that
+the drawn ones tell only how places and channels hang together; the family's p value is that of the
+largest score (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.likelihood.evidence import Data, Prediction
+from vsr2.diagnosis.observed.features import Feature
+
+Array = NDArray[np.float64]
+
+PERMUTATIONS = 999
+SIGNIFICANT = 0.05
+"""Family-wise p value up to which a place counts as found."""
+OUTCOME = Feature("outcome", "outcome", "whole response")
+EVERYWHERE = "all trials"
+
+
+@dataclass(frozen=True)
+class Place:
+    """One place of the family and what was found there.
+
+    Attributes:
+        place: name.
+        axis: conditions, order, session or specimen.
+        feature: of the response: which channel and which phase.
+        effect_size: mean residual inside over its noise, in standard deviations of one trial.
+        p_familywise: of the largest score of the whole family.
+        trials: inside the place, of those scanned.
+    """
+
+    place: str
+    axis: str
+    feature: Feature
+    effect_size: float
+    p_familywise: float
+    trials: tuple[int, ...] = ()
+
+    @property
+    def is_whole(self) -> bool:
+        """A feature over all trials."""
+        return self.place.endswith(EVERYWHERE)
+
+
+@dataclass(frozen=True, eq=False)
+class Conditions:
+    """What places are made of, one value a trial.
+
+    Attributes:
+        log_pga, log_ratio: logarithms of PGA and of PGV / PGA.
+        order: of execution.
+        session, motion, specimen: indices from 0.
+        sessions, specimens: their names by index.
+    """
+
+    log_pga: Array
+    log_ratio: Array
+    order: Array
+    session: NDArray[np.int64]
+    motion: NDArray[np.int64]
+    specimen: NDArray[np.int64]
+    sessions: tuple[str, ...]
+    specimens: tuple[str, ...]
+
+
+def residuals(prediction: Prediction, data: Data) -> tuple[Array, Array]:
+    """Residuals and variances of outcomes and features, shape (campaigns, channels, trials)."""
+    p, y = prediction.probability, data.overturned
+    known = np.isfinite(y)
+    parts = [np.where(known, y - p, 0.0)]
+    variances = [np.where(known, p * (1 - p), 0.0)]
+    for k in range(data.features.shape[-1]):
+        gap = (data.features[..., k] - prediction.centre[..., k]) / prediction.deviation[..., k]
+        seen = np.isfinite(gap)
+        parts.append(np.clip(np.where(seen, gap, 0.0), -4, 4))
+        variances.append(seen.astype(np.float64))
+    return np.stack(parts, axis=1), np.stack(variances, axis=1)
+
+
+def scan(
+    observed: tuple[Array, Array],
+    null: tuple[Array, Array],
+    conditions: Conditions,
+    features: tuple[Feature, ...],
+    *,
+    drawn: tuple[Array, Array] | None = None,
+    seed: int = 0,
+) -> list[Place]:
+    """Scan all places.
+
+    Args:
+        observed: residuals and variances, shape (1, channels, trials).
+        null: the same of campaigns simulated without effect, shape (campaigns, channels, trials).
+        conditions: of the trials.
+        features: of the residuals' channels, `OUTCOME` first.
+        drawn: the same as `null`, of campaigns drawn from the fitted model of no effect.
+        seed: of permutations.
+
+    Returns:
+        All places, most significant first.
+    """
+    names, axes, weights = _places(conditions)
+    by_order = np.array([axis == "order" for axis in axes])
+    by_session = np.array([axis == "session" for axis in axes])
+    residual, variance = observed[0][0], observed[1][0]
+    rng = np.random.default_rng([seed, 5])
+    score = _scores(residual[None], variance[None], weights)[0]
+    simulated = _scores(null[0], null[1], weights)
+    p_value = _family_p(score, simulated)
+    if drawn is not None:
+        finer = _family_p(score, _scores(drawn[0], drawn[1], weights), simulated)
+        reached = p_value > 1 / (len(simulated) + 1)
+        p_value = np.where(reached, np.maximum(p_value, finer), finer)
+    blocks = [(by_session, conditions.motion), (by_order, conditions.session)]
+    if not conditions.session.max():
+        blocks.append((by_order, conditions.motion))
+    for inside, runs in blocks:
+        if inside.any():
+            orders = np.stack([_permutation(runs, rng) for _ in range(PERMUTATIONS)])
+            moved = _scores(
+                residual[:, orders].swapaxes(0, 1),
+                variance[:, orders].swapaxes(0, 1),
+                weights[inside],
+            )
+            p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
+    out = []
+    for c, feature in enumerate(features):
+        for j, name in enumerate(names):
+            inside = np.abs(weights[j]) > 0
+            count = max(int(np.count_nonzero(variance[c] * inside)), 1)
+            label = name if feature is OUTCOME else f"{feature.name}: {name}"
+            size = float(score[c, j] / np.sqrt(count))
+            # Of a trend, the later half; of a step, what follows it.
+            members = tuple(int(i) for i in np.flatnonzero(weights[j] > 0))
+            out.append(Place(label, axes[j], feature, size, float(p_value[c, j]), members))
+    return sorted(out, key=lambda place: (place.p_familywise, -abs(place.effect_size)))
+
+
+def _scores(residual: Array, variance: Array, weights: Array) -> Array:
+    """Shape (campaigns, channels, places)."""
+    top = residual @ weights.T
+    return np.asarray(top / np.sqrt(variance @ (weights**2).T + 1e-3), dtype=np.float64)
+
+
+def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
+    names: list[str] = [EVERYWHERE]
+    axes: list[str] = ["conditions"]
+    weights: list[Array] = [np.ones(conditions.order.size)]
+
+    def add(name: str, axis: str, weight: Array) -> None:
+        if np.count_nonzero(weight) >= 3:
+            names.append(name)
+            axes.append(axis)
+            weights.append(weight.astype(np.float64))
+
+    regions = {}
+    for label, value in (("PGA", conditions.log_pga), ("PGV/PGA", conditions.log_ratio)):
+        known = np.isfinite(value)
+        if known.sum() < 9:
+            continue
+        edges = np.quantile(value[known], [1 / 3, 2 / 3])
+        part = np.where(known, np.digitize(value, edges), -1)
+        regions[label] = part
+        for k, word in enumerate(("low", "middle", "high")):
+            add(f"{word} {label}", "conditions", part == k)
+    if len(regions) == 2:
+        for i, first in enumerate(("low", "middle", "high")):
+            for k, second in enumerate(("low", "middle", "high")):
+                inside = (regions["PGA"] == i) & (regions["PGV/PGA"] == k)
+                add(f"{first} PGA, {second} PGV/PGA", "conditions", inside)
+    add("trend", "order", conditions.order - conditions.order.mean())
+    for s in range(1, int(conditions.session.max()) + 1):
+        after = conditions.session >= s
+        add(f"change before session {conditions.sessions[s]}", "order", after - after.mean())
+    for s in range(int(conditions.session.max()) + 1):
+        if conditions.session.max() > 0:
+            add(f"session {conditions.sessions[s]}", "session", conditions.session == s)
+    if conditions.specimen.max() > 0:
+        for s in range(int(conditions.specimen.max()) + 1):
+            add(f"specimen {conditions.specimens[s]}", "specimen", conditions.specimen == s)
+    return names, axes, np.stack(weights)
+
+
+def _family_p(score: Array, null: Array, reference: Array | None = None) -> Array:
+    """P value of each score among the largest of the family, shape (channels, places).
+
+    The score is divided by the deviation of `reference`; None: of the null scores themselves.
+    """
+    largest = np.abs(null / _deviation(null)).reshape(len(null), -1).max(axis=1)
+    own = np.abs(score / _deviation(null if reference is None else reference))
+    above = (largest[:, None, None] >= own[None]).sum(axis=0)
+    return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
+
+
+def _deviation(null: Array) -> Array:
+    return np.asarray(np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5), dtype=np.float64)
+
+
+def _permutation(label: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Trials after whole runs of one label changed places in the order, shape (trials,)."""
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(label) != 0]))
+    ends = np.append(starts[1:], label.size)
+    return np.concatenate([np.arange(starts[k], ends[k]) for k in rng.permutation(starts.size)])

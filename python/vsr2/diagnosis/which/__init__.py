@@ -1,0 +1,1 @@
+"""WHICH effect causes it: both routes together, calibrated, and what is unknown."""
