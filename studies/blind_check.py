@@ -44,6 +44,8 @@ from vsr2.config import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")
+COMMITS = "commits.json"
+"""In a part's folder: which commits made and diagnosed it."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,10 @@ def main() -> int:
         for folder in folders:
             if not (folder / "data" / "pack.json").exists():
                 study = load_study(options.scene)
+                note_commit(folder, "made")
                 made = make_pack(study, folder, folder / "key", check.settings, say=say)
                 print(f"{folder}: sealed as {made.commitment}; not drawn: {made.not_drawn}")
+            note_commit(folder, "diagnosed")
             progress = diagnose_pack(
                 folder / "data",
                 folder / "verdicts",
@@ -140,6 +144,29 @@ def main() -> int:
         return 3
     print("done; --score scores it")
     return 0
+
+
+def note_commit(folder: Path, what: str) -> None:
+    """Keep which commit makes or diagnoses a part; all of them where a part spans several."""
+    path = folder / COMMITS
+    noted = read_json(path) if path.exists() else {}
+    head = _commit()
+    if head not in noted.setdefault(what, []):
+        noted[what].append(head)
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(noted, indent=1) + "\n")
+
+
+def _commit() -> str:
+    """The commit of this repository, marked where files differ from it."""
+    said = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--abbrev=40", "--match", ""],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return said.stdout.strip() or "unknown"
 
 
 def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
@@ -190,20 +217,34 @@ def keep(data: Path, key: Path, verdicts: Path, path: Path) -> None:
 
 
 def recompute(results: Path) -> int:
-    """Compare the scores with those from the keys and diagnoses that are kept beside them."""
+    """Compare the scores with those from the keys and diagnoses that are kept beside them.
+
+    Compared are values and counts of all scores that are told; later versions know more scores, and
+    have wider intervals of some.
+    """
     cases = []
     for path in sorted(results.glob("diagnoses*.json.gz")):
         key = results / path.name.replace("diagnoses", "key")
         opened = json.loads(gzip.decompress(key.read_bytes()))["key"]
         cases += kept_cases(json.loads(gzip.decompress(path.read_bytes())), opened, str(path))
     tiers = {case.tier for case in cases}
-    found = Scored(score_cases(cases), [], cases, False).to_json()["scores"]
+    found = {
+        _place(row): row for row in Scored(score_cases(cases), [], cases, False).to_json()["scores"]
+    }
     told = [row for row in read_json(results / "scores.json")["scores"] if row["tier"] in tiers]
-    differ = [row for row in told if row not in found] + [row for row in found if row not in told]
+    differ = [
+        row
+        for row in told
+        if any(row[name] != found.get(_place(row), {}).get(name) for name in ("value", "campaigns"))
+    ]
     for row in differ:
         print(row)
     print(f"{results}: {len(told)} scores, {len(differ)} differ")
     return 1 if differ or not told else 0
+
+
+def _place(row: dict[str, Any]) -> tuple[str, str, str]:
+    return row["tier"], row["group"], row["score"]
 
 
 def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
@@ -231,15 +272,17 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
 
 
 def finished(data: Path, verdicts: Path) -> bool:
-    """Whether every campaign has a diagnosis, or a failure, at every tier that was begun."""
+    """Whether every campaign has a diagnosis, or a failure, at every tier of the pack."""
     if not (data / "pack.json").exists():
         return False
-    names = [entry["id"] for entry in read_json(data / "pack.json")["campaigns"]]
-    begun = {folder.name for name in names for folder in (verdicts / name).glob("?")}
-    return bool(begun) and all(
-        any((verdicts / name / tier / f"{kind}.json").exists() for kind in ("diagnosis", "failed"))
-        for name in names
-        for tier in begun
+    pack = read_json(data / "pack.json")
+    return all(
+        any(
+            (verdicts / entry["id"] / tier / f"{kind}.json").exists()
+            for kind in ("diagnosis", "failed")
+        )
+        for entry in pack["campaigns"]
+        for tier in pack["tiers"]
     )
 
 
@@ -252,23 +295,22 @@ def page(
     training: tuple[Path, Path] | None,
 ) -> str:
     """What was scored, and how to do it again."""
-    commit = subprocess.run(
-        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
-    ).stdout.strip()
     lines = [
         f"# Blind check: {name}",
         "",
         f"`python studies/blind_check.py {name} --out {_shown(out)}`, then with `--score --results "
         f"{_shown(results)}`. {len(parts)} of {total} parts "
-        f"are scored. Scores: [scores.md](scores.md), by part beside it. Commit when scored: "
-        f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
+        f"are scored. Scores: [scores.md](scores.md), by part beside it. Scored by commit "
+        f"`{_commit()}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
         "in its pack (`vsr2.blind.form.seal.commitment`), `diagnosesN.json.gz` what scoring reads "
         "of its diagnoses; `python studies/blind_check.py "
         f"{name} --recompute --results {_shown(results)}` computes the scores of the tiers from "
-        f"both. {_trained(training)}",
+        f"both. In a checkout of the commit that made a part, `vsr2.blind.make_pack` with its seed "
+        f"and the settings of `CHECKS` draws its campaigns again. {_trained(training)}",
         "",
-        "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis "
+        "| made by | diagnosed by |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for number, (data, key, verdicts) in enumerate(parts, 1):
         pack = read_json(data / "pack.json")
@@ -286,9 +328,16 @@ def page(
         counts = ", ".join(f"{kind} {count}" for kind, count in sorted(kinds.items()))
         lines.append(
             f"| {number} | {counts} | {opened['settings']['trials']} | {opened['seed']} "
-            f"| `{pack['commitment']['sha256']}` | {versions} | {how} |"
+            f"| `{pack['commitment']['sha256']}` | {versions} | {how} "
+            f"| {_noted(data.parent, 'made')} | {_noted(data.parent, 'diagnosed')} |"
         )
     return "\n".join(lines) + "\n"
+
+
+def _noted(folder: Path, what: str) -> str:
+    """The commits that made or diagnosed a part."""
+    path = folder / COMMITS
+    return ", ".join(f"`{c}`" for c in read_json(path).get(what, [])) if path.exists() else "?"
 
 
 def _trained(training: tuple[Path, Path] | None) -> str:

@@ -88,6 +88,12 @@ def effect(name, value=0.1, relative=3.0, null=0.0):
     }
 
 
+def whole_classes(effects):
+    """Names of the effects and of what they cannot be told from."""
+    settings = PackSettings()
+    return sorted({name for e in effects for name in settings.class_of(e["name"])})
+
+
 def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
     """A pack, its key and diagnoses without any simulation.
 
@@ -102,12 +108,13 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             "kind": kind,
             "engine": "mujoco",
             "effects": list(effects),
-            "exclude": [e["name"] for e in effects] if kind == "unknown" else [],
+            "exclude": whole_classes(effects) if kind == "unknown" else [],
             "nuisances": {},
             "where": {"axis": "conditions", "weights": [1.0, 3.0, 0.0] if effects else []},
             "data_sha256": folder_sha256(data / name),
         }
     settings = json.loads(json.dumps(PackSettings(development=development).to_json()))
+    settings["tiers"] = list(tiers)
     content = {"campaigns": entries, "settings": settings}
     sealed = commitment("00ff", content)
     key.mkdir()
@@ -118,7 +125,7 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             "schema": PACK_SCHEMA,
             "development": development,
             "scene": "scene.yaml",
-            "tiers": ["B", "M", "T"],
+            "tiers": list(tiers),
             "classes": settings["classes"],
             "tolerances": settings["tolerances"],
             "campaigns": [{"id": n, "exclude": entries[n]["exclude"]} for n in sorted(entries)],

@@ -13,7 +13,7 @@ import pytest
 
 from blind_samples import hand_made
 from vsr2.blind import diagnose_pack, score_pack
-from vsr2.blind.diagnose import uncertainties
+from vsr2.blind.diagnose import _excluded, uncertainties
 from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.blind.form.verdict import verdict_of
 from vsr2.blind.scoring.cases import groups, read_cases
@@ -27,6 +27,7 @@ from vsr2.blind.scoring.score import (
     where_mass,
 )
 from vsr2.cli.main import main
+from vsr2.effects import library
 from vsr2.errors import BlindError, ConfigError
 
 SALT = "5a17"
@@ -200,7 +201,7 @@ def change_pack(data, **changes):
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
-def write_diagnoses(data, out, verdicts=VERDICTS, tiers=("M",)):
+def write_diagnoses(data, out, verdicts=VERDICTS, tiers=("B", "M")):
     for name, content in verdicts.items():
         for tier in tiers:
             (out / name / tier).mkdir(parents=True, exist_ok=True)
@@ -272,7 +273,7 @@ def test_trial_ids_are_those_of_the_campaign(pack) -> None:
     cases = read_cases(data, open_key(data, key), out)
     assert {case.trials for case in cases} == {TRIALS}
     masses = [mass for mass in map(where_mass, cases) if mass is not None]
-    assert masses == [pytest.approx(3.5 / 4.5)]
+    assert masses == 2 * [(pytest.approx(3.5 / 4.5), pytest.approx(2 / 3))]
 
 
 def test_a_key_may_seal_less(tmp_path) -> None:
@@ -343,6 +344,7 @@ def test_one_word_does_not_open_a_scored_pack(pack, tmp_path) -> None:
         score_pack(*pack, tmp_path / "again")
     assert not (tmp_path / "again").exists()
     change_pack(pack[0], development=False)
+    write_diagnoses(pack[0], pack[2], VERDICTS | {"Hall.2": a_verdict()})
     with pytest.raises(BlindError, match="scored once"):
         score_pack(*pack, tmp_path / "again")
 
@@ -420,6 +422,10 @@ def test_a_pack_that_cannot_be_used_is_named(changes, message, tmp_path) -> None
         (("campaigns", "Hall.1", "engine"), None, "engine is missing"),
         (("campaigns", "Hall.1", "data_sha256"), None, "data_sha256 is missing"),
         (("campaigns", "Hall.1", "exclude"), "wind", "exclude is 'wind'; wanted is a list"),
+        (("campaigns", "Hall.1", "exclude"), ["rope", "chain"], "names without rope, the effect"),
+        (("campaigns", "Hall.1", "exclude"), ["chain"], "whole equivalence classes: rope too"),
+        (("campaigns", "hall-3", "exclude"), ["chain"], "whole equivalence classes: rope too"),
+        (("campaigns", "hall-3", "effects", 0, "name"), "wear", "wear among the names, as the ki"),
         (("campaigns", "Hall.1", "effects"), [], "effects is .*a list of 1, as the kind is single"),
         (("campaigns", "hall-3", "effects"), [], "effects is .*1 or more, as the kind is unknown"),
         (("campaigns", "Hall.1", "effects", 0, "relative"), -1, r"effects\[0\].relative is -1"),
@@ -442,6 +448,50 @@ def test_a_key_that_cannot_be_used_is_named(place, value, message, tmp_path) -> 
     seal(data, kept, key)
     with pytest.raises(BlindError, match=rf"key\.json: key.*{message}"):
         open_key(data, kept)
+
+
+def test_no_classes_need_not_be_published(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    key["settings"]["classes"] = []
+    data, kept = write_pack(tmp_path, key, {"classes": None})
+    assert open_key(data, kept)["settings"]["classes"] == []
+    change_pack(data, classes=[["rope", "chain"]])
+    with pytest.raises(BlindError, match=r"classes is .* and differs from the sealed"):
+        open_key(data, kept)
+
+
+def test_a_salt_is_not_empty(tmp_path) -> None:
+    data, kept = write_pack(tmp_path)
+    path = kept / "key.json"
+    sealed = json.loads(path.read_text())
+    path.write_text(json.dumps(sealed | {"salt": ""}))
+    hashed = sha256(plain(sealed["key"]))
+    change_pack(data, commitment={"algorithm": "sha256(salt + canonical key)", "sha256": hashed})
+    with pytest.raises(BlindError, match=r"key\.json: salt is empty"):
+        open_key(data, kept)
+
+
+@pytest.mark.parametrize(
+    ("name", "fault"), [("wind", None), ("table_gian", "table_gain"), ("wears", "wear")]
+)
+def test_what_is_withheld_may_lie_outside_the_library(name, fault, tmp_path) -> None:
+    said = []
+    if fault is not None:
+        with pytest.raises(BlindError, match=rf"exclude of c names '{name}'.*if {fault} is meant"):
+            _excluded(tmp_path, {"id": "c", "exclude": [name]}, library(), said.append)
+        return
+    kept = _excluded(tmp_path, {"id": "c", "exclude": [name, "catch"]}, library(), said.append)
+    assert kept == ("catch",)
+    assert said == ["c: exclude names 'wind', which the library lacks anyway"]
+
+
+@pytest.mark.parametrize("place", ["data", "data/deeper", "kept"])
+def test_diagnoses_do_not_go_into_the_pack(place, tmp_path) -> None:
+    data, _ = write_pack(tmp_path)
+    before = folder_hash(tmp_path)
+    with pytest.raises(BlindError, match="choose another --out"):
+        diagnose_pack(data, tmp_path / place, diagnose=Told)
+    assert folder_hash(tmp_path) == before
 
 
 def test_the_null_is_said_and_not_left_out(tmp_path) -> None:
@@ -529,7 +579,7 @@ def test_a_diagnosis_that_cannot_be_used_is_named(content, message) -> None:
 def test_what_was_withheld_may_not_be_used(changes, pack, tmp_path) -> None:
     data, key, out = pack
     write_diagnoses(data, out, VERDICTS | {"Hall.1": a_verdict(**changes)})
-    with pytest.raises(BlindError, match=r"Hall\.1/M/diagnosis\.json: names wind, which exclude"):
+    with pytest.raises(BlindError, match=r"Hall\.1/B/diagnosis\.json: names wind, which exclude"):
         score_pack(data, key, out, tmp_path / "scores")
     assert not (key / "receipt.json").exists()
 
@@ -538,7 +588,7 @@ def test_trials_that_are_not_there_are_named(pack, tmp_path) -> None:
     data, key, out = pack
     where = [{"axis": "order", "p_familywise": 0.5, "trials": ["T1"]}]
     write_diagnoses(data, out, VERDICTS | {"Hall.2": VERDICTS["Hall.2"] | {"where": where}})
-    with pytest.raises(BlindError, match=r"Hall\.2/M/diagnosis\.json: where names the trial 'T1'"):
+    with pytest.raises(BlindError, match=r"Hall\.2/B/diagnosis\.json: where names the trial 'T1'"):
         score_pack(data, key, out, tmp_path / "scores")
     assert not (key / "receipt.json").exists()
 

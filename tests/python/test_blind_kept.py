@@ -82,4 +82,5 @@ def test_the_published_scores_follow_from_what_is_published(monkeypatch) -> None
         if row["tier"] in ("B", "M", "T")
     }
     assert len(told) == 744
-    assert found == told
+    # Later versions know more scores.
+    assert {place: found[place] for place in told} == told

@@ -2,11 +2,12 @@
 
 import json
 import math
+import shutil
 
 import numpy as np
 import pytest
 
-from blind_samples import diagnosis, effect, hand_made
+from blind_samples import diagnosis, effect, hand_made, same_folders
 from vsr2.blind import pool_packs, score_pack
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.form.verdict import read_verdict, verdict_of
@@ -19,7 +20,7 @@ from vsr2.blind.scoring.intervals import (
     resampled,
 )
 from vsr2.blind.scoring.packs import Scored, format_scores
-from vsr2.blind.scoring.score import FIRST, magnitude
+from vsr2.blind.scoring.score import FIRST, GAIN, NAMED, SILENT_CLOSURE, magnitude
 from vsr2.errors import BlindError
 
 TOLD = {"change": {"mean": 0.12, "ci95": [0.08, 0.16], "unit": "1"}}
@@ -63,7 +64,7 @@ VERDICTS = {
         ["restitution", "friction", "wear"],
         friction={"parameters": TOLD},
     ),
-    "d": diagnosis("none", {"none": 0.8, "inertia": 0.1}, [], ["none"]),
+    "d": diagnosis("none", {"none": 0.8, "inertia": 0.1}, [], ["none"], inertia={"closure": 0.5}),
     "e": diagnosis("none", {"none": 0.9}, [], ["none"]),
     "f": diagnosis(
         "effect",
@@ -114,9 +115,8 @@ def test_the_log_score_is_that_of_the_true_class(scores) -> None:
     told = [0.8, 0.9, 0.3, 0.1, 0.9, 0.2, 0.7, 0.1]
     losses = [-math.log(p) for p in told]
     assert scores["log score"].value == pytest.approx(np.mean(losses))
-    # 28 effects in 24 classes, with none and unknown; g may not use catch, which is a class, and h
-    # not wear, which shares its class with change_point.
-    uniform = (7 * np.log(26) + np.log(25)) / 8
+    # 28 effects in 24 classes, with none and unknown; g and h may not use one of them each.
+    uniform = (6 * np.log(26) + 2 * np.log(25)) / 8
     assert scores["log score below uniform"].value == pytest.approx(1 - np.mean(losses) / uniform)
 
 
@@ -138,9 +138,26 @@ def test_magnitudes_closure_and_places(scores) -> None:
     # b: 0.25 and inside; c: |0.12 + 0.2| / 0.2 = 1.6 and outside
     assert figure(scores, "magnitude: median relative error") == (pytest.approx(0.925), 2)
     assert figure(scores, "magnitude: interval coverage") == (0.5, 2)
+    assert figure(scores, "magnitude: told (single)") == (0.5, 4)
+    # 0.08 / 0.16 and 0.08 / 0.2
+    assert figure(scores, "magnitude: median width of interval") == (pytest.approx(0.45), 2)
     assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
+    # and d, which says that there is no gap where the true effect closes 0.5 of one
+    assert figure(scores, SILENT_CLOSURE) == (pytest.approx(0.375), 2)
     assert figure(scores, "where: axis named (single)") == (0.25, 4)
+    # T2 of three trials, with 3 of the weights' 4
     assert figure(scores, "where: median mass inside") == (pytest.approx(0.75), 1)
+    assert figure(scores, "where: median share of trials inside") == (pytest.approx(1 / 3), 1)
+    assert figure(scores, GAIN) == (pytest.approx(2.25), 1)
+
+
+def test_who_names_all_trials_gains_nothing(tmp_path) -> None:
+    everywhere = [{"axis": "conditions", "p_familywise": 0.0, "trials": ["T1", "T2", "T3"]}]
+    verdict = diagnosis("effect", {"friction": 1.0}, ["friction"], ["friction"], where=everywhere)
+    pack = hand_made(tmp_path, {"a": ("single", [effect("friction")])}, {"a": verdict})
+    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
+    assert figure(found, "where: median mass inside") == (1.0, 1)
+    assert figure(found, GAIN) == (1.0, 1)
 
 
 def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None:
@@ -281,8 +298,28 @@ def test_a_pack_is_scored_once(pack, tmp_path) -> None:
     receipt = json.loads((pack[1] / "receipt.json").read_text())
     assert receipt["scores"]
     assert "campaigns" not in receipt
-    with pytest.raises(BlindError, match="scored once"):
-        score_pack(*pack, tmp_path / "again")
+    # The same diagnoses again, as after a run that was killed while it wrote its files.
+    score_pack(*pack, tmp_path / "again")
+    assert json.loads((pack[1] / "receipt.json").read_text()) == receipt
+    assert same_folders(tmp_path / "scores", tmp_path / "again")
+    changed = next(pack[2].glob("*/M/diagnosis.json"))
+    changed.write_text(changed.read_text().replace("0.8", "0.9") + " ")
+    with pytest.raises(BlindError, match=r"with other diagnoses than .*scored once"):
+        score_pack(*pack, tmp_path / "third")
+    assert not (tmp_path / "third").exists()
+
+
+def test_what_was_not_diagnosed_uses_no_pack_up(tmp_path) -> None:
+    data, key, out = hand_made(tmp_path, CAMPAIGNS, VERDICTS, tiers=("M", "T"))
+    for folder in out.glob("*/T"):
+        shutil.rmtree(folder)
+    with pytest.raises(BlindError, match=r"no diagnosis at tier T .*--tier"):
+        score_pack(data, key, out, tmp_path / "scores")
+    with pytest.raises(BlindError, match="has no tier B; it has M, T"):
+        score_pack(data, key, out, tmp_path / "scores", tiers=["B"])
+    assert not (key / "receipt.json").exists()
+    scored = score_pack(data, key, out, tmp_path / "scores", tiers=["M"])
+    assert {tier for tier, _ in scored.scores} == {"M"}
 
 
 def test_an_open_pack_shows_its_campaigns_and_is_scored_again(tmp_path) -> None:
@@ -303,7 +340,7 @@ def test_a_changed_key_is_refused(pack, tmp_path) -> None:
 
 def test_changed_data_are_refused(pack, tmp_path) -> None:
     (pack[0] / "c" / "trials.csv").write_text("other")
-    with pytest.raises(BlindError, match="sealed data"):
+    with pytest.raises(BlindError, match="differ from the sealed ones"):
         score_pack(*pack, tmp_path / "scores")
 
 
@@ -414,16 +451,29 @@ def test_scored_packs_are_pooled(tmp_path) -> None:
         pool_packs(parts, tmp_path / "pooled")
 
 
+def test_an_interval_holds_its_value() -> None:
+    # A calibration error of 0: resamples lie above it alone.
+    rows = [(0.5, 1.0), (0.5, 0.0)] * 10
+    found = resampled(rows, calibration_error)
+    assert found.low == found.value == 0.0 < found.high
+
+
 def test_baselines_stand_beside_the_tiers() -> None:
     def scores(value):
-        return {FIRST: Score(value, value, value, 10)}
+        own = Score(value, value, value, 10)
+        return {FIRST: own, GAIN: own, NAMED: Score(1 - value, 0.0, 1.0, 10)}
 
     found = {("commonest", "all"): 0.2, ("M", "all"): 0.6, ("metadata", "all"): 0.1}
     scored = Scored({key: scores(value) for key, value in found.items()}, [], [], False)
     # Over the best of them, which is the commonest answer.
-    assert scored.margins() == {"M": pytest.approx(0.4)}
+    assert scored.margins(FIRST) == {"M": pytest.approx(0.4)}
     table = format_scores(scored)
     assert "| score | M | commonest | metadata |" in table
     assert f"Above the best baseline, {FIRST}: M +0.40." in table
+    assert f"Above the best baseline, {NAMED}: M -0.50." in table
+    assert f"A baseline does better in: {NAMED} (M)." in table
+    # Whoever names all trials, or random ones, gets 1.
+    assert f"| {GAIN} | 0.60 [0.60, 0.60] (10) | 1.00 | 1.00 |" in table
     alone = Scored({("M", "all"): scores(0.6)}, [], [], False)
-    assert alone.margins() == {}
+    assert alone.margins(FIRST) == {}
+    assert "Without trivial baselines" in format_scores(alone)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsr2.blind.form.seal import make_folder, read_json, read_pack, write_json
+from vsr2.blind.form.seal import KEY_FILE, PACK_FILE, make_folder, read_json, read_pack, write_json
 from vsr2.blind.form.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
@@ -127,16 +128,21 @@ def diagnose_pack(
     chosen = list(listed) if campaigns is None else list(campaigns)
     unknown = set(chosen) - set(listed)
     if unknown:
-        raise BlindError(f"{data}: has no campaign {min(unknown)!r}")
+        some = ", ".join(sorted(listed)[:3])
+        raise BlindError(
+            f"{data}: has no campaign {min(unknown)!r}; it has {len(listed)}: {some} ..."
+        )
     offered = [tier for tier in TIERS if tier in pack["tiers"]]
     wanted = offered if tiers is None else list(tiers)
     beyond = [tier for tier in wanted if tier not in offered]
     if beyond:
         raise BlindError(f"{data}: has no tier {beyond[0]}; it has {', '.join(offered)}")
+    known: Collection[str] | None = None
     if diagnose is None:
         from vsr2.diagnosis import diagnose as installed
+        from vsr2.effects import library
 
-        diagnose = installed
+        diagnose, known = installed, library()
     from vsr2.diagnosis import Nuisances, Shared
     from vsr2.diagnosis.observed.observations import series_sampling
 
@@ -146,6 +152,9 @@ def diagnose_pack(
         budget = {"budget_minutes": budget_minutes}
     scene = data / pack["scene"]
     load_study(scene)
+    _check_folder(out, data)
+    excluded = {name: _excluded(data, listed[name], known, say) for name in chosen}
+    _check_tiers(data, chosen, wanted)
     _same_submission(out, pack, budget | {"seed": seed})
     nuisances = Nuisances(**uncertainties(pack.get("tolerances") or {}))
     shared = Shared(out / BANK_FILE, series="T" in offered)
@@ -162,7 +171,7 @@ def diagnose_pack(
                 scene,
                 tier=tier,
                 threads=threads,
-                exclude=tuple(listed[name].get("exclude") or ()),
+                exclude=excluded[name],
                 # Without series too, simulate them as this campaign measured them.
                 shared=replace(shared, sampling=series_sampling(whole)),
                 nuisances=nuisances,
@@ -196,6 +205,56 @@ def _check_options(
         raise BlindError(f"threads is {threads}; give at least 1, or leave it out for all")
     if seed < 0:
         raise BlindError(f"seed is {seed}; give 0 or more")
+
+
+def _check_folder(out: Path, data: Path) -> None:
+    """Refuse to write among the pack's own files, whose hashes are sealed."""
+    place, pack = out.resolve(), data.resolve()
+    if place == pack or pack in place.parents:
+        raise BlindError(f"{out}: lies in the pack's data folder; choose another --out")
+    if (out / KEY_FILE).exists():
+        raise BlindError(f"{out}: holds a key; choose another --out")
+
+
+def _excluded(
+    data: Path, entry: Mapping[str, Any], known: Collection[str] | None, say: Callable[[str], None]
+) -> tuple[str, ...]:
+    """What to leave out of the library for a campaign.
+
+    A custodian may withhold effects that the library never had; a name that is nearly one of the
+    library's is a slip, which would let the effect in.
+    """
+    names = tuple(entry.get("exclude") or ())
+    if known is None:
+        return names
+    for name in names:
+        if name in known:
+            continue
+        near = get_close_matches(name, known, n=1, cutoff=0.8)
+        if near:
+            raise BlindError(
+                f"{data / PACK_FILE}: exclude of {entry['id']} names {name!r}, which the library "
+                f"lacks; if {near[0]} is meant, publish that name"
+            )
+        say(f"{entry['id']}: exclude names {name!r}, which the library lacks anyway")
+    return tuple(name for name in names if name in known)
+
+
+def _check_tiers(data: Path, names: Sequence[str], tiers: Sequence[Tier]) -> None:
+    """That some campaign has what each tier uses; one that has not, or is damaged, fails alone."""
+    for tier, key, what in (("M", "peak_tilt", "largest tilts"), ("T", "series", "time series")):
+        if tier in tiers and not any(_measures(data / name, key) for name in names):
+            raise BlindError(
+                f"{data}: no campaign has {what}, which tier {tier} uses; diagnose at other tiers "
+                "(--tier)"
+            )
+
+
+def _measures(folder: Path, key: str) -> bool:
+    try:
+        return any(getattr(trial, key) is not None for trial in load_campaign(folder).trials)
+    except Vsr2Error:
+        return False
 
 
 def _in_groups(

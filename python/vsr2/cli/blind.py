@@ -32,8 +32,13 @@ def _add_make(verbs: Any) -> None:
         description="Writes PACK/data and the key folder. Stopped, the same command continues.",
     )
     make.add_argument("scene", metavar="SCENE.yaml", type=Path, help="study with the nominal scene")
-    make.add_argument("pack", metavar="PACK", type=Path)
-    make.add_argument("--key", type=Path, help="folder of the key (default: PACK/key)")
+    make.add_argument("pack", metavar="PACK", type=Path, help="folder of the pack")
+    make.add_argument(
+        "--key",
+        type=Path,
+        metavar="DIR",
+        help="folder of the key, outside PACK (default: PACK-key, beside it)",
+    )
     make.add_argument(
         "--engine",
         action="append",
@@ -115,7 +120,13 @@ def _add_diagnose(verbs: Any) -> None:
         description="Reads the data folder alone. Stopped, the same command continues.",
     )
     diagnose.add_argument("data", metavar="DATA", type=Path, help="a pack's data folder")
-    diagnose.add_argument("--out", type=Path, required=True, metavar="DIR")
+    diagnose.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder of the diagnoses and of the bank of simulations",
+    )
     diagnose.add_argument(
         "--tier", action="append", choices=["B", "M", "T"], help="may be repeated (default: all)"
     )
@@ -148,12 +159,24 @@ def _add_score(verbs: Any) -> None:
         "score",
         help="open the key and score the diagnoses, once",
         description="Verifies the hashes of key and data, writes scores.json, scores.md and "
-        "reliability.png, and leaves a receipt in the key folder: a pack is scored once.",
+        "reliability.png, and leaves a receipt in the key folder: from then on no other diagnoses "
+        "of the pack are scored.",
     )
     score.add_argument("data", metavar="DATA", type=Path, help="a pack's data folder")
     score.add_argument("key", metavar="KEY", type=Path, help="its key folder")
-    score.add_argument("diagnoses", metavar="DIAGNOSES", type=Path)
-    score.add_argument("--out", type=Path, required=True, metavar="DIR")
+    score.add_argument(
+        "diagnoses", metavar="DIAGNOSES", type=Path, help="what `vsr2 blind diagnose` wrote"
+    )
+    score.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder that gets the scores"
+    )
+    score.add_argument(
+        "--tier",
+        action="append",
+        choices=["B", "M", "T"],
+        help="score this tier alone (may be repeated; default: all of the pack, which must have "
+        "been diagnosed)",
+    )
     score.add_argument(
         "--train",
         nargs=2,
@@ -200,7 +223,7 @@ def _make(options: argparse.Namespace) -> int:
     made = make_pack(
         load_study(options.scene),
         options.pack,
-        options.key or options.pack / "key",
+        options.key or options.pack.with_name(f"{options.pack.name}-key"),
         settings,
         seed=options.seed,
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
@@ -250,6 +273,7 @@ def _score(options: argparse.Namespace) -> int:
         options.diagnoses,
         options.out,
         training=None if options.train is None else tuple(options.train),
+        tiers=options.tier,
     )
     print(format_scores(scored), end="")
     print(f"wrote {options.out}")

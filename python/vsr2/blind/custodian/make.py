@@ -171,6 +171,18 @@ def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
     }
 
 
+def _differing(state: dict[str, Any], asked: dict[str, Any]) -> list[str]:
+    """What a pack was begun with that is not asked for now; of settings each by its name."""
+    out = []
+    for name in asked:
+        before, now = state.get(name), asked[name]
+        if isinstance(before, dict) and isinstance(now, dict):
+            out += [key for key in now if before.get(key) != now[key]]
+        elif before != now:
+            out.append(name)
+    return out
+
+
 def _begin(
     study: Study, data: Path, key: Path, settings: PackSettings, seed: int | None
 ) -> dict[str, Any]:
@@ -191,9 +203,10 @@ def _begin(
         state = read_json(path)
         differs = [name for name in asked if state.get(name) != asked[name]]
         if differs or seed not in (None, int(state["seed"])):
+            what = ", ".join(_differing(state, asked)) if differs else "seed"
             raise BlindError(
-                f"{path}: was begun with another {differs[0] if differs else 'seed'}; continue it "
-                "with the same, or choose other folders"
+                f"{path}: was begun with another {what}; continue it with the same, or choose "
+                "other folders"
             )
         if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import PurePosixPath
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from vsr2.blind.form.reader import Node, finite
 from vsr2.blind.form.settings import KINDS, Tolerances
 from vsr2.campaign.campaign import id_fault
+from vsr2.effects import library
 from vsr2.errors import BlindError
 
 TIERS = ("B", "M", "T")
@@ -76,9 +77,11 @@ def check_key(content: Mapping[str, Any], label: str) -> None:
         _check_tiers(settings)
     if settings.has("tolerances"):
         _check_tolerances(settings.node("tolerances"))
+    classes = [frozenset(members) for members in settings.content["classes"]]
     campaigns = key.node("campaigns")
     for name in campaigns.content:
         _check_entry(campaigns.node(name))
+        _check_exclude(campaigns.node(name), classes)
 
 
 def _check_entry(entry: Node) -> None:
@@ -99,6 +102,21 @@ def _check_entry(entry: Node) -> None:
     weights = [finite(weight) for weight in where.items("weights")]
     if not where.has("weights") or any(weight is None or weight < 0 for weight in weights):
         raise where.error("weights", "a list of numbers from 0, one a trial, or []")
+
+
+def _check_exclude(entry: Node, classes: Sequence[frozenset[str]]) -> None:
+    """That no class is withheld in part, an unknown effect of the library is, and no other is."""
+    exclude = frozenset(entry.content.get("exclude") or ())
+    for members in classes:
+        if exclude & members and not members <= exclude:
+            missing = ", ".join(sorted(members - exclude))
+            raise entry.error("exclude", f"whole equivalence classes: {missing} too")
+    unknown = entry.content["kind"] == "unknown"
+    for name in (effect["name"] for effect in entry.content.get("effects") or ()):
+        if name in exclude and not unknown:
+            raise entry.error("exclude", f"names without {name}, the effect of this campaign")
+        if unknown and name not in exclude and name in library():
+            raise entry.error("exclude", f"{name} among the names, as the kind is unknown")
 
 
 def _check_effect(effect: Node) -> None:

@@ -136,6 +136,11 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
         found = commitment(str(sealed["salt"]), sealed["key"])
     except (KeyError, ValueError):
         raise BlindError(f"{path}: salt is missing or no hexadecimal; get the key again") from None
+    if not sealed["salt"]:
+        raise BlindError(
+            f"{path}: salt is empty, so that a key can be guessed from its hash; seal with random "
+            f"bytes ({SALT_BYTES}, say)"
+        )
     if found != pack["commitment"]["sha256"]:
         raise BlindError(
             f"{path}: its hash is {found}, published was {pack['commitment']['sha256']}: the key "
@@ -150,7 +155,10 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
     _check_scene(data, pack["scene"], key)
     for name, entry in key["campaigns"].items():
         if folder_sha256(data / name) != entry["data_sha256"]:
-            raise BlindError(f"{data / name}: differs from the sealed data; nothing is scored")
+            raise BlindError(
+                f"{data / name}: its files differ from the sealed ones (changed, missing or "
+                "added); get the published folder again; nothing is scored"
+            )
     return key
 
 
@@ -175,7 +183,11 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
         sealed["tiers"] = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
     for name, value in sealed.items():
         published: Any = bool(pack.get(name)) if name == "development" else pack.get(name)
-        if name == "classes" and published is not None:
+        if name == "classes":
+            if not (published or value):
+                continue
+            if published is None:
+                raise _changed(path, name, published, value)
             published, value = _unlike(published, value)
         if _comparable(name, published) != _comparable(name, value):
             raise _changed(path, name, published, value)

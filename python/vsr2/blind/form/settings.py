@@ -9,6 +9,8 @@ from vsr2.errors import BlindError
 
 Kind = Literal["single", "none", "pair", "unknown"]
 ENGINES = ("mujoco", "bullet")
+LONGEST_SERIES_INTERVAL = 0.1
+"""[s]; a rock of 1 m rocks with periods from about 0.5 s."""
 KINDS: tuple[Kind, ...] = ("single", "none", "pair", "unknown")
 
 CLASSES: tuple[tuple[str, ...], ...] = (
@@ -69,7 +71,7 @@ class PackSettings:
         catalogue: ground motions of the pack, of which a protocol draws its own.
         protocols: of the pack; campaigns of one protocol share amplitudes, order, sessions and
             recorded motions, so that simulations for one serve all of them.
-        series_interval: [s]; 0: no series, so that the pack ends at tier M.
+        series_interval: [s], up to 0.1; 0: no series, so that the pack ends at tier M.
         effects: that may be drawn; empty: all that the engine has.
         hidden: number of classes that may be left out of the library, of unknown effects and of
             decoys alike; each costs the diagnosis fits of its own. At least 3 where there are
@@ -141,11 +143,12 @@ class PackSettings:
                 "needs at least 4 and 1"
             )
         if (
-            self.series_interval < 0
+            not 0 <= self.series_interval <= LONGEST_SERIES_INTERVAL
             or abs(self.series_interval * 1000 - round(self.series_interval * 1000)) > 1e-6
         ):
             raise BlindError(
-                f"series_interval is {self.series_interval} s; give a multiple of 0.001, or 0"
+                f"series_interval is {self.series_interval} s; give a multiple of 0.001 up to "
+                f"{LONGEST_SERIES_INTERVAL}, or 0 for no series"
             )
 
     def counts(self, engine: str) -> dict[Kind, int]:

@@ -75,15 +75,16 @@ def class_label(effect: str, classes: Sequence[Sequence[str]]) -> str:
     return " = ".join(next((c for c in classes if effect in c), (effect,)))
 
 
-def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case]:
-    """All campaigns and tiers of a pack that were to be diagnosed.
-
-    Tiers that no campaign was diagnosed at are left out; of the others every campaign is needed.
+def read_cases(
+    data: Path, key: Mapping[str, Any], diagnoses: Path, tiers: Sequence[str] | None = None
+) -> list[Case]:
+    """All campaigns of a pack at each tier that is to be scored.
 
     Args:
         data: the pack's data folder.
         key: opened by :func:`vsr2.blind.form.seal.open_key`.
         diagnoses: folder of them.
+        tiers: to be scored; None: all of the pack.
 
     Raises:
         BlindError: diagnoses of another pack, or missing, or of a wrong form; one names an effect
@@ -96,11 +97,21 @@ def read_cases(data: Path, key: Mapping[str, Any], diagnoses: Path) -> list[Case
         raise BlindError(
             f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
         )
-    tiers = [
-        t for t in pack["tiers"] if any((diagnoses / c / t).is_dir() for c in key["campaigns"])
-    ]
-    if not tiers:
-        raise BlindError(f"{diagnoses}: holds no diagnosis; run `vsr2 blind diagnose` first")
+    if tiers is None:
+        tiers = pack["tiers"]
+        begun = {t for t in tiers if any((diagnoses / c / t).is_dir() for c in key["campaigns"])}
+        missing = [t for t in tiers if t not in begun]
+        if missing:
+            raise BlindError(
+                f"{diagnoses}: holds no diagnosis at tier {', '.join(missing)} of the pack's "
+                f"{', '.join(tiers)}; run `vsr2 blind diagnose` to the end, or give the tiers that "
+                "are to be scored (--tier): a pack is scored once"
+            )
+    elif set(tiers) - set(pack["tiers"]):
+        raise BlindError(
+            f"{data}: has no tier {', '.join(sorted(set(tiers) - set(pack['tiers'])))}; it has "
+            f"{', '.join(pack['tiers'])}"
+        )
     out = []
     for name in sorted(key["campaigns"]):
         trials = _trial_ids(data / name / TRIALS)

@@ -48,6 +48,9 @@ def proportion(hits: int, count: int) -> Score:
 def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: int = 0) -> Score:
     """A statistic of campaigns with the percentile interval of a bootstrap over campaigns.
 
+    Of a statistic that resampling biases (a calibration error) that interval may lie beside the
+    value; it is widened to hold it.
+
     Args:
         values: one row a campaign, shape (n,) or (n, k).
         statistic: of many samples of such rows at once, (samples, n) or (samples, n, k) to
@@ -66,7 +69,8 @@ def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: i
         if known.size and count > 1
         else (np.nan, np.nan)
     )
-    return Score(float(statistic(rows[None])[0]), float(low), float(high), count)
+    value = float(statistic(rows[None])[0])
+    return Score(value, float(min(low, value)), float(max(high, value)), count)
 
 
 def area_under_roc(samples: Array) -> Array:

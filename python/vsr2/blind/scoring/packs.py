@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import datetime
 import io
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -24,14 +22,24 @@ from vsr2.blind.form.seal import (
     open_key,
     read_json,
     read_pack,
+    write_json,
 )
 from vsr2.blind.form.verdict import NONE, UNKNOWN
 from vsr2.blind.scoring.baselines import BASELINES, baseline_cases, rate_alone
 from vsr2.blind.scoring.cases import ALL, Case, read_cases
 from vsr2.blind.scoring.intervals import Score, reliability
 from vsr2.blind.scoring.leaks import Leak, find_leaks
-from vsr2.blind.scoring.score import FIRST, Scores, is_alarm, score_cases, top_one
-from vsr2.errors import BlindError
+from vsr2.blind.scoring.score import (
+    BEST_HIGH,
+    FIRST,
+    NAMED,
+    SAYING_NOTHING,
+    Scores,
+    is_alarm,
+    score_cases,
+    top_one,
+)
+from vsr2.errors import BlindError, ResultError
 from vsr2.results.atomic import write_atomic
 
 RECEIPT = "receipt.json"
@@ -55,17 +63,22 @@ class Scored:
     development: bool
     leaks: Sequence[Sequence[Leak]] = ()
 
-    def margins(self) -> dict[str, float]:
-        """By tier, how much oftener the true class is first than with the best baseline."""
-        top = {
-            tier: scores[FIRST].value
-            for (tier, group), scores in self.scores.items()
-            if group == ALL and FIRST in scores
+    def margins(self, score: str, group: str = ALL) -> dict[str, float]:
+        """By tier, how far a score lies above that of the best baseline; {} without baselines."""
+        found = {
+            column: scores[score].value
+            for (column, own), scores in self.scores.items()
+            if own == group and score in scores
         }
-        trivial = [value for name, value in top.items() if name in BASELINES]
+        trivial = [value for name, value in found.items() if name in BASELINES]
         if not trivial:
             return {}
-        return {tier: value - max(trivial) for tier, value in top.items() if tier not in BASELINES}
+        tiers = {column: value for column, value in found.items() if column not in BASELINES}
+        return {tier: value - max(trivial) for tier, value in sorted(tiers.items())}
+
+    def groups(self) -> list[str]:
+        """Of campaigns: all first, the others by name."""
+        return sorted({group for _, group in self.scores}, key=lambda name: (name != ALL, name))
 
     def to_json(self) -> dict[str, Any]:
         """Plain data; single campaigns of an open pack only."""
@@ -80,7 +93,12 @@ class Scored:
                 for one in self.rates
                 for name, score in one.items()
             ],
-            "above_baselines": self.margins(),
+            "above_baselines": [
+                {"group": group, "score": score, "tier": tier, "value": round(value, 6)}
+                for group in self.groups()
+                for score in BEST_HIGH
+                for tier, value in self.margins(score, group).items()
+            ],
             "leaks": [[asdict(leak) for leak in one] for one in self.leaks],
         }
         if self.development:
@@ -109,11 +127,13 @@ def score_pack(
     out: Path,
     *,
     training: tuple[Path, Path] | None = None,
+    tiers: Sequence[str] | None = None,
 ) -> Scored:
     """Score the diagnoses of a pack and write `scores.json`, `scores.md` and `reliability.png`.
 
     The key, and all that it seals, are verified first. A pack is scored once: the key folder gets a
-    receipt with the scores, and another scoring is refused. Open packs (development) have none.
+    receipt with the scores, and other diagnoses are refused from then on; the same ones are scored
+    again, as after a run that was killed while it wrote. Open packs (development) have no receipt.
 
     Args:
         data: the pack's data folder.
@@ -122,34 +142,37 @@ def score_pack(
         out: gets the scores.
         training: data and key folder of a development pack that trains the trivial baselines;
             None: there are none.
+        tiers: to be scored; None: all of the pack.
 
     Raises:
-        BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, the pack has been
-            scored, or `out` cannot be written to. Nothing is scored then.
+        BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, other diagnoses of
+            the pack have been scored, or `out` cannot be written to. Nothing is scored then.
     """
     pack = read_pack(data)
     opened = open_key(data, key)
     open_pack = is_open(opened)
+    submission = folder_sha256(diagnoses, "*.json")
     receipt = key / RECEIPT
-    if receipt.exists() and not open_pack:
+    again = receipt.exists() and not open_pack
+    if again and read_json(receipt).get("submission") != submission:
         raise BlindError(
-            f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}; a pack is "
-            "scored once: make a new one"
+            f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}, with other "
+            f"diagnoses than those in {diagnoses} now; a pack is scored once: make a new one"
         )
-    cases = read_cases(data, opened, diagnoses)
+    cases = read_cases(data, opened, diagnoses, tiers)
     trivial, rates = _baselines(cases, data, opened, training)
     leaks = [find_leaks(data, opened)]
     scored = Scored(score_cases([*cases, *trivial]), rates, cases, open_pack, leaks)
     more = {
         "pack": pack["commitment"]["sha256"],
-        "submission": folder_sha256(diagnoses, "*.json"),
+        "submission": submission,
         "development": open_pack,
     }
     content = scored.to_json() | more
     canonical(content)
     files = _files(scored, content)
     make_folder(out)
-    if not open_pack:
+    if not open_pack and not again:
         _leave_receipt(receipt, content)
     _write(files, out)
     return scored
@@ -243,15 +266,10 @@ def _put(content: bytes, file: IO[bytes]) -> None:
 
 def _leave_receipt(path: Path, content: Mapping[str, Any]) -> None:
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    text = json.dumps({"scored": today, **content}, indent=1, sort_keys=True)
     try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except OSError as error:
-        raise BlindError(
-            f"{path}: the receipt cannot be written ({error.strerror}), so nothing is scored"
-        ) from None
-    with os.fdopen(descriptor, "w") as file:
-        file.write(text + "\n")
+        write_json(path, {"scored": today, **content}, private=True)
+    except ResultError as error:
+        raise BlindError(f"{error}; without a receipt nothing is scored") from None
 
 
 def _plain(score: Score) -> dict[str, float | int | None]:
@@ -272,26 +290,31 @@ def format_scores(scored: Scored) -> str:
     trivial = [name for name in BASELINES if name in columns]
     columns = [*sorted(set(columns) - set(trivial)), *trivial]
     lines: list[str] = []
-    for group in sorted(
-        {group for _, group in scored.scores}, key=lambda name: (name != ALL, name)
-    ):
+    if not trivial:
+        lines += ["", "Without trivial baselines: none were trained (`--train`)."]
+    for group in scored.groups():
         found = {column: scored.scores.get((column, group), {}) for column in columns}
         lines += ["", f"### {group}", "", "| score | " + " | ".join(columns) + " |"]
         lines.append("| --- |" + " --- |" * len(columns))
         for name in dict.fromkeys(name for scores in found.values() for name in scores):
-            cells = [_cell(found[column].get(name)) for column in columns]
+            cells = [
+                f"{SAYING_NOTHING[name]:.2f}"
+                if column in trivial and name in SAYING_NOTHING
+                else _cell(found[column].get(name))
+                for column in columns
+            ]
             lines.append(f"| {name} | " + " | ".join(cells) + " |")
-        if group == ALL and scored.margins():
-            margins = ", ".join(f"{tier} {value:+.2f}" for tier, value in scored.margins().items())
-            lines += ["", f"Above the best baseline, {FIRST}: {margins}."]
+        lines += _against_baselines(scored, group)
     for number, rates in enumerate(scored.rates, 1):
         if rates:
             lines += ["", f"### overturn rate alone, pack {number}", "", "| score | value |"]
             lines.append("| --- | --- |")
             lines += [f"| {name} | {_cell(score)} |" for name, score in rates.items()]
     for number, leaks in enumerate(scored.leaks, 1):
-        if leaks:
-            lines += ["", f"### what metadata tell, pack {number}", ""]
+        lines += ["", f"### what metadata tell, pack {number}", ""]
+        if not leaks:
+            lines.append("Not asked: too few campaigns to tell by their neighbours.")
+        else:
             lines += ["| question | p | told best by | told | by chance | campaigns |"]
             lines.append("| --- | --- | --- | --- | --- | --- |")
             lines += [
@@ -300,6 +323,22 @@ def format_scores(scored: Scored) -> str:
                 for leak in leaks
             ]
     return "\n".join(lines).lstrip() + "\n"
+
+
+def _against_baselines(scored: Scored, group: str) -> list[str]:
+    """What the scores of a group are beside those of the best trivial baseline."""
+    lines = []
+    for score in (FIRST, NAMED):
+        margins = scored.margins(score, group)
+        if margins:
+            told = ", ".join(f"{tier} {value:+.2f}" for tier, value in margins.items())
+            lines += ["", f"Above the best baseline, {score}: {told}."]
+    beaten = {
+        score: [tier for tier, value in scored.margins(score, group).items() if value < 0]
+        for score in BEST_HIGH
+    }
+    told = "; ".join(f"{score} ({', '.join(tiers)})" for score, tiers in beaten.items() if tiers)
+    return [*lines, "", f"A baseline does better in: {told}."] if told else lines
 
 
 def _cell(score: Score | None) -> str:

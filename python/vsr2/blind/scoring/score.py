@@ -26,6 +26,23 @@ LEAST_PROBABILITY = 1e-3
 FALSE_ALARM = 0.05
 SIGNIFICANT = 0.05
 FIRST = "most probable class, whatever the verdict (single)"
+NAMED = "top-1 class (single)"
+ERROR = "magnitude: median relative error"
+CLOSURE = "closure over oracle: median"
+SILENT_CLOSURE = "closure over oracle, 0 where no effect is named: median"
+GAIN = "where: median mass over share of trials"
+SAYING_NOTHING = {ERROR: 1.0, CLOSURE: 0.0, SILENT_CLOSURE: 0.0, GAIN: 1.0}
+"""What a diagnosis gets that tells no magnitude, adds no effect, and names all trials or random
+ones: the trivial baseline of these scores."""
+BEST_HIGH = (
+    NAMED,
+    FIRST,
+    "top-3 class (single)",
+    "log score below uniform",
+    "unknown: AUROC",
+    "unknown: rate at 5 % false alarms",
+)
+"""Scores that a trivial baseline has too, the higher the better."""
 
 Scores = dict[str, Score]
 
@@ -83,10 +100,10 @@ def log_loss(case: Case) -> float:
     return -math.log(min(1.0, max(found, LEAST_PROBABILITY)))
 
 
-def magnitude(case: Case) -> tuple[float, bool] | None:
-    """Relative error of the strength and whether its interval holds the truth; None: not told.
+def magnitude(case: Case) -> tuple[float, bool, float] | None:
+    """Of the strength: relative error, whether its interval holds the truth, width; None: not told.
 
-    The error is |estimate - truth| / |truth - null|, for a null of infinity over |truth|.
+    Error and width are over |truth - null|, for a null of infinity over |truth|.
     """
     if case.kind != "single":
         return None
@@ -97,8 +114,8 @@ def magnitude(case: Case) -> tuple[float, bool] | None:
         return None
     truth = effect["values"][effect["strength"]]
     size = abs(truth if effect["null"] is None else truth - effect["null"])
-    error = abs(estimate.mean - truth) / size
-    return error, estimate.low <= truth <= estimate.high
+    held = estimate.low <= truth <= estimate.high
+    return abs(estimate.mean - truth) / size, held, (estimate.high - estimate.low) / size
 
 
 def closure(case: Case) -> float | None:
@@ -111,15 +128,31 @@ def closure(case: Case) -> float | None:
     return case.verdict.closure / oracle
 
 
-def where_mass(case: Case) -> float | None:
-    """Share of the effect's changes in the places named at p <= 0.05; None: none names trials."""
+def silent_closure(case: Case) -> float | None:
+    """As :func:`closure`, but 0 where the verdict names no effect, so that nothing is added."""
+    oracle = case.verdict.closures.get(case.effects[0]["name"]) if case.kind == "single" else None
+    if oracle is not None and oracle > 0 and not _names_effects(case):
+        return 0.0
+    return closure(case)
+
+
+def _names_effects(case: Case) -> bool:
+    return case.verdict.kind in ("effect", "class", "pair")
+
+
+def where_mass(case: Case) -> tuple[float, float] | None:
+    """Of the places named at p <= 0.05 their shares of the effect's changes, and of the trials.
+
+    A place drawn at random holds as much of the one as of the other. None: none names trials.
+    """
     named = [f.trials for f in case.verdict.where if f.p <= SIGNIFICANT and f.trials is not None]
     weights = case.where["weights"]
     total = math.fsum(weights)
     if not named or not weights or total <= 0:
         return None
     inside = frozenset[str]().union(*named)
-    return math.fsum(w for n, w in zip(case.trials, weights, strict=True) if n in inside) / total
+    mass = math.fsum(w for n, w in zip(case.trials, weights, strict=True) if n in inside) / total
+    return mass, len(inside) / len(case.trials)
 
 
 def axis_named(case: Case) -> bool:
@@ -147,7 +180,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     single, none, pair, unknown = of("single"), of(NONE), of("pair"), of(UNKNOWN)
     told = [case for case in of("single", NONE, UNKNOWN)]
     out: Scores = {
-        "top-1 class (single)": share(top_one, single),
+        NAMED: share(top_one, single),
         FIRST: share(lambda c: _leading(c) in c.truth, single),
         "top-3 class (single)": share(top_three, single),
         "90 % set: coverage": share(in_set, told),
@@ -169,14 +202,20 @@ def _scores(cases: Sequence[Case]) -> Scores:
     }
     out |= _unknown_scores(unknown, of("single", NONE, "pair"))
     errors = [found for case in single if (found := magnitude(case)) is not None]
-    out["magnitude: median relative error"] = resampled([e for e, _ in errors], _median)
-    out["magnitude: interval coverage"] = proportion(sum(h for _, h in errors), len(errors))
+    out["magnitude: told (single)"] = proportion(len(errors), len(single))
+    out[ERROR] = resampled([error for error, _, _ in errors], _median)
+    out["magnitude: interval coverage"] = proportion(sum(h for _, h, _ in errors), len(errors))
+    out["magnitude: median width of interval"] = resampled([w for _, _, w in errors], _median)
     ratios = [r for case in single if (r := closure(case)) is not None]
-    out["closure over oracle: median"] = resampled(ratios, _median)
+    out[CLOSURE] = resampled(ratios, _median)
+    ratios = [r for case in single if (r := silent_closure(case)) is not None]
+    out[SILENT_CLOSURE] = resampled(ratios, _median)
     highs = [c.verdict.closure_high for c in single if c.verdict.closure_high is not None]
     out["closure below 0 beyond its interval"] = proportion(sum(h < 0 for h in highs), len(highs))
-    masses = [m for case in single if (m := where_mass(case)) is not None]
-    out["where: median mass inside"] = resampled(masses, _median)
+    places = [place for case in single if (place := where_mass(case)) is not None]
+    out["where: median mass inside"] = resampled([mass for mass, _ in places], _median)
+    out["where: median share of trials inside"] = resampled([n for _, n in places], _median)
+    out[GAIN] = resampled([mass / share for mass, share in places if share > 0], _median)
     out["where: axis named (single)"] = share(axis_named, single)
     out["where: false places (none)"] = share(
         lambda c: any(f.p <= SIGNIFICANT for f in c.verdict.where), none
