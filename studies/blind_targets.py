@@ -46,6 +46,7 @@ ROWS = (
     Row("calibration error", "calibration error", ".05; .10", (STRONG, ALL)),
     Row("false alarms", "false alarms (none)", ".05; .10", (ALL,)),
     Row("unknown: AUROC", "unknown: AUROC", ".70 / .85 / .90; .75 (M)", (STRONG, ALL)),
+    Row("unknown: rate at 5 % false alarms", "unknown: rate at 5 % false alarms", "-"),
     Row(
         "magnitude: median relative error",
         "magnitude: median relative error",
@@ -58,12 +59,27 @@ ROWS = (
         (STRONG, ALL),
     ),
     Row(
+        "magnitude: width of that interval over the size",
+        "magnitude: median width of interval",
+        "-",
+    ),
+    Row(
         "closure over the oracle's, median",
         "closure over oracle: median",
         ".75 / .85 / .90; .65",
     ),
+    Row(
+        "the same, 0 where no effect is named",
+        "closure over oracle, 0 where no effect is named: median",
+        "-",
+    ),
     Row("closure below 0 beyond its interval", "closure below 0 beyond its interval", "0", (ALL,)),
     Row("where: mass inside, median", "where: median mass inside", ".80; .70"),
+    Row(
+        "where: that over the share of trials",
+        "where: median mass over share of trials, smallest place",
+        "above 1",
+    ),
     Row("where: false places", "where: false places (none)", ".05", (ALL,)),
     Row("pair called", "pair found (pair)", "-", (ALL,)),
 )

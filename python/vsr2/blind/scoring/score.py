@@ -30,7 +30,7 @@ NAMED = "top-1 class (single)"
 ERROR = "magnitude: median relative error"
 CLOSURE = "closure over oracle: median"
 SILENT_CLOSURE = "closure over oracle, 0 where no effect is named: median"
-GAIN = "where: median mass over share of trials"
+GAIN = "where: median mass over share of trials, smallest place"
 SAYING_NOTHING = {ERROR: 1.0, CLOSURE: 0.0, SILENT_CLOSURE: 0.0, GAIN: 1.0}
 """What a diagnosis gets that tells no magnitude, adds no effect, and names all trials or random
 ones: the trivial baseline of these scores."""
@@ -140,19 +140,27 @@ def _names_effects(case: Case) -> bool:
     return case.verdict.kind in ("effect", "class", "pair")
 
 
-def where_mass(case: Case) -> tuple[float, float] | None:
+def where_mass(case: Case) -> tuple[float, float, float] | None:
     """Of the places named at p <= 0.05 their shares of the effect's changes, and of the trials.
 
-    A place drawn at random holds as much of the one as of the other. None: none names trials.
+    Both are of all places together. The third number is the one over the other in the smallest
+    place: a place drawn at random holds as much of the one as of the other. None: none names
+    trials.
     """
-    named = [f.trials for f in case.verdict.where if f.p <= SIGNIFICANT and f.trials is not None]
+    named = [f.trials for f in case.verdict.where if f.p <= SIGNIFICANT and f.trials]
     weights = case.where["weights"]
     total = math.fsum(weights)
     if not named or not weights or total <= 0:
         return None
+    weight = dict(zip(case.trials, weights, strict=True))
+
+    def mass(trials: frozenset[str]) -> float:
+        return math.fsum(weight[n] for n in trials) / total
+
     inside = frozenset[str]().union(*named)
-    mass = math.fsum(w for n, w in zip(case.trials, weights, strict=True) if n in inside) / total
-    return mass, len(inside) / len(case.trials)
+    smallest = min(named, key=lambda trials: (len(trials), sorted(trials)))
+    count = len(case.trials)
+    return mass(inside), len(inside) / count, mass(smallest) / (len(smallest) / count)
 
 
 def axis_named(case: Case) -> bool:
@@ -213,9 +221,9 @@ def _scores(cases: Sequence[Case]) -> Scores:
     highs = [c.verdict.closure_high for c in single if c.verdict.closure_high is not None]
     out["closure below 0 beyond its interval"] = proportion(sum(h < 0 for h in highs), len(highs))
     places = [place for case in single if (place := where_mass(case)) is not None]
-    out["where: median mass inside"] = resampled([mass for mass, _ in places], _median)
-    out["where: median share of trials inside"] = resampled([n for _, n in places], _median)
-    out[GAIN] = resampled([mass / share for mass, share in places if share > 0], _median)
+    out["where: median mass inside"] = resampled([mass for mass, _, _ in places], _median)
+    out["where: median share of trials inside"] = resampled([n for _, n, _ in places], _median)
+    out[GAIN] = resampled([gain for _, _, gain in places], _median)
     out["where: axis named (single)"] = share(axis_named, single)
     out["where: false places (none)"] = share(
         lambda c: any(f.p <= SIGNIFICANT for f in c.verdict.where), none
