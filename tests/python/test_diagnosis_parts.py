@@ -31,7 +31,7 @@ from vsr2.diagnosis.simulated.library import NONE, basis, free_parameters, null_
 from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement
-from vsr2.diagnosis.verdict.summary import _shown, mates
+from vsr2.diagnosis.verdict.summary import _shown, beyond_tolerance, mates
 from vsr2.diagnosis.where.discrepancy import COMMON, VARIANCE, disturbed
 from vsr2.diagnosis.where.null_campaigns import null_campaigns
 from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, scan
@@ -214,6 +214,18 @@ def test_a_pair_names_what_stands_behind_its_members() -> None:
     ]
     assert mates(Verdict("pair", ("inertia", "time_scale"), 0.9, ()), full_library()) == []
     assert mates(Verdict("effect", ("com_offset",), 0.9, ()), full_library()) == []
+
+
+def test_what_lies_beyond_its_tolerance_may_look_like_an_effect() -> None:
+    nuisances = ("slenderness", "inertia", "friction")
+
+    def told(kind, *effects):
+        return beyond_tolerance(Verdict(kind, effects, 0.9, ()), nuisances)
+
+    assert "whose slenderness lies further off" in told("effect", "edge_rounding")[0]
+    assert "whose slenderness or inertia lies" in told("class", "table_gain", "time_scale")[0]
+    assert "whose friction lies" in told("effect", "friction")[0]
+    assert told("effect", "catch") == told("none") == told("unresolved", "slenderness") == []
 
 
 def shared_draws(rng, draws=30, each=20, trials=60, common=0.3, own=0.1):

@@ -160,6 +160,7 @@ def compose(
             *_doubts(verdict, whole.headline(), findings),
             *_outside(verdict, found.conformal["both"]),
             *mates(verdict, prepared.library),
+            *beyond_tolerance(verdict, provenance.get("nuisances", ())),
             *_sizes(prepared, verdict, effects),
             *_limits(seen, screening, prepared, whole, layers, provenance),
         ],
@@ -264,6 +265,23 @@ def mates(verdict: Verdict, library: Library) -> list[str]:
         f"in place of {name} it may be {' or '.join(others)}, which theory takes for about the same"
         for name, others in behind.items()
         if others
+    ]
+
+
+def beyond_tolerance(verdict: Verdict, nuisances: Sequence[str]) -> list[str]:
+    """A sentence on nuisances that would look like what is named.
+
+    They are integrated over within their tolerances. A set-up that lies further off than these say
+    is a gap, and effects that act alike are all that can be named for it.
+    """
+    named = verdict.effects if verdict.kind in ("effect", "class", "pair") else ()
+    alike = takes_for_alike()
+    same = [n for n in nuisances if any(n == name or alike(n, name) for name in named)]
+    if not same:
+        return []
+    return [
+        f"a set-up whose {' or '.join(same)} lies further off the scene than the tolerance that "
+        "was reckoned with would look the same: check what was measured of it"
     ]
 
 
