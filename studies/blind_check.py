@@ -36,10 +36,10 @@ from vsr2.blind import (
     score_pack,
 )
 from vsr2.blind.form.seal import open_key, read_json
-from vsr2.blind.scoring.cases import read_cases
+from vsr2.blind.scoring.cases import Case, read_cases
 from vsr2.blind.scoring.kept import keep_diagnoses, kept_cases
 from vsr2.blind.scoring.packs import Scored
-from vsr2.blind.scoring.score import score_cases, top_one
+from vsr2.blind.scoring.score import leading_class, magnitude, score_cases, top_one
 from vsr2.config import load_study
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -219,8 +219,8 @@ def keep(data: Path, key: Path, verdicts: Path, path: Path) -> None:
 def recompute(results: Path) -> int:
     """Compare the scores with those from the keys and diagnoses that are kept beside them.
 
-    Compared are values and counts of all scores that are told; later versions know more scores, and
-    have wider intervals of some.
+    Later versions know more scores, and widen an interval that does not hold its value: scores that
+    are not told at all are left out, and told intervals are widened so. All else is compared.
     """
     cases = []
     for path in sorted(results.glob("diagnoses*.json.gz")):
@@ -228,23 +228,24 @@ def recompute(results: Path) -> int:
         opened = json.loads(gzip.decompress(key.read_bytes()))["key"]
         cases += kept_cases(json.loads(gzip.decompress(path.read_bytes())), opened, str(path))
     tiers = {case.tier for case in cases}
-    found = {
-        _place(row): row for row in Scored(score_cases(cases), [], cases, False).to_json()["scores"]
-    }
-    told = [row for row in read_json(results / "scores.json")["scores"] if row["tier"] in tiers]
-    differ = [
-        row
-        for row in told
-        if any(row[name] != found.get(_place(row), {}).get(name) for name in ("value", "campaigns"))
-    ]
+    found = Scored(score_cases(cases), [], cases, False).to_json()["scores"]
+    read = read_json(results / "scores.json")["scores"]
+    told = [_widened(row) for row in read if row["tier"] in tiers]
+    names = {row["score"] for row in told}
+    found = [row for row in found if row["score"] in names]
+    differ = [row for row in told if row not in found] + [row for row in found if row not in told]
     for row in differ:
         print(row)
     print(f"{results}: {len(told)} scores, {len(differ)} differ")
     return 1 if differ or not told else 0
 
 
-def _place(row: dict[str, Any]) -> tuple[str, str, str]:
-    return row["tier"], row["group"], row["score"]
+def _widened(row: dict[str, Any]) -> dict[str, Any]:
+    """A score whose interval holds its value."""
+    if row["low"] is None or row["value"] is None:
+        return row
+    low, high = min(row["low"], row["value"]), max(row["high"], row["value"])
+    return row | {"low": low, "high": high}
 
 
 def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
@@ -266,9 +267,20 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "named": " ".join(case.verdict.effects) if named else "",
                     "probability": f"{case.verdict.probability:.3f}",
                     "right": int(top_one(case)) if named else "",
+                    "first": leading_class(case),
+                    **_magnitude(case),
                 }
             )
     return rows
+
+
+def _magnitude(case: Case) -> dict[str, Any]:
+    """Error, interval and its width, as scored; blank where they are not told."""
+    told = magnitude(case)
+    if told is None:
+        return {"error": "", "held": "", "width": ""}
+    error, held, width = told
+    return {"error": f"{error:.3g}", "held": int(held), "width": f"{width:.3g}"}
 
 
 def finished(data: Path, verdicts: Path) -> bool:

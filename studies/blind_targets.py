@@ -76,7 +76,7 @@ ROWS = (
     Row("closure below 0 beyond its interval", "closure below 0 beyond its interval", "0", (ALL,)),
     Row("where: mass inside, median", "where: median mass inside", ".80; .70"),
     Row(
-        "where: that over the share of trials",
+        "where: mass over share of trials, smallest place",
         "where: median mass over share of trials, smallest place",
         "above 1",
     ),

@@ -17,7 +17,7 @@ from blind_samples import SCENE, SMALL, QuickEngine, make, same_folders
 from vsr2.blind import PackSettings, make_pack
 from vsr2.blind.custodian.floor import draw_own
 from vsr2.blind.custodian.shake import Observed
-from vsr2.blind.form.seal import canonical, commitment, open_key, read_json
+from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.campaign import (
     check_campaign,
     load_campaign,
@@ -270,3 +270,17 @@ def test_settings_are_checked() -> None:
             PackSettings(**change)
     settings = PackSettings(effects=("wear",), engines=("bullet",))
     assert PackSettings.from_json(json.loads(json.dumps(settings.to_json()))) == settings
+
+
+def test_a_published_seed_draws_the_campaigns_again(quick, study, tmp_path) -> None:
+    make(study, tmp_path / "one", seed=None)
+    key = read_json(tmp_path / "one" / "key" / "key.json")["key"]
+    make(study, tmp_path / "two", seed=int(key["seed"]))
+    names = sorted(key["campaigns"])
+    data = [tmp_path / folder / "data" for folder in ("one", "two")]
+    assert [[folder_sha256(d / name) for name in names] for d in data] == 2 * [
+        [key["campaigns"][name]["data_sha256"] for name in names]
+    ]
+    # The salt of a sealed pack does not follow from its seed, so that its hash gives nothing away.
+    sealed = [read_json(d / "pack.json")["commitment"]["sha256"] for d in data]
+    assert sealed[0] != sealed[1]

@@ -274,6 +274,7 @@ def _score(options: argparse.Namespace) -> int:
         options.out,
         training=None if options.train is None else tuple(options.train),
         tiers=options.tier,
+        say=lambda text: print(text, flush=True),
     )
     print(format_scores(scored), end="")
     print(f"wrote {options.out}")

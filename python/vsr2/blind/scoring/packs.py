@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -128,6 +128,7 @@ def score_pack(
     *,
     training: tuple[Path, Path] | None = None,
     tiers: Sequence[str] | None = None,
+    say: Callable[[str], None] = lambda text: None,
 ) -> Scored:
     """Score the diagnoses of a pack and write `scores.json`, `scores.md` and `reliability.png`.
 
@@ -143,6 +144,7 @@ def score_pack(
         training: data and key folder of a development pack that trains the trivial baselines;
             None: there are none.
         tiers: to be scored; None: all of the pack.
+        say: gets a line for each stage.
 
     Raises:
         BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, other diagnoses of
@@ -159,9 +161,12 @@ def score_pack(
             f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}, with other "
             f"diagnoses than those in {diagnoses} now; a pack is scored once: make a new one"
         )
+    say(f"{key}: opened, and all that it seals found right")
     cases = read_cases(data, opened, diagnoses, tiers)
+    say(f"{diagnoses}: {len(cases)} diagnoses read")
     trivial, rates = _baselines(cases, data, opened, training)
     leaks = [find_leaks(data, opened)]
+    say("trivial baselines and leaks are done; scores and their intervals follow")
     scored = Scored(score_cases([*cases, *trivial]), rates, cases, open_pack, leaks)
     more = {
         "pack": pack["commitment"]["sha256"],

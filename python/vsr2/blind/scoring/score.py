@@ -63,10 +63,10 @@ def top_one(case: Case) -> bool:
         return case.truth == (kind,)
     if kind == "unresolved":
         return False
-    return _leading(case) in case.truth
+    return leading_class(case) in case.truth
 
 
-def _leading(case: Case) -> str:
+def leading_class(case: Case) -> str:
     """The most probable class that is an effect's; of a verdict without any, the first it names."""
     ranked = [name for name in case.class_probabilities if name not in (NONE, UNKNOWN)]
     named = [case.label(name) for name in case.verdict.effects]
@@ -118,26 +118,17 @@ def magnitude(case: Case) -> tuple[float, bool, float] | None:
     return abs(estimate.mean - truth) / size, held, (estimate.high - estimate.low) / size
 
 
-def closure(case: Case) -> float | None:
-    """Closure of the verdict over that of the true effect (the oracle); None: no ratio."""
-    if case.kind != "single" or case.verdict.closure is None:
+def closure(case: Case, *, silent: bool = False) -> float | None:
+    """Closure of the verdict over that of the true effect (the oracle); None: no ratio.
+
+    `silent`: 0 where the verdict names no effect, so that nothing is added.
+    """
+    if case.kind != "single":
         return None
+    names = case.verdict.kind in ("effect", "class", "pair")
+    own = 0.0 if silent and not names else case.verdict.closure
     oracle = case.verdict.closures.get(case.effects[0]["name"])
-    if oracle is None or oracle <= 0:
-        return None
-    return case.verdict.closure / oracle
-
-
-def silent_closure(case: Case) -> float | None:
-    """As :func:`closure`, but 0 where the verdict names no effect, so that nothing is added."""
-    oracle = case.verdict.closures.get(case.effects[0]["name"]) if case.kind == "single" else None
-    if oracle is not None and oracle > 0 and not _names_effects(case):
-        return 0.0
-    return closure(case)
-
-
-def _names_effects(case: Case) -> bool:
-    return case.verdict.kind in ("effect", "class", "pair")
+    return None if own is None or oracle is None or oracle <= 0 else own / oracle
 
 
 def where_mass(case: Case) -> tuple[float, float, float] | None:
@@ -189,7 +180,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     told = [case for case in of("single", NONE, UNKNOWN)]
     out: Scores = {
         NAMED: share(top_one, single),
-        FIRST: share(lambda c: _leading(c) in c.truth, single),
+        FIRST: share(lambda c: leading_class(c) in c.truth, single),
         "top-3 class (single)": share(top_three, single),
         "90 % set: coverage": share(in_set, told),
         "90 % set: median size": resampled([set_size(c) for c in told], _median),
@@ -216,7 +207,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     out["magnitude: median width of interval"] = resampled([w for _, _, w in errors], _median)
     ratios = [r for case in single if (r := closure(case)) is not None]
     out[CLOSURE] = resampled(ratios, _median)
-    ratios = [r for case in single if (r := silent_closure(case)) is not None]
+    ratios = [r for case in single if (r := closure(case, silent=True)) is not None]
     out[SILENT_CLOSURE] = resampled(ratios, _median)
     highs = [c.verdict.closure_high for c in single if c.verdict.closure_high is not None]
     out["closure below 0 beyond its interval"] = proportion(sum(h < 0 for h in highs), len(highs))

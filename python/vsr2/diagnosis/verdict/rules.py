@@ -55,6 +55,11 @@ class Verdict:
     probability: float
     reasons: tuple[str, ...]
 
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Effects that it says are missing; none where it says something else."""
+        return self.effects if self.kind in ("effect", "class", "pair") else ()
+
 
 @dataclass(frozen=True)
 class Findings:

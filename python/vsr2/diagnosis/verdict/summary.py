@@ -223,7 +223,7 @@ def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
 
 
 def _doubts(verdict: Verdict, headline: Mapping[str, Any], findings: Findings) -> list[str]:
-    if verdict.kind not in ("effect", "class", "pair"):
+    if not verdict.named:
         return []
     out = []
     if findings.unknown_probability > LEAST_UNKNOWN:
@@ -274,9 +274,8 @@ def beyond_tolerance(verdict: Verdict, nuisances: Sequence[str]) -> list[str]:
     They are integrated over within their tolerances. A set-up that lies further off than these say
     is a gap, and effects that act alike are all that can be named for it.
     """
-    named = verdict.effects if verdict.kind in ("effect", "class", "pair") else ()
     alike = takes_for_alike()
-    same = [n for n in nuisances if any(n == name or alike(n, name) for name in named)]
+    same = [n for n in nuisances if any(n == name or alike(n, name) for name in verdict.named)]
     if not same:
         return []
     return [
@@ -288,9 +287,8 @@ def beyond_tolerance(verdict: Verdict, nuisances: Sequence[str]) -> list[str]:
 def _sizes(prepared: Prepared, verdict: Verdict, effects: Sequence[Mapping[str, Any]]) -> list[str]:
     """Parameters of what is named whose size the campaign does not tell."""
     out = []
-    named = verdict.effects if verdict.kind in ("effect", "class", "pair") else ()
     for row in effects:
-        if row["name"] not in named:
+        if row["name"] not in verdict.named:
             continue
         for parameter in free_parameters(prepared.library[row["name"]]):
             low, high = row["parameters"][parameter.name]["ci95"]
