@@ -3,7 +3,7 @@
     python studies/blind_floors.py                       # the Bullet singles of the second round
     python studies/blind_floors.py --engine mujoco
     python studies/blind_floors.py --kind single --kind unknown --kind pair
-    python studies/blind_floors.py --spread              # of the measure over its own seeds
+    python studies/blind_floors.py --spread [--engine mujoco]    # of the measure over its own seeds
 
 Reads `keyN.json.gz` and `diagnosesN.json.gz` of `--results`. Each effect is simulated at its sealed
 values on its campaign's protocol (:class:`vsr2.blind.custodian.floor.FloorMeter`), and its signal
@@ -85,7 +85,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=4, help="of --spread (default 4)")
     options = parser.parse_args()
     if options.spread:
-        return spread(options.scene, options.results / "floors_spread.csv", options.seeds)
+        for name in options.engine or ["bullet"]:
+            file = "floors_spread.csv" if name == "bullet" else f"floors_spread_{name}.csv"
+            spread(name, options.scene, options.results / file, options.seeds)
+        return 0
     path = options.results / "floors.csv"
     rows = read_rows(path)
     known = {(row["campaign"], row["effect"]) for row in rows}
@@ -210,10 +213,10 @@ def page(results: Path, rows: list[dict[str, str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def spread(scene: Path, path: Path, count: int) -> int:
-    """Signals of fixed effects on one protocol over seeds of measuring."""
-    settings = PackSettings(engines=("bullet",))
-    engine = build_engine("bullet", load_study(scene))
+def spread(name: str, scene: Path, path: Path, count: int) -> None:
+    """Signals in one engine of fixed effects on one protocol over seeds of measuring."""
+    settings = PackSettings(engines=(name,))
+    engine = build_engine(name, load_study(scene))
     motions = catalogue(11, settings.catalogue)
     thresholds = [overturning_pga(engine, motion) for motion in motions]
     protocol = draw_protocol(np.random.default_rng([11, 402, 0]), motions, thresholds, settings)
@@ -221,17 +224,18 @@ def spread(scene: Path, path: Path, count: int) -> int:
     seeds = range(1, count + 1)
     for seed in seeds:
         meter = FloorMeter(engine, protocol, settings, seed)
-        for name, sizes in SPREAD.items():
-            for values in sizes:
-                label = f"{name} " + " ".join(f"{k}={v:g}" for k, v in values.items())
+        for effect, sizes in SPREAD.items():
+            for values in sizes if effect in engine.effects else ():
+                label = f"{effect} " + " ".join(f"{k}={v:g}" for k, v in values.items())
                 row = rows.setdefault(label, {"effect": label})
-                row[f"seed {seed}"] = f"{meter.signal(name, values) / DETECTED:.3g}"
+                row[f"seed {seed}"] = f"{meter.signal(effect, values) / DETECTED:.3g}"
         write_rows(path, ("effect", *(f"seed {s}" for s in seeds)), list(rows.values()))
         print(f"seed {seed}", flush=True)
     table = np.array([[float(row[f"seed {s}"]) for s in seeds] for row in rows.values()])
     off = np.abs(np.log(table / np.median(table, axis=1, keepdims=True)))
-    print(f"within a factor 1.5 of the median: {np.mean(off < math.log(1.5)):.2f}")
-    return 0
+    ratio = np.percentile(table.max(axis=1) / table.min(axis=1), [50, 80, 100])
+    print(f"{name}: within a factor 1.5 of the median: {np.mean(off < math.log(1.5)):.2f}")
+    print(f"largest over smallest: {ratio[0]:.2g}, {ratio[1]:.2g} at 80 %, {ratio[2]:.2g} at most")
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:

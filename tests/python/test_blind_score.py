@@ -16,11 +16,19 @@ from vsr2.blind.scoring.intervals import (
     Score,
     area_under_roc,
     calibration_error,
+    calibration_noise,
     proportion,
     resampled,
 )
 from vsr2.blind.scoring.packs import Scored, format_scores
-from vsr2.blind.scoring.score import FIRST, GAIN, NAMED, SILENT_CLOSURE, magnitude
+from vsr2.blind.scoring.score import (
+    CALIBRATION_NOISE,
+    FIRST,
+    GAIN,
+    NAMED,
+    SILENT_CLOSURE,
+    magnitude,
+)
 from vsr2.errors import BlindError
 
 TOLD = {"change": {"mean": 0.12, "ci95": [0.08, 0.16], "unit": "1"}}
@@ -126,6 +134,8 @@ def test_calibration_is_of_the_first_class(scores) -> None:
     expected = (0.1 + 0.6 + 0.3 + 3 * (0.8 - 1 / 3) + 0.2) / 8
     assert calibration_error(np.array([rows], float))[0] == pytest.approx(expected)
     assert scores["calibration error"].value == pytest.approx(expected)
+    true = calibration_noise([p for p, _ in rows])
+    assert scores[CALIBRATION_NOISE] == true
 
 
 def test_unknowns_are_told_by_their_probability(scores) -> None:
@@ -286,6 +296,20 @@ def test_what_is_stated_as_certain_counts_in_the_calibration() -> None:
     assert calibration_error(samples)[0] == pytest.approx(0.375)
 
 
+def test_true_probabilities_have_a_calibration_error_too() -> None:
+    assert calibration_noise([1.0, 0.0, 1.0]) == Score(0.0, 0.0, 0.0, 3)
+    # In one bin it is |k / 10 - 0.5|, k of Binomial(10, 0.5): on average 0.1230, within 2000 draws
+    # of standard deviation 0.098 to 0.0022; 0.4 or more comes in 22 of 1024.
+    found = calibration_noise([0.5] * 10)
+    assert found.value == pytest.approx(0.1230, abs=3 * 0.0022)
+    assert (found.low, found.high) == (0.0, pytest.approx(0.3))
+    # In bins of their own they add up, as no bin of one campaign is ever right.
+    assert calibration_noise([0.25, 0.35]).value == pytest.approx(
+        (2 * 0.25 * 0.75 + 2 * 0.35 * 0.65) / 2, abs=0.02
+    )
+    assert np.isnan(calibration_noise([]).value)
+
+
 def test_roc_area_needs_both_kinds() -> None:
     assert np.isnan(area_under_roc(np.array([[[0.3, 1.0]]])))[0]
 
@@ -442,7 +466,7 @@ def test_scored_packs_are_pooled(tmp_path) -> None:
     pooled = pool_packs(parts, tmp_path / "pooled").scores["M", "all"]
     for name, score in alone[0].scores["M", "all"].items():
         assert pooled[name].count == 2 * score.count
-        if name != "unknown: rate at 5 % false alarms":
+        if name not in ("unknown: rate at 5 % false alarms", CALIBRATION_NOISE):
             assert pooled[name].value == pytest.approx(score.value), name
     assert (tmp_path / "pooled" / "scores.md").exists()
     verdict = parts[1][2] / "a" / "M" / "diagnosis.json"

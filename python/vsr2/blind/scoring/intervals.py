@@ -103,6 +103,26 @@ def calibration_error(samples: Array, bins: int = 10) -> Array:
     return total
 
 
+def calibration_noise(stated: ArrayLike, *, seed: int = 0) -> Score:
+    """The calibration error that true probabilities would get: the mean, and 95 % of all draws.
+
+    In each draw as many campaigns come true with the stated probabilities. Of few campaigns the
+    error is far from 0 however true what is stated (Broecker and Smith 2007, Weather and
+    Forecasting 22).
+
+    Args:
+        stated: probabilities, shape (n,).
+        seed: of the draws.
+    """
+    p = np.asarray(stated, dtype=np.float64)
+    if not len(p):
+        return Score(float("nan"), float("nan"), float("nan"), 0)
+    true = np.random.default_rng(seed).random((REPLICATES, len(p))) < p
+    draws = calibration_error(np.stack([np.broadcast_to(p, true.shape), true], axis=-1))
+    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    return Score(float(draws.mean()), float(low), float(high), len(p))
+
+
 def reliability(rows: Array, bins: int = 10) -> list[tuple[float, float, float, int]]:
     """Of each bin that holds campaigns: its lower edge, mean probability, frequency, number."""
     place = np.minimum((rows[:, 0] * bins).astype(int), bins - 1)

@@ -15,6 +15,7 @@ from vsr2.blind.scoring.intervals import (
     Score,
     area_under_roc,
     calibration_error,
+    calibration_noise,
     proportion,
     resampled,
 )
@@ -27,6 +28,7 @@ FALSE_ALARM = 0.05
 SIGNIFICANT = 0.05
 FIRST = "most probable class, whatever the verdict (single)"
 NAMED = "top-1 class (single)"
+CALIBRATION_NOISE = "calibration error: of true probabilities"
 ERROR = "magnitude: median relative error"
 CLOSURE = "closure over oracle: median"
 SILENT_CLOSURE = "closure over oracle, 0 where no effect is named: median"
@@ -192,6 +194,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
             np.array([(min(c.first[1], 1.0), c.first[0] in c.truth) for c in told]).reshape(-1, 2),
             calibration_error,
         ),
+        CALIBRATION_NOISE: calibration_noise([min(c.first[1], 1.0) for c in told]),
         "false alarms (none)": share(is_alarm, none),
         "detected (single)": share(is_alarm, single),
         "pair found (pair)": share(pair_found, pair),
