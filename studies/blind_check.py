@@ -171,6 +171,7 @@ def _commit() -> str:
 
 def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
     """Score the finished parts that are not scored yet, then all scored ones together."""
+    commit = _commit()  # before the results are written over
     parts: list[tuple[Path, Path, Path]] = []
     development = out / "development" / "part1"
     known = name != "development" and (development / "data" / "pack.json").exists()
@@ -193,7 +194,7 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         return 1
     pool_packs(parts, results, training=training)
     (results / "README.md").write_text(
-        page(name, parts, len(folders), out, results, training), encoding="utf-8"
+        page(name, parts, len(folders), commit, out, results, training), encoding="utf-8"
     )
     rows = verdict_rows(parts)
     with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
@@ -302,6 +303,7 @@ def page(
     name: str,
     parts: list[tuple[Path, Path, Path]],
     total: int,
+    commit: str,
     out: Path,
     results: Path,
     training: tuple[Path, Path] | None,
@@ -313,7 +315,7 @@ def page(
         f"`python studies/blind_check.py {name} --out {_shown(out)}`, then with `--score --results "
         f"{_shown(results)}`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Scored by commit "
-        f"`{_commit()}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
+        f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
         "in its pack (`vsr2.blind.form.seal.commitment`), `diagnosesN.json.gz` what scoring reads "
         "of its diagnoses; `python studies/blind_check.py "
         f"{name} --recompute --results {_shown(results)}` computes the scores of the tiers from "
