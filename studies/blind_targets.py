@@ -44,6 +44,12 @@ ROWS = (
     Row("90 % set: median size", "90 % set: median size", "4 / 2 / 2; -"),
     Row("log score below uniform", "log score below uniform", ".40 / .60 / .75; .35 (M)"),
     Row("calibration error", "calibration error", ".05; .10", (STRONG, ALL)),
+    Row(
+        "the same, were what is stated true",
+        "calibration error: of true probabilities",
+        "-",
+        (STRONG, ALL),
+    ),
     Row("false alarms", "false alarms (none)", ".05; .10", (ALL,)),
     Row("unknown: AUROC", "unknown: AUROC", ".70 / .85 / .90; .75 (M)", (STRONG, ALL)),
     Row("unknown: rate at 5 % false alarms", "unknown: rate at 5 % false alarms", "-"),
