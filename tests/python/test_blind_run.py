@@ -20,6 +20,7 @@ from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.custodian.engines import build_engine
 from vsr2.blind.custodian.make import Made
+from vsr2.blind.custodian.shake import Nuisances as DrawnNuisances
 from vsr2.blind.custodian.shake import Shake
 from vsr2.blind.diagnose import at_tier, uncertainties
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
@@ -349,6 +350,27 @@ def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> No
     with pytest.raises(BlindError, match="not known"):
         build_engine("ode", study)
     assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)
+
+
+@pytest.mark.parametrize("weight", [{"density": 2700.0}, {"mass": 2700.0 * 0.4 * 0.55 * 0.95}])
+def test_an_obj_of_a_box_rocks_as_the_box(study, weight) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    given = study.model_dump(mode="json", exclude_unset=True)
+    rocks = [
+        {"shape": "box", "size": [0.4, 0.55, 0.95], "density": 2700.0},
+        {"shape": "mesh", "file": str(SCENE.parents[1] / "models" / "block.obj")} | weight,
+    ]
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = 0.05 * np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    wider = DrawnNuisances(width=1.01, height=0.99)
+    peaks = []
+    for rock in rocks:
+        engine = build_engine("mujoco", Study.model_validate(given | {"rock": rock}))
+        shakes = [Shake(0.005, factor * moved, nuisances=wider) for factor in (1.0, 4.4)]
+        peaks.append([seen.peak_tilt for seen in engine.run(shakes, 0.02)])
+    assert peaks[0][1] > 0.02
+    # Corners are written with five decimals of a metre, and stand in another order.
+    np.testing.assert_allclose(peaks[1], peaks[0], rtol=1e-3, atol=1e-5)
 
 
 def test_the_two_engines_agree_on_a_calm_trial(study) -> None:

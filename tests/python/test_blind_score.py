@@ -72,7 +72,7 @@ VERDICTS = {
         ["restitution", "friction", "wear"],
         friction={"parameters": TOLD},
     ),
-    "d": diagnosis("none", {"none": 0.8, "inertia": 0.1}, [], ["none"], inertia={"closure": 0.5}),
+    "d": diagnosis("none", {"none": 0.8, "inertia": 0.1}, [], ["none"]),
     "e": diagnosis("none", {"none": 0.9}, [], ["none"]),
     "f": diagnosis(
         "effect",
@@ -152,7 +152,7 @@ def test_magnitudes_closure_and_places(scores) -> None:
     # 0.08 / 0.16 and 0.08 / 0.2
     assert figure(scores, "magnitude: median width of interval") == (pytest.approx(0.45), 2)
     assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
-    # and d, which says that there is no gap where the true effect closes 0.5 of one
+    # and d, which says that there is no gap, so that there is nothing to close by the true effect
     assert figure(scores, SILENT_CLOSURE) == (pytest.approx(0.375), 2)
     assert figure(scores, "where: axis named (single)") == (0.25, 4)
     # T2 of three trials, with 3 of the weights' 4

@@ -125,7 +125,7 @@ def read_hull(path: Path, density: float, *, flat: float = 1e-3) -> Body:
         # Tetrahedra over the hull's triangles; second moments of a tetrahedron with one corner
         # at the origin: V/20 (sum of outer products + outer product of the sum).
         corners = vertices[simplex] - inside
-        part = abs(np.linalg.det(corners)) / 6
+        part = abs(float(np.linalg.det(corners))) / 6
         total = corners.sum(axis=0)
         volume += part
         first += part * total / 4

@@ -48,13 +48,11 @@ def build_model(situation: Situation, step: float) -> Any:
         dimensions = 4
     if situation.rolling_resistance > 0:
         dimensions = 6
-    friction = (
-        f"{situation.friction!r} {situation.spin_friction!r} {situation.rolling_resistance!r}"
-    )
+    friction = _numbers(situation.friction, situation.spin_friction, situation.rolling_resistance)
     used = [c for c in CHANNELS if c == "x" or c in situation.table.others]
     joints = "".join(
         f'<joint type="{"hinge" if c == "pitch" else "slide"}" axis="{_AXES[c]}" '
-        f'pos="0 0 {-situation.table.pivot!r}"/>'
+        f'pos="{_numbers(0, 0, -situation.table.pivot)}"/>'
         for c in used
     )
     centers = body.points.copy()
@@ -65,28 +63,30 @@ def build_model(situation: Situation, step: float) -> Any:
         place = (x - body.center[0], y - body.center[1], BUMP_RADIUS - height - body.center[2])
         spheres.append((place, BUMP_RADIUS))
     geoms = "".join(
-        f'<geom type="sphere" size="{radius!r}" pos="{_numbers(place)}" contype="0" '
+        f'<geom type="sphere" size="{_numbers(radius)}" pos="{_numbers(*place)}" contype="0" '
         'conaffinity="1"/>'
         for place, radius in spheres
     )
     i = body.inertia
-    full = _numbers((i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]))
+    full = _numbers(i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
     return mujoco.MjModel.from_xml_string(f"""
 <mujoco>
 <compiler autolimits="true"/>
-<option timestep="{step!r}" cone="elliptic" gravity="{_numbers((gx, gy, gz))}" iterations="50"
- tolerance="1e-10" impratio="10"/>
-<default><geom friction="{friction}" condim="{dimensions}" solref="{situation.contact_time!r} 1"
- solimp="0.95 0.999 0.0005"/></default>
+<option timestep="{_numbers(step)}" cone="elliptic" gravity="{_numbers(gx, gy, gz)}"
+ iterations="50" tolerance="1e-10" impratio="10"/>
+<default><geom friction="{friction}" condim="{dimensions}"
+ solref="{_numbers(situation.contact_time, 1)}" solimp="0.95 0.999 0.0005"/></default>
 <worldbody>
 <body><inertial pos="0 0 0" mass="{TABLE_MASS}"
  diaginertia="{TABLE_MASS} {TABLE_MASS} {TABLE_MASS}"/>{joints}
 <geom type="box" size="{TABLE_HALF} {TABLE_HALF} 0.5" pos="0 0 -0.5" contype="1"
  conaffinity="0"/></body>
-<body><freejoint/><inertial pos="0 0 0" mass="{body.mass!r}" fullinertia="{full}"/>{geoms}</body>
+<body><freejoint/>
+<inertial pos="0 0 0" mass="{_numbers(body.mass)}" fullinertia="{full}"/>{geoms}</body>
 </worldbody>
 </mujoco>""")
 
 
-def _numbers(values: Any) -> str:
+def _numbers(*values: float) -> str:
+    """As MJCF takes them, exact; the `repr` of a numpy scalar is none of them."""
     return " ".join(repr(float(value)) for value in values)

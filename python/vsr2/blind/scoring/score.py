@@ -123,12 +123,14 @@ def magnitude(case: Case) -> tuple[float, bool, float] | None:
 def closure(case: Case, *, silent: bool = False) -> float | None:
     """Closure of the verdict over that of the true effect (the oracle); None: no ratio.
 
-    `silent`: 0 where the verdict names no effect, so that nothing is added.
+    `silent`: 0 where the verdict names no effect, so that nothing is added, also where the
+    diagnosis gives the true effect no closure, as one that sees no gap does.
     """
     if case.kind != "single":
         return None
-    names = case.verdict.kind in ("effect", "class", "pair")
-    own = 0.0 if silent and not names else case.verdict.closure
+    if silent and case.verdict.kind not in ("effect", "class", "pair"):
+        return 0.0
+    own = case.verdict.closure
     oracle = case.verdict.closures.get(case.effects[0]["name"])
     return None if own is None or oracle is None or oracle <= 0 else own / oracle
 
