@@ -3,12 +3,12 @@
     python studies/blind_check.py development --minutes 30
     python studies/blind_check.py validation --minutes 60      # again and again until it says done
     python studies/blind_check.py validation --part 2          # beside one of another part
-    python studies/blind_check.py validation --score           # once
+    python studies/blind_check.py validation --score           # diagnoses may not change then
     python studies/blind_check.py leave-one-out
 
 Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
 `out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
-are finished, each once, and writes the scores over all scored parts to `docs/results/blind_CHECK/`
+are finished, whose diagnoses may not change from then on, and writes the scores over all scored parts to `docs/results/blind_CHECK/`
 (or `--results`), with sizes, seeds, hashes, versions and the command, and every verdict. A new
 round of a check has its own `--out` and `--results`; `OUT/development` trains the baselines.
 """
@@ -99,7 +99,7 @@ def main() -> int:
     parser.add_argument("--tier", action="append", choices=["B", "M", "T"])
     parser.add_argument("--part", type=int, action="append", help="these alone (default: all)")
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--score", action="store_true", help="score finished parts, each once")
+    parser.add_argument("--score", action="store_true", help="score finished parts")
     parser.add_argument("--results", type=Path, help="of --score (default: docs/results/...)")
     parser.add_argument(
         "--recompute", action="store_true", help="compare scores with those from what is kept"
@@ -170,7 +170,10 @@ def _commit() -> str:
 
 
 def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
-    """Score the finished parts that are not scored yet, then all scored ones together."""
+    """Score the finished parts, then all of them together.
+
+    What was scored is scored again, as later versions may, if its diagnoses are unchanged.
+    """
     commit = _commit()  # before the results are written over
     parts: list[tuple[Path, Path, Path]] = []
     development = out / "development" / "part1"
@@ -181,14 +184,7 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         if not finished(data, verdicts):
             print(f"{folder}: not finished")
             continue
-        if not (key / "receipt.json").exists():
-            score_pack(
-                data,
-                key,
-                verdicts,
-                folder / "scores",
-                training=training,
-            )
+        score_pack(data, key, verdicts, folder / "scores", training=training)
         parts.append((data, key, verdicts))
     if not parts:
         return 1

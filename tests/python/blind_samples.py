@@ -110,7 +110,10 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             "effects": list(effects),
             "exclude": whole_classes(effects) if kind == "unknown" else [],
             "nuisances": {},
-            "where": {"axis": "conditions", "weights": [1.0, 3.0, 0.0] if effects else []},
+            "where": {
+                "axis": "conditions" if effects else "none",
+                "weights": [1.0, 3.0, 0.0] if effects else [],
+            },
             "data_sha256": folder_sha256(data / name),
         }
     settings = json.loads(json.dumps(PackSettings(development=development).to_json()))

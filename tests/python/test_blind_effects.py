@@ -299,14 +299,91 @@ def test_a_softer_contact_sinks_further() -> None:
     assert depths[1] == pytest.approx(10 * depths[0], rel=0.15)
 
 
-def test_a_bond_holds_until_its_strength() -> None:
-    # (m g + strength A) b = m a h
-    pressure = BLOCK.mass * G / BLOCK.base_area
-    expected = 1 + 5000.0 / pressure
-    base = situation(0.98 * expected * THRESHOLD)
-    assert run_trial(under("adhesion", base, strength=5.0)).peak_tilt < 1e-9
-    base = situation(1.03 * expected * THRESHOLD)
-    assert run_trial(under("adhesion", base, strength=5.0)).peak_tilt > 1e-3
+BONDED_G = G + 5000.0 * BLOCK.base_area / BLOCK.mass
+"""Weight, and a bond of 5 kPa, over the mass."""
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "expected"),
+    [
+        # (m g + strength A) b = m a h
+        ("adhesion", {}, BONDED_G * 0.4 / 0.95),
+        ("com_offset", {"distance": 0.015, "azimuth": 0.0}, BONDED_G * (0.2 - 0.015) / 0.475),
+        ("edge_rounding", {"radius": 0.015}, BONDED_G * (0.2 - 0.015) / 0.475),
+        # a h = (g + strength A / m - s a) b
+        ("vertical_motion", {"share": 0.5}, BONDED_G * 0.4 / (0.95 + 0.5 * 0.4)),
+        # a h = (g cos s + strength A / m) b - g sin s h, cos s = 0.9997
+        ("base_slope", {"angle": 1.5, "azimuth": 0.0}, BONDED_G * 0.4 / 0.95 - G * 0.0262),
+    ],
+)
+def test_a_bond_holds_until_its_strength(name, values, expected) -> None:
+    bond = {"adhesion": {"strength": 5.0}}
+    for factor, free in ((0.98, False), (1.02, True)):
+        effects = bond | ({name: values} if values else {})
+        response = run_trial(with_effects(situation(factor * expected), effects))
+        assert (response.peak_tilt > 1e-3) == free
+        assert free or response.peak_tilt < 1e-9
+
+
+def test_a_bond_breaks_earlier_on_a_pitching_table() -> None:
+    # As the threshold of test_pitch_joins_the_acceleration, with the weight that is held.
+    base = under("table_pitch", situation(1.0), compliance=0.02, frequency=20.0)
+    pitch = base.table.others["pitch"]
+    arm = base.table.pivot + BLOCK.center[2] + BLOCK.inertia[1, 1] / (BLOCK.mass * BLOCK.center[2])
+    felt = base.table.acceleration + arm * acceleration_of(pitch, INTERVAL) - G * pitch
+    expected = BONDED_G * 0.4 / 0.95 / np.abs(felt).max()
+    assert expected < 0.95 * BONDED_G * 0.4 / 0.95
+    for factor, free in ((0.98, False), (1.02, True)):
+        shaken = under("table_pitch", situation(factor * expected), compliance=0.02, frequency=20.0)
+        response = run_trial(under("adhesion", shaken, strength=5.0), series_interval=0.001)
+        lean = np.abs(drive(shaken.table.others["pitch"], INTERVAL, 0.001)[0])
+        rows = min(len(lean), len(response.tilt))
+        assert (np.abs(response.tilt[:rows] - lean[:rows]).max() > 1e-3) == free
+
+
+BESIDE_A_BOND = {
+    "table_pitch": {"compliance": 0.005, "frequency": 10.0},
+    "vertical_motion": {"share": 0.3},
+    "base_slope": {"angle": 1.0, "azimuth": 0.0},
+    "com_offset": {"distance": 0.01, "azimuth": 180.0},
+    "edge_rounding": {"radius": 0.01},
+}
+
+
+@pytest.mark.parametrize("name", BESIDE_A_BOND)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_bond_of_no_strength_leaves_the_response_as_it_is(name: str, sign: float) -> None:
+    # Either way the body rests, and lifts at the same moment; contacts give a little before.
+    table = TableMotion(INTERVAL, sign * burst(1.2, cycles=1) * 6.2)
+    other = {name: BESIDE_A_BOND[name]}
+    both = other | {"adhesion": {"strength": 1e-9}}
+    plain, bonded = (
+        run_trial(with_effects(situation(table=table), values)) for values in (other, both)
+    )
+    assert 0.01 < plain.peak_tilt < 0.3
+    assert bonded.peak_tilt == pytest.approx(plain.peak_tilt, rel=0.035)
+
+
+def test_a_bond_carries_the_body_with_a_pitching_table() -> None:
+    shaken = situation(3.0)
+    shaken = under("table_pitch", shaken, compliance=0.01, frequency=10.0)
+    held = run_trial(under("adhesion", shaken, strength=50.0), series_interval=0.001)
+    lean = drive(shaken.table.others["pitch"], INTERVAL, 0.001)[0]
+    moved = drive(shaken.table.x, INTERVAL, 0.001)[0]
+    rows = len(lean)
+    np.testing.assert_allclose(held.tilt[:rows], np.abs(lean), atol=1e-7)
+    arm = shaken.table.pivot + BLOCK.center[2]
+    np.testing.assert_allclose(held.position[:rows, 0], moved + arm * np.sin(lean), atol=1e-5)
+    np.testing.assert_allclose(held.orientation[:rows, 1], np.sin(lean / 2), atol=1e-7)
+
+
+def test_a_table_that_may_rise_stays_where_it_is() -> None:
+    # The joint of a vertical motion that does nothing: weight does not move the table in a step.
+    soft = {"contact_stiffness": middle("contact_stiffness", strongest("contact_stiffness"))}
+    both = soft | {"vertical_motion": {"share": 1e-9}}
+    plain, free = (run_trial(with_effects(situation(5.5), values)) for values in (soft, both))
+    assert plain.peak_tilt > 0.01
+    assert free.peak_tilt == pytest.approx(plain.peak_tilt, rel=0.01)
 
 
 def test_a_tether_catches_the_block() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from blind_samples import hand_made
-from vsr2.blind import diagnose_pack, score_pack
+from vsr2.blind import diagnose_pack, pool_packs, score_pack
 from vsr2.blind.diagnose import _excluded, uncertainties
 from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.blind.form.verdict import verdict_of
@@ -433,6 +433,10 @@ def test_a_pack_that_cannot_be_used_is_named(changes, message, tmp_path) -> None
         (("campaigns", "hall-3", "effects", 0, "null"), 2.0, r"effects\[0\].values.v is 2"),
         (("campaigns", "hall-3", "effects", 0, "values"), {"v": "2"}, "values.v is '2'"),
         (("campaigns", "Hall.1", "where"), None, "where is missing"),
+        (("campaigns", "Hall.1", "effects", 0, "name"), "none", "name is 'none'; .* are verdicts"),
+        (("settings", "classes"), [["none", "rope"]], "none and unknown in none"),
+        (("campaigns", "Hall.1", "where", "axis"), "none", "none where the kind is none"),
+        (("campaigns", "Hall.2", "where", "axis"), "order", "none where the kind is none"),
         (("campaigns", "Hall.1", "where", "axis"), "x", "where.axis is 'x'; wanted is one of cond"),
         (("campaigns", "Hall.1", "where", "weights"), [1, -1, 0], "where.weights is"),
     ],
@@ -448,6 +452,34 @@ def test_a_key_that_cannot_be_used_is_named(place, value, message, tmp_path) -> 
     seal(data, kept, key)
     with pytest.raises(BlindError, match=rf"key\.json: key.*{message}"):
         open_key(data, kept)
+
+
+@pytest.mark.parametrize(("second", "right"), [("chain", False), ("rope", False), ("sand", True)])
+def test_a_pair_is_of_two_classes(second, right, tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    entry = key["campaigns"]["Hall.1"]
+    entry["effects"].append(entry["effects"][0] | {"name": second})
+    entry["kind"] = "pair"
+    data, kept = write_pack(tmp_path, key)
+    if right:
+        open_key(data, kept)
+        return
+    with pytest.raises(BlindError, match=r"effects is .* two effects of different classes"):
+        open_key(data, kept)
+
+
+@pytest.mark.parametrize("place", ["data", "data/deeper", "kept", "out/scores"])
+def test_scores_do_not_go_among_sealed_files(place, tmp_path) -> None:
+    data, kept = write_pack(tmp_path)
+    out = write_diagnoses(data, tmp_path / "out")
+    before = folder_hash(tmp_path)
+    folder = tmp_path / place
+    with pytest.raises(BlindError, match="must stay as they are; choose another --out"):
+        score_pack(data, kept, out, folder)
+    assert folder_hash(tmp_path) == before
+    score_pack(data, kept, out, tmp_path / "scores")
+    with pytest.raises(BlindError, match="must stay as they are; choose another --out"):
+        pool_packs([(data, kept, out)], folder)
 
 
 def test_no_classes_need_not_be_published(tmp_path) -> None:
@@ -524,7 +556,19 @@ def one_effect(**changes):
     [
         (a_verdict(verdict="none"), "verdict is 'none'; wanted is a mapping"),
         (a_verdict(verdict={"kind": ["none"]}), "verdict.kind is"),
-        (a_verdict(verdict={"kind": "effect", "effects": []}), "verdict.effects is .* kind effect"),
+        (
+            a_verdict(verdict={"kind": "effect", "effects": []}),
+            "effects is .* kind is effect",
+        ),
+        (
+            a_verdict(verdict={"kind": "effect", "effects": ["chain", "rope"]}),
+            "verdict.effects is .* 1 of the names, as the kind is effect",
+        ),
+        (
+            a_verdict(verdict={"kind": "pair", "effects": ["chain"]}),
+            "verdict.effects is .* 2 of the names, as the kind is pair",
+        ),
+        (a_verdict(verdict={"kind": "class"}), "verdict.effects is .* 1 or more of the names"),
         (
             a_verdict(verdict={"kind": "effect", "effects": ["chian"]}),
             "verdict.effects is .* names in effects, where 'chian' is not",

@@ -25,6 +25,8 @@ from vsr2.blind.form.settings import CLASSES, KINDS
 from vsr2.blind.form.verdict import Verdict
 from vsr2.blind.scoring.baselines import (
     BASELINES,
+    _guess,
+    _verdict,
     baseline_cases,
     logistic_in_pga,
     overturn_rate,
@@ -455,6 +457,23 @@ def test_the_response_is_no_metadata(uneven, study, tmp_path) -> None:
     rates = [overturn_rate(load_campaign(f), f) for f in sorted(data.glob("c*"))]
     assert len({rate[0] for rate in rates}) > 1
     assert all(row == numbers[0] for row in numbers)
+
+
+def test_baselines_do_not_depend_on_units() -> None:
+    rng = np.random.default_rng(1)
+    labels = np.repeat(["friction", "none", "wear"], 8)
+    x = rng.normal(size=(24, 2)) + (labels == "wear")[:, None]
+    z = rng.normal(size=(5, 2))
+    names, found = _guess(x, labels, z)
+    assert names == ["friction", "none", "wear"]
+    scaled = np.array([1e-3, 1e3])
+    np.testing.assert_allclose(_guess(5 + x * scaled, labels, 5 + z * scaled)[1], found, rtol=1e-4)
+
+
+def test_a_baseline_s_set_holds_nine_tenths() -> None:
+    told = _verdict(["friction", "none", "wear"], np.array([0.3, 0.61, 0.09]))
+    assert (told.kind, told.conformal) == ("none", ("none", "friction"))
+    assert _verdict(["friction", "none"], np.array([0.95, 0.05])).conformal == ("friction",)
 
 
 def test_baselines_know_what_they_are_named_after() -> None:

@@ -177,7 +177,7 @@ def test_what_leans_at_the_end_has_overturned() -> None:
 def test_a_body_that_a_pitching_table_carries_is_at_rest_on_it() -> None:
     from scipy.spatial.transform import Rotation
 
-    from vsr2.blind.mujoco.mechanisms import _Motion
+    from vsr2.blind.mujoco.mechanisms import RelativeMotion
 
     turn = Rotation.from_euler("zyx", [0.4, 0.2, -0.1])
     x, y, z, w = turn.as_quat()
@@ -188,7 +188,7 @@ def test_a_body_that_a_pitching_table_carries_is_at_rest_on_it() -> None:
         qpos = np.array([moved, 0.02, *body, w, x, y, z])
         qvel = np.array([speed, rate, *np.zeros(6)])
 
-    found = _Motion(Data(), 2, ["x", "pitch"], pivot).table()
+    found = RelativeMotion(Data(), 2, ["x", "pitch"], pivot).table()
     # The table turns about y, a pivot's depth below its surface.
     turning = np.array([0.0, rate, 0.0])
     carried = np.array([speed, 0, 0]) + np.cross(turning, body - [moved, 0.0, -pivot])

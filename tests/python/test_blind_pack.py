@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 import vsr2.blind.custodian.make as make_module
-from blind_samples import SCENE, SMALL, QuickEngine, make, same_folders
+from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
 from vsr2.blind.custodian.floor import draw_own
 from vsr2.blind.custodian.shake import Observed
+from vsr2.blind.custodian.write import written_campaign
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
+from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.campaign import (
     check_campaign,
     load_campaign,
@@ -87,6 +89,32 @@ def test_series_have_the_noise_that_is_published(quick, study, tmp_path) -> None
             (turned, tolerances.orientation_noise), (moved, tolerances.position_noise)
         ):  # fmt: skip
             np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.1)
+
+
+def test_records_and_tilts_have_the_noise_that_is_published() -> None:
+    settings = PackSettings(**(SMALL | {"trials": 40, "series_interval": 0.0}))
+    drawn = protocol(settings)
+    off = {"displacement": [], "acceleration": []}
+    for row, motion, record in zip(drawn.rows, drawn.motions, drawn.records.values(), strict=True):
+        moved = motion.displacement * row.pga
+        off["displacement"].append(record.displacement - moved)
+        off["acceleration"].append(record.acceleration - acceleration_of(moved, motion.interval))
+    seen = [Observed(False, 0.5, *[np.zeros(0)] * 4)] * len(drawn.rows)
+    campaigns = [
+        written_campaign("c", drawn, seen, settings, np.random.default_rng(i)) for i in range(50)
+    ]
+    off["peak_tilt"] = [[trial.peak_tilt - 0.5 for trial in c.trials] for c in campaigns]
+    for name, errors in off.items():
+        # 2000 draws or more: 1.6 % of a standard deviation, and 1e-5 of digits beside 5e-4
+        told = getattr(campaigns[0].noise, name)
+        assert np.concatenate(errors).std() == pytest.approx(told, rel=0.06), name
+
+
+def test_a_finished_pack_is_not_sealed_anew(quick, study, tmp_path) -> None:
+    make(study, tmp_path)
+    (tmp_path / "key" / "key.json").unlink()
+    with pytest.raises(BlindError, match=r"the pack is finished but key\.json is gone"):
+        make(study, tmp_path)
 
 
 def test_an_effect_acts_where_outcomes_or_tilts_change() -> None:

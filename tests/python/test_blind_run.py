@@ -1,6 +1,7 @@
 """The diagnosis of packs from the data alone, and a small pack from end to end."""
 
 import contextlib
+import dataclasses
 import json
 import math
 import os
@@ -350,6 +351,46 @@ def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> No
     with pytest.raises(BlindError, match="not known"):
         build_engine("ode", study)
     assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)
+
+
+@pytest.mark.parametrize("name", ["mujoco", "bullet"])
+def test_all_nuisances_reach_the_simulation(name, study) -> None:
+    if name == "mujoco":
+        pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    engine = build_engine(name, study)
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    base = Shake(0.005, moved * 6.0 / (np.abs(np.diff(moved, 2)).max() / 0.005**2), yaw=0.02)
+
+    def seen(**changes):
+        own = {key: changes.pop(key) for key in ("yaw", "offset", "effects") if key in changes}
+        shake = dataclasses.replace(base, nuisances=DrawnNuisances(**changes), **own)
+        return next(iter(engine.run([shake], 0.02)))
+
+    plain = seen()
+    assert 0.02 < plain.peak_tilt < 0.3
+    assert seen().peak_tilt == plain.peak_tilt
+    # Wider and lower blocks are steadier.
+    assert seen(width=1.03).peak_tilt < 0.95 * plain.peak_tilt
+    assert seen(height=0.97).peak_tilt < 0.95 * plain.peak_tilt
+    # Before the first impact its energy does not count, later it does.
+    lively, dull = (energy(seen(energy_ratio=ratio)) for ratio in (1.1, 0.8))
+    assert dull < 0.9 * energy(plain) < energy(plain) < 0.95 * lively
+    # At a quarter of the friction, .2, the block slides.
+    slid = seen(friction=0.25)
+    assert slid.peak_tilt < 0.5 * plain.peak_tilt
+    assert np.abs(slid.position[-1, 0]) > 0.01 > np.abs(plain.position[-1, 0])
+    for changed in (seen(depth=1.1), seen(yaw=0.05)):
+        assert changed.peak_tilt != plain.peak_tilt
+    # A table that does not turn is the same everywhere; this one's edge goes up and down.
+    pitching = {"table_pitch": {"compliance": 0.01, "frequency": 10.0}}
+    there, here = seen(effects=pitching, offset=(0.02, 0.0)), seen(effects=pitching)
+    assert there.peak_tilt != pytest.approx(here.peak_tilt, rel=1e-6)
+
+
+def energy(seen):
+    """Sum over the rows of the squares of tilt: of how high, and how long, the block rocks."""
+    return float((seen.tilt**2).sum())
 
 
 @pytest.mark.parametrize("weight", [{"density": 2700.0}, {"mass": 2700.0 * 0.4 * 0.55 * 0.95}])

@@ -27,6 +27,7 @@ from vsr2.blind.scoring.score import (
     GAIN,
     NAMED,
     SILENT_CLOSURE,
+    closure,
     magnitude,
 )
 from vsr2.errors import BlindError
@@ -170,6 +171,40 @@ def test_who_names_all_trials_gains_nothing(tmp_path) -> None:
     assert figure(found, GAIN) == (1.0, 1)
 
 
+def test_of_several_places_the_smallest_counts_for_the_gain(tmp_path) -> None:
+    where = [
+        {"axis": "conditions", "p_familywise": 0.01, "trials": trials}
+        for trials in (["T1", "T2", "T3"], ["T2"], ["T2", "T3"])
+    ]
+    verdict = diagnosis("effect", {"friction": 1.0}, ["friction"], ["friction"], where=where)
+    pack = hand_made(tmp_path, {"a": ("single", [effect("friction")])}, {"a": verdict})
+    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
+    assert figure(found, "where: median mass inside") == (1.0, 1)
+    assert figure(found, GAIN) == (pytest.approx(2.25), 1)
+
+
+def test_who_names_no_effect_closes_nothing(tmp_path) -> None:
+    # Whatever closure stands beside the verdict, and whether the true effect has one.
+    kinds = {"a": "unresolved", "b": "unknown", "c": "none", "d": "effect"}
+    verdicts = {
+        name: diagnosis(
+            kind,
+            {"friction": 0.6},
+            ["friction"] if kind == "effect" else [],
+            closure=None if kind == "none" else 0.6,
+            friction={} if kind == "none" else {"closure": 0.8},
+        )
+        for name, kind in kinds.items()
+    }
+    campaigns = {name: ("single", [effect("friction")]) for name in kinds}
+    pack = hand_made(tmp_path, campaigns, verdicts)
+    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
+    assert figure(found, "closure over oracle: median") == (pytest.approx(0.75), 3)
+    assert figure(found, SILENT_CLOSURE) == (0.0, 4)
+    cases = read_cases(pack[0], open_key(*pack[:2]), pack[2])
+    assert [closure(case, silent=True) for case in cases] == [0.0, 0.0, 0.0, pytest.approx(0.75)]
+
+
 def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None:
     # 1.13 for a ratio of 1.1, which is 0.1 from 1: off by 0.3; 18 for 20 Hz, from infinity: by 0.1.
     campaigns = {
@@ -282,12 +317,15 @@ def test_intervals_are_exact() -> None:
 
 def test_the_bootstrap_covers_a_mean() -> None:
     rng = np.random.default_rng(0)
-    inside = 0
+    inside, widths = 0, []
     for i in range(60):
         score = resampled(rng.normal(size=60), lambda samples: samples.mean(axis=1), seed=i)
         inside += score.low <= 0 <= score.high
+        widths.append(score.high - score.low)
     # binomial of 0.95: 60 draws fall below 51 in about 1 of 1000 cases
     assert inside >= 51
+    # 2 * 1.96 / 60^(1/2), by 1 - 1 / (2 * 60) less; each is known to 10 %, their mean to 1.3 %
+    assert np.mean(widths) == pytest.approx(0.502, rel=0.04)
 
 
 def test_what_is_stated_as_certain_counts_in_the_calibration() -> None:
@@ -496,6 +534,11 @@ def test_baselines_stand_beside_the_tiers() -> None:
     assert f"Above the best baseline, {FIRST}: M +0.40." in table
     assert f"Above the best baseline, {NAMED}: M -0.50." in table
     assert f"A baseline does better in: {NAMED} (M)." in table
+    # Of a calibration error the least is best: 0.1 of the worse baseline.
+    low = {key: {"calibration error": Score(v, v, v, 10)} for key, v in found.items()}
+    scored = Scored(low, [], [], False)
+    assert scored.margins("calibration error") == {"M": pytest.approx(-0.5)}
+    assert "A baseline does better in: calibration error (M)." in format_scores(scored)
     # Whoever names all trials, or random ones, gets 1.
     assert f"| {GAIN} | 0.60 [0.60, 0.60] (10) | 1.00 | 1.00 |" in table
     alone = Scored({("M", "all"): scores(0.6)}, [], [], False)

@@ -19,6 +19,8 @@ AXES = ("conditions", "order", "none")
 _SHA256 = re.compile(r"[0-9a-f]{64}\Z")
 _EFFECTS = {"none": (0, 0), "single": (1, 1), "pair": (2, 2), "unknown": (1, None)}
 """Least and greatest number of effects by kind; None: any."""
+_NO_EFFECTS = ("none", "unknown")
+"""Answers that no effect may be called."""
 
 
 def check_pack(content: Mapping[str, Any], label: str) -> None:
@@ -80,11 +82,11 @@ def check_key(content: Mapping[str, Any], label: str) -> None:
     classes = [frozenset(members) for members in settings.content["classes"]]
     campaigns = key.node("campaigns")
     for name in campaigns.content:
-        _check_entry(campaigns.node(name))
+        _check_entry(campaigns.node(name), classes)
         _check_exclude(campaigns.node(name), classes)
 
 
-def _check_entry(entry: Node) -> None:
+def _check_entry(entry: Node, classes: Sequence[frozenset[str]]) -> None:
     kind = entry.choice("kind", KINDS)
     entry.text("engine", "the name of what simulated or measured it")
     entry.whole("protocol")
@@ -97,8 +99,14 @@ def _check_entry(entry: Node) -> None:
         raise entry.error("effects", f"a list of {number}, as the kind is {kind}")
     for effect in effects:
         _check_effect(effect)
+    if kind == "pair":
+        first, second = (effect.content["name"] for effect in effects)
+        if first == second or any({first, second} <= members for members in classes):
+            raise entry.error("effects", "a list of two effects of different classes")
     where = entry.node("where")
-    where.choice("axis", AXES)
+    axis = where.choice("axis", AXES)
+    if (axis == "none") != (kind == "none"):
+        raise where.error("axis", "none where the kind is none, and another where it is not")
     weights = [finite(weight) for weight in where.items("weights")]
     if not where.has("weights") or any(weight is None or weight < 0 for weight in weights):
         raise where.error("weights", "a list of numbers from 0, one a trial, or []")
@@ -120,7 +128,8 @@ def _check_exclude(entry: Node, classes: Sequence[frozenset[str]]) -> None:
 
 
 def _check_effect(effect: Node) -> None:
-    effect.text("name")
+    if effect.text("name") in _NO_EFFECTS:
+        raise effect.error("name", "that of an effect; these are verdicts")
     strength = effect.text("strength", "the name of the parameter that is judged")
     values = effect.node("values")
     for name in values.content:
@@ -142,13 +151,13 @@ def _check_tiers(node: Node) -> None:
 
 
 def _check_classes(node: Node) -> None:
-    wanted = "a list of lists of names of effects, each name once"
+    wanted = "a list of lists of names of effects, each name once, none and unknown in none"
     seen: set[str] = set()
     for members in node.items("classes"):
         if not isinstance(members, list) or not members:
             raise node.error("classes", wanted)
         for name in members:
-            if not isinstance(name, str) or not name or name in seen:
+            if not isinstance(name, str) or not name or name in {*seen, *_NO_EFFECTS}:
                 raise node.error("classes", wanted)
             seen.add(name)
 

@@ -17,6 +17,12 @@ DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 VERDICTS = ("none", "effect", "class", "pair", "unknown", "unresolved")
 NONE, UNKNOWN = "none", "unknown"
+_NAMED: Mapping[str, tuple[int, int | None]] = {
+    "effect": (1, 1),
+    "class": (1, None),
+    "pair": (2, 2),
+}
+"""Least and greatest number of effects that a verdict names, by kind; None: any."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +127,10 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
         if closure is not None:
             closures[name] = closure
     named = verdict.names("effects", "names of effects")
-    if kind in ("effect", "class", "pair") and not named:
-        raise verdict.error("effects", f"the names that a verdict of kind {kind} names")
+    least, most = _NAMED.get(kind, (0, None))
+    if len(named) < least or (most is not None and len(named) > most):
+        number = f"{least}" if least == most else f"{least} or more"
+        raise verdict.error("effects", f"{number} of the names, as the kind is {kind}")
     if whole.has("none_probability") and NONE not in probabilities:
         probabilities[NONE] = whole.probability("none_probability")
     unknown = whole.node("unknown") if whole.has("unknown") else Node({}, label)

@@ -34,9 +34,14 @@ class Body:
     @property
     def half_width(self) -> float:
         """Least horizontal distance along x from the mass centre to the base's edges [m]."""
+        return min(self.levers)
+
+    @property
+    def levers(self) -> tuple[float, float]:
+        """Horizontal distances from the mass centre to the base's edges, to -x and to +x [m]."""
         base = self.points[self.points[:, 2] < 1e-3 * self.center[2]]
         offset = base[:, 0] - self.center[0]
-        return float(min(offset.max(), -offset.min()))
+        return float(-offset.min()), float(offset.max())
 
     @property
     def slenderness_angle(self) -> float:

@@ -30,7 +30,7 @@ def step_actions(
     situation: Situation, model: Any, data: Any, joints: int, used: list[Any], step: float
 ) -> list[Action]:
     """What acts around each step of a situation; called with its number before, -1 after."""
-    moving = _Motion(data, joints, used, situation.table.pivot)
+    moving = RelativeMotion(data, joints, used, situation.table.pivot)
     out: list[Action] = []
     if situation.impact_energy_ratio != 1:
         out.append(_Impacts(situation, data, moving))
@@ -43,7 +43,7 @@ def step_actions(
     return out
 
 
-class _Motion:
+class RelativeMotion:
     """The body's velocity relative to the table, as a rigid body that moves on with it."""
 
     def __init__(self, data: Any, joints: int, used: list[Any], pivot: float) -> None:
@@ -73,6 +73,7 @@ class _Motion:
         return out
 
     def tilt(self) -> float:
+        """Of the body from the vertical [rad]."""
         return 2 * math.asin(min(1.0, math.hypot(self.pose[4], self.pose[5])))
 
 
@@ -85,7 +86,7 @@ class _Impacts:
     part may come after these steps, next to nothing for the touch of one corner after the other.
     """
 
-    def __init__(self, situation: Situation, data: Any, motion: _Motion) -> None:
+    def __init__(self, situation: Situation, data: Any, motion: RelativeMotion) -> None:
         self._data = data
         self._motion = motion
         self._ratio = situation.impact_energy_ratio
@@ -135,7 +136,7 @@ class _Impacts:
 class _Damping:
     """Takes 2 zeta p of the relative velocity a second while the body rocks; p^2 = m g R / I_O."""
 
-    def __init__(self, situation: Situation, motion: _Motion, step: float) -> None:
+    def __init__(self, situation: Situation, motion: RelativeMotion, step: float) -> None:
         body = situation.body
         frequency = math.sqrt(body.mass * 9.80665 * body.radius / body.pivot_inertia)
         self._factor = math.exp(-2 * situation.rocking_damping * frequency * step)
@@ -150,7 +151,9 @@ class _Damping:
 class _Catch:
     """A tether that turns the body back beyond its slack, sprung and critically damped."""
 
-    def __init__(self, situation: Situation, data: Any, motion: _Motion, slack: float) -> None:
+    def __init__(
+        self, situation: Situation, data: Any, motion: RelativeMotion, slack: float
+    ) -> None:
         body = situation.body
         self._stiffness = CATCH_STIFFNESS * body.mass * 9.80665 * body.radius
         self._damping = 2 * math.sqrt(self._stiffness * body.pivot_inertia)
@@ -184,7 +187,7 @@ class _Catch:
 class _Friction:
     """Friction that falls from static to kinetic with the slip of the lowest point."""
 
-    def __init__(self, situation: Situation, model: Any, motion: _Motion) -> None:
+    def __init__(self, situation: Situation, model: Any, motion: RelativeMotion) -> None:
         self._slide = model.geom_friction[:, 0]
         self._kinetic = situation.friction
         self._excess = situation.friction * (situation.friction_ratio - 1)

@@ -77,7 +77,7 @@ def build_model(situation: Situation, step: float) -> Any:
 <default><geom friction="{friction}" condim="{dimensions}"
  solref="{_numbers(situation.contact_time, 1)}" solimp="0.95 0.999 0.0005"/></default>
 <worldbody>
-<body><inertial pos="0 0 0" mass="{TABLE_MASS}"
+<body gravcomp="1"><inertial pos="0 0 0" mass="{TABLE_MASS}"
  diaginertia="{TABLE_MASS} {TABLE_MASS} {TABLE_MASS}"/>{joints}
 <geom type="box" size="{TABLE_HALF} {TABLE_HALF} 0.5" pos="0 0 -0.5" contype="1"
  conaffinity="0"/></body>

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.mechanisms import step_actions
+from vsr2.blind.mujoco.mechanisms import RelativeMotion, step_actions
 from vsr2.blind.mujoco.model import GRAVITY, TABLE_MASS, build_model
 from vsr2.blind.mujoco.situation import Situation
 from vsr2.blind.mujoco.table import CHANNELS, drive
@@ -83,13 +83,14 @@ def run_trial(
     joints = len(used)
     _settle(mujoco, model, data, situation, positions[0])
     rest = data.qpos[joints:].copy()
-    first = _release(situation, accelerations[:, 0])
-    if first:
-        data.qpos[joints : joints + 3] += _shift(used, positions[min(first, moving - 1)])
-        data.qvel[joints : joints + 3] = _shift(used, velocities[min(first, moving - 1)])
+    first = _release(situation, used, positions, accelerations)
     rows = np.empty((moving + tail, 7))
-    rows[:first] = rest
-    rows[: min(first, moving), :3] += _shift(used, positions[: min(first, moving)])
+    rows[:first] = _carried(situation, used, rest, positions[:first])
+    if first:
+        last_held = min(first, moving - 1)
+        data.qpos[:joints], data.qvel[:joints] = positions[last_held], velocities[last_held]
+        data.qpos[joints:] = _carried(situation, used, rest, positions[[last_held]])[0]
+        data.qvel[joints:] = RelativeMotion(data, joints, used, situation.table.pivot).table()
     last = _shake(
         mujoco,
         model,
@@ -118,26 +119,58 @@ def _settle(mujoco: Any, model: Any, data: Any, situation: Situation, table: Arr
     data.qvel[:] = 0
 
 
-def _release(situation: Situation, acceleration: Array) -> int:
+def _release(situation: Situation, used: list[Any], positions: Array, accelerations: Array) -> int:
     """Step at which the bond under the base breaks; 0: there is none.
 
     The bond holds until the base lifts as a whole about its edge: at the moment
-    (N + strength A) w / 2 for a rectangular base of width w and area A, N the weight.
+    (N + strength A) b, b from the mass centre to the edge, A the base's area, N the weight. On a
+    table that pitches by theta about y the mass centre, R above its pivot, is accelerated along the
+    table by x'' + R theta'' against g theta, and the body turned by theta''; a slope leans the
+    weight to +x. Asperities, which move the edge, are left out.
     """
     if situation.adhesion <= 0:
         return 0
     body = situation.body
-    held = body.mass * GRAVITY + situation.adhesion * body.base_area
-    moment = held * body.half_width
-    over = np.flatnonzero(np.abs(acceleration) * body.mass * body.center[2] > moment)
-    return int(over[0]) if over.size else len(acceleration)
+    slope = situation.slope[0]
+    along = accelerations[:, used.index("x")] - GRAVITY * math.sin(slope)
+    normal = np.full(len(accelerations), GRAVITY * math.cos(slope))
+    turning = np.zeros(len(accelerations))
+    if "z" in used:
+        normal += accelerations[:, used.index("z")]
+    if "pitch" in used:
+        pitch = used.index("pitch")
+        height = situation.table.pivot + float(body.center[2])
+        along += height * accelerations[:, pitch] - GRAVITY * np.sin(positions[:, pitch])
+        turning = float(body.inertia[1, 1]) * accelerations[:, pitch]
+    held = body.mass * normal + situation.adhesion * body.base_area
+    moment = body.mass * along * body.center[2] + turning
+    back, front = (lever - situation.rounding for lever in body.levers)
+    over = np.flatnonzero((moment > held * back) | (-moment > held * front))
+    return int(over[0]) if over.size else len(accelerations)
 
 
-def _shift(used: list[Any], values: Array) -> Array:
-    out = np.zeros((*values.shape[:-1], 3))
+def _carried(situation: Situation, used: list[Any], rest: Array, positions: Array) -> Array:
+    """Poses of the body that moves with the table, shape (n, 7).
+
+    Args:
+        situation: with the height of the pivot of pitch.
+        used: channels of the table.
+        rest: pose at the table's rest.
+        positions: of the table, shape (n, channels).
+    """
+    out = np.tile(rest, (len(positions), 1))
+    if "pitch" in used:
+        angle = positions[:, used.index("pitch")]
+        height = rest[2] + situation.table.pivot
+        out[:, 0] = rest[0] * np.cos(angle) + height * np.sin(angle)
+        out[:, 2] = height * np.cos(angle) - rest[0] * np.sin(angle) - situation.table.pivot
+        c, s = np.cos(angle / 2), np.sin(angle / 2)
+        w, x, y, z = rest[3:]
+        # the turn about y, (c, 0, s, 0), times the rest's
+        out[:, 3:] = np.stack([c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x], axis=1)
     for i, channel in enumerate(used):
         if channel != "pitch":
-            out[..., "xyz".index(channel)] = values[..., i]
+            out[:, "xyz".index(channel)] += positions[:, i]
     return out
 
 

@@ -31,6 +31,7 @@ from vsr2.blind.scoring.intervals import Score, reliability
 from vsr2.blind.scoring.leaks import Leak, find_leaks
 from vsr2.blind.scoring.score import (
     BEST_HIGH,
+    BEST_LOW,
     FIRST,
     NAMED,
     SAYING_NOTHING,
@@ -64,17 +65,18 @@ class Scored:
     leaks: Sequence[Sequence[Leak]] = ()
 
     def margins(self, score: str, group: str = ALL) -> dict[str, float]:
-        """By tier, how far a score lies above that of the best baseline; {} without baselines."""
+        """By tier, how much better a score is than the best baseline's; {} without baselines."""
         found = {
             column: scores[score].value
             for (column, own), scores in self.scores.items()
             if own == group and score in scores
         }
-        trivial = [value for name, value in found.items() if name in BASELINES]
+        sign = -1.0 if score in BEST_LOW else 1.0
+        trivial = [sign * value for name, value in found.items() if name in BASELINES]
         if not trivial:
             return {}
         tiers = {column: value for column, value in found.items() if column not in BASELINES}
-        return {tier: value - max(trivial) for tier, value in sorted(tiers.items())}
+        return {tier: sign * value - max(trivial) for tier, value in sorted(tiers.items())}
 
     def groups(self) -> list[str]:
         """Of campaigns: all first, the others by name."""
@@ -96,7 +98,7 @@ class Scored:
             "above_baselines": [
                 {"group": group, "score": score, "tier": tier, "value": round(value, 6)}
                 for group in self.groups()
-                for score in BEST_HIGH
+                for score in (*BEST_HIGH, *BEST_LOW)
                 for tier, value in self.margins(score, group).items()
             ],
             "leaks": [[asdict(leak) for leak in one] for one in self.leaks],
@@ -148,8 +150,10 @@ def score_pack(
 
     Raises:
         BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, other diagnoses of
-            the pack have been scored, or `out` cannot be written to. Nothing is scored then.
+            the pack have been scored, or `out` lies in one of the other folders or cannot be
+            written to. Nothing is scored then.
     """
+    _check_apart(out, data, key, diagnoses)
     pack = read_pack(data)
     opened = open_key(data, key)
     open_pack = is_open(opened)
@@ -197,8 +201,11 @@ def pool_packs(
         training: as in :func:`score_pack`.
 
     Raises:
-        BlindError: a pack is not scored yet, or its diagnoses are not those that were scored.
+        BlindError: a pack is not scored yet, its diagnoses are not those that were scored, or `out`
+            lies in one of its folders.
     """
+    for part in parts:
+        _check_apart(out, *part)
     cases: list[Case] = []
     trivial: list[Case] = []
     rates: list[dict[str, Score]] = []
@@ -226,6 +233,15 @@ def pool_packs(
     make_folder(out)
     _write(files, out)
     return scored
+
+
+def _check_apart(out: Path, *folders: Path) -> None:
+    """Refuse to write among files whose hashes are sealed, or are those of a submission."""
+    for folder in folders:
+        if out.resolve().is_relative_to(folder.resolve()):
+            raise BlindError(
+                f"{out}: lies in {folder}, whose files must stay as they are; choose another --out"
+            )
 
 
 def _baselines(
@@ -340,7 +356,7 @@ def _against_baselines(scored: Scored, group: str) -> list[str]:
             lines += ["", f"Above the best baseline, {score}: {told}."]
     beaten = {
         score: [tier for tier, value in scored.margins(score, group).items() if value < 0]
-        for score in BEST_HIGH
+        for score in (*BEST_HIGH, *BEST_LOW)
     }
     told = "; ".join(f"{score} ({', '.join(tiers)})" for score, tiers in beaten.items() if tiers)
     return [*lines, "", f"A baseline does better in: {told}."] if told else lines

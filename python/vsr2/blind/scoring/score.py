@@ -45,6 +45,8 @@ BEST_HIGH = (
     "unknown: rate at 5 % false alarms",
 )
 """Scores that a trivial baseline has too, the higher the better."""
+BEST_LOW = ("calibration error", "false alarms (none)")
+"""The same, the lower the better."""
 
 Scores = dict[str, Score]
 
