@@ -8,9 +8,10 @@
 
 Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
 `out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
-are finished, whose diagnoses may not change from then on, and writes the scores over all scored parts to `docs/results/blind_CHECK/`
-(or `--results`), with sizes, seeds, hashes, versions and the command, and every verdict. A new
-round of a check has its own `--out` and `--results`; `OUT/development` trains the baselines.
+are finished, whose diagnoses may not change from then on, and writes the scores over all of them to
+`docs/results/blind_CHECK/` (or `--results`), with sizes, seeds, hashes, versions and the command,
+and every verdict. A new round of a check has its own `--out` and `--results`; `OUT/development`
+trains the baselines.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ ROWS = (
         ".70 / .85 / .92; .10 less",
         (STRONG, ALL),
     ),
-    Row("the verdict's first name is of the true class", "top-1 class (single)", "-"),
+    Row("the same, where the verdict names effects", "top-1 class (single)", "-"),
     Row("90 % set: coverage", "90 % set: coverage", ".87 to .95; .85", (STRONG, ALL)),
     Row("90 % set: median size", "90 % set: median size", "4 / 2 / 2; -"),
     Row("log score below uniform", "log score below uniform", ".40 / .60 / .75; .35 (M)"),
