@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vsr2.diagnosis.floor import _repeats
 from vsr2.diagnosis.how_far.shrinkage import Pair
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import leading_class
@@ -22,10 +23,10 @@ from vsr2.diagnosis.likelihood.evidence import (
 )
 from vsr2.diagnosis.likelihood.pairs import pair_posterior
 from vsr2.diagnosis.observed.features import Feature, Sampling, rest_features, tilt_features
-from vsr2.diagnosis.observed.observations import rest_logarithm
+from vsr2.diagnosis.observed.observations import observe_campaign, rest_logarithm
 from vsr2.diagnosis.observed.table import agreement, table_residuals
 from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.bank import Bank, own_code
 from vsr2.diagnosis.simulated.design import Design
 from vsr2.diagnosis.simulated.library import NONE, basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
@@ -107,6 +108,41 @@ def test_a_bank_tells_effects_nuisances_replicates_and_scenes_apart(tmp_path) ->
     with Bank(other, tmp_path / "b") as bank:
         bank.run(keys)
         assert bank.simulated == 5
+
+
+TYPED_IN = """
+class Gain(library_s):
+    def change(self, setup, values):
+        return setup, {slope} * values["change"]
+"""
+
+
+def test_a_bank_tells_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) -> None:
+    library_s = type(full_library()["table_gain"])
+
+    class Gain(library_s):
+        """An effect of the user's, under the name of one of the library's."""
+
+        def change(self, setup, values):
+            return setup
+
+    kinds = [library_s, Gain]
+    for slope in (1.0, 2.0):
+        # As at a prompt, where no source is kept.
+        names = {"library_s": library_s, "__name__": "prompt"}
+        exec(TYPED_IN.format(slope=slope), names)
+        kinds.append(names["Gain"])
+    assert own_code(kinds[0]) == ""
+    with_it, without = Request(0, (("table_gain", (0.1,)),), 0, 0), Request(0, (), 0, 0)
+    simulated = []
+    for kind in (*kinds, *kinds):
+        simulator = Counting()
+        simulator.library = TWO | {"table_gain": kind()}
+        with Bank(simulator, tmp_path / "b") as bank:
+            bank.run([with_it, without])
+            simulated.append(bank.simulated)
+    # What no effect acts on is simulated once for all of them.
+    assert simulated == [2, 1, 1, 1, 0, 0, 0, 0]
 
 
 def test_a_file_that_is_no_bank_is_refused(tmp_path) -> None:
@@ -961,3 +997,34 @@ def test_posteriors_are_tempered_until_their_intervals_cover(true_error) -> None
     assert 0.4 * power < best.weight(middle) <= 1.6 * power
     if true_error > 0.1:
         assert covered(Tempering(1.0, 0.0)) < 0.6
+
+
+def test_repeats_are_known_by_their_recordings() -> None:
+    """One motion again with a recording of its own, of nearly the same size, is a repeat."""
+    plain = shaken_campaign(5, 8, duration=1.5, pga=(0.1, 1.6))
+    trials = [dataclasses.replace(trial, overturned=False) for trial in plain.trials]
+    motions = dict(plain.motions)
+
+    def again(of: int, factor: float, **changes: object) -> None:
+        record = motions[str(trials[of].motion_file)]
+        name = f"again{len(trials)}"
+        motions[name] = dataclasses.replace(
+            record, name=name, acceleration=record.acceleration * factor
+        )
+        added = {"trial": name, "order": len(trials), "motion_file": name} | changes
+        trials.append(dataclasses.replace(trials[of], **added))
+
+    def found() -> tuple[int, int]:
+        campaign = dataclasses.replace(plain, trials=tuple(trials), motions=motions)
+        return _repeats(observe_campaign(campaign, "B"))
+
+    assert found() == (0, 0)
+    again(7, 1.015)
+    assert found() == (1, 0)
+    again(7, 1.01, overturned=True)
+    assert found() == (3, 2), "three trials are three pairs, and the last differs from two"
+    again(7, 1.05)
+    again(7, 1.01, motion="another")
+    assert found() == (3, 2), "another amplitude, another motion"
+    again(20, 1.0, motion_file=trials[20].motion_file, overturned=True)
+    assert found() == (4, 3), "one motion file twice"

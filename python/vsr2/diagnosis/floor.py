@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,8 @@ Array = NDArray[np.float64]
 REPLICATES = 4
 MAX_TRIALS = 40
 FLOOR_RUNS = 1 + 3 * REPLICATES + 2
+REPEATED = 0.02
+"""Greatest difference of ln PGA and of ln PGV between recordings of one motion repeated."""
 
 
 def noise_floor(
@@ -39,9 +39,9 @@ def noise_floor(
         `numerical`: under perturbations of the start by 1e-6 to 1e-4 m; `time_step`: at half the
         time step; `solver`: with twice the iterations (None: the simulator has no such variant);
         `input`: under fresh placement and motion noise (replicates above 0); `nuisance`: under
-        fresh geometry, contact and the like; `physical`: between repeats of one motion file in the
-        campaign, None without repeats; `trials` and `repeats` behind them. Shares are of the
-        uncertain trials.
+        fresh geometry, contact and the like; `physical`: between repeats in the campaign (of one
+        motion file, or of one motion with PGA and PGV within 2 %), None without repeats; `trials`
+        and `repeats` behind them. Shares are of the uncertain trials.
     """
     rng = np.random.default_rng([seed, 3])
     count = min(kept.size, most)
@@ -75,13 +75,17 @@ def noise_floor(
 
 
 def _repeats(seen: Observations) -> tuple[int, int]:
-    """Pairs of trials of one specimen under one motion file, and how many of them disagree."""
-    groups: dict[tuple[str | None, str], list[bool]] = defaultdict(list)
-    for trial in seen.campaign.trials:
-        groups[trial.motion_file, trial.specimen].append(bool(trial.overturned))
-    pairs = unequal = 0
-    for outcomes in groups.values():
-        ones = sum(outcomes)
-        pairs += len(outcomes) * (len(outcomes) - 1) // 2
-        unequal += ones * (len(outcomes) - ones)
-    return pairs, unequal
+    """Pairs of trials that repeat each other, and how many of them disagree.
+
+    Repeats have one specimen and one ground motion, and the same motion file or, as each trial has
+    a recording of its own, PGA and PGV within `REPEATED`.
+    """
+    same = (seen.motion[:, None] == seen.motion) & (seen.specimen[:, None] == seen.specimen)
+    files = np.array([trial.motion_file or "" for trial in seen.campaign.trials])
+    log_pgv = seen.log_pga + seen.log_ratio
+    near = np.abs(seen.log_pga[:, None] - seen.log_pga) <= REPEATED
+    near &= np.abs(log_pgv[:, None] - log_pgv) <= REPEATED
+    near |= files[:, None] == files
+    pairs = np.triu(same & near, k=1)
+    unequal = pairs & (seen.overturned[:, None] != seen.overturned)
+    return int(pairs.sum()), int(unequal.sum())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
+import marshal
 import sqlite3
 import struct
 import time
@@ -22,8 +24,9 @@ CHUNK = 512
 class Bank:
     """Simulations of one simulator, kept in an SQLite file.
 
-    A row's key is the hash of the simulator's identity, the trial's key, effects with their values,
-    the nuisances' values, and the replicate. Rows are committed chunk by chunk, so that an
+    A row's key is the hash of the simulator's identity, the trial's key, effects with their values
+    (and the code of those that are not this package's), the nuisances' values, and the replicate.
+    Rows are committed chunk by chunk, so that an
     interruption loses at most the chunk that was running. Several scenes may share a file.
 
     Args:
@@ -46,6 +49,7 @@ class Bank:
         self._asked: set[bytes] = set()
         self._chunk = chunk
         self._trials: dict[int, str] = {}
+        self._codes: dict[str, str] = {}
         self._path = path
         try:
             self._file = sqlite3.connect(":memory:" if path is None else path)
@@ -144,9 +148,16 @@ class Bank:
             )
         nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
         text = f"{self._trials[request.trial]}|{request.effects!r}|{request.nuisance}"
+        text += "".join(self._code(name) for name, _ in request.effects)
         digest = hashlib.blake2b(text.encode(), digest_size=16)
         digest.update(nuisances + struct.pack("<q", request.replicate))
         return digest.digest()
+
+    def _code(self, name: str) -> str:
+        if name not in self._codes:
+            effect = self.simulator.library.get(name)
+            self._codes[name] = "" if effect is None else own_code(type(effect))
+        return self._codes[name]
 
     def _known(self, keys: Sequence[bytes]) -> dict[bytes, bytes]:
         out: dict[bytes, bytes] = {}
@@ -156,3 +167,17 @@ class Bank:
             query = f"SELECT key, response FROM runs WHERE key IN ({marks})"
             out.update(self._file.execute(query, part).fetchall())
         return out
+
+
+def own_code(kind: type) -> str:
+    """What tells a user's class from another of its name; empty for classes of this package.
+
+    Its source; of classes without one (typed in at a prompt) the bytecode of its functions.
+    """
+    if kind.__module__.split(".")[0] == __name__.split(".")[0]:
+        return ""
+    try:
+        return inspect.getsource(kind)
+    except (OSError, TypeError):
+        codes = [getattr(value, "__code__", None) for _, value in sorted(vars(kind).items())]
+        return "".join(marshal.dumps(code).hex() for code in codes if code is not None)
