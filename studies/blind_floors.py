@@ -30,7 +30,7 @@ import numpy as np
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pga
 from vsr2.blind.custodian.engines import build_engine
-from vsr2.blind.custodian.floor import DETECTED, FloorMeter
+from vsr2.blind.custodian.floor import DETECTED, WINDOW, FloorMeter
 from vsr2.blind.scoring.cases import Case
 from vsr2.blind.scoring.kept import kept_cases
 from vsr2.blind.scoring.score import FIRST, score_cases
@@ -232,9 +232,11 @@ def spread(name: str, scene: Path, path: Path, count: int) -> None:
         write_rows(path, ("effect", *(f"seed {s}" for s in seeds)), list(rows.values()))
         print(f"seed {seed}", flush=True)
     table = np.array([[float(row[f"seed {s}"]) for s in seeds] for row in rows.values()])
+    table = table[np.median(table, axis=1) >= WINDOW[0]]  # weaker ones are not drawn
     off = np.abs(np.log(table / np.median(table, axis=1, keepdims=True)))
     ratio = np.percentile(table.max(axis=1) / table.min(axis=1), [50, 80, 100])
-    print(f"{name}: within a factor 1.5 of the median: {np.mean(off < math.log(1.5)):.2f}")
+    near = np.mean(off < math.log(1.5))
+    print(f"{name}, {len(table)} draws: within a factor 1.5 of the median: {near:.2f}")
     print(f"largest over smallest: {ratio[0]:.2g}, {ratio[1]:.2g} at 80 %, {ratio[2]:.2g} at most")
 
 
