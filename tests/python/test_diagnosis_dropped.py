@@ -281,8 +281,8 @@ def test_a_pair_is_found_where_a_second_effect_helps() -> None:
     assert pair.probability == 1.0
     assert pair.left == pytest.approx(0.2 / 0.9)
     assert pair.closed == pytest.approx(0.4 / 0.6)
-    assert pair.better, "a rescaling leaves 0.7"
-    assert not found(0.9, 0.75).better
+    assert pair.beyond == pytest.approx(0.5 / 0.9), "a rescaling leaves 0.7"
+    assert found(0.9, 0.75).beyond == pytest.approx(-0.05 / 0.9)
     assert found(0.2, 0.6) is None, "one effect does better"
     other = {"after": ["wear", "catch"], "pair": ["catch", "base_slope"]}
     assert found(0.6, 0.2, other) is None, "each group chose another pair"

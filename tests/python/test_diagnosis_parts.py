@@ -672,6 +672,7 @@ CLEAR = Findings(
     surprise_p=1.0,
     direction_p=0.005,
     none_probability=0.01,
+    none_in_set=True,
     leading=("table_gain",),
     alike=("table_gain",),
     alike_probability=0.9,
@@ -690,9 +691,10 @@ CLEAR = Findings(
 )
 
 
-BOTH = Pair(("table_gain", "wear"), probability=1.0, left=0.4, closed=0.6, better=True)
+BOTH = Pair(("table_gain", "wear"), probability=1.0, left=0.4, closed=0.6, beyond=0.4)
 SECOND = {"pair": BOTH, "novelty_p": 0.1, "after_low": 0.01, "left": 0.5}
 MISFIT = {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}
+FAINT = {"gap_low": -0.01, "direction_p": 0.3, "none_probability": 0.06, "unknown_probability": 0.1}
 
 
 def second(**changes):
@@ -755,7 +757,11 @@ def second(**changes):
         (SECOND | second(closed=0.4), "effect"),
         (SECOND | second(left=0.6), "effect"),
         (MISFIT | second(closed=0.4), "pair"),
-        (MISFIT | second(closed=0.4, better=False), "unresolved"),
+        (MISFIT | second(closed=0.4, beyond=0.24), "unresolved"),
+        (SECOND | second(beyond=-0.1), "pair"),
+        # The tests find no gap, and yet none is not among the answers that hold the truth.
+        (FAINT, "none"),
+        (FAINT | {"none_in_set": False}, "unresolved"),
         (MISFIT | second(left=0.6), "unresolved"),
     ],
 )

@@ -349,6 +349,7 @@ def conclude(
         direction_p=found.direction_p,
         surprise_p=surprise_p(outcome, dropped.before[dropped.certain]),
         none_probability=float(probability[NONE]),
+        none_in_set=NONE in found.conformal["both"],
         leading=leading,
         alike=alike,
         alike_probability=sum(probability[n] for n in groups[0])

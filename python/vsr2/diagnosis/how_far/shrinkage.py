@@ -47,14 +47,14 @@ class Pair:
         probability: of a gain over one effect.
         left: share of the gap of the uncertain trials that both leave.
         closed: share that the second one closes of what the best one alone leaves.
-        better: whether they do better than a rescaling of the probabilities.
+        beyond: share of the gap that both close beyond what a rescaling of the probabilities does.
     """
 
     names: tuple[str, str]
     probability: float
     left: float
     closed: float
-    better: bool
+    beyond: float
 
 
 @dataclass(frozen=True)
@@ -336,7 +336,7 @@ def found_pair(
         probability=float((gains > 0).mean()),
         left=left / max(before, 1e-9),
         closed=float(gain.mean()) / max(after, 1e-9),
-        better=bool(shrinkage.pair.mean() < shrinkage.recalibrated.mean()),
+        beyond=float((shrinkage.recalibrated - shrinkage.pair).mean()) / max(before, 1e-9),
     )
 
 
