@@ -1034,3 +1034,15 @@ def test_repeats_are_known_by_their_recordings() -> None:
     assert found() == (3, 2), "another amplitude, another motion"
     again(20, 1.0, motion_file=trials[20].motion_file, overturned=True)
     assert found() == (4, 3), "one motion file twice"
+
+
+def test_a_motion_that_does_not_move_is_named() -> None:
+    plain = shaken_campaign(5, 8, duration=1.5)
+    trials = tuple(dataclasses.replace(trial, overturned=False) for trial in plain.trials)
+    name = str(trials[7].motion_file)
+    rest = dataclasses.replace(
+        plain.motions[name], acceleration=np.zeros_like(plain.motions[name].acceleration)
+    )
+    campaign = dataclasses.replace(plain, trials=trials, motions=plain.motions | {name: rest})
+    with pytest.raises(DiagnosisError, match=rf"rests in the motion '{name}' of trial 'T007'"):
+        observe_campaign(campaign)

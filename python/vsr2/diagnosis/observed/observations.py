@@ -125,7 +125,8 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         tier: information to use; None: all that `ENOUGH` of the trials have.
 
     Raises:
-        DiagnosisError: too few trials or motions, or a tier that the campaign does not reach.
+        DiagnosisError: too few trials or motions, one that does not move, or a tier that the
+            campaign does not reach.
     """
     kept = [
         i
@@ -170,8 +171,15 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
                 measured.append(feature)
     order = np.array([trial.order for trial in used.trials], dtype=np.float64)
     measures = intensity_measures(used)
-    with np.errstate(divide="ignore"):
-        log_pga, log_ratio = np.log(measures.pga), np.log(measures.pgv_pga)
+    still = np.flatnonzero(~(measures.pga > 0))
+    if still.size:
+        trial = used.trials[int(still[0])]
+        more = f" and of {still.size - 1} others" if still.size > 1 else ""
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: the table rests in the motion {trial.motion_file!r} of "
+            f"trial {trial.trial!r}{more}; leave such trials out"
+        )
+    log_pga, log_ratio = np.log(measures.pga), np.log(measures.pgv_pga)
     return Observations(
         campaign=used,
         tier=tier,
