@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from vsr2.diagnosis.budget import MAX_DRAWS, Budget, Schedule
+from vsr2.diagnosis.diagnose import _settled
 from vsr2.diagnosis.floor import _repeats
+from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
 from vsr2.diagnosis.how_far.shrinkage import Pair
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import leading_class
@@ -143,6 +147,48 @@ def test_a_bank_tells_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) -> 
             simulated.append(bank.simulated)
     # What no effect acts on is simulated once for all of them.
     assert simulated == [2, 1, 1, 1, 0, 0, 0, 0]
+
+
+def test_only_effects_in_the_race_get_twice_the_draws() -> None:
+    schedule = Schedule(Budget(simulations=100_000), Bank(Counting()), 50, TWO)
+    told = {"table_gain": 0.9, "restitution": 0.001}
+    first = dict.fromkeys(TWO, 24)
+    more = schedule.next_draws(first, told)
+    assert more == {"table_gain": 48, "restitution": 24}
+    # Who fell behind once stays behind.
+    assert schedule.next_draws(more, dict.fromkeys(TWO, 0.5)) == {
+        "table_gain": 96,
+        "restitution": 24,
+    }
+    assert schedule.next_draws({"table_gain": MAX_DRAWS, "restitution": 24}, told) is None
+
+
+def test_what_dropped_trials_cost_is_kept_back() -> None:
+    bank = Bank(Counting())
+    schedule = Schedule(Budget(simulations=10_000), bank, 50, TWO)
+    schedule.fit(20)
+    rest = 10_000 - DROPPED_RUNS * 30
+    assert schedule.affords(rest, bank)
+    assert not schedule.limited
+    assert not schedule.affords(rest + 1, bank)
+    assert schedule.limited
+    bank.run([Request(0, (), i, 1) for i in range(10)])
+    assert not schedule.affords(rest - 9, bank)
+    assert schedule.affords(rest - 10, bank)
+
+
+def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
+    def one(group: list[str], p: float) -> SimpleNamespace:
+        return SimpleNamespace(
+            classes=[group, ["wear"]], inference=SimpleNamespace(gap_p=0.5, direction_p=p)
+        )
+
+    same = [one(["catch", "table_gain"], 0.01), one(["catch"], 0.02), one(["catch"], 0.001)]
+    assert _settled(same)
+    assert not _settled(same[1:])
+    assert _settled([one(["wear"], 0.5), *same]), "of the last three"
+    assert not _settled([*same[:2], one(["wear"], 0.01)])
+    assert not _settled([*same[:2], one(["catch"], 0.03)]), "a gap, and then none"
 
 
 def test_a_file_that_is_no_bank_is_refused(tmp_path) -> None:
@@ -1021,7 +1067,10 @@ def test_repeats_are_known_by_their_recordings() -> None:
         trials.append(dataclasses.replace(trials[of], **added))
 
     def found() -> tuple[int, int]:
-        campaign = dataclasses.replace(plain, trials=tuple(trials), motions=motions)
+        blocks = dict.fromkeys(["block", "another"], plain.specimens["block"])
+        campaign = dataclasses.replace(
+            plain, trials=tuple(trials), motions=motions, specimens=blocks
+        )
         return _repeats(observe_campaign(campaign, "B"))
 
     assert found() == (0, 0)
@@ -1031,7 +1080,8 @@ def test_repeats_are_known_by_their_recordings() -> None:
     assert found() == (3, 2), "three trials are three pairs, and the last differs from two"
     again(7, 1.05)
     again(7, 1.01, motion="another")
-    assert found() == (3, 2), "another amplitude, another motion"
+    again(7, 1.01, specimen="another")
+    assert found() == (3, 2), "another amplitude, another motion, another block"
     again(20, 1.0, motion_file=trials[20].motion_file, overturned=True)
     assert found() == (4, 3), "one motion file twice"
 
