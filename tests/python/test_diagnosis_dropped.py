@@ -1,12 +1,13 @@
 """Trials that screening drops: chosen without a look at outcomes, judged under what was chosen."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from vsr2.diagnosis.budget import Budget
-from vsr2.diagnosis.diagnose import diagnose_with
+from vsr2.diagnosis.diagnose import _gap_low, diagnose_with
 from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
 from vsr2.diagnosis.how_far.shrinkage import Shrinkage, found_pair, posterior_draws
@@ -177,6 +178,30 @@ def test_the_headline_is_closure_minus_the_better_placebo_s(losses, spared) -> N
     assert found.closure("after")["value"] == pytest.approx((1.0 - 0.2) / (1.0 - 0.1))
     assert found.headline()["value"] == pytest.approx((1.0 - 0.2 - spared) / (1.0 - 0.1))
     assert whole(0.2, stands, **losses)[1].headline()["value"] is None
+
+
+def test_the_gap_s_interval_is_the_wider_of_two() -> None:
+    # Over motions and in gap-free campaigns, whose share of the trials is that of the kept ones.
+    stands = (np.arange(TRIALS) >= 9).astype(float)
+    alike = np.arange(TRIALS) % 2
+    narrow = whole(0.2, stands, gap_low=0.9, motion=alike)[1].excess("before")["ci95"]
+    wide = whole(0.2, stands, gap_low=-0.3, motion=alike)[1].excess("before")["ci95"]
+    assert narrow[0] > 0
+    assert wide == [pytest.approx(-0.3 * KEPT.size / TRIALS), narrow[1]]
+
+    def lower(spread: float, second: float = 0.0) -> float:
+        null = SimpleNamespace(
+            floor=np.full(4, 0.1), truth=np.zeros(41), gap=spread * np.linspace(-1, 1, 41)
+        )
+        found = SimpleNamespace(loss=np.array([0.5, 0.7, 0.5 + second, 0.7 + second]))
+        return _gap_low(SimpleNamespace(calibration=null), found, np.array([0, 0, 1, 1]), 0)
+
+    # Both motions have a mean of 0.5 above the floor; 97.5 % of null campaigns lie below 0.95.
+    assert lower(0.01) == pytest.approx(0.5 - 0.0095)
+    assert lower(0.4) == pytest.approx(0.5 - 0.38)
+    assert lower(0.0) == pytest.approx(0.5)
+    # A quarter of the resamples of two motions holds the first one twice.
+    assert lower(0.01, second=1.0) == pytest.approx(0.5)
 
 
 class Jittery(Thresholds):
