@@ -266,6 +266,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "probability": f"{case.verdict.probability:.3f}",
                     "right": int(top_one(case)) if named else "",
                     "first": leading_class(case),
+                    "closure": "" if case.verdict.closure is None else case.verdict.closure,
                     **_magnitude(case),
                 }
             )

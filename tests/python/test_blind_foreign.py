@@ -562,13 +562,16 @@ def one_effect(**changes):
         ),
         (
             a_verdict(verdict={"kind": "effect", "effects": ["chain", "rope"]}),
-            "verdict.effects is .* 1 of the names, as the kind is effect",
+            "verdict.effects is .* a list of 1, as the kind is effect",
         ),
         (
             a_verdict(verdict={"kind": "pair", "effects": ["chain"]}),
-            "verdict.effects is .* 2 of the names, as the kind is pair",
+            "verdict.effects is .* a list of 2, as the kind is pair",
         ),
-        (a_verdict(verdict={"kind": "class"}), "verdict.effects is .* 1 or more of the names"),
+        (
+            a_verdict(verdict={"kind": "class"}),
+            "verdict.effects is missing; wanted is a list of 1 or more",
+        ),
         (
             a_verdict(verdict={"kind": "effect", "effects": ["chian"]}),
             "verdict.effects is .* names in effects, where 'chian' is not",

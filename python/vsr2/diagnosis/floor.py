@@ -15,7 +15,8 @@ REPLICATES = 4
 MAX_TRIALS = 40
 FLOOR_RUNS = 1 + 3 * REPLICATES + 2
 REPEATED = 0.02
-"""Greatest difference of ln PGA and of ln PGV between recordings of one motion repeated."""
+"""Greatest difference of ln PGA and of ln PGV between recordings of one motion repeated: for noise
+of the records and the table's scatter; the next amplitude of a campaign lies 5 % off or more."""
 
 
 def noise_floor(

@@ -93,10 +93,7 @@ def _check_entry(entry: Node, classes: Sequence[frozenset[str]]) -> None:
     entry.names("exclude", "names of effects")
     _check_hash(entry, "data_sha256")
     effects = entry.nodes("effects")
-    least, most = _EFFECTS[kind]
-    if len(effects) < least or (most is not None and len(effects) > most):
-        number = f"{least}" if least == most else f"{least} or more"
-        raise entry.error("effects", f"a list of {number}, as the kind is {kind}")
+    entry.check_count("effects", _EFFECTS[kind], f"as the kind is {kind}")
     for effect in effects:
         _check_effect(effect)
     if kind == "pair":

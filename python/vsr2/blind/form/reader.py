@@ -103,6 +103,14 @@ class Node:
             raise self.error(name, "a list")
         return value
 
+    def check_count(self, name: str, bounds: tuple[int, int | None], why: str) -> None:
+        """That a list is as long as it may be: least and greatest length, None for any."""
+        least, most = bounds
+        count = len(self.items(name))
+        if count < least or (most is not None and count > most):
+            number = f"{least}" if least == most else f"{least} or more"
+            raise self.error(name, f"a list of {number}, {why}")
+
     def names(self, name: str, what: str = "names") -> tuple[str, ...]:
         """A list of text that is not empty; empty where it is missing."""
         found = self.items(name)

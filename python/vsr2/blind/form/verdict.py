@@ -127,10 +127,7 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
         if closure is not None:
             closures[name] = closure
     named = verdict.names("effects", "names of effects")
-    least, most = _NAMED.get(kind, (0, None))
-    if len(named) < least or (most is not None and len(named) > most):
-        number = f"{least}" if least == most else f"{least} or more"
-        raise verdict.error("effects", f"{number} of the names, as the kind is {kind}")
+    verdict.check_count("effects", _NAMED.get(kind, (0, None)), f"as the kind is {kind}")
     if whole.has("none_probability") and NONE not in probabilities:
         probabilities[NONE] = whole.probability("none_probability")
     unknown = whole.node("unknown") if whole.has("unknown") else Node({}, label)

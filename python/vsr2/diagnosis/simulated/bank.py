@@ -172,8 +172,13 @@ class Bank:
 def own_code(kind: type) -> str:
     """What tells a user's class from another of its name; empty for classes of this package.
 
-    Its source; of classes without one (typed in at a prompt) the bytecode of its functions.
+    Its source and that of its bases outside this package; of classes without one (typed in at a
+    prompt) the bytecode of their functions. What they call elsewhere is not looked at.
     """
+    return "".join(_code(base) for base in kind.__mro__ if base is not object)
+
+
+def _code(kind: type) -> str:
     if kind.__module__.split(".")[0] == __name__.split(".")[0]:
         return ""
     try:

@@ -36,8 +36,8 @@ PAIR_CLOSED = 0.5
 would not be called a misfit: under one effect, or one outside the library, it closes less."""
 PAIR_BEYOND = 0.25
 """Share of the gap that a pair must close beyond a rescaling of the probabilities to tell itself
-from a cause outside the library. Of outcomes dealt at random over the trials two effects close up
-to 0.16 more than it (10 campaigns), true pairs of studies/diagnosis_known_gap.py 0.43 or more."""
+from a cause outside the library: outcomes dealt at random over the trials are rescaled nearly as
+well as any two effects fit them (studies/diagnosis_seeds.py)."""
 PAIR_MISFIT = 0.2
 """p value of the best effect's misfit above which it fits as well as most, and no second is called.
 """
