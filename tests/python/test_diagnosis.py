@@ -16,6 +16,7 @@ from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
 from vsr2.diagnosis.how_far.shrinkage import judge
+from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import separations
 from vsr2.diagnosis.likelihood.evidence import Data
 from vsr2.diagnosis.observed.observations import observe_campaign
@@ -26,6 +27,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.diagnosis.verdict.next_measurement import next_measurement
 from vsr2.diagnosis.verdict.summary import ALL_OF_PRIOR
+from vsr2.diagnosis.which.routes import prepare
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import (
@@ -127,20 +129,24 @@ def test_campaigns_without_gap_are_left_alone(bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tier", "effect", "nuisance"),
+    ("tier", "effect", "nuisance", "kind"),
     [
-        ("B", ("table_gain", (-0.1,)), 0),
-        ("B", ("table_gain", (0.08,)), 2),
-        ("M", ("slenderness", (-0.06,)), 3),
+        ("B", ("table_gain", (-0.1,)), 0, "class"),
+        ("B", ("table_gain", (0.08,)), 2, "class"),
+        # Too weak for its gap to be told from zero, but they lead together.
+        ("M", ("slenderness", (-0.06,)), 3, "unresolved"),
     ],
 )
-def test_gain_and_slenderness_come_out_as_one_class(bench, tier, effect, nuisance) -> None:
+def test_gain_and_slenderness_come_out_as_one_class(bench, tier, effect, nuisance, kind) -> None:
     # The planar equation holds the motion only through a / (g alpha).
-    evidence = bench.judge(tier, effect, nuisance=nuisance).evidence
-    assert evidence.verdict.kind == "class", evidence.verdict
-    assert set(evidence.verdict.effects) == {"table_gain", "slenderness"}
+    judged = bench.judge(tier, effect, nuisance=nuisance)
+    evidence, same = judged.evidence, {"table_gain", "slenderness"}
+    assert evidence.verdict.kind == kind, evidence.verdict
+    assert set(evidence.verdict.effects) == same
     assert "tilt the base slowly" in evidence.next_measurement["what"]
-    assert set(evidence.next_measurement["splits"]) == {"table_gain", "slenderness"}
+    assert set(evidence.next_measurement["splits"]) == same
+    assert set(judged.inference.classes[0]) >= same
+    assert set(judged.diagnosis.content["conformal_set_90"]) >= same, "none wins alone"
 
 
 def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
@@ -159,6 +165,31 @@ def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
     assert half["trial"] == told["trial"]
     assert half["information_per_repeat"] == pytest.approx(0.5 * told["information_per_repeat"])
     assert half["repeats"] in (2 * told["repeats"] - 1, 2 * told["repeats"])
+    # Of three the leader is told from each as it is from that one alone.
+    three = next_measurement([*members, "catch"], prepared, found, seen, kept)
+    assert {key: three[key] for key in told} == told
+    alone = next_measurement(["table_gain", "catch"], prepared, found, seen, kept)
+    same = {key: alone[key] for key in ("trial", "information_per_repeat", "repeats")}
+    what = next_measurement(["catch"], prepared, found, seen, kept)["what"]
+    assert three["others"] == [{"name": "catch", "what": what} | same]
+
+
+def test_halves_of_the_draws_are_fitted_alone(bench) -> None:
+    prepared = bench.prepared("B")
+    design = bench.rehearsal.design("B")
+    for half, parity in zip(prepared.halves, (1, 0), strict=True):
+        own = fit_emulator(
+            prepared.library, design.take(np.flatnonzero(bench.rehearsal.draws % 2 == parity))
+        )
+        np.testing.assert_array_equal(half.emulator.outcome.mean, own.outcome.mean)
+        assert half.emulator.wrong == prepared.emulator.wrong
+        assert half.calibration is prepared.calibration
+        assert not half.halves
+    # One campaign of an effect less, and its half is too small to tell anything.
+    draws = bench.rehearsal.draws
+    rows = np.flatnonzero((design.effect != "catch") | (draws > 1))
+    parts = prepared.library, design.take(rows), draws[rows], prepared.places, prepared.motion
+    assert prepare(*parts).halves == ()
 
 
 @pytest.mark.parametrize(
@@ -359,7 +390,7 @@ def test_the_page_says_it_all_and_needs_nothing_else(found) -> None:
     page = diagnosis_page(found)
     assert verdict_sentence(found.content) in page
     open_gap = {"kind": "unresolved", "effects": ["catch"], "probability": 0.9}
-    for reason, start in (("no gap beyond noise: x", "Whether"), ("a gap", "There is a gap, but")):
+    for reason, start in (("no gap beyond noise: x", "Whether"), ("a gap", "There are signs of a")):
         content = {**found.content, "verdict": open_gap | {"reasons": [reason]}}
         assert verdict_sentence(content).startswith(start)
     assert page.count("<svg") == page.count("</svg>") == 6

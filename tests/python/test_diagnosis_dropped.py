@@ -224,10 +224,29 @@ def test_the_noise_floor_s_layers_are_told_apart() -> None:
         )
     )
     with Bank(Jittery()) as store:
-        layers = noise_floor(store, observed, KEPT)
+        layers = noise_floor(store, observed, SCREENING)
     assert (layers["numerical"], layers["input"], layers["nuisance"]) == (0.5, 0.25, 1.0)
     assert layers["time_step"] is layers["solver"] is None
     assert layers["trials"] == KEPT.size
+    assert layers["physical"] is layers["physical_expected"] is None
+
+
+def test_repeats_are_expected_to_differ_as_often_as_screening_says() -> None:
+    campaign = shaken_campaign(3, 4)
+    rows = [dataclasses.replace(t, overturned=False) for t in campaign.trials]
+    for of, again in ((2, 4), (5, 10)):
+        rows[again] = dataclasses.replace(
+            rows[again], motion_file=rows[of].motion_file, overturned=True
+        )
+    observed = observe_like(dataclasses.replace(campaign, trials=tuple(rows)))
+    alike = np.arange(TRIALS) != 2
+    probability = np.where(alike, SCREENING.probability, 0.3)
+    screening = dataclasses.replace(SCREENING, alike=alike, probability=probability)
+    with Bank(Jittery()) as store:
+        layers = noise_floor(store, observed, screening)
+    assert (layers["repeats"], layers["physical"]) == (2, 1.0)
+    # Of trial 2 one in 0.42, of trial 5, which always ended alike, none.
+    assert layers["physical_expected"] == pytest.approx(0.21)
 
 
 def test_what_is_kept_does_not_depend_on_outcomes(monkeypatch) -> None:

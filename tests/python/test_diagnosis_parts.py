@@ -14,7 +14,7 @@ from vsr2.diagnosis.floor import _repeats
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
 from vsr2.diagnosis.how_far.shrinkage import Pair
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
-from vsr2.diagnosis.likelihood.equivalence import leading_class
+from vsr2.diagnosis.likelihood.equivalence import evened, leading_class, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import (
     Change,
     Data,
@@ -36,12 +36,19 @@ from vsr2.diagnosis.simulated.library import NONE, basis, free_parameters, null_
 from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement
-from vsr2.diagnosis.verdict.summary import _shown, beyond_tolerance, mates
+from vsr2.diagnosis.verdict.summary import (
+    _repeated,
+    _shown,
+    _unrolled,
+    beyond_tolerance,
+    mates,
+    withheld_mates,
+)
 from vsr2.diagnosis.where.discrepancy import COMMON, VARIANCE, disturbed
 from vsr2.diagnosis.where.null_campaigns import null_campaigns
 from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, scan
 from vsr2.diagnosis.which.novelty import Misfit, fit_strangers
-from vsr2.diagnosis.which.routes import Combination, _combination
+from vsr2.diagnosis.which.routes import Combination, _closed, _combination
 from vsr2.diagnosis.which.tempering import (
     COVERAGE,
     Judged,
@@ -181,9 +188,7 @@ def test_what_dropped_trials_cost_is_kept_back() -> None:
 
 def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
     def one(group: list[str], p: float) -> SimpleNamespace:
-        return SimpleNamespace(
-            classes=[group, ["wear"]], inference=SimpleNamespace(gap_p=0.5, direction_p=p)
-        )
+        return SimpleNamespace(leading=group, inference=SimpleNamespace(gap_p=0.5, direction_p=p))
 
     same = [one(["catch", "table_gain"], 0.01), one(["catch"], 0.02), one(["catch"], 0.001)]
     assert _settled(same)
@@ -716,6 +721,7 @@ def test_no_axis_and_no_channel_is_left_out_of_the_places_shown() -> None:
 
 CLEAR = Findings(
     gap_low=0.02,
+    touches_floor=False,
     gap_p=0.005,
     surprise_p=1.0,
     direction_p=0.005,
@@ -735,7 +741,7 @@ CLEAR = Findings(
     left=0.1,
     left_of_all=0.1,
     pair=None,
-    stable=True,
+    halves=(),
 )
 
 
@@ -780,7 +786,15 @@ def second(**changes):
         ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.006}, "unresolved"),
         ({"after_low": -0.01, "left": 0.9}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
-        ({"stable": False}, "unresolved"),
+        ({"halves": (("table_gain",), ("table_gain", "wear"))}, "effect"),
+        ({"halves": (("table_gain",), ("wear", "catch"))}, "unresolved"),
+        ({"halves": (("wear",), ("table_gain",)), "leading": ("table_gain", "wear")}, "class"),
+        (SECOND | {"halves": (("table_gain",), ("wear", "catch"))}, "pair"),
+        # A gap whose size is not told from zero has no cause that is named, however it is told.
+        ({"touches_floor": True}, "unresolved"),
+        (SECOND | {"touches_floor": True}, "unresolved"),
+        (MISFIT | {"touches_floor": True}, "unresolved"),
+        (FAINT | {"touches_floor": True}, "none"),
         (
             {
                 "novelty_p": 0.01,
@@ -1002,6 +1016,55 @@ def test_what_theory_takes_for_the_same_is_named_down_to_a_tenth_of_that() -> No
     assert leading_class(ruled_out, groups, {"b": ("a",)})[0] == ("a",)
 
 
+def test_no_odds_are_stated_within_a_class_that_its_separation_does_not_allow() -> None:
+    # b is taken for the same as a, and so is f, which evidence rules out; c is only in the class.
+    probability = {"none": 0.1, "a": 0.69, "b": 0.0099, "c": 0.1, "f": 0.0001, "d": 0.1}
+    groups, alike = [["a", "c", "b", "f"], ["d"]], {"a": ("b", "d", "f")}
+    assert taken_for_same(probability, groups[0], alike) == ["a", "b"]
+    found = evened(probability, groups, alike)
+    assert found["a"] / found["b"] == pytest.approx(9.0)
+    assert found["a"] + found["b"] == pytest.approx(0.6999)
+    unchanged = ("none", "c", "f", "d")
+    assert {n: found[n] for n in unchanged} == {n: probability[n] for n in unchanged}
+    even = probability | {"a": 0.4, "b": 0.2999}
+    assert evened(even, groups, alike) == pytest.approx(even), "odds that are allowed stay"
+
+
+def test_a_set_that_holds_one_of_the_same_holds_all() -> None:
+    assert _closed(("c", "a"), ["a", "b"]) == ("c", "a", "b")
+    assert _closed(("c", "none"), ["a", "b"]) == ("c", "none")
+
+
+def test_what_was_left_out_may_stand_behind_what_is_named() -> None:
+    effect = Verdict("effect", ("table_resonance",), 0.9, ())
+    told = withheld_mates(effect, ("catch", "table_pitch"))
+    assert len(told) == 1
+    assert told[0].startswith("table_pitch, which theory takes for about the same as table_reson")
+    assert withheld_mates(effect, ("catch",)) == []
+    assert withheld_mates(Verdict("unknown", (), 0.9, ()), ("table_pitch",)) == []
+
+
+def test_repeats_that_scatter_beyond_the_simulations_are_told() -> None:
+    def told(share, expected):
+        return _repeated({"physical": share, "physical_expected": expected, "repeats": 30})
+
+    # Three standard deviations of 3 expected are 5.2: 8.2 of 30.
+    assert told(8 / 30, 0.1) == []
+    assert "of 30 pairs of repeats 30% end otherwise, where the simulations" in told(0.3, 0.1)[0]
+    assert told(3 / 30, 0.0) == [], "as if one were expected where none is"
+    assert len(told(5 / 30, 0.0)) == 1
+    assert "no repeats" in _repeated({"physical": None})[0]
+
+
+def test_angles_are_averaged_as_directions() -> None:
+    found = _unrolled(np.array([350.0, 10.0, 30.0]), np.array([0.25, 0.5, 0.25]), 360.0)
+    np.testing.assert_allclose(found, [-10, 10, 30], atol=1e-9)
+    assert np.array([0.25, 0.5, 0.25]) @ found == pytest.approx(10.0)
+    # Beyond half a turn: about a mean of 300 degrees, 60 lies at 420.
+    found = _unrolled(np.array([290.0, 310.0, 60.0]), np.array([0.5, 0.5, 1e-9]), 360.0)
+    np.testing.assert_allclose(found, [290, 310, 420], atol=1e-6)
+
+
 def test_simulated_series_are_measured_as_the_campaign_was() -> None:
     time = np.arange(0, 2, 0.01)
     tilt = 0.1 * np.sin(np.pi * time).clip(0)
@@ -1068,24 +1131,25 @@ def test_repeats_are_known_by_their_recordings() -> None:
         added = {"trial": name, "order": len(trials), "motion_file": name} | changes
         trials.append(dataclasses.replace(trials[of], **added))
 
-    def found() -> tuple[int, int]:
+    def found() -> tuple[list[int], int]:
         blocks = dict.fromkeys(["block", "another"], plain.specimens["block"])
         campaign = dataclasses.replace(
             plain, trials=tuple(trials), motions=motions, specimens=blocks
         )
-        return _repeats(observe_campaign(campaign, "B"))
+        repeated, differ = _repeats(observe_campaign(campaign, "B"))
+        return repeated.tolist(), int(differ.sum())
 
-    assert found() == (0, 0)
+    assert found() == ([], 0)
     again(7, 1.015)
-    assert found() == (1, 0)
+    assert found() == ([7], 0)
     again(7, 1.01, overturned=True)
-    assert found() == (3, 2), "three trials are three pairs, and the last differs from two"
+    assert found() == ([7, 7, 40], 2), "three trials are three pairs, and the last differs from two"
     again(7, 1.05)
     again(7, 1.01, motion="another")
     again(7, 1.01, specimen="another")
-    assert found() == (3, 2), "another amplitude, another motion, another block"
+    assert found() == ([7, 7, 40], 2), "another amplitude, another motion, another block"
     again(20, 1.0, motion_file=trials[20].motion_file, overturned=True)
-    assert found() == (4, 3), "one motion file twice"
+    assert found() == ([7, 7, 20, 40], 3), "one motion file twice"
 
 
 def test_a_motion_that_does_not_move_is_named() -> None:

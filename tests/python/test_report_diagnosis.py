@@ -80,6 +80,10 @@ CONTENT = {
         "splits": ["wear", "catch"],
         "trial": "T7",
         "repeats": 3,
+        "others": [
+            {"name": "table_gain", "what": "scan", "trial": "T8", "repeats": 4},
+            {"name": "friction", "what": "push it", "trial": "T9", "repeats": None},
+        ],
     },
     "limits": ["one session"],
     "provenance": {},
@@ -191,6 +195,8 @@ def test_the_page_tells_the_numbers() -> None:
         "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "The gap is 0.60 [0.59, 0.61] nat",
         "repeat trial T7, where wear and catch differ most; about 3 repeats would",
+        "table gain  scan  T8  4",
+        "friction  push it  T9  no number",
         "starts moved by 1e-6 to 1e-4 m and rad: 2.0%",
         "half the time step: 3.0%",
     ):
@@ -214,7 +220,12 @@ def test_the_page_tells_the_numbers() -> None:
         ({"probability": 0.9988}, "(over 99%)"),
         ({"headline": -0.02}, "but not surely better than a wrong effect"),
         ({"closure": 0.005}, "but not surely better than a wrong effect"),
-        ({"closure": None, "headline": None}, "the gap is too small to tell how much"),
+        (
+            {"kind": "unresolved", "closure": None, "headline": None},
+            "There are signs of a gap, but its size is not told from zero; the leading candidate "
+            "is wear.",
+        ),
+        ({"kind": "unresolved"}, "There is a gap, but its cause is not resolved; the leading"),
         ({"kind": "class", "names": ["wear", "catch"]}, "does not decide between them"),
         ({"kind": "class", "names": ["wear", "catch"], "one": True}, "cannot tell them apart"),
         ({"kind": "unknown", "probability": 0.4}, "no effect of the library explains it (40%)"),

@@ -18,7 +18,7 @@ from vsr2.diagnosis.floor import noise_floor
 from vsr2.diagnosis.how_far.dropped import simulate_dropped, surprise_p
 from vsr2.diagnosis.how_far.shrinkage import found_pair, judge, resampled_means
 from vsr2.diagnosis.how_far.whole import Whole
-from vsr2.diagnosis.likelihood.equivalence import classes, leading_class
+from vsr2.diagnosis.likelihood.equivalence import leading_class
 from vsr2.diagnosis.likelihood.evidence import Data
 from vsr2.diagnosis.likelihood.score import blocks
 from vsr2.diagnosis.observed.features import Feature
@@ -61,8 +61,12 @@ Report = Callable[[str, float, Mapping[str, float]], None]
 class _Round:
     prepared: Prepared
     inference: Inference
-    classes: list[list[str]]
     draws: Mapping[str, int]
+
+    @property
+    def leading(self) -> list[str]:
+        """The leading class."""
+        return self.inference.classes[0]
 
 
 def diagnose_with(
@@ -122,7 +126,7 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("trying effects", n / m, {}),
         )
-        layers = noise_floor(store, seen, screening.kept, most=schedule.floor_trials, seed=seed)
+        layers = noise_floor(store, seen, screening, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(
             store,
             library,
@@ -142,8 +146,6 @@ def diagnose_with(
             screening,
             last.prepared,
             last.inference,
-            last.classes,
-            earlier=rounds[-2].classes[0] if len(rounds) > 1 else None,
             seed=seed,
         )
         tell("judging", 1.0, _leading(last))
@@ -185,26 +187,14 @@ def _rounds(
     kept = screening.kept
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
     places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
-    out: list[_Round] = []
-    draws = dict.fromkeys(library, schedule.first_draws)
     leading: Mapping[str, float] = {}
-    while True:
-        for count in () if out or not watched else _first_looks(schedule.first_draws):
-            few = dict.fromkeys(library, count)
-            tell_part = _part(tell, f"simulating, {count} draws", leading)
-            look, _ = simulate_design(
-                store, seen, screening, library, few, seed=seed, progress=tell_part
-            )
-            leading = _provisional(look, observed)
-        design, index = simulate_design(
-            store,
-            seen,
-            screening,
-            library,
-            draws,
-            seed=seed,
-            progress=_part(tell, f"simulating, {max(draws.values())} draws", leading),
-        )
+
+    def simulated(draws: Mapping[str, int]) -> tuple[Design, NDArray[np.int64]]:
+        stage = _part(tell, f"simulating, {max(draws.values())} draws", leading)
+        return simulate_design(store, seen, screening, library, draws, seed=seed, progress=stage)
+
+    def judged(draws: Mapping[str, int]) -> _Round:
+        design, index = simulated(draws)
         fit = partial(
             prepare,
             library,
@@ -220,19 +210,18 @@ def _rounds(
         else:
             key = fingerprint(design, index, kept, seen.motion, *reaches(library).items(), seed)
             prepared = shared.prepared(key, fit)
-        inference = infer(prepared, observed)
-        probability = dict(zip(inference.labels, inference.probability, strict=True))
-        groups = classes(
-            probability,
-            prepared.tables,
-            inference.posteriors,
-            observed,
-            exponent=inference.exponent,
-        )
-        found = _Round(prepared, inference, groups, dict(draws))
+        return _Round(prepared, infer(prepared, observed), dict(draws))
+
+    draws = dict.fromkeys(library, schedule.first_draws)
+    for count in _first_looks(schedule.first_draws) if watched else ():
+        leading = _provisional(simulated(dict.fromkeys(library, count))[0], observed)
+    out: list[_Round] = []
+    while True:
+        found = judged(draws)
         leading = _leading(found)
         out.append(found)
-        more = schedule.next_draws(draws, dict(zip(inference.labels, inference.told, strict=True)))
+        told = found.inference.told
+        more = schedule.next_draws(draws, dict(zip(found.inference.labels, told, strict=True)))
         spent = simulations(draws, kept.size)
         if more is None or not schedule.affords(simulations(more, kept.size) - spent, store):
             return out
@@ -275,7 +264,7 @@ def _settled(rounds: list[_Round]) -> bool:
     if len(rounds) < 3:
         return False
     last = rounds[-3:]
-    common = set(last[0].classes[0]) & set(last[1].classes[0]) & set(last[2].classes[0])
+    common = set(last[0].leading) & set(last[1].leading) & set(last[2].leading)
     tests = {min(r.inference.gap_p, r.inference.direction_p) < 0.025 for r in last}
     return bool(common) and len(tests) == 1
 
@@ -288,7 +277,7 @@ def _brief(group: list[str]) -> str:
 def _leading(found: _Round) -> dict[str, float]:
     """The four most probable of "none" and the classes, members joined by a stroke."""
     probability = dict(zip(found.inference.labels, found.inference.probability, strict=True))
-    sums = {_brief(group): sum(probability[n] for n in group) for group in found.classes}
+    sums = {_brief(group): sum(probability[n] for n in group) for group in found.inference.classes}
     sums[NONE] = probability[NONE]
     order = sorted(sums, key=lambda name: -sums[name])[:4]
     return {name: float(sums[name]) for name in order}
@@ -300,9 +289,7 @@ def conclude(
     screening: Screening,
     prepared: Prepared,
     found: Inference,
-    groups: list[list[str]],
     *,
-    earlier: list[str] | None = None,
     seed: int = 0,
 ) -> Evidence:
     """From inference to verdict, places and held-out losses.
@@ -313,8 +300,6 @@ def conclude(
         screening: which trials were kept.
         prepared: the two routes.
         found: inference on the campaign.
-        groups: classes of effects, the leading one first.
-        earlier: the leading class of a smaller budget.
         seed: of resamples and permutations.
     """
     library = prepared.library
@@ -322,6 +307,7 @@ def conclude(
     observed = Data(seen.overturned[None, kept], seen.features[None, kept])
     motion = seen.motion[kept]
     probability = dict(zip(found.labels, found.probability, strict=True))
+    groups = found.classes
     leading, within = leading_class(probability, groups)
     alike = tuple(name for name in leading if name in groups[0])
     floor = prepared.calibration.floor
@@ -345,6 +331,7 @@ def conclude(
     novelty_p = min(found.novelty_p, 2 * surprise_p(outcome, dropped.after[dropped.certain]))
     findings = Findings(
         gap_low=gap_low,
+        touches_floor=whole.touches_floor,
         gap_p=found.gap_p,
         direction_p=found.direction_p,
         surprise_p=surprise_p(outcome, dropped.before[dropped.certain]),
@@ -371,7 +358,7 @@ def conclude(
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         left_of_all=whole.left,
         pair=pair,
-        stable=earlier is None or bool(set(earlier) & set(leading)),
+        halves=tuple(tuple(infer(half, observed).classes[0]) for half in prepared.halves),
     )
     verdict = decide(findings)
     conditions = Conditions(
@@ -398,7 +385,7 @@ def conclude(
     elif verdict.kind != "none":
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found, seen, kept)
-    return Evidence(verdict, findings, groups, where, shrinkage, whole, measure)
+    return Evidence(verdict, findings, where, shrinkage, whole, measure)
 
 
 def _disagreement(found: Inference, named: tuple[str, ...]) -> str | None:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ of the records and the table's scatter; the next amplitude of a campaign lies 5 
 def noise_floor(
     bank: Bank,
     seen: Observations,
-    kept: NDArray[np.int64],
+    screening: Screening,
     *,
     most: int = MAX_TRIALS,
     seed: int = 0,
@@ -32,8 +33,8 @@ def noise_floor(
     Args:
         bank: of simulations.
         seen: the observed campaign.
-        kept: uncertain trials.
-        most: of them that are used, drawn at random.
+        screening: which trials are uncertain, and how they ended.
+        most: uncertain trials that are used, drawn at random.
         seed: of that draw.
 
     Returns:
@@ -41,12 +42,15 @@ def noise_floor(
         time step; `solver`: with twice the iterations (None: the simulator has no such variant);
         `input`: under fresh placement and motion noise (replicates above 0); `nuisance`: under
         fresh geometry, contact and the like; `physical`: between repeats in the campaign (of one
-        motion file, or of one motion with PGA and PGV within 2 %), None without repeats; `trials`
-        and `repeats` behind them. Shares are of the uncertain trials.
+        motion file, or of one motion with PGA and PGV within 2 %), None without repeats;
+        `physical_expected`: the same where each repeat has the share of overturned that screening
+        found, nuisances, starts and effects drawn anew: no fewer than if some of these were
+        common to both; `trials` and `repeats` behind them. Shares are of the uncertain trials, but
+        of repeats of all.
     """
     rng = np.random.default_rng([seed, 3])
-    count = min(kept.size, most)
-    trials = np.sort(rng.choice(kept, size=count, replace=False))
+    count = min(screening.kept.size, most)
+    trials = np.sort(rng.choice(screening.kept, size=count, replace=False))
     spots = [(0, 0)]
     spots += [(0, PERTURBED - r) for r in range(REPLICATES)]
     spots += [(0, r) for r in range(1, REPLICATES + 1)]
@@ -63,20 +67,28 @@ def noise_floor(
     varied = dict(zip(variants, differs[3 * REPLICATES :], strict=True))
     shares = {v: float(np.nanmean(row)) for v, row in varied.items()}
     pairs, unequal = _repeats(seen)
+    expected = _expected(screening)[pairs].mean() if len(pairs) else None
     return {
         "numerical": numerical,
         "time_step": shares.get(HALF_STEP),
         "solver": shares.get(FINE_SOLVER),
         "input": own,
         "nuisance": nuisance,
-        "physical": unequal / pairs if pairs else None,
+        "physical": float(unequal.mean()) if len(pairs) else None,
+        "physical_expected": None if expected is None else float(expected),
         "trials": int(count),
-        "repeats": pairs,
+        "repeats": len(pairs),
     }
 
 
-def _repeats(seen: Observations) -> tuple[int, int]:
-    """Pairs of trials that repeat each other, and how many of them disagree.
+def _expected(screening: Screening) -> Array:
+    """Chance that a trial and its repeat end otherwise, all drawn anew, shape (trials,)."""
+    p = np.where(screening.alike, 0.0, screening.probability)
+    return np.asarray(2 * p * (1 - p), dtype=np.float64)
+
+
+def _repeats(seen: Observations) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Trials of which a later one is a repeat, once for each, and whether the two end otherwise.
 
     Repeats have one specimen and one ground motion, and the same motion file or, as each trial has
     a recording of its own, PGA and PGV within `REPEATED`.
@@ -87,6 +99,5 @@ def _repeats(seen: Observations) -> tuple[int, int]:
     near = np.abs(seen.log_pga[:, None] - seen.log_pga) <= REPEATED
     near &= np.abs(log_pgv[:, None] - log_pgv) <= REPEATED
     near |= files[:, None] == files
-    pairs = np.triu(same & near, k=1)
-    unequal = pairs & (seen.overturned[:, None] != seen.overturned)
-    return int(pairs.sum()), int(unequal.sum())
+    one, other = np.nonzero(np.triu(same & near, k=1))
+    return one, seen.overturned[one] != seen.overturned[other]

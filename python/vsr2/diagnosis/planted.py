@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
 from vsr2.diagnosis.diagnose import conclude
-from vsr2.diagnosis.likelihood.equivalence import classes
 from vsr2.diagnosis.likelihood.evidence import Data
 from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
@@ -219,15 +218,7 @@ class Rehearsal:
         )
         observed = Data(part.overturned[None, kept], part.features[None, kept])
         found = infer(prepared, observed)
-        probability: Mapping[str, float] = dict(zip(found.labels, found.probability, strict=True))
-        groups = classes(
-            probability,
-            prepared.tables,
-            found.posteriors,
-            observed,
-            exponent=found.exponent,
-        )
-        evidence = conclude(self.bank, part, self.screening, prepared, found, groups)
+        evidence = conclude(self.bank, part, self.screening, prepared, found)
         spent = {"budget": {"limited": False}}
         diagnosis = compose(part, self.screening, prepared, found, evidence, {}, spent)
         return Judged(evidence, found, diagnosis)

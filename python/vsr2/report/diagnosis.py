@@ -85,6 +85,8 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         case _:
             if verdict["reasons"][0].startswith(NO_GAP):
                 said = "Whether there is a gap is not resolved"
+            elif content["gap"]["headline"]["ci95"] is None:
+                said = "There are signs of a gap, but its size is not told from zero"
             else:
                 said = "There is a gap, but its cause is not resolved"
             if not names:
@@ -92,8 +94,6 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
             are = "the leading candidate is" if len(names) == 1 else "candidates are"
             return f"{said}; {are} {_candidates(names)}."
     bounds = content["gap"]["headline"]["ci95"]
-    if bounds is None:
-        return f"{said}; the gap is too small to tell how much of it that closes."
     if bounds[0] <= 0 or content["gap"]["closure"]["ci95"][0] <= 0:
         return f"{said}, but not surely better than a wrong effect or a plain rescaling does."
     closed = content["gap"]["closure"]["value"]
@@ -282,7 +282,25 @@ def _next(content: Mapping[str, Any]) -> str:
                 f", where {escape(_listed(measure['splits'], 'and'))} differ most; {often} would "
                 "separate them.</p>"
             )
+        text += _others(measure)
     return f"<section><h2>What to measure next</h2>{text}</section>"
+
+
+def _others(measure: Mapping[str, Any]) -> str:
+    """What separates the leader from the further members of a class."""
+    rows = "".join(
+        f"<tr><td>{escape(row['name'].replace('_', ' '))}</td><td>{escape(row['what'])}</td>"
+        f"<td>{escape(row['trial'])}</td>"
+        f"<td>{'no number' if row['repeats'] is None else row['repeats']}</td></tr>"
+        for row in measure.get("others", ())
+    )
+    if not rows:
+        return ""
+    leader = escape(measure["splits"][0].replace("_", " "))
+    return (
+        f"<table><thead><tr><th>{leader} or</th><th>measure</th><th>or repeat trial</th>"
+        f"<th>times</th></tr></thead><tbody>{rows}</tbody></table>"
+    )
 
 
 def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -108,13 +108,14 @@ class Whole:
         return out
 
     @property
-    def _touches_floor(self) -> bool:
+    def touches_floor(self) -> bool:
+        """Whether the gap's interval reaches down to zero."""
         gap = self.excess("before")
         return bool(gap["ci95"][0] <= 0 or gap["value"] <= 0)
 
     def closure(self, name: str) -> dict[str, Any]:
         """(before - model) / (before - floor); nothing where the gap's interval touches zero."""
-        if self._touches_floor:
+        if self.touches_floor:
             return {"value": None, "ci95": None}
         before, befores = self._column("before")
         floor, floors = self._column("floor")
@@ -124,7 +125,7 @@ class Whole:
 
     def headline(self) -> dict[str, Any]:
         """Closure minus the better placebo's, or nothing's where both placebos make it worse."""
-        if self._touches_floor:
+        if self.touches_floor:
             return {"value": None, "ci95": None}
         before, befores = self._column("before")
         floor, floors = self._column("floor")

@@ -31,6 +31,9 @@ CONFOUNDED = 5.0
 them is of second order, where the emulator is weakest."""
 INSEPARABLE = 3.28
 """D [nat] at which the better of two effects is picked wrongly one time in ten."""
+MOST_ODDS = 9.0
+"""Of the leader of a class against a member that theory takes for about the same: no more can be
+true of two of which the better is picked wrongly one time in ten or more."""
 
 
 def expected_campaign(table: Table, found: Posterior) -> tuple[Data, float]:
@@ -108,6 +111,50 @@ def classes(
                 members.append(name)
         out.append(members)
         left = [n for n in left if n not in members]
+    return out
+
+
+def taken_for_same(
+    probability: Mapping[str, float],
+    group: Sequence[str],
+    confounded: Mapping[str, Collection[str]] | None = None,
+) -> list[str]:
+    """A class' leader, and those members that theory takes for the same and evidence leaves in.
+
+    Args:
+        probability: of each hypothesis.
+        group: the class, its leader first.
+        confounded: as in :func:`classes`.
+    """
+    alike = takes_for_alike(confounded)
+    least = LEAST_SHARE_ALIKE * sum(probability[name] for name in group)
+    return [
+        name
+        for name in group
+        if name == group[0] or (alike(group[0], name) and probability[name] >= least)
+    ]
+
+
+def evened(
+    probability: Mapping[str, float],
+    groups: Sequence[Sequence[str]],
+    confounded: Mapping[str, Collection[str]] | None = None,
+) -> dict[str, float]:
+    """Probabilities in which no leader of a class has odds beyond `MOST_ODDS` against its mates.
+
+    What all mates of a class have together stays.
+
+    Args:
+        probability: of each hypothesis.
+        groups: classes.
+        confounded: as in :func:`classes`.
+    """
+    out = dict(probability)
+    for group in groups:
+        same = taken_for_same(probability, group, confounded)
+        raised = {n: max(probability[n], probability[group[0]] / MOST_ODDS) for n in same}
+        share = sum(probability[n] for n in same) / max(sum(raised.values()), 1e-300)
+        out |= {name: share * value for name, value in raised.items()}
     return out
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.likelihood.equivalence import INSEPARABLE, expected_campaign
-from vsr2.diagnosis.likelihood.evidence import Posterior, log_likelihood, mode, posterior
+from vsr2.diagnosis.likelihood.evidence import log_likelihood, mode, posterior
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.library import Entry, Library
 from vsr2.diagnosis.where.places import SIGNIFICANT, Place
@@ -45,6 +45,8 @@ OWN_INSTRUMENTS = {
     "vertical_motion": "record the table's vertical acceleration",
 }
 """Of effects for which a stage's instrument says too little."""
+MOST_SPLIT = 7
+"""Members of a class for which a measurement is told: the most that a verdict names."""
 
 
 def next_measurement(
@@ -59,7 +61,8 @@ def next_measurement(
     For a class, the instruments that look directly at its first two members, and the trial of the
     campaign whose repetition separates these two most, each at its own best parameters and
     nuisances (expected log likelihood ratio per repeat, as much of it as counts, and the repeats
-    after which the better one is picked wrongly less than one time in ten).
+    after which the better one is picked wrongly less than one time in ten). Under `others` the same
+    for the leader against each further member, up to `MOST_SPLIT`.
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
@@ -69,35 +72,37 @@ def next_measurement(
         kept: their indices.
     """
     library, tables = prepared.library, prepared.tables
-    leader = members[0]
-    ways = list(dict.fromkeys(_instrument(library[name]) for name in members))
-    direct = "; or ".join(ways[:2])
-    out: dict[str, Any] = {"what": direct, "splits": members[:2] if len(members) > 1 else members}
-    if len(members) == 1:
+    leader, *rivals = members[:MOST_SPLIT]
+    ways = list(dict.fromkeys(_instrument(library[name]) for name in members[:2]))
+    out: dict[str, Any] = {"what": "; or ".join(ways), "splits": members[:2]}
+    if not rivals:
         return out
     expected, _ = expected_campaign(tables[leader], found.posteriors[leader])
-    rival = members[1]
-    matched = posterior(tables[rival], expected)
-    own = posterior(tables[leader], expected)
 
-    def likelihood(name: str, fitted: Posterior) -> NDArray[np.float64]:
-        node, z = mode(tables[name], fitted)
+    def likelihood(name: str) -> NDArray[np.float64]:
+        node, z = mode(tables[name], posterior(tables[name], expected))
         at = tables[name].fine.at(node)
         values = log_likelihood(tables[name], at, expected, z[None, None])
         return np.asarray(values[0, 0], dtype=np.float64)
 
-    gain = likelihood(leader, own) - likelihood(rival, matched)
-    best = int(np.argmax(gain))
-    trial = seen.campaign.trials[int(kept[best])]
-    information = found.exponent * float(max(gain[best], 0.0))
-    out |= {
-        "trial": trial.trial,
-        "information_per_repeat": information,
-        "repeats": None
-        if information < INSEPARABLE / 1000
-        else int(np.ceil(INSEPARABLE / information)),
-    }
-    return out
+    own = likelihood(leader)
+
+    def split(rival: str) -> dict[str, Any]:
+        gain = own - likelihood(rival)
+        best = int(np.argmax(gain))
+        information = found.exponent * float(max(gain[best], 0.0))
+        few = information < INSEPARABLE / 1000
+        return {
+            "trial": seen.campaign.trials[int(kept[best])].trial,
+            "information_per_repeat": information,
+            "repeats": None if few else int(np.ceil(INSEPARABLE / information)),
+        }
+
+    out |= split(rivals[0])
+    others = [
+        {"name": name, "what": _instrument(library[name]), **split(name)} for name in rivals[1:]
+    ]
+    return out | ({"others": others} if others else {})
 
 
 def measurement_of_a_pair(names: Sequence[str], library: Library) -> dict[str, Any]:

@@ -70,7 +70,8 @@ class Findings:
     """What the verdict rests on.
 
     Attributes:
-        gap_low: lower end of the gap's interval.
+        gap_low: lower end of the gap's interval, of the kept trials.
+        touches_floor: whether that of all trials reaches down to zero.
         gap_p, direction_p: against gap-free campaigns (see `Inference`).
         surprise_p: chance of so many outcomes of the dropped trials that do the same in all
             simulations, without effects too, against that.
@@ -92,10 +93,11 @@ class Findings:
         left: share of their gap that it leaves.
         left_of_all: share of the gap of all trials that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero.
-        stable: whether the previous, smaller budget led to an overlapping answer.
+        halves: the leading class by either half of the draws; empty: these are too few to tell.
     """
 
     gap_low: float
+    touches_floor: bool
     gap_p: float
     direction_p: float
     surprise_p: float
@@ -115,7 +117,7 @@ class Findings:
     left: float
     left_of_all: float
     pair: Pair | None
-    stable: bool
+    halves: tuple[tuple[str, ...], ...]
 
 
 def beyond_noise(gap_low: float, gap_p: float, direction_p: float, surprise_p: float = 1.0) -> bool:
@@ -172,7 +174,7 @@ def _explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
 
 
 def decide(f: Findings) -> Verdict:
-    """The rules, in their order: none, unknown, unresolved, pair, class, effect."""
+    """The rules, in their order: none, unresolved, unknown, pair, class, effect."""
     if not beyond_noise(f.gap_low, f.gap_p, f.direction_p, f.surprise_p):
         reasons = [_not_beyond(f)]
         none = _none_beside_unknown(f)
@@ -205,6 +207,12 @@ def decide(f: Findings) -> Verdict:
             "trials did what they never do in simulations without effect, more often than chance "
             f"has it (p = {f.surprise_p:.2g})"
         )
+    if f.touches_floor:
+        reasons.append(
+            "but over these motions the interval of its size reaches down to zero: what would "
+            f"shrink cannot be told, so that nothing is named; {f.leading[0]} leads"
+        )
+        return _unresolved(f, *reasons)
     rest = f.after_low > 0 and f.left > UNEXPLAINED
     misfit = rest and f.novelty_p <= NOVELTY_LEVEL and f.unknown_probability > LEAST_UNKNOWN
     pair = f.pair if f.pair and rest and _explains(f.pair, misfit, f.novelty_p) else None
@@ -213,8 +221,9 @@ def decide(f: Findings) -> Verdict:
     agreement = f.agreement if pair is None else f.pair_agreement
     if agreement is not None:
         return _unresolved(f, *reasons, agreement)
-    if not f.stable:
-        reasons.append("half the simulations led to another answer: spend a larger budget")
+    named = {*f.leading, *(pair.names if pair else ())}
+    if any(named.isdisjoint(half) for half in f.halves):
+        reasons.append("half of the draws lead to another answer: spend a larger budget")
         return _unresolved(f, *reasons)
     if len(f.leading) > max(2, MOST_NAMED * f.offered):
         if len(f.alike) == len(f.leading):

@@ -15,7 +15,13 @@ from vsr2.diagnosis.how_far.whole import Whole
 from vsr2.diagnosis.likelihood.equivalence import takes_for_alike
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.design import Screening
-from vsr2.diagnosis.simulated.library import NONE, Library, free_parameters, positions
+from vsr2.diagnosis.simulated.library import (
+    NONE,
+    Library,
+    free_parameters,
+    is_angle,
+    positions,
+)
 from vsr2.diagnosis.verdict.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.verdict.rules import LEAST_UNKNOWN, Findings, Verdict
 from vsr2.diagnosis.where.places import SIGNIFICANT, Place
@@ -29,6 +35,8 @@ FEW_MOTIONS = 10
 FEW_NOTICED = 0.5
 ALL_OF_PRIOR = 0.85
 """Share of a prior's range beyond which an interval tells no size."""
+SCATTER = 3.0
+"""Standard deviations by which repeats must differ more than expected."""
 _PLACES = 20
 """The most significant, beside those that hold all trials."""
 
@@ -40,7 +48,6 @@ class Evidence:
     Attributes:
         verdict: what is said.
         findings: what it rests on.
-        classes: of effects, the leading one first.
         where: places, the most significant first.
         shrinkage: held-out losses of the kept trials.
         whole: losses of all trials, with what the verdict says.
@@ -49,7 +56,6 @@ class Evidence:
 
     verdict: Verdict
     findings: Findings
-    classes: list[list[str]]
     where: list[Place]
     shrinkage: Shrinkage
     whole: Whole
@@ -73,7 +79,7 @@ def compose(
     probability = dict(zip(found.labels, found.probability, strict=True))
     unknown = evidence.findings.unknown_probability
     probability = {name: float(p) * (1 - unknown) for name, p in probability.items()}
-    class_of = {name: group[0] for group in evidence.classes for name in group}
+    class_of = {name: group[0] for group in found.classes for name in group}
     effects = [
         {
             "name": name,
@@ -128,7 +134,8 @@ def compose(
             "kind": verdict.kind,
             "effects": list(verdict.effects),
             "probability": float(verdict.probability)
-            * (1 if verdict.kind == "unknown" else 1 - unknown),
+            # A pair lies outside the library of single effects, as the unknown does.
+            * (1 if verdict.kind in ("unknown", "pair") else 1 - unknown),
             "reasons": list(verdict.reasons),
         },
         "effects": effects,
@@ -160,6 +167,7 @@ def compose(
             *_doubts(verdict, whole.headline(), findings),
             *_outside(verdict, found.conformal["both"]),
             *mates(verdict, prepared.library),
+            *withheld_mates(verdict, provenance.get("excluded", ())),
             *beyond_tolerance(verdict, provenance.get("nuisances", ())),
             *_sizes(prepared, verdict, effects),
             *_limits(seen, screening, prepared, whole, layers, provenance),
@@ -201,6 +209,8 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
     out = {}
     for j, parameter in enumerate(free_parameters(entry)):
         values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
+        if is_angle(parameter):
+            values = _unrolled(values, weights[0], parameter.upper - parameter.lower)
         order = np.argsort(values)
         # The middle of each node's own weight, so that the median of one node is the node.
         totals = [np.cumsum(weight[order]) - 0.5 * weight[order] for weight in weights]
@@ -217,6 +227,16 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
     return out
 
 
+def _unrolled(values: Array, weight: Array, turn: float) -> Array:
+    """Angles as they lie about their mean direction, half a turn to either side of it.
+
+    The direction is that of the mean unit vector (K. V. Mardia and P. E. Jupp, "Directional
+    Statistics", 2000), within 0 and a turn.
+    """
+    mean = np.angle(weight @ np.exp(2j * np.pi * values / turn)) * turn / (2 * np.pi) % turn
+    return np.asarray(mean + (values - mean + turn / 2) % turn - turn / 2, dtype=np.float64)
+
+
 def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
     order = np.argsort(-probability)[:5]
     return {labels[i]: float(probability[i]) for i in order}
@@ -231,6 +251,11 @@ def _doubts(verdict: Verdict, headline: Mapping[str, Any], findings: Findings) -
             f"the best effect fits worse than {1 - findings.novelty_p:.0%} of the library's own "
             f"campaigns: the chance that the cause lies outside the library is "
             f"{findings.unknown_probability:.0%}, from {PRIOR:.0%} before"
+        )
+    if not findings.halves:
+        out.append(
+            "too few draws for half of them to tell anything: repeat with another seed, or a "
+            "larger budget, before you rely on what is named"
         )
     if headline["ci95"] is None or headline["ci95"][0] > 0:
         return out
@@ -265,6 +290,17 @@ def mates(verdict: Verdict, library: Library) -> list[str]:
         f"in place of {name} it may be {' or '.join(others)}, which theory takes for about the same"
         for name, others in behind.items()
         if others
+    ]
+
+
+def withheld_mates(verdict: Verdict, excluded: Sequence[str]) -> list[str]:
+    """Sentences on what was left out and would look like what is named."""
+    alike = takes_for_alike()
+    return [
+        f"{' or '.join(others)}, which theory takes for about the same as {name}, was left out of "
+        f"the library: {name} may stand for it"
+        for name in verdict.named
+        if (others := [other for other in excluded if alike(name, other)])
     ]
 
 
@@ -398,11 +434,25 @@ def _limits(
         )
     if budget["limited"]:
         out.append("the budget ended before the answer stood on two doublings of the simulations")
-    if layers.get("physical") is None:
-        out.append("no repeats: the physical noise floor is unknown")
+    out += _repeated(layers)
     if not np.isfinite(seen.log_pga).all():
         out.append("some trials have no intensity measures and are left out of the conditions")
     return out
+
+
+def _repeated(layers: Mapping[str, Any]) -> list[str]:
+    """What repeats in the campaign say of the floor."""
+    if layers.get("physical") is None:
+        return ["no repeats: the physical noise floor is unknown"]
+    differ, expected = layers["physical"], layers["physical_expected"]
+    count = layers["repeats"]
+    if differ * count <= expected * count + SCATTER * np.sqrt(max(expected * count, 1.0)):
+        return []
+    return [
+        f"of {count} pairs of repeats {differ:.0%} end otherwise, where the simulations have "
+        f"{expected:.0%}: the laboratory scatters more than the tolerances say, and what scatters "
+        "is no effect; state wider ones (--nuisance), or find what differs between repeats"
+    ]
 
 
 def _unused(seen: Observations) -> list[str]:

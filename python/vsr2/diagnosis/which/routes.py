@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.likelihood.emulator import Emulator, fit_emulator, relative_errors
+from vsr2.diagnosis.likelihood.equivalence import classes, evened, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import (
     Data,
     Posterior,
@@ -61,6 +62,8 @@ DOUBT = (0.7, 0.7, 1.0, 0.5, 1.2)
 """Standard deviations of their logarithms: what few campaigns do not tell must not run away."""
 STARTS = (EXPECTED, (0.07, 0.04, 0.05, 3.5, 0.1), (0.5, 0.1, 0.5, 10.0, 0.5))
 """From which a combination is sought."""
+LEAST_HALF = 6
+"""Draws of an effect from which half of them are judged alone."""
 GAP_QUANTILE = 0.95
 """Of the strengths of campaigns without effect: above it there is something to tell apart."""
 
@@ -155,8 +158,10 @@ class Inference:
         labels: hypotheses, "none" first.
         posteriors: route A, by label.
         likelihood, classifier: log probabilities of routes A and B, shape (labels,).
-        probability: calibrated, shape (labels,).
-        told: the same without a limit to what route A says against effects, shape (labels,).
+        probability: calibrated, shape (labels,); in a class, of effects that theory takes for about
+            the same, with odds that their separation allows.
+        classes: of effects that the campaign does not tell apart, the most probable first.
+        told: as calibrated, without a limit to what route A says against effects, shape (labels,).
         exponent: with which a log likelihood ratio of two effects counts, at most 1.
         before: cross-fitted prediction of the model without effects.
         loss: of each trial under it, shape (trials,).
@@ -166,8 +171,8 @@ class Inference:
             better.
         strength: S^2 of the best effect.
         unknown: probability of a cause outside the library.
-        conformal: labels of the 90 % sets of both routes together, with "unknown" among them, of A
-            and of B.
+        conformal: labels of the 90 % sets of both routes together, "unknown" and what theory takes
+            for the same as its leading member among them, of A and of B.
     """
 
     labels: tuple[str, ...]
@@ -175,6 +180,7 @@ class Inference:
     likelihood: Array
     classifier: Array
     probability: Array
+    classes: list[list[str]]
     told: Array
     exponent: float
     before: Prediction
@@ -201,6 +207,8 @@ class Prepared:
         drawn: as `Calibration.null`, of campaigns drawn from the fitted model of no effect.
         places: of the trials.
         motion: index of each trial's ground motion.
+        halves: the same by draws of odd and of even number alone, with the calibration of all;
+            empty where these are fewer than `LEAST_HALF` of an effect.
     """
 
     library: Library
@@ -212,6 +220,7 @@ class Prepared:
     drawn: tuple[Array, Array]
     places: Places
     motion: NDArray[np.int64]
+    halves: tuple[Prepared, ...] = ()
 
 
 def prepare(
@@ -250,17 +259,39 @@ def prepare(
         library, design, folds, emulators, places, motion, labels, seed, report
     )
     emulator = replace(fit_emulator(library, design), wrong=wrong)
-    tables = {label: tabulate(emulator, "" if label == NONE else label) for label in labels}
+    tables = _tables(emulator, labels)
     classifier = train(library, design, places, labels, seed)
     gap_free = Data(design.overturned, design.features).take(np.flatnonzero(calibration.truth == 0))
     drawn = null_campaigns(tables[NONE], gap_free, seed=seed)
     rng = np.random.default_rng([seed, 8])
     drawn = _of_another(drawn, emulator, motion, rng)
     nulls = residuals(crossfitted_none(tables[NONE], drawn, motion), drawn)
-    report(1.0)
-    return Prepared(
+    whole = Prepared(
         library, labels, emulator, tables, classifier, calibration, nulls, places, motion
     )
+    parts = [np.flatnonzero(draws % 2 == parity) for parity in (1, 0)]
+    fewest = min(np.count_nonzero(design.effect[p] == name) for p in parts for name in library)
+    if fewest >= LEAST_HALF:
+        halves = tuple(_refitted(whole, design.take(part), seed) for part in parts)
+        whole = replace(whole, halves=halves)
+    report(1.0)
+    return whole
+
+
+def _refitted(prepared: Prepared, design: Design, seed: int) -> Prepared:
+    """Both routes fitted to other simulated campaigns, their calibration as it is."""
+    emulator = fit_emulator(prepared.library, design)
+    emulator = replace(emulator, wrong=prepared.emulator.wrong)
+    return replace(
+        prepared,
+        emulator=emulator,
+        tables=_tables(emulator, prepared.labels),
+        classifier=train(prepared.library, design, prepared.places, prepared.labels, seed),
+    )
+
+
+def _tables(emulator: Emulator, labels: Sequence[str]) -> dict[str, Table]:
+    return {label: tabulate(emulator, "" if label == NONE else label) for label in labels}
 
 
 def infer(prepared: Prepared, observed: Data) -> Inference:
@@ -286,12 +317,18 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
     unknown = float(calibration.strangers.probability(np.array(novelty_p), np.array(strength)))
     none = calibration.truth == 0
     against = _odds(calibration.probability)[none]
+    stated = dict(zip(labels, probability.tolist(), strict=True))
+    groups = classes(stated, tables, posteriors, observed, exponent=calibration.pairwise)
+    conformal = _sets(calibration, probability, likelihood, classifier, unknown)
+    conformal["both"] = _closed(conformal["both"], taken_for_same(stated, groups[0]))
+    even = evened(stated, groups)
     return Inference(
         labels=labels,
         posteriors=posteriors,
         likelihood=likelihood,
         classifier=classifier,
-        probability=probability,
+        probability=np.array([even[label] for label in labels]),
+        classes=groups,
         told=np.exp(unlimited.log_probability(likelihood, classifier, prior)),
         exponent=calibration.pairwise,
         before=before,
@@ -301,8 +338,13 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         novelty_p=novelty_p,
         strength=strength,
         unknown=unknown,
-        conformal=_sets(calibration, probability, likelihood, classifier, unknown),
+        conformal=conformal,
     )
+
+
+def _closed(chosen: tuple[str, ...], same: Sequence[str]) -> tuple[str, ...]:
+    """A set with all of those that theory takes for the same, where it holds one of them."""
+    return tuple(dict.fromkeys((*chosen, *same))) if set(chosen) & set(same) else chosen
 
 
 def log_prior(labels: tuple[str, ...]) -> Array:
