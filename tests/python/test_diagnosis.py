@@ -192,6 +192,19 @@ def test_halves_of_the_draws_are_fitted_alone(bench) -> None:
     assert prepare(*parts).halves == ()
 
 
+def test_no_more_draws_calibrate_than_are_needed(bench, monkeypatch) -> None:
+    whole = bench.prepared("B")
+    monkeypatch.setattr("vsr2.diagnosis.which.routes.CALIBRATED", (8, 20))
+    prepared = bench.rehearsal.prepared("B")
+    counts = np.bincount(prepared.calibration.truth)
+    assert counts.tolist() == [20, *[8] * len(NAMES)]
+    # The models themselves know all draws.
+    np.testing.assert_array_equal(prepared.emulator.outcome.mean, whole.emulator.outcome.mean)
+    assert np.bincount(whole.calibration.truth).tolist() == [48, *[DRAWS] * len(NAMES)]
+    assert len(prepared.calibration.gap) == 20 + 8 * len(NAMES)
+    assert len(prepared.drawn[0]) >= 999
+
+
 @pytest.mark.parametrize(
     ("first", "second"),
     [(("wear", (0.14,)), ("catch", (0.12,))), (("com_offset", (0.014,)), ("catch", (0.1,)))],

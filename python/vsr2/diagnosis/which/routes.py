@@ -62,6 +62,9 @@ DOUBT = (0.7, 0.7, 1.0, 0.5, 1.2)
 """Standard deviations of their logarithms: what few campaigns do not tell must not run away."""
 STARTS = (EXPECTED, (0.07, 0.04, 0.05, 3.5, 0.1), (0.5, 0.1, 0.5, 10.0, 0.5))
 """From which a combination is sought."""
+CALIBRATED = 24, 192
+"""Draws of every effect, and without, that calibrate at most: more of them would sharpen the
+emulators, which take little time, and hardly the calibration, which takes most of it."""
 LEAST_HALF = 6
 """Draws of an effect from which half of them are judged alone."""
 GAP_QUANTILE = 0.95
@@ -246,8 +249,9 @@ def prepare(
     """
     labels = (NONE, *library)
     report = (lambda share: None) if step is None else step
+    judged = draws <= np.where(design.effect == "", CALIBRATED[1], CALIBRATED[0])
     folds = [
-        (np.flatnonzero(draws % FOLDS != fold), np.flatnonzero(draws % FOLDS == fold))
+        (np.flatnonzero(draws % FOLDS != fold), np.flatnonzero((draws % FOLDS == fold) & judged))
         for fold in range(FOLDS)
     ]
     emulators = [fit_emulator(library, design.take(inside)) for inside, _ in folds]
@@ -261,7 +265,9 @@ def prepare(
     emulator = replace(fit_emulator(library, design), wrong=wrong)
     tables = _tables(emulator, labels)
     classifier = train(library, design, places, labels, seed)
-    gap_free = Data(design.overturned, design.features).take(np.flatnonzero(calibration.truth == 0))
+    gap_free = Data(design.overturned, design.features).take(
+        np.flatnonzero((design.effect == "") & judged)
+    )
     drawn = null_campaigns(tables[NONE], gap_free, seed=seed)
     rng = np.random.default_rng([seed, 8])
     drawn = _of_another(drawn, emulator, motion, rng)
@@ -406,6 +412,9 @@ def _calibrate(
         classifier = train(library, design.take(inside), places, labels, seed)
         b[held] = classifier.log_probability(data)
         report((fold + 1) / (FOLDS + 1))
+    chosen = np.sort(np.concatenate([held for _, held in folds]))
+    truth, a, b, loss = truth[chosen], a[chosen], b[chosen], loss[chosen]
+    known_misfit, strange_misfit = known_misfit[chosen], strange_misfit[chosen]
     prior = log_prior(labels)
     a = _normal(a + prior)
     counts = np.bincount(truth, minlength=len(labels))
