@@ -37,6 +37,7 @@ from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement
 from vsr2.diagnosis.verdict.summary import (
+    _few_sessions,
     _repeated,
     _shown,
     _unrolled,
@@ -467,6 +468,28 @@ def places(residual, conditions, seed=0):
         (OUTCOME,),
         seed=seed,
     )
+
+
+def test_two_sessions_cannot_show_a_change_over_the_order() -> None:
+    """Half of the permutations leave all as it was; rounding must not tell them from the score."""
+    there = schedule(sessions=2, each=42)
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        p = np.where(there.session == 1, 0.3 + rng.uniform(0.2, 0.6), 0.3)
+        found = places((rng.random(p.size) < p) - 0.3, there, seed)
+        ordered = [place.p_familywise for place in found if place.axis == "order"]
+        # 999 draws of one half: four standard deviations are 0.06.
+        assert min(ordered) > 0.43
+
+
+def test_few_sessions_are_told() -> None:
+    def told(*sessions):
+        return _few_sessions(SimpleNamespace(session=np.array(sessions)))
+
+    assert "one session" in told(0, 0, 0)[0]
+    assert "2 sessions: their order can be changed in 2 ways" in told(0, 0, 1)[0]
+    assert "(p of 0.17 at least)" in told(0, 1, 2)[0]
+    assert told(0, 1, 2, 3) == []
 
 
 def test_a_trend_over_sessions_is_found() -> None:

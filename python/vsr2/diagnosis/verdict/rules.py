@@ -198,8 +198,9 @@ def decide(f: Findings) -> Verdict:
         return Verdict("none", (), f.none_probability, tuple(reasons))
     reasons = []
     if beyond_noise(f.gap_low, f.gap_p, f.direction_p):
+        signs = "signs of a gap" if f.touches_floor else "a gap beyond noise"
         reasons.append(
-            f"a gap beyond noise: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
+            f"{signs}: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
             "direction, against campaigns simulated without any effect"
         )
     if f.surprise_p <= SURPRISE_LEVEL:

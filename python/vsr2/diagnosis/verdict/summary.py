@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -401,8 +402,7 @@ def _limits(
             f"of gaps from a cause outside the library, {share} would be noticed as unknown (each "
             "effect left out in turn): a named effect may stand for one that the library lacks"
         )
-    if seen.session.max() == 0:
-        out.append("one session: a change between sessions cannot be told from a trend")
+    out += _few_sessions(seen)
     uncertain = int(screening.kept.size - screening.guard.size)
     if uncertain < 20 and not screening.left_out:
         out.append(
@@ -438,6 +438,20 @@ def _limits(
     if not np.isfinite(seen.log_pga).all():
         out.append("some trials have no intensity measures and are left out of the conditions")
     return out
+
+
+def _few_sessions(seen: Observations) -> list[str]:
+    """What so few sessions cannot tell of the order."""
+    runs = 1 + np.count_nonzero(np.diff(seen.session))
+    if seen.session.max() == 0:
+        return ["one session: a change between sessions cannot be told from a trend"]
+    least = 1 / factorial(runs)
+    if least <= SIGNIFICANT:
+        return []
+    return [
+        f"{runs} sessions: their order can be changed in {factorial(runs)} ways, so that no change "
+        f"over the order is significant (p of {least:.2f} at least)"
+    ]
 
 
 def _repeated(layers: Mapping[str, Any]) -> list[str]:

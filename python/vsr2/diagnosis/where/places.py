@@ -30,6 +30,8 @@ from vsr2.diagnosis.observed.features import Feature
 Array = NDArray[np.float64]
 
 PERMUTATIONS = 999
+TIE = 1e-9
+"""Relative difference of two scores up to which they are one, but for rounding."""
 SIGNIFICANT = 0.05
 """Family-wise p value up to which a place counts as found."""
 OUTCOME = Feature("outcome", "outcome", "whole response")
@@ -204,11 +206,13 @@ def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
 def _family_p(score: Array, null: Array, reference: Array | None = None) -> Array:
     """P value of each score among the largest of the family, shape (channels, places).
 
-    The score is divided by the deviation of `reference`; None: of the null scores themselves.
+    What lies within rounding of the score counts as reaching it: a permutation that leaves all as
+    it was. The score is divided by the deviation of `reference`; None: of the null scores
+    themselves.
     """
     largest = np.abs(null / _deviation(null)).reshape(len(null), -1).max(axis=1)
     own = np.abs(score / _deviation(null if reference is None else reference))
-    above = (largest[:, None, None] >= own[None]).sum(axis=0)
+    above = (largest[:, None, None] >= (1 - TIE) * own[None]).sum(axis=0)
     return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
 
 
