@@ -769,7 +769,7 @@ CLEAR = Findings(
 
 
 BOTH = Pair(("table_gain", "wear"), probability=1.0, left=0.4, closed=0.6, beyond=0.4)
-SECOND = {"pair": BOTH, "novelty_p": 0.1, "after_low": 0.01, "left": 0.5}
+SECOND = {"pair": BOTH, "novelty_p": 0.15, "after_low": 0.01, "left": 0.5}
 MISFIT = {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}
 FAINT = {"gap_low": -0.01, "direction_p": 0.3, "none_probability": 0.06, "unknown_probability": 0.1}
 
@@ -798,8 +798,11 @@ def second(**changes):
         ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
         (
             {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "unknown_probability": 0.25},
-            "effect",
+            "unresolved",
         ),
+        ({"novelty_p": 0.09, "after_low": 0.01, "left": 0.3}, "unresolved"),
+        ({"novelty_p": 0.11, "after_low": 0.01, "left": 0.3}, "effect"),
+        ({"novelty_p": 0.09, "after_low": -0.01, "left": 0.3}, "effect"),
         ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
         ({"novelty_p": 0.01}, "effect"),
         ({"after_low": 0.01}, "effect"),

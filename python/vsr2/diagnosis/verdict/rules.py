@@ -25,6 +25,8 @@ MOST_NAMED = 0.25
 UNEXPLAINED = 0.2
 """Share of the gap that the best effect must leave to be called no explanation. A strong effect
 that closes nearly all of a large gap leaves a significant rest, because no emulator is perfect."""
+DOUBTFUL = 0.1
+"""p value of the misfit of an effect that leaves that much, up to which it is not named either."""
 LEAST_UNKNOWN = 2 * UNKNOWN_PRIOR
 """Probability of a cause outside the library that a significant misfit must have besides."""
 MOST_LEFT = 0.8
@@ -242,6 +244,12 @@ def decide(f: Findings) -> Verdict:
     if pair is None and f.after_low > 0 and left > MOST_LEFT:
         reasons.append(
             f"the best effect leaves {min(left, 1.0):.0%} of the gap on motions that it did not see"
+        )
+        return _unresolved(f, *reasons)
+    if pair is None and rest and f.novelty_p <= DOUBTFUL:
+        reasons.append(
+            f"the best effect leaves {f.left:.0%} of the gap on motions that it did not see, and "
+            f"fits worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
         )
         return _unresolved(f, *reasons)
     if pair is not None:
