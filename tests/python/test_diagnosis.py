@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -35,6 +36,7 @@ from vsr2.report.diagnosis import (
     figure_file,
     format_diagnosis,
     verdict_sentence,
+    write_diagnosis_page,
 )
 from vsr2.report.diagnosis_figures import posterior_figure
 from vsr2.simulation import run_batch
@@ -190,6 +192,23 @@ def test_halves_of_the_draws_are_fitted_alone(bench) -> None:
     rows = np.flatnonzero((design.effect != "catch") | (draws > 1))
     parts = prepared.library, design.take(rows), draws[rows], prepared.places, prepared.motion
     assert prepare(*parts).halves == ()
+
+
+def test_what_is_written_is_what_was_concluded(bench, monkeypatch) -> None:
+    judged = bench.judge("B", ("table_gain", (-0.1,)), nuisance=0)
+    content, verdict = judged.diagnosis.content, judged.evidence.verdict
+    assert verdict.kind in ("effect", "class")
+    known = 1 - content["unknown"]["probability"]
+    assert known < 1
+    assert content["verdict"]["probability"] == pytest.approx(verdict.probability * known)
+    classes = {row["name"]: row["class"] for row in content["effects"]}
+    for group in judged.inference.classes:
+        assert {classes[name] for name in group} == {group[0]}
+    # Two tests of misfit: the smaller of one and twice the other.
+    assert judged.evidence.findings.novelty_p == judged.inference.novelty_p > 0.07
+    monkeypatch.setattr(sys.modules["vsr2.diagnosis.diagnose"], "surprise_p", lambda *_: 0.03)
+    again = bench.judge("B", ("table_gain", (-0.1,)), nuisance=0)
+    assert again.evidence.findings.novelty_p == 0.06
 
 
 def test_no_more_draws_calibrate_than_are_needed(bench, monkeypatch) -> None:
@@ -381,6 +400,15 @@ def test_the_result_follows_its_schema(found, tmp_path) -> None:
     assert sum(e["probability"] for e in content["effects"]) + beside == pytest.approx(1)
     assert {p.name for p in tmp_path.iterdir()} >= {"effects.csv", "where.csv", "trials.csv"}
     assert len((tmp_path / "trials.csv").read_text().splitlines()) == 49
+
+
+def test_a_page_of_an_earlier_diagnosis_does_not_stay(found, tmp_path) -> None:
+    page = write_diagnosis_page(found, tmp_path)
+    found.save(tmp_path)
+    assert not page.exists()
+    page.write_text("<title>My own</title>")
+    found.save(tmp_path)
+    assert page.read_text() == "<title>My own</title>", "a page of somebody else's"
 
 
 def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> None:

@@ -230,7 +230,11 @@ def test_the_page_tells_the_numbers() -> None:
         ({"kind": "class", "names": ["wear", "catch"], "one": True}, "cannot tell them apart"),
         ({"kind": "unknown", "probability": 0.4}, "no effect of the library explains it (40%)"),
         ({"kind": "none", "names": []}, "but residuals stand out: all trials (family-wise p 0.01)"),
-        ({"kind": "none", "names": [], "where": []}, "gives no reason to change the model"),
+        (
+            {"kind": "none", "names": [], "where": [], "probability": 0.23},
+            "gives no reason to change the model, and does not exclude what is too weak to show "
+            "(none: 23%).",
+        ),
     ],
 )
 def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None:

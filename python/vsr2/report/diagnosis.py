@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vsr2.diagnosis import Diagnosis
+from vsr2.diagnosis.verdict.result import PAGE_FILE, PAGE_TITLE
 from vsr2.diagnosis.verdict.rules import NO_GAP
 from vsr2.report.diagnosis_figures import (
     bars_figure,
@@ -21,7 +22,6 @@ from vsr2.report.diagnosis_figures import (
 )
 from vsr2.results.atomic import write_atomic
 
-PAGE_FILE = "index.html"
 _LEVEL = 0.05
 
 _FIGURES = """
@@ -63,7 +63,10 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
                     f"{found[0]['place'].replace('_', ' ')} (family-wise p "
                     f"{found[0]['p_familywise']:.2g})."
                 )
-            return "No gap beyond noise: this campaign gives no reason to change the model."
+            return (
+                "No gap beyond noise: this campaign gives no reason to change the model, and does "
+                f"not exclude what is too weak to show (none: {chance})."
+            )
         case "effect":
             said = f"Of the effects in the library, {names[0]} explains the gap ({chance})"
         case "class":
@@ -159,7 +162,7 @@ def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
 def diagnosis_page(found: Diagnosis) -> str:
     """One HTML page that needs no other file and no network."""
     content = found.content
-    title = f"Diagnosis of {content['campaign']['name']}"
+    title = f"{PAGE_TITLE} {content['campaign']['name']}"
     campaign = content["campaign"]
     body = [
         f"<h1>{escape(title)}: {campaign['trials']} trials of {campaign['motions']} motions in "

@@ -16,6 +16,8 @@ from vsr2.results.atomic import write_atomic
 
 SCHEMA = "vsr2.diagnosis/1"
 FILE = "diagnosis.json"
+PAGE_FILE = "index.html"
+PAGE_TITLE = "Diagnosis of"
 
 
 def schema() -> dict[str, Any]:
@@ -82,16 +84,24 @@ class Diagnosis:
     def save(self, folder: str | Path) -> Path:
         """Write `diagnosis.json` and the tables; returns the path of the former.
 
+        The page of an earlier diagnosis is removed; the report writes a new one.
+
         Raises:
             ResultError: a file cannot be written.
         """
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
+        _remove_page(path / PAGE_FILE)
         contents = {**self.tables(), FILE: self.to_json()}
         for name, text in contents.items():
             data = text.encode()
             write_atomic(path / name, lambda file, data=data: file.write(data))  # type: ignore[misc]
         return path / FILE
+
+
+def _remove_page(page: Path) -> None:
+    if page.is_file() and f"<title>{PAGE_TITLE} " in page.read_text(errors="replace")[:2000]:
+        page.unlink()
 
 
 def finite(value: Any) -> Any:

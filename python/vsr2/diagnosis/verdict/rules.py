@@ -192,10 +192,12 @@ def decide(f: Findings) -> Verdict:
                 f"set, which {f.favoured} leads: more trials may decide"
             )
             return _unresolved(f, *reasons)
-        if f.none_probability < 0.5:
+        if none < 0.5:
+            outside = "a cause outside the library, " if f.unknown_probability > none else ""
             reasons.append(
-                f"weighed by its prior, {f.favoured} or another effect is more probable than none, "
-                "but no more than in gap-free campaigns by chance: too weak to be called a gap"
+                f"weighed by its prior, {outside}{f.favoured} or another effect is more probable "
+                "than none, but no more than in gap-free campaigns by chance: too weak to be "
+                "called a gap"
             )
         return Verdict("none", (), f.none_probability, tuple(reasons))
     reasons = []
