@@ -36,6 +36,7 @@ from vsr2.blind import (
     pool_packs,
     score_pack,
 )
+from vsr2.blind.diagnose import DRAWS
 from vsr2.blind.form.seal import open_key, read_json
 from vsr2.blind.scoring.cases import Case, read_cases
 from vsr2.blind.scoring.kept import keep_diagnoses, kept_cases
@@ -69,19 +70,19 @@ CHECKS = {
             pair=(6, 1),
             development=True,
         ),
-        24,
+        DRAWS,
     ),
     "validation": Check(
         2,
         PackSettings(
             engines=ENGINES, single=(30, 10), none=(16, 4), unknown=(10, 4), pair=(10, 2), hidden=5
         ),
-        24,
+        DRAWS,
     ),
     "leave-one-out": Check(
         1,
         PackSettings(engines=("bullet",), single=0, none=10, unknown=0, pair=0, leave_one_out=1),
-        24,
+        DRAWS,
     ),
 }
 

@@ -16,7 +16,7 @@ from vsr2.config import load_study
 from vsr2.errors import BlindError, Vsr2Error
 
 BANK_FILE = "bank.sqlite"
-DRAWS = 24
+DRAWS = 48
 """Of every effect."""
 TIERS: tuple[Tier, ...] = ("B", "M", "T")
 

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.likelihood.equivalence import INSEPARABLE, expected_campaign
+from vsr2.diagnosis.likelihood.equivalence import (
+    CONFOUNDED,
+    INSEPARABLE,
+    expected_campaign,
+    takes_for_alike,
+)
 from vsr2.diagnosis.likelihood.evidence import log_likelihood, mode, posterior
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.library import Entry, Library
@@ -61,8 +66,9 @@ def next_measurement(
     For a class, the instruments that look directly at its first two members, and the trial of the
     campaign whose repetition separates these two most, each at its own best parameters and
     nuisances (expected log likelihood ratio per repeat, as much of it as counts, and the repeats
-    after which the better one is picked wrongly less than one time in ten). Under `others` the same
-    for the leader against each further member, up to `MOST_SPLIT`.
+    after which the two no longer count as one class: the better one is then picked wrongly less
+    than one time in ten, or by five times that separation where theory takes them for the same).
+    Under `others` the same for the leader against each further member, up to `MOST_SPLIT`.
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
@@ -85,17 +91,18 @@ def next_measurement(
         values = log_likelihood(tables[name], at, expected, z[None, None])
         return np.asarray(values[0, 0], dtype=np.float64)
 
-    own = likelihood(leader)
+    own, alike = likelihood(leader), takes_for_alike()
 
     def split(rival: str) -> dict[str, Any]:
         gain = own - likelihood(rival)
         best = int(np.argmax(gain))
         information = found.exponent * float(max(gain[best], 0.0))
-        few = information < INSEPARABLE / 1000
+        enough = INSEPARABLE * (CONFOUNDED if alike(leader, rival) else 1.0)
+        few = information < enough / 1000
         return {
             "trial": seen.campaign.trials[int(kept[best])].trial,
             "information_per_repeat": information,
-            "repeats": None if few else int(np.ceil(INSEPARABLE / information)),
+            "repeats": None if few else int(np.ceil(enough / information)),
         }
 
     out |= split(rivals[0])
