@@ -208,7 +208,7 @@ def test_the_page_tells_the_numbers() -> None:
         "wear",
         "0.800",
         "wear",
-        "size 0.12, 0.11 [0.05, 0.17] 1",
+        "size 0.12, 0.11 [0.05, 0.17]",
         "0.83 [0.82, 0.84]",
     ]
 

@@ -169,7 +169,9 @@ class _Progress:
         if stage == self._stage and now - self._last < 0.5 and share < 1:
             return
         self._last, self._stage = now, stage
-        best = ", ".join(f"{name} {p:.2f}" for name, p in leading.items())
+        best = ", ".join(
+            name if math.isnan(p) else f"{name} {p:.2f}" for name, p in leading.items()
+        )
         line = f"vsr2 diagnose: {stage} {share:4.0%}{'; leading: ' + best if best else ''}"
         end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
         print(f"{line:<100}", end=end, file=sys.stderr, flush=True)

@@ -54,7 +54,8 @@ NUISANCE_DRAWS = 2000
 
 Array = NDArray[np.float64]
 Report = Callable[[str, float, Mapping[str, float]], None]
-"""Called with stage, share done of it and the probabilities of the leading classes."""
+"""Called with stage, share done of it and the probabilities of the leading classes; NaN where no
+more than their order is told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +237,10 @@ def _first_looks(draws: int) -> list[int]:
 
 
 def _provisional(design: Design, observed: Data) -> dict[str, float]:
-    """The four effects under which the outcomes are most probable, told by frequencies alone."""
+    """The four effects under which the outcomes are most probable, told by frequencies alone.
+
+    These are no probabilities, and so NaN stands for them.
+    """
     names = np.unique(design.effect)
     y = observed.overturned[0]
     logs = np.zeros(names.size)
@@ -245,10 +249,7 @@ def _provisional(design: Design, observed: Data) -> dict[str, float]:
         p = (np.nansum(own, axis=0) + 0.5) / (np.isfinite(own).sum(axis=0) + 1)
         known = np.isfinite(y)
         logs[k] = np.where(y > 0.5, np.log(p), np.log1p(-p))[known].sum()
-    share = np.exp(logs - logs.max())
-    share /= share.sum()
-    order = np.argsort(-share)[:4]
-    return {str(names[k]) or NONE: float(share[k]) for k in order}
+    return {str(names[k]) or NONE: np.nan for k in np.argsort(-logs)[:4]}
 
 
 def _part(tell: Report, stage: str, leading: Mapping[str, float]) -> Callable[[int, int], None]:

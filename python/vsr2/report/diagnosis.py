@@ -135,9 +135,8 @@ def format_diagnosis(found: Diagnosis) -> str:
 def _parameter(name: str, found: Mapping[str, Any]) -> str:
     """Most probable value, mean, interval."""
     low, high = found["ci95"]
-    return (
-        f"{name} {found['mode']:.3g}, {found['mean']:.3g} [{low:.3g}, {high:.3g}] {found['unit']}"
-    )
+    unit = "" if found["unit"] == "1" else f" {found['unit']}"
+    return f"{name} {found['mode']:.3g}, {found['mean']:.3g} [{low:.3g}, {high:.3g}]{unit}"
 
 
 def figure_file(figure: str) -> str:
@@ -301,8 +300,8 @@ def _others(measure: Mapping[str, Any]) -> str:
         return ""
     leader = escape(measure["splits"][0].replace("_", " "))
     return (
-        f"<table><thead><tr><th>{leader} or</th><th>measure</th><th>or repeat trial</th>"
-        f"<th>times</th></tr></thead><tbody>{rows}</tbody></table>"
+        f"<div class='wide'><table><thead><tr><th>{leader} or</th><th>measure</th>"
+        f"<th>or repeat trial</th><th>times</th></tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
 

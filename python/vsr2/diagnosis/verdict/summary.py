@@ -218,6 +218,8 @@ def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, An
         lows, highs = (
             [float(np.interp(q, total, values[order])) for total in totals] for q in (0.025, 0.975)
         )
+        # A node at a null of zero is off it by rounding.
+        values[np.abs(values) < 1e-12 * (parameter.upper - parameter.lower)] = 0.0
         peak = float(values[np.argmax(own)])
         out[parameter.name] = {
             "mean": float(weights[0] @ values),
@@ -333,7 +335,7 @@ def _sizes(prepared: Prepared, verdict: Verdict, effects: Sequence[Mapping[str, 
                 continue
             lies = (
                 f"the size of {row['name']} is not determined: its {parameter.name} lies from "
-                f"{low:.3g} to {high:.3g} {parameter.unit}"
+                f"{low:.3g} to {high:.3g}{'' if parameter.unit == '1' else f' {parameter.unit}'}"
             )
             if low <= parameter.null <= high:
                 out.append(f"{lies}, {parameter.null:g} being no effect")
@@ -422,9 +424,9 @@ def _limits(
         )
     if whole.turned:
         out.append(
-            f"{whole.turned} trials that did the same in all simulations do otherwise with the "
-            "effect added: they count in the gap and its closure, but neither parameters nor "
-            "probabilities rest on them"
+            f"{whole.turned} of the trials that did the same in all simulations do otherwise with "
+            "the effect added: that counts in the gap and its closure, but neither parameters nor "
+            "probabilities rest on it"
         )
     budget = provenance["budget"]
     if budget.get("exceeded"):
