@@ -9,6 +9,7 @@ import pytest
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.diagnose import _gap_low, diagnose_with
 from vsr2.diagnosis.floor import noise_floor
+from vsr2.diagnosis.how_far.anew import ANEW_RUNS, FRESH, simulate_anew
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
 from vsr2.diagnosis.how_far.shrinkage import Shrinkage, found_pair, posterior_draws
 from vsr2.diagnosis.how_far.whole import Whole
@@ -331,3 +332,41 @@ def test_a_pair_is_found_where_a_second_effect_helps() -> None:
     other = {"after": ["wear", "catch"], "pair": ["catch", "base_slope"]}
     assert found(0.6, 0.2, other) is None, "each group chose another pair"
     assert found_pair(one, floor, motion, 0) is None, "none was tried"
+
+
+def anew(push, overturned):
+    campaign = shaken_campaign(3, 4)
+    rows = tuple(
+        dataclasses.replace(trial, overturned=bool(down))
+        for trial, down in zip(campaign.trials, overturned, strict=True)
+    )
+    seen = observe_like(dataclasses.replace(campaign, trials=rows))
+    requests = []
+
+    class Noting(Thresholds):
+        def run(self, wanted):
+            requests.extend(wanted)
+            return super().run(wanted)
+
+    with Bank(Noting()) as store:
+        found = simulate_anew(
+            store, seen, SCREENING, shrinkage(push), np.full(KEPT.size, 0.1), seed=0
+        )
+    return found, requests
+
+
+def test_what_is_named_must_close_the_gap_in_simulations_too() -> None:
+    found, requests = anew(0.5, [1] * 4 + [0] * 8)
+    # Trials 0 to 2 fall under the effect of their group, as they did; trial 3 does not.
+    before, after, own = np.log(18), -np.log(8.5 / 9), -np.log(7.5 / 8)
+    assert found.closure.value == pytest.approx(0.75 * (before - after) / (before - own))
+    assert found.foretold == pytest.approx(0.8 / 0.9)
+    assert not found.short
+    assert len(requests) == ANEW_RUNS * KEPT.size
+    assert {request.replicate for request in requests} == {FRESH}
+    useless, _ = anew(0.0, [1] * 4 + [0] * 8)
+    assert useless.closure.value == 0.0
+    assert useless.short, "the emulator foretold 0.8 of every trial's loss"
+    worse, _ = anew(0.5, [0] * 12)
+    assert worse.closure.value < 0
+    assert worse.short

@@ -11,8 +11,9 @@ import pytest
 from vsr2.diagnosis.budget import MAX_DRAWS, Budget, Schedule
 from vsr2.diagnosis.diagnose import _settled
 from vsr2.diagnosis.floor import _repeats
+from vsr2.diagnosis.how_far.anew import ANEW_RUNS, Anew
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
-from vsr2.diagnosis.how_far.shrinkage import Pair
+from vsr2.diagnosis.how_far.shrinkage import Interval, Pair
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import evened, leading_class, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import (
@@ -177,7 +178,7 @@ def test_what_dropped_trials_cost_is_kept_back() -> None:
     bank = Bank(Counting())
     schedule = Schedule(Budget(simulations=10_000), bank, 50, TWO)
     schedule.fit(20)
-    rest = 10_000 - DROPPED_RUNS * 30
+    rest = 10_000 - DROPPED_RUNS * 30 - ANEW_RUNS * 20
     assert schedule.affords(rest, bank)
     assert not schedule.limited
     assert not schedule.affords(rest + 1, bank)
@@ -777,6 +778,7 @@ CLEAR = Findings(
     unknown_probability=0.9,
     favoured="table_gain",
     after_low=-0.01,
+    floor=0.05,
     left=0.1,
     left_of_all=0.1,
     pair=None,
@@ -829,6 +831,11 @@ def second(**changes):
         ({"after_low": -0.01, "left": 0.9}, "effect"),
         ({"agreement": "the routes disagree"}, "unresolved"),
         ({"halves": (("table_gain",), ("table_gain", "wear"))}, "effect"),
+        ({"after_low": 0.16}, "unresolved"),
+        ({"after_low": 0.14}, "effect"),
+        ({"anew": Anew(Interval(0.9, 0.8, 1.0), 0.9, short=False)}, "effect"),
+        ({"anew": Anew(Interval(0.3, 0.2, 0.4), 0.9, short=True)}, "unresolved"),
+        (SECOND | {"anew": Anew(Interval(0.3, 0.2, 0.4), 0.9, short=True)}, "unresolved"),
         ({"halves": (("table_gain",), ("wear", "catch"))}, "unresolved"),
         ({"halves": (("wear",), ("table_gain",)), "leading": ("table_gain", "wear")}, "class"),
         (SECOND | {"halves": (("table_gain",), ("wear", "catch"))}, "pair"),

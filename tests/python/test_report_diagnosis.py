@@ -57,6 +57,7 @@ CONTENT = {
         "excess": estimate(0.6),
         "excess_after": estimate(0.1),
         "headline": estimate(0.5),
+        "closure_anew": estimate(0.95),
         "layers": {"numerical": 0.02, "time_step": 0.03, "solver": None, "physical": None},
     },
     "where": [
@@ -194,6 +195,7 @@ def test_the_page_tells_the_numbers() -> None:
         "Closure 0.83 [0.82, 0.84]; placebo 0.33 [0.32, 0.34] (catch); recalibration 0.17",
         "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "The gap is 0.60 [0.59, 0.61] nat",
+        "judged by simulations alone: closure 0.95 [0.94, 0.96].",
         "repeat trial T7, where wear and catch differ most; about 3 repeats would",
         "table gain  scan  T8  4",
         "friction  push it  T9  no number",

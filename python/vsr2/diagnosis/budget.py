@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
+from vsr2.diagnosis.how_far.anew import ANEW_RUNS
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
 from vsr2.diagnosis.simulated.bank import Bank
 from vsr2.diagnosis.simulated.design import SCREENING_NONE, none_draws
@@ -104,8 +105,8 @@ class Schedule:
         if self._fixed is not None:
             self.first_draws = self._fixed
             return
-        # The dropped ones are simulated once more, under what is found.
-        self._reserve = DROPPED_RUNS * (self._trials - kept)
+        # All are simulated once more, under what is found.
+        self._reserve = DROPPED_RUNS * (self._trials - kept) + ANEW_RUNS * kept
         self._rest -= self._reserve
         for draws in range(FIRST_DRAWS, FEWEST_DRAWS - 1, -1):
             self.first_draws = draws

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import Budget, Schedule
 from vsr2.diagnosis.floor import noise_floor
+from vsr2.diagnosis.how_far.anew import simulate_anew
 from vsr2.diagnosis.how_far.dropped import simulate_dropped, surprise_p
 from vsr2.diagnosis.how_far.shrinkage import found_pair, judge, resampled_means
 from vsr2.diagnosis.how_far.whole import Whole
@@ -356,12 +357,21 @@ def conclude(
         ),
         favoured=found.labels[1 + int(np.argmax(found.probability[1:]))],
         after_low=float(np.quantile(after, 0.025)),
+        floor=float(floor.mean()),
         left=float((shrinkage.after - floor).mean() / max((shrinkage.before - floor).mean(), 1e-9)),
         left_of_all=whole.left,
         pair=pair,
         halves=tuple(tuple(infer(half, observed).classes[0]) for half in prepared.halves),
     )
     verdict = decide(findings)
+    if verdict.named:
+        # Nothing is named on the emulator's word alone.
+        chosen = shrinkage
+        if verdict.kind == "pair":
+            chosen = shrinkage.of_pair({*leading, *verdict.effects})
+        anew = simulate_anew(store, seen, screening, chosen, floor, seed)
+        findings = replace(findings, anew=anew)
+        verdict = decide(findings)
     conditions = Conditions(
         seen.log_pga[kept],
         seen.log_ratio[kept],

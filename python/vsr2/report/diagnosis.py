@@ -121,7 +121,8 @@ def format_diagnosis(found: Diagnosis) -> str:
         f"loss a trial: before {_interval(gap['before'])}, after {_interval(gap['after'])}, "
         f"floor {_interval(gap['floor'])}",
         f"closure {_interval(gap['closure'])}, of a wrong effect "
-        f"{_interval(content['placebo']['closure'])}, headline {_interval(gap['headline'])}",
+        f"{_interval(content['placebo']['closure'])}, headline {_interval(gap['headline'])}; "
+        f"simulated anew {_interval(gap['closure_anew'])}",
     ]
     for row in content["effects"][:6]:
         values = ", ".join(_parameter(name, p) for name, p in row["parameters"].items())
@@ -244,7 +245,16 @@ def _closure_note(content: Mapping[str, Any]) -> str:
         f"{size}Closure {_interval(gap['closure'])}; placebo {_interval(placebo['closure'])} "
         f"({str(placebo['effect']).replace('_', ' ')}); recalibration "
         f"{_interval(placebo['recalibration'])}. Headline, closure minus the better of these, or "
-        f"0: {_interval(gap['headline'])}."
+        f"0: {_interval(gap['headline'])}.{_anew(gap)}"
+    )
+
+
+def _anew(gap: Mapping[str, Any]) -> str:
+    if gap["closure_anew"]["value"] is None:
+        return ""
+    return (
+        " These are the emulator's; the uncertain trials simulated anew with what was chosen on "
+        f"other motions, judged by simulations alone: closure {_interval(gap['closure_anew'])}."
     )
 
 

@@ -28,7 +28,7 @@ def losses(prediction: Prediction, data: Data) -> Array:
     return np.asarray(out + _feature_scores(prediction, data), dtype=np.float64)
 
 
-def _by_kind(scores: Array) -> Array:
+def by_kind(scores: Array) -> Array:
     """The largest tilt's score plus the mean of the others."""
     if scores.shape[-1] == 0:
         return np.zeros(scores.shape[:-1])
@@ -45,7 +45,7 @@ def _feature_scores(prediction: Prediction, data: Data) -> Array:
     z = np.where(known, data.features - prediction.centre, 0.0) / prediction.deviation
     density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
     score = prediction.deviation * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi))
-    return _by_kind(np.where(known, score, 0.0))
+    return by_kind(np.where(known, score, 0.0))
 
 
 def blocks(motion: NDArray[np.int64], outcomes: Array) -> NDArray[np.int64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from vsr2.diagnosis.how_far.anew import Anew
 from vsr2.diagnosis.how_far.shrinkage import Pair
 from vsr2.diagnosis.likelihood.equivalence import LEAST_PROBABILITY
 from vsr2.diagnosis.which.novelty import LEVEL as NOVELTY_LEVEL
@@ -29,6 +30,8 @@ DOUBTFUL = 0.1
 """p value of the misfit of an effect that leaves that much, up to which it is not named either."""
 LEAST_UNKNOWN = 2 * UNKNOWN_PRIOR
 """Probability of a cause outside the library that a significant misfit must have besides."""
+MOST_REST = 3.0
+"""What the best effect may leave, at least, over the floor's own loss, and yet be named."""
 MOST_LEFT = 0.8
 """Share of the gap that the best effect may leave, significantly, and yet be named."""
 PAIR_UNEXPLAINED = 0.5
@@ -92,10 +95,12 @@ class Findings:
         favoured: most probable hypothesis.
         after_low: lower end of the interval of the gap that the best effect leaves in the kept
             trials.
+        floor: mean loss of the kept trials in campaigns without effect.
         left: share of their gap that it leaves.
         left_of_all: share of the gap of all trials that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero.
         halves: the leading class by either half of the draws; empty: these are too few to tell.
+        anew: what simulations close under what is named; None: nothing was simulated yet.
     """
 
     gap_low: float
@@ -116,10 +121,12 @@ class Findings:
     unknown_probability: float
     favoured: str
     after_low: float
+    floor: float
     left: float
     left_of_all: float
     pair: Pair | None
     halves: tuple[tuple[str, ...], ...]
+    anew: Anew | None = None
 
 
 def beyond_noise(gap_low: float, gap_p: float, direction_p: float, surprise_p: float = 1.0) -> bool:
@@ -252,6 +259,19 @@ def decide(f: Findings) -> Verdict:
         reasons.append(
             f"the best effect leaves {f.left:.0%} of the gap on motions that it did not see, and "
             f"fits worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
+        )
+        return _unresolved(f, *reasons)
+    if pair is None and f.after_low > MOST_REST * f.floor:
+        reasons.append(
+            f"what the best effect leaves is more than {MOST_REST:g} times the floor's own loss: "
+            "it is no explanation, however much of the gap it closes"
+        )
+        return _unresolved(f, *reasons)
+    if f.anew is not None and f.anew.short:
+        reasons.append(
+            f"simulated anew under what leads, the uncertain trials lose "
+            f"{f.anew.closure.value:.0%} of their gap where the emulator foretells "
+            f"{f.anew.foretold:.0%}: it cannot be trusted here"
         )
         return _unresolved(f, *reasons)
     if pair is not None:

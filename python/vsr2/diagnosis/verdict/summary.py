@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.shrinkage import Shrinkage
+from vsr2.diagnosis.how_far.shrinkage import Interval, Shrinkage
 from vsr2.diagnosis.how_far.whole import Whole
 from vsr2.diagnosis.likelihood.equivalence import takes_for_alike
 from vsr2.diagnosis.observed.observations import Observations
@@ -113,6 +113,7 @@ def compose(
             "excess": whole.excess("before"),
             "excess_after": whole.excess("after"),
             "headline": whole.headline(),
+            "closure_anew": _interval(findings.anew.closure if findings.anew else None),
             "p_size": findings.gap_p,
             "p_direction": findings.direction_p,
             "layers": dict(layers),
@@ -180,6 +181,12 @@ def compose(
         },
     }
     return Diagnosis(content, tuple(whole.rows()))
+
+
+def _interval(found: Interval | None) -> dict[str, Any]:
+    if found is None:
+        return {"value": None, "ci95": None}
+    return {"value": found.value, "ci95": [found.low, found.high]}
 
 
 def _shown(places: Sequence[Place]) -> list[Place]:
