@@ -28,7 +28,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.diagnosis.verdict.next_measurement import next_measurement
 from vsr2.diagnosis.verdict.summary import ALL_OF_PRIOR
-from vsr2.diagnosis.which.routes import prepare
+from vsr2.diagnosis.which.routes import infer, prepare
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 from vsr2.report.diagnosis import (
@@ -228,6 +228,18 @@ def test_what_is_written_is_what_was_concluded(bench, monkeypatch) -> None:
     classes = {row["name"]: row["class"] for row in content["effects"]}
     for group in judged.inference.classes:
         assert {classes[name] for name in group} == {group[0]}
+    # Of halves each is judged by its own fit.
+    seen = bench.rehearsal.observed(bench.truth, (("table_gain", (-0.1,)),), nuisance=0)
+    kept, prepared = bench.rehearsal.screening.kept, bench.prepared("B")
+    observed = Data(seen.overturned[None, kept], np.zeros((1, kept.size, 0)))
+    told = [infer(half, observed).classes[0] for half in prepared.halves]
+    assert judged.evidence.findings.halves == tuple(tuple(group) for group in told)
+    # What theory takes for the same has the odds that a class allows.
+    monkeypatch.setattr("vsr2.diagnosis.likelihood.equivalence.MOST_ODDS", 1.0)
+    even = infer(prepared, observed)
+    stated = dict(zip(even.labels, even.probability, strict=True))
+    assert stated["table_gain"] == pytest.approx(stated["slenderness"])
+    monkeypatch.undo()
     # Two tests of misfit: the smaller of one and twice the other.
     assert judged.evidence.findings.novelty_p == judged.inference.novelty_p > 0.07
     monkeypatch.setattr(sys.modules["vsr2.diagnosis.diagnose"], "surprise_p", lambda *_: 0.03)
@@ -354,6 +366,12 @@ def test_no_group_s_outcomes_reach_the_models_that_judge_it(bench) -> None:
         assert (there[~mine] != here[~mine]).any()
     for name in ("after", "placebo", "pair"):
         assert plain.chosen[name][1] == changed.chosen[name][1]
+    # Fitted to the others, by predictions that know of the group's outcomes through nuisances.
+    np.testing.assert_allclose(plain.scaling[1], changed.scaling[1], atol=0.1)
+    assert (np.abs(plain.scaling - changed.scaling).max(axis=1) > 1.0).sum() == 3
+    for found in (plain, changed):
+        first = [next(n for n in names if n != "catch") for names in found.ranked]
+        assert found.chosen["placebo"] == first, "the best of the others"
     assert (plain.before[mine] != changed.before[mine]).all()
 
 

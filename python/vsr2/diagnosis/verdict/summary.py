@@ -25,7 +25,7 @@ from vsr2.diagnosis.simulated.library import (
 )
 from vsr2.diagnosis.verdict.result import SCHEMA, Diagnosis
 from vsr2.diagnosis.verdict.rules import LEAST_UNKNOWN, Findings, Verdict
-from vsr2.diagnosis.where.places import SIGNIFICANT, Place
+from vsr2.diagnosis.where.places import SIGNIFICANT, Place, interleaved
 from vsr2.diagnosis.which.novelty import PRIOR
 from vsr2.diagnosis.which.routes import Inference, Prepared
 
@@ -452,6 +452,11 @@ def _limits(
 def _few_sessions(seen: Observations) -> list[str]:
     """What so few sessions cannot tell of the order."""
     runs = 1 + np.count_nonzero(np.diff(seen.session))
+    if seen.session.max() == 0 and interleaved(seen.motion):
+        return [
+            "one session of interleaved motions: no change over the order can be told, because "
+            "nothing but single trials could be permuted"
+        ]
     if seen.session.max() == 0:
         return ["one session: a change between sessions cannot be told from a trend"]
     least = 1 / factorial(runs)
