@@ -136,11 +136,10 @@ def scan(
     # One session has no order of sessions: then that of its motions is permuted.
     ordered = conditions.session if conditions.session.max() > 0 else conditions.motion
     blocks = [(by_session, conditions.motion), (by_order, ordered)]
+    if interleaved(ordered):
+        p_value[:, by_order] = 1.0
     for inside, runs in blocks:
-        if interleaved(runs):
-            # A session may still stand out from simulated campaigns; an order may drift alone.
-            p_value[:, inside & by_order] = 1.0
-        elif inside.any():
+        if inside.any():
             orders = np.stack([_permutation(runs, rng) for _ in range(PERMUTATIONS)])
             moved = _scores(
                 residual[:, orders].swapaxes(0, 1),
