@@ -312,13 +312,17 @@ def test_a_key_that_cannot_be_read_is_not_missed(diagnosed, tmp_path) -> None:
 
 def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     pack, key, out = diagnosed
-    spent = [
-        json.loads((out / name / "M" / DIAGNOSIS_FILE).read_text())["provenance"]["budget"]
-        for name in sorted(c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"])
-    ]
-    # Campaigns of one protocol share their simulations.
-    assert sum(one["simulated"] for one in spent) == len(bank_keys(out / "bank.sqlite"))
-    assert sorted(one["simulated"] for one in spent)[:9] == [0] * 9
+    names = [c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"]]
+    simulated = {
+        (name, tier): json.loads((out / name / tier / DIAGNOSIS_FILE).read_text())["provenance"][
+            "budget"
+        ]["simulated"]
+        for name in names
+        for tier in "MT"
+    }
+    # Campaigns of one protocol share their simulations, but for what is named of each.
+    assert sum(simulated.values()) == len(bank_keys(out / "bank.sqlite"))
+    assert sorted(simulated[name, "M"] for name in names)[:9] == [0] * 9
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 2
     assert "no diagnosis at tier B" in capsys.readouterr().err
