@@ -531,10 +531,11 @@ def test_few_sessions_are_told() -> None:
         return _few_sessions(SimpleNamespace(session=np.array(sessions), motion=np.array(motion)))
 
     assert "one session: a change" in told(0, 0, 0, 0)[0]
-    assert "interleaved" in told(0, 0, 0, 0, motion=(0, 1, 0, 1))[0]
-    assert "2 sessions: their order can be changed in 2 ways" in told(0, 0, 1)[0]
-    assert "(p of 0.17 at least)" in told(0, 1, 2)[0]
-    assert told(0, 1, 2, 3) == []
+    assert "motions of one session are" in told(0, 0, 0, 0, motion=(0, 1, 0, 1))[0]
+    assert "sessions are interleaved" in told(0, 1, 0, 1)[0]
+    assert "2 sessions: their order can be changed in 2 ways" in told(0, 0, 1, 1)[0]
+    assert "(p of 0.17 at least)" in told(0, 0, 1, 1, 2, 2)[0]
+    assert told(0, 0, 1, 1, 2, 2, 3, 3) == []
 
 
 def test_a_trend_over_sessions_is_found() -> None:

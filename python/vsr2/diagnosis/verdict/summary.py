@@ -452,10 +452,11 @@ def _limits(
 def _few_sessions(seen: Observations) -> list[str]:
     """What so few sessions cannot tell of the order."""
     runs = 1 + np.count_nonzero(np.diff(seen.session))
-    if seen.session.max() == 0 and interleaved(seen.motion):
+    if interleaved(seen.motion if seen.session.max() == 0 else seen.session):
+        what = "motions of one session" if seen.session.max() == 0 else "sessions"
         return [
-            "one session of interleaved motions: no change over the order can be told, because "
-            "nothing but single trials could be permuted"
+            f"{what} are interleaved: no change over the order can be told, because nothing but "
+            "single trials could be permuted"
         ]
     if seen.session.max() == 0:
         return ["one session: a change between sessions cannot be told from a trend"]

@@ -133,7 +133,8 @@ def scan(
         finer = _family_p(score, _scores(drawn[0], drawn[1], weights), simulated)
         reached = p_value > 1 / (len(simulated) + 1)
         p_value = np.where(reached, np.maximum(p_value, finer), finer)
-    # One session has no order of sessions: then that of its motions is permuted.
+    # One session has no order of sessions: then that of its motions is permuted. Nothing is said of
+    # an order in which only single trials could be.
     ordered = conditions.session if conditions.session.max() > 0 else conditions.motion
     blocks = [(by_session, conditions.motion), (by_order, ordered)]
     if interleaved(ordered):
