@@ -254,6 +254,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
         opened: dict[str, Any] = json.loads((key / "key.json").read_text())["key"]
         for case in read_cases(data, opened, verdicts):
             named = case.verdict.kind in ("effect", "class", "pair")
+            leads = case.kind == "single" and leading_class(case) in case.truth
             rows.append(
                 {
                     "part": number,
@@ -261,17 +262,27 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "kind": case.kind,
                     "tier": case.tier,
                     "effects": " ".join(effect["name"] for effect in case.effects),
-                    "floors": " ".join(f"{effect['relative']:.3g}" for effect in case.effects),
+                    "floors": " ".join(f"{effect['relative']:.4g}" for effect in case.effects),
                     "verdict": case.verdict.kind,
                     "named": " ".join(case.verdict.effects) if named else "",
                     "probability": f"{case.verdict.probability:.3f}",
                     "right": int(top_one(case)) if named else "",
                     "first": leading_class(case),
+                    "leads": int(leads) if case.kind == "single" else "",
                     "closure": "" if case.verdict.closure is None else case.verdict.closure,
                     **_magnitude(case),
+                    "withheld": _withheld(verdicts / case.id / case.tier / "diagnosis.json"),
                 }
             )
     return rows
+
+
+def _withheld(path: Path) -> str:
+    """Why a diagnosis names nothing, in its own words, where it is unresolved."""
+    if not path.exists():
+        return ""
+    verdict = read_json(path)["verdict"]
+    return verdict["reasons"][-1] if verdict["kind"] == "unresolved" else ""
 
 
 def _magnitude(case: Case) -> dict[str, Any]:

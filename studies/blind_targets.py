@@ -1,16 +1,18 @@
-"""A blind check's scores against the targets for them, as a table in Markdown.
+"""A blind check's scores against the targets for them, and its verdicts, as tables in Markdown.
 
-    python studies/blind_targets.py docs/results/blind_validation_4
+    python studies/blind_targets.py docs/results/blind_validation_5
 
-Reads `scores.json` of a results folder of `blind_check.py`. Targets are for about 580 trials and
-for effects of 2 floors or more; a score is given for that group at tiers B / M / T, by engine, and
-for all campaigns of the engine where the group is small. Numbers in brackets are campaigns; where
-tiers differ, one a tier.
+Reads `scores.json` and `verdicts.csv` of a results folder of `blind_check.py`. Targets are for
+about 580 trials and for effects of 2 floors or more; a score is given for that group at tiers
+B / M / T, by engine, and for all campaigns of the engine where the group is small. Numbers in
+brackets are campaigns; where tiers differ, one a tier. The second table counts what the verdicts of
+both engines came to: of single effects those whose true class leads, and all.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,13 +92,75 @@ ROWS = (
     Row("pair called", "pair found (pair)", "-", (ALL,)),
 )
 
+STRONG_FLOORS = 2.0
+"""Magnitude over the floor from which an effect counts as strong."""
+OUTCOMES = (
+    ("effects named", ("effect", "class", "pair"), ""),
+    ("`none`", ("none",), ""),
+    ("`unknown`", ("unknown",), ""),
+    ("`unresolved`: the gap's interval touches the floor", ("unresolved",), "interval of its size"),
+    ("`unresolved`: the routes disagree", ("unresolved",), "which the other route rules out"),
+    ("`unresolved`: too many effects", ("unresolved",), "the data do not decide"),
+    ("`unresolved`: too much of the gap is left", ("unresolved",), "leave"),
+    ("`unresolved`: half of the draws leads elsewhere", ("unresolved",), "half of the draws"),
+    ("`unresolved`: otherwise", ("unresolved",), ""),
+)
+"""What is counted: its label, kinds of verdict, and what the reason for withholding says; each
+verdict counts in the first line that it fits."""
+
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path)
-    scores = json.loads((parser.parse_args().results / "scores.json").read_text())
-    print(targets_table(scores))
+    results = parser.parse_args().results
+    print(targets_table(json.loads((results / "scores.json").read_text())))
+    with (results / "verdicts.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    if "withheld" in rows[0]:
+        print()
+        print(outcomes_table(rows))
+
+
+def outcomes_table(rows: list[dict[str, str]]) -> str:
+    """What the verdicts came to.
+
+    Args:
+        rows: of `verdicts.csv`.
+    """
+    single = [row for row in rows if row["kind"] == "single"]
+    columns = {
+        "single, 2+": [row for row in single if float(row["floors"]) >= STRONG_FLOORS],
+        "single, below 2": [row for row in single if float(row["floors"]) < STRONG_FLOORS],
+        **{kind: [r for r in rows if r["kind"] == kind] for kind in ("pair", "unknown", "none")},
+    }
+    lines = [f"| verdict | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns)]
+    for line in sorted({_outcome(row) for row in rows}):
+        cells = [
+            _counts([row for row in chosen if _outcome(row) == line]) for chosen in columns.values()
+        ]
+        lines.append(f"| {OUTCOMES[line][0]} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _outcome(row: dict[str, str]) -> int:
+    """The line of `OUTCOMES` that a verdict counts in."""
+    return next(
+        line
+        for line, (_, kinds, said) in enumerate(OUTCOMES)
+        if row["verdict"] in kinds and said in row["withheld"]
+    )
+
+
+def _counts(rows: list[dict[str, str]]) -> str:
+    """Verdicts a tier; of single effects also those whose true class leads."""
+    cells = []
+    for tier in TIERS:
+        chosen = [row for row in rows if row["tier"] == tier]
+        leads = sum(row["leads"] == "1" for row in chosen)
+        single = any(row["kind"] == "single" for row in chosen)
+        cells.append(f"{leads} of {len(chosen)}" if single else str(len(chosen)))
+    return " / ".join(cells)
 
 
 def targets_table(scores: dict[str, Any]) -> str:
