@@ -1,0 +1,227 @@
+"""The campaign as numbers: features, repeats, the table's recordings."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.floor import _repeats
+from vsr2.diagnosis.observed.features import Sampling, rest_features, tilt_features
+from vsr2.diagnosis.observed.observations import observe_campaign, rest_logarithm
+from vsr2.diagnosis.observed.table import agreement, table_residuals
+from vsr2.diagnosis.planted import shaken_campaign
+from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
+
+
+def test_features_of_a_series() -> None:
+    time = np.arange(0, 4, 0.01)
+    tilt = np.where((time > 1) & (time < 2), 0.1 * np.sin(np.pi * (time - 1)), 0.0)
+    tilt += np.where((time > 2.1) & (time < 2.6), 0.04 * np.sin(np.pi * (time - 2.1) / 0.5), 0.0)
+    found = tilt_features(time, np.stack([tilt, np.zeros_like(tilt)], axis=1))
+    assert found[0, 0] == pytest.approx(1.04, abs=0.02)
+    np.testing.assert_allclose(np.exp(found[0, [1, 3]]), [0.1, 0.04], rtol=0.01)
+    assert found[0, 4] == pytest.approx(2.56, abs=0.02)
+    assert np.isnan(found[1]).all()
+
+
+def test_turn_and_travel_are_those_between_the_rests() -> None:
+    rows = 40
+    half = 0.5 * np.linspace(0.0, 0.3, rows).clip(0, 0.2)
+    orientation = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], axis=1)
+    position = np.tile([0.13, -0.04, 0.0], (rows, 1))
+    tilt, table = np.zeros(rows), np.full(rows, 0.1)
+    # A quaternion and its negative are one orientation.
+    for sign in (1.0, -1.0):
+        found = rest_features(tilt, position, sign * orientation, table)
+        np.testing.assert_allclose(found, [0.2, 0.05], rtol=1e-9)
+    np.testing.assert_allclose(rest_features(None, position, orientation, None), [0.2, np.nan])
+    assert np.isnan(rest_features(tilt + 1.2, position, orientation, table)).all()
+
+
+def test_creep_below_the_resolution_is_taken_for_none() -> None:
+    size = np.array([0.0, 0.004, 0.0099, 0.02, np.nan])
+    found = rest_logarithm(size, 0.01, 0.0001)
+    np.testing.assert_allclose(np.exp(found), [0.01, 0.01, 0.01, 0.02, np.nan])
+    # A coarse instrument resolves less.
+    np.testing.assert_allclose(np.exp(rest_logarithm(size, 0.01, 0.01))[3], 0.03)
+
+
+def recorded(gain=1.0, delay=0.0, corner=0.0, seed=0, interval=0.005, noise=2e-6):
+    """A shaken table: displacement and acceleration of a pulse train, with their noise.
+
+    The accelerometer is late, scaled, and passes nothing slow (first order, `corner` in Hz).
+    """
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 8.0, interval)
+    displacement = sum(
+        0.02 * np.exp(-(((time - at) / 0.35) ** 2)) * np.sin(2 * np.pi * f * (time - at))
+        for at, f in ((2.0, 1.1), (3.5, 2.3), (5.0, 3.1))
+    )
+    frequency = np.fft.rfftfreq(time.size, interval)
+    # Of the second difference, which is what a sampled displacement tells, gain restored.
+    spectrum = -((2 * np.pi * frequency) ** 2) * np.fft.rfft(displacement)
+    spectrum *= gain * np.exp(-2j * np.pi * frequency * delay)
+    if corner:
+        spectrum *= 1j * frequency / (1j * frequency + corner)
+    acceleration = np.fft.irfft(spectrum, time.size)
+    return Record(
+        name="table",
+        sample_interval=interval,
+        displacement=displacement + noise * rng.standard_normal(time.size),
+        acceleration=acceleration + 0.02 * rng.standard_normal(time.size),
+    )
+
+
+def test_two_recordings_of_a_table_check_each_other() -> None:
+    gain_slow, _, gain_fast, phase_fast = agreement(recorded(gain=1.03, delay=0.004))
+    for value, error in (gain_slow, gain_fast):
+        assert value == pytest.approx(np.log(1.03), abs=4 * error)
+        assert error < 0.01
+    # Most of the fast power is at 2 to 4 Hz, where 4 ms are 0.05 to 0.1 rad.
+    assert -0.1 < phase_fast[0] < -0.05
+    one = dataclasses.replace(recorded(), acceleration=None)
+    assert np.isnan(agreement(one)).all()
+
+
+def test_an_accelerometer_that_passes_nothing_slow_leads_and_is_low_there() -> None:
+    found = agreement(recorded(corner=0.3))
+    gain_slow, phase_slow, gain_fast, phase_fast = found[:, 0]
+    # 1 / (1 - 0.3i / f) from 0.5 to 2 Hz: between 14 and 1 % low, ahead by 31 to 8.5 degrees.
+    assert -0.16 < gain_slow < -0.01
+    assert np.radians(8.5) < phase_slow < np.radians(31)
+    assert -0.012 < gain_fast < 0.002
+    assert 0.02 < phase_fast < np.radians(8.6)
+
+
+def test_fast_noise_of_the_displacement_hides_no_band() -> None:
+    """Sampled 800 times a second, noise of 0.02 mm is 30 m/s^2 of its second difference."""
+    found = agreement(recorded(gain=1.1, interval=0.00125, noise=2e-5))
+    gain_slow, _, gain_fast, _ = found
+    for value, error in (gain_slow, gain_fast):
+        assert value == pytest.approx(np.log(1.1), abs=4 * error)
+
+
+@pytest.mark.parametrize("last", [True, False])
+def test_the_ends_of_a_record_tell_nothing_of_the_instruments(last) -> None:
+    """A cosine's ends are steps, which fill the fast bands."""
+    time = np.arange(0.0, 6.0, 0.005)
+    omega = 2 * np.pi * 0.9
+    acceleration = 2.0 * np.cos(omega * time)
+    acceleration[-1] *= last
+    one = Record(
+        name="cosine",
+        sample_interval=0.005,
+        displacement=2.0 / omega**2 * (1 - np.cos(omega * time)),
+        acceleration=acceleration,
+    )
+    gain_slow, phase_slow, *fast = agreement(one)
+    # Instruments in order are taken to differ by 0.01.
+    assert np.abs([gain_slow[0], phase_slow[0]]).max() < 0.005
+    assert np.abs(np.nan_to_num(fast)).max() < 0.01
+
+
+def test_noise_alone_makes_recordings_differ_by_their_standard_errors() -> None:
+    found = np.stack([agreement(recorded(seed=seed)) for seed in range(60)])
+    over = found[:, :, 0] / found[:, :, 1]
+    # The mean of 60 within 0.5; errors may be too large, by half, but hardly too small.
+    assert np.abs(over.mean(axis=0)).max() < 0.5
+    deviation = over.std(axis=0)
+    assert (deviation > 0.5).all()
+    assert (deviation < 1.25).all()
+
+
+def table_campaign(*records):
+    """Eight trials of each record."""
+    plain = shaken_campaign(len(records), 8, duration=2.0)
+    ids = sorted({trial.motion for trial in plain.trials})
+    return dataclasses.replace(
+        plain,
+        trials=tuple(dataclasses.replace(t, motion_file=t.motion) for t in plain.trials),
+        motions=dict(zip(ids, records, strict=True)),
+    )
+
+
+def test_the_table_s_residuals_are_those_that_its_null_expects() -> None:
+    calm = table_residuals(table_campaign(*(recorded(seed=s) for s in range(5))), null=400)
+    assert calm is not None
+    assert calm.residual.shape == calm.variance.shape == (4, 40)
+    assert calm.null.shape == (400, 4, 40)
+    assert (calm.variance == 1).all()
+    np.testing.assert_allclose(calm.null.std(axis=(0, 2)), 1.0, atol=0.12)
+    # Noise far below the calibration error: all records of a null campaign err together.
+    assert (calm.null.mean(axis=2).std(axis=0) > 0.85).all()
+    assert np.abs(calm.residual).max() < 1.5
+    off = [recorded(gain=1.03, seed=s) for s in range(4)]
+    one = dataclasses.replace(recorded(), acceleration=None)
+    loud = table_residuals(table_campaign(*off, one), null=400)
+    assert loud is not None
+    known = loud.variance[0] > 0
+    assert known.sum() == 32
+    # ln(1.03) over 1 % and less noise.
+    expected = np.log(1.03) / np.hypot(0.01, agreement(off[0])[0, 1])
+    assert loud.residual[0, known].mean() == pytest.approx(expected, abs=0.4)
+    assert (loud.residual[:, ~known] == 0).all()
+    assert (loud.null[:, :, ~known] == 0).all()
+    assert table_residuals(table_campaign(one, one, one, one), null=9) is None
+
+
+def test_simulated_series_are_measured_as_the_campaign_was() -> None:
+    time = np.arange(0, 2, 0.01)
+    tilt = 0.1 * np.sin(np.pi * time).clip(0)
+    coarse, seen = Sampling(0.05, 0.0).measured(time, tilt, None)
+    np.testing.assert_allclose(np.diff(coarse), 0.05)
+    np.testing.assert_allclose(seen, tilt[::5], atol=1e-12)
+    noisy = Sampling(0.05, 0.002).measured(time, tilt, np.random.default_rng(1))[1]
+    assert 0.001 < (noisy - seen).std() < 0.003
+    assert (noisy >= 0).all()
+
+
+def test_repeats_are_known_by_their_recordings() -> None:
+    """One motion again with a recording of its own, of nearly the same size, is a repeat."""
+    plain = shaken_campaign(5, 8, duration=1.5, pga=(0.1, 1.6))
+    trials = [dataclasses.replace(trial, overturned=False) for trial in plain.trials]
+    motions = dict(plain.motions)
+
+    def again(of: int, factor: float, **changes: object) -> None:
+        record = motions[str(trials[of].motion_file)]
+        name = f"again{len(trials)}"
+        motions[name] = dataclasses.replace(
+            record, name=name, acceleration=record.acceleration * factor
+        )
+        added = {"trial": name, "order": len(trials), "motion_file": name} | changes
+        trials.append(dataclasses.replace(trials[of], **added))
+
+    def found() -> tuple[list[int], int]:
+        blocks = dict.fromkeys(["block", "another"], plain.specimens["block"])
+        campaign = dataclasses.replace(
+            plain, trials=tuple(trials), motions=motions, specimens=blocks
+        )
+        repeated, differ = _repeats(observe_campaign(campaign, "B"))
+        return repeated.tolist(), int(differ.sum())
+
+    assert found() == ([], 0)
+    again(7, 1.015)
+    assert found() == ([7], 0)
+    again(7, 1.01, overturned=True)
+    assert found() == ([7, 7, 40], 2), "three trials are three pairs, and the last differs from two"
+    again(7, 1.05)
+    again(7, 1.01, motion="another")
+    again(7, 1.01, specimen="another")
+    assert found() == ([7, 7, 40], 2), "another amplitude, another motion, another block"
+    again(20, 1.0, motion_file=trials[20].motion_file, overturned=True)
+    assert found() == ([7, 7, 20, 40], 3), "one motion file twice"
+
+
+def test_a_motion_that_does_not_move_is_named() -> None:
+    plain = shaken_campaign(5, 8, duration=1.5)
+    trials = tuple(dataclasses.replace(trial, overturned=False) for trial in plain.trials)
+    name = str(trials[7].motion_file)
+    rest = dataclasses.replace(
+        plain.motions[name], acceleration=np.zeros_like(plain.motions[name].acceleration)
+    )
+    campaign = dataclasses.replace(plain, trials=trials, motions=plain.motions | {name: rest})
+    with pytest.raises(DiagnosisError, match=rf"rests in the motion '{name}' of trial 'T007'"):
+        observe_campaign(campaign)

@@ -1,0 +1,176 @@
+"""Parts of the diagnosis that simulate: the bank, draws, the library."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.budget import MAX_DRAWS, Budget, Schedule
+from vsr2.diagnosis.diagnose import _settled
+from vsr2.diagnosis.how_far.anew import ANEW_RUNS
+from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
+from vsr2.diagnosis.simulated.bank import Bank, own_code
+from vsr2.diagnosis.simulated.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
+from vsr2.effects import library as full_library
+from vsr2.errors import DiagnosisError
+
+TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
+
+
+class Counting:
+    """A simulator that counts, and stops on request."""
+
+    library = TWO
+    nuisance_names = ("z",)
+    identity = "counting"
+
+    def __init__(self, stop_after=None):
+        self.runs = 0
+        self.stop_after = stop_after
+
+    def trial_key(self, trial):
+        return str(trial)
+
+    def nuisance_draw(self, index):
+        return nuisance_normal(0, 1, index)
+
+    def run(self, requests):
+        self.runs += len(requests)
+        if self.stop_after is not None and self.runs > self.stop_after:
+            raise KeyboardInterrupt
+        value = np.array([hash((r.trial, r.nuisance, r.effects)) % 97 for r in requests]) / 97
+        return Responses((value > 0.5).astype(float), value, None)
+
+
+def test_an_interrupted_bank_goes_on_where_it_stopped(tmp_path) -> None:
+    requests = [Request(i % 10, (), i // 10, 1) for i in range(40)]
+    whole = Bank(Counting()).run(requests)
+    with pytest.raises(KeyboardInterrupt), Bank(Counting(25), tmp_path / "b", chunk=10) as bank:
+        bank.run(requests)
+    simulator = Counting()
+    with Bank(simulator, tmp_path / "b", chunk=10) as bank:
+        found = bank.run([*requests, requests[3]])
+        assert (bank.simulated, bank.reused, bank.size) == (20, 20, 40)
+    assert simulator.runs == 20
+    np.testing.assert_array_equal(found.peak_tilt[:40], whole.peak_tilt)
+    assert found.peak_tilt[40] == whole.peak_tilt[3]
+
+
+def test_a_bank_tells_effects_nuisances_replicates_and_scenes_apart(tmp_path) -> None:
+    keys = [
+        Request(0, (), 0, 0),
+        Request(0, (), 1, 0),
+        Request(0, (), 0, 1),
+        Request(0, (("table_gain", (0.1,)),), 0, 0),
+        Request(1, (), 0, 0),
+    ]
+    with Bank(Counting(), tmp_path / "b") as bank:
+        bank.run(keys)
+        assert bank.simulated == 5
+    other = Counting()
+    other.identity = "another scene"
+    with Bank(other, tmp_path / "b") as bank:
+        bank.run(keys)
+        assert bank.simulated == 5
+
+
+TYPED_IN = """
+class Gain(library_s):
+    def change(self, setup, values):
+        return setup, {slope} * values["change"]
+"""
+
+
+def test_a_bank_tells_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) -> None:
+    library_s = type(full_library()["table_gain"])
+
+    class Gain(library_s):
+        """An effect of the user's, under the name of one of the library's."""
+
+        def change(self, setup, values):
+            return setup
+
+    kinds = [library_s, Gain]
+    # Of a class without a word of its own the base tells.
+    kinds.append(type("Gain", (Gain,), {}))
+    for slope in (1.0, 2.0):
+        # As at a prompt, where no source is kept.
+        names = {"library_s": library_s, "__name__": "prompt"}
+        exec(TYPED_IN.format(slope=slope), names)
+        kinds.append(names["Gain"])
+    assert own_code(kinds[0]) == ""
+    with_it, without = Request(0, (("table_gain", (0.1,)),), 0, 0), Request(0, (), 0, 0)
+    simulated = []
+    for kind in (*kinds, *kinds):
+        simulator = Counting()
+        simulator.library = TWO | {"table_gain": kind()}
+        with Bank(simulator, tmp_path / "b") as bank:
+            bank.run([with_it, without])
+            simulated.append(bank.simulated)
+    # What no effect acts on is simulated once for all of them.
+    assert simulated == [2, 1, 0, 1, 1, 0, 0, 0, 0, 0]
+
+
+def test_only_effects_in_the_race_get_twice_the_draws() -> None:
+    schedule = Schedule(Budget(simulations=100_000), Bank(Counting()), 50, TWO)
+    told = {"table_gain": 0.9, "restitution": 0.001}
+    first = dict.fromkeys(TWO, 24)
+    more = schedule.next_draws(first, told)
+    assert more == {"table_gain": 48, "restitution": 24}
+    # Who fell behind once stays behind.
+    assert schedule.next_draws(more, dict.fromkeys(TWO, 0.5)) == {
+        "table_gain": 96,
+        "restitution": 24,
+    }
+    assert schedule.next_draws({"table_gain": MAX_DRAWS, "restitution": 24}, told) is None
+
+
+def test_what_dropped_trials_cost_is_kept_back() -> None:
+    bank = Bank(Counting())
+    schedule = Schedule(Budget(simulations=10_000), bank, 50, TWO)
+    schedule.fit(20)
+    rest = 10_000 - DROPPED_RUNS * 30 - ANEW_RUNS * 20
+    assert schedule.affords(rest, bank)
+    assert not schedule.limited
+    assert not schedule.affords(rest + 1, bank)
+    assert schedule.limited
+    bank.run([Request(0, (), i, 1) for i in range(10)])
+    assert not schedule.affords(rest - 9, bank)
+    assert schedule.affords(rest - 10, bank)
+
+
+def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
+    def one(group: list[str], p: float) -> SimpleNamespace:
+        return SimpleNamespace(leading=group, inference=SimpleNamespace(gap_p=0.5, direction_p=p))
+
+    same = [one(["catch", "table_gain"], 0.01), one(["catch"], 0.02), one(["catch"], 0.001)]
+    assert _settled(same)
+    assert not _settled(same[1:])
+    assert _settled([one(["wear"], 0.5), *same]), "of the last three"
+    assert not _settled([*same[:2], one(["wear"], 0.01)])
+    assert not _settled([*same[:2], one(["catch"], 0.03)]), "a gap, and then none"
+
+
+def test_a_file_that_is_no_bank_is_refused(tmp_path) -> None:
+    (tmp_path / "b").write_text("no bank at all, and long enough to be looked at" * 20)
+    with pytest.raises(DiagnosisError, match="choose another folder"):
+        Bank(Counting(), tmp_path / "b")
+
+
+@pytest.mark.parametrize("name", sorted(full_library()))
+def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
+    entry = full_library()[name]
+    free = free_parameters(entry)
+    nulls = [null_quantile(p) for p in free]
+    primary = [null for p, null in zip(free, nulls, strict=True) if not p.secondary]
+    if any(null is None or not 1e-6 < null < 1 - 1e-6 for null in primary):
+        # Presence itself is one of the functions of an effect with one side.
+        assert basis(entry, np.full((1, len(free)), 0.5)).shape[1] >= len(free)
+        return
+    u = np.array([[0.3 if null is None else null for null in nulls]])
+    np.testing.assert_allclose(basis(entry, u), 0.0, atol=1e-9)
+    assert len(values_at(entry, u[0])) == len(entry.parameters)
