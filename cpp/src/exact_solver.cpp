@@ -54,21 +54,25 @@ inline void apply(const Row& row, double impulse, double* v, double* vs) {
     for (int i = 1; i < ExactSolver::kJoints; ++i) vs[i] += row.ds_more[i - 1] * impulse;
 }
 
-template <bool kFlat, Order kOrder, Kind kKind>
-inline void solve_row(Row& row, double* v, double* vs) {
-  double change = unclamped_change<kFlat, kOrder, kKind>(row, v, vs);
+// Adds to the impulse applied, within bounds; `row.change` is what was added.
+inline void accumulate(Row& row, double change, double lower, double upper) {
   const double sum = row.applied + change;
-  if (sum < row.lower) {
-    change = row.lower - row.applied;
-    row.applied = row.lower;
-  } else if (sum > row.upper) {
-    change = row.upper - row.applied;
-    row.applied = row.upper;
+  if (sum < lower) {
+    change = lower - row.applied;
+    row.applied = lower;
+  } else if (sum > upper) {
+    change = upper - row.applied;
+    row.applied = upper;
   } else {
     row.applied = sum;
   }
   row.change = change;
-  apply<kFlat>(row, change, v, vs);
+}
+
+template <bool kFlat, Order kOrder, Kind kKind>
+inline void solve_row(Row& row, double* v, double* vs) {
+  accumulate(row, unclamped_change<kFlat, kOrder, kKind>(row, v, vs), row.lower, row.upper);
+  apply<kFlat>(row, row.change, v, vs);
 }
 
 // Two friction rows within a circle, as Bullet clips them.
@@ -76,9 +80,9 @@ template <bool kFlat, Order kOrder>
 inline void solve_pair(Row& a, Row& b, double total, double* v, double* vs) {
   a.lower = -(a.friction * total);
   b.lower = -(b.friction * total);
-  double change_b = unclamped_change<kFlat, kOrder, Kind::lateral_2>(b, v, vs);
+  const double change_b = unclamped_change<kFlat, kOrder, Kind::lateral_2>(b, v, vs);
   const double sum_b = b.applied + change_b;
-  double change_a = unclamped_change<kFlat, kOrder, Kind::lateral_1>(a, v, vs);
+  const double change_a = unclamped_change<kFlat, kOrder, Kind::lateral_1>(a, v, vs);
   const double sum_a = a.applied + change_a;
   if (sum_a * sum_a + sum_b * sum_b >= a.lower * b.lower) {
     double limit_a = 0.0;
@@ -89,27 +93,16 @@ inline void solve_pair(Row& a, Row& b, double total, double* v, double* vs) {
       limit_a = std::fabs(a.lower * std::sin(angle));
       limit_b = std::fabs(b.lower * std::cos(angle));
     }
-    const auto clip = [](Row& row, double& change, double sum, double limit) {
-      if (sum < -limit) {
-        change = -limit - row.applied;
-        row.applied = -limit;
-      } else if (sum > limit) {
-        change = limit - row.applied;
-        row.applied = limit;
-      } else {
-        row.applied = sum;
-      }
-    };
-    clip(a, change_a, sum_a, limit_a);
-    clip(b, change_b, sum_b, limit_b);
+    accumulate(a, change_a, -limit_a, limit_a);
+    accumulate(b, change_b, -limit_b, limit_b);
   } else {
     a.applied = sum_a;
+    a.change = change_a;
     b.applied = sum_b;
+    b.change = change_b;
   }
-  a.change = change_a;
-  b.change = change_b;
-  apply<kFlat>(a, change_a, v, vs);
-  apply<kFlat>(b, change_b, v, vs);
+  apply<kFlat>(a, a.change, v, vs);
+  apply<kFlat>(b, b.change, v, vs);
 }
 
 template <bool kFlat, Order kOrder>
@@ -120,19 +113,10 @@ void run_iteration(System& s) {
   std::copy(s.vs, s.vs + ExactSolver::kJoints, vs);
   for (Row& row : s.motor) {
     // Bullet takes the slider as both bodies of its motor; the second has a Jacobian of zeros.
-    double change = (row.rhs - row.applied * row.cfm) - (0.0 + row.js * vs[0]) * row.inverse;
-    const double sum = row.applied + change;
-    if (sum < row.lower) {
-      change = row.lower - row.applied;
-      row.applied = row.lower;
-    } else if (sum > row.upper) {
-      change = row.upper - row.applied;
-      row.applied = row.upper;
-    } else {
-      row.applied = sum;
-    }
-    row.change = change;
-    vs[0] += row.ds * change;
+    const double change =
+        (row.rhs - row.applied * row.cfm) - (0.0 + row.js * vs[0]) * row.inverse;
+    accumulate(row, change, row.lower, row.upper);
+    vs[0] += row.ds * row.change;
   }
   for (Row& row : s.normals) solve_row<kFlat, kOrder, Kind::normal>(row, v, vs);
   for (Row& row : s.spinning) {
