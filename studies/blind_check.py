@@ -254,7 +254,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
         opened: dict[str, Any] = json.loads((key / "key.json").read_text())["key"]
         for case in read_cases(data, opened, verdicts):
             named = case.verdict.kind in ("effect", "class", "pair")
-            leads = case.kind == "single" and leading_class(case) in case.truth
+            leads = case.kind == "single" and case.first[0] in case.truth
             rows.append(
                 {
                     "part": number,
@@ -267,6 +267,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "named": " ".join(case.verdict.effects) if named else "",
                     "probability": f"{case.verdict.probability:.3f}",
                     "right": int(top_one(case)) if named else "",
+                    "answer": case.first[0],
                     "first": leading_class(case),
                     "leads": int(leads) if case.kind == "single" else "",
                     "closure": "" if case.verdict.closure is None else case.verdict.closure,

@@ -6,7 +6,7 @@ Reads `scores.json` and `verdicts.csv` of a results folder of `blind_check.py`. 
 about 580 trials and for effects of 2 floors or more; a score is given for that group at tiers
 B / M / T, by engine, and for all campaigns of the engine where the group is small. Numbers in
 brackets are campaigns; where tiers differ, one a tier. The second table counts what the verdicts of
-both engines came to: of single effects those whose true class leads, and all.
+both engines came to: of single effects those whose true class is the most probable answer, and all.
 """
 
 from __future__ import annotations
@@ -36,12 +36,22 @@ class Row:
 
 ROWS = (
     Row(
-        "most probable class is the true one",
-        "most probable class, whatever the verdict (single)",
+        "most probable answer is the true class",
+        "most probable answer, whatever the verdict (single)",
         ".70 / .85 / .92; .10 less",
         (STRONG, ALL),
     ),
-    Row("the same, where the verdict names effects", "top-1 class (single)", "-"),
+    Row(
+        "the same, where the verdict names it",
+        "top-1 class (single)",
+        ".70 / .85 / .92; .10 less",
+    ),
+    Row(
+        "the true class leads all other effects",
+        "most probable effect's class, whatever the verdict (single)",
+        "-",
+        (STRONG, ALL),
+    ),
     Row("90 % set: coverage", "90 % set: coverage", ".87 to .95; .85", (STRONG, ALL)),
     Row("90 % set: median size", "90 % set: median size", "4 / 2 / 2; -"),
     Row("log score below uniform", "log score below uniform", ".40 / .60 / .75; .35 (M)"),
@@ -153,7 +163,7 @@ def _outcome(row: dict[str, str]) -> int:
 
 
 def _counts(rows: list[dict[str, str]]) -> str:
-    """Verdicts a tier; of single effects also those whose true class leads."""
+    """Verdicts a tier; of single effects also those whose true class is the most probable answer."""
     cells = []
     for tier in TIERS:
         chosen = [row for row in rows if row["tier"] == tier]

@@ -30,7 +30,7 @@ from vsr2.blind.mujoco import (
     with_effects,
 )
 from vsr2.blind.mujoco.ground import acceleration_of
-from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS
+from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS, step_actions
 from vsr2.blind.mujoco.model import build_model
 from vsr2.effects.order import ChangePoint
 from vsr2.effects.setup import Circumstances
@@ -259,8 +259,8 @@ def planar_peak(start, damping=0.0, arm=0.0):
     return rise.y[0, -1]
 
 
-def next_peaks(**changes):
-    response = free_rocking(**changes)
+def next_peaks(strength=6.0, **changes):
+    response = free_rocking(strength, **changes)
     return response.tilt[peaks(response)][:2]
 
 
@@ -275,10 +275,35 @@ def test_rocking_damping_is_that_of_the_equation_of_motion() -> None:
     assert planar_peak(first) > 1.05 * second
 
 
+def test_rocking_damping_takes_its_share_of_the_velocity() -> None:
+    # A tilted block in the air, without a contact: v = v_0 exp(-2 zeta p t), p^2 = m g R / I_O.
+    import mujoco
+
+    base = under("rocking_damping", situation(), ratio=0.05)
+    model = build_model(base, 0.001)
+    data = mujoco.MjData(model)
+    data.qpos[3:8] = [10.0, math.cos(0.05), 0.0, math.sin(0.05), 0.0]
+    data.qvel[1] = 2.0
+    (damp,) = step_actions(base, model, data, 1, ["x"], 0.001)
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+        damp(-1)
+    p = math.sqrt(BLOCK.mass * G * BLOCK.radius / BLOCK.pivot_inertia)
+    assert data.qvel[1] == pytest.approx(2.0 * math.exp(-2 * 0.05 * p * 0.3), rel=1e-6)
+
+
 def test_rolling_resistance_is_that_of_the_equation_of_motion() -> None:
-    first, second = next_peaks(rolling_resistance=0.005)
-    assert planar_peak(first, arm=0.005) == pytest.approx(second, rel=0.06)
-    assert planar_peak(first) > 1.05 * second
+    model = build_model(under("rolling_resistance", situation(), arm=0.01), 0.001)
+    assert model.geom_friction[:, 2].max() == 0.01
+    # Impacts scatter by some 3 % of the next peak, so over 13 of them: the logarithm of what
+    # resistance takes, a tenth, within a fifth.
+    taken, foretold = [], []
+    for strength in np.linspace(5.8, 7.0, 13):
+        first, second = next_peaks(strength, rolling_resistance=0.01)
+        taken.append(math.log(second / planar_peak(first)))
+        foretold.append(math.log(planar_peak(first, arm=0.01) / planar_peak(first)))
+    assert np.mean(foretold) == pytest.approx(-0.1, abs=0.01)
+    assert np.mean(taken) == pytest.approx(np.mean(foretold), rel=0.2)
 
 
 def test_restitution_multiplies_the_ratio_that_is_there() -> None:
@@ -318,7 +343,7 @@ BONDED_G = G + 5000.0 * BLOCK.base_area / BLOCK.mass
 )
 def test_a_bond_holds_until_its_strength(name, values, expected) -> None:
     bond = {"adhesion": {"strength": 5.0}}
-    for factor, free in ((0.98, False), (1.02, True)):
+    for factor, free in ((0.997, False), (1.003, True)):
         effects = bond | ({name: values} if values else {})
         response = run_trial(with_effects(situation(factor * expected), effects))
         assert (response.peak_tilt > 1e-3) == free

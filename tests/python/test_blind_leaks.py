@@ -206,6 +206,27 @@ def test_series_of_either_engine_end_on_one_clock(study, tmp_path) -> None:
     assert "series_interval_s: 0.02\n" in (tmp_path / "c" / "campaign.yaml").read_text()
 
 
+def test_noise_does_not_tell_which_rock_falls() -> None:
+    # Series of 40 rocks at rest, which say that they fell or that they did not, scatter as stated.
+    settings = PackSettings(trials=40, motions=1, sessions=1, catalogue=1)
+    drawn = draw_protocol(np.random.default_rng(3), pulses(1, 1), [5.5], settings)
+    time = np.arange(0.0, 20.0, 0.1)
+    rest = np.tile([0.0, 0.0, 0.0, 1.0], (time.size, 1))
+    for largest in (0.3, 2.0):
+        seen = [Observed(False, largest, time, 0.1 + 0 * time, np.zeros((time.size, 3)), rest)] * 40
+        campaign = written_campaign("c", drawn, seen, settings, np.random.default_rng(1))
+        series = [trial.series for trial in campaign.trials]
+        found = {
+            "tilt_noise": np.concatenate([s.tilt for s in series]).std(),
+            "position_noise": np.concatenate([s.position for s in series]).std(),
+            "orientation_noise": 2 * np.concatenate([s.orientation[:, :3] for s in series]).std(),
+        }
+        for name, deviation in found.items():
+            stated = getattr(settings.tolerances, name)
+            # 8,000 rows or more: within 1 %.
+            assert deviation == pytest.approx(stated, rel=0.04), (largest, name)
+
+
 def test_ids_tell_neither_kind_nor_order(quick, study, tmp_path) -> None:
     make(study, tmp_path, single=8, none=8, pair=0, unknown=0)
     key = open_key(tmp_path / "data", tmp_path / "key")
@@ -309,6 +330,11 @@ def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> Non
     with pytest.raises(BlindError, match="this pack needs 3"):
         planned(single=2, pair=1, floors=floors)
     assert len(planned(single=2, none=2, unknown=2, floors=floors)[0]) == 6
+    # All decoys would be of the one unknown effect's class but those of campaigns that have it.
+    with pytest.raises(BlindError, match="of one class alone"):
+        PackSettings(engines=("bullet", "mujoco"), single=2, unknown=1)
+    PackSettings(single=0, pair=0, none=2, unknown=1)
+    PackSettings(engines=("bullet", "mujoco"), single=2, unknown=(2, 1))
     assert len(planned(leave_one_out=2, floors=floors)[0]) == 4
 
 

@@ -62,9 +62,9 @@ def energy(tilt, body=BLOCK):
     return np.cos(alpha - tilt) - math.cos(alpha)
 
 
-def free_rocking(**changes):
-    """Tilt of a block that a short strong pulse set rocking, once the table rests."""
-    table = TableMotion(INTERVAL, burst(0.8, 1.0, 0.05) * 6.0)
+def free_rocking(strength=6.0, **changes):
+    """Tilt of a block that a short strong pulse [m/s^2] set rocking, once the table rests."""
+    table = TableMotion(INTERVAL, burst(0.8, 1.0, 0.05) * strength)
     shaken = situation(friction=2.0, **changes)
     response = run_trial(replace(shaken, table=table), series_interval=0.001)
     after = response.time > table.duration + 0.01

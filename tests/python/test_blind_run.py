@@ -56,7 +56,7 @@ class Stub:
 def small(quick, study, tmp_path):
     # The stub names table_gain, whose class is withheld from no campaign so.
     effects = ("wear", "restitution", "friction", "inertia")
-    make(study, tmp_path, single=2, none=1, pair=0, unknown=1, effects=effects)
+    make(study, tmp_path, single=1, none=1, pair=0, unknown=2, effects=effects)
     Stub.calls = []
     return tmp_path / "data"
 
@@ -460,7 +460,7 @@ def test_baselines_are_trained_on_another_pack_that_is_open(small, study, tmp_pa
     copied = tmp_path / "copied"
     shutil.copytree(small, copied / "data")
     shutil.copytree(key, copied / "key")
-    make(study, tmp_path / "sealed", seed=2, single=2, none=1, pair=0, unknown=1)
+    make(study, tmp_path / "sealed", seed=2, single=2, none=1, pair=0, unknown=2)
 
     def scored(folder):
         training = (folder / "data", folder / "key")

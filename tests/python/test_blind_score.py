@@ -22,6 +22,7 @@ from vsr2.blind.scoring.intervals import (
 )
 from vsr2.blind.scoring.packs import Scored, format_scores
 from vsr2.blind.scoring.score import (
+    ANSWER,
     CALIBRATION_NOISE,
     FIRST,
     GAIN,
@@ -105,6 +106,9 @@ def figure(scores, name):
 
 def test_hits_are_counted_by_class(scores) -> None:
     assert figure(scores, "top-1 class (single)") == (0.5, 4)
+    # Of d none is the most probable answer, and its class the most probable of effects.
+    assert figure(scores, ANSWER) == (0.5, 4)
+    assert figure(scores, FIRST) == (0.75, 4)
     assert figure(scores, "top-3 class (single)") == (1.0, 4)
     assert figure(scores, "detected (single)") == (0.75, 4)
     assert figure(scores, "false alarms (none)") == (0.5, 2)
@@ -523,15 +527,15 @@ def test_an_interval_holds_its_value() -> None:
 def test_baselines_stand_beside_the_tiers() -> None:
     def scores(value):
         own = Score(value, value, value, 10)
-        return {FIRST: own, GAIN: own, NAMED: Score(1 - value, 0.0, 1.0, 10)}
+        return {ANSWER: own, GAIN: own, NAMED: Score(1 - value, 0.0, 1.0, 10)}
 
     found = {("commonest", "all"): 0.2, ("M", "all"): 0.6, ("metadata", "all"): 0.1}
     scored = Scored({key: scores(value) for key, value in found.items()}, [], [], False)
     # Over the best of them, which is the commonest answer.
-    assert scored.margins(FIRST) == {"M": pytest.approx(0.4)}
+    assert scored.margins(ANSWER) == {"M": pytest.approx(0.4)}
     table = format_scores(scored)
     assert "| score | M | commonest | metadata |" in table
-    assert f"Above the best baseline, {FIRST}: M +0.40." in table
+    assert f"Above the best baseline, {ANSWER}: M +0.40." in table
     assert f"Above the best baseline, {NAMED}: M -0.50." in table
     assert f"A baseline does better in: {NAMED} (M)." in table
     # Of a calibration error the least is best: 0.1 of the worse baseline.
@@ -542,5 +546,5 @@ def test_baselines_stand_beside_the_tiers() -> None:
     # Whoever names all trials, or random ones, gets 1.
     assert f"| {GAIN} | 0.60 [0.60, 0.60] (10) | 1.00 | 1.00 |" in table
     alone = Scored({("M", "all"): scores(0.6)}, [], [], False)
-    assert alone.margins(FIRST) == {}
+    assert alone.margins(ANSWER) == {}
     assert "Without trivial baselines" in format_scores(alone)

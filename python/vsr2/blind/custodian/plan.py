@@ -245,6 +245,13 @@ def _left_out(
     counts = Counter(next(iter(own[i])) for i in unknown)
     if not unknown:
         counts = Counter(members for classes in hidden.values() for members in set(classes))
+    if unknown and len(counts) == 1 and any(own[i] for i in others):
+        (members,) = counts
+        raise BlindError(
+            f"all unknown effects that could be drawn are of the class {' = '.join(members)}, so "
+            "that one that lacks another would have an effect of it; raise unknown, allow effects "
+            "of more classes, or take another seed"
+        )
     rest = {members: count * len(others) / counts.total() for members, count in counts.items()}
     out = [next(iter(own[i])) if i in unknown else () for i in range(len(made))]
     for i in others:

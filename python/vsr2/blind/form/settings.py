@@ -125,6 +125,12 @@ class PackSettings:
             )
         if self.leave_one_out < 0:
             raise BlindError(f"leave_one_out is {self.leave_one_out}; give 0 or more campaigns")
+        if not self.leave_one_out and max(self.unknown) == 1 and sum(self.single + self.pair):
+            raise BlindError(
+                f"unknown is {self.unknown}; where effects of one class alone are unknown, all "
+                "others lack that class, and one that lacks another has an effect of it: give 0, "
+                "or at least 2 of an engine"
+            )
         asked = sum(n for engine in self.engines for n in self.counts(engine).values())
         if asked + self.leave_one_out == 0:
             raise BlindError("no campaign asked for; give a kind a number above 0")

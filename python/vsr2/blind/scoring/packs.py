@@ -30,9 +30,9 @@ from vsr2.blind.scoring.cases import ALL, Case, read_cases
 from vsr2.blind.scoring.intervals import Score, reliability
 from vsr2.blind.scoring.leaks import Leak, find_leaks
 from vsr2.blind.scoring.score import (
+    ANSWER,
     BEST_HIGH,
     BEST_LOW,
-    FIRST,
     NAMED,
     SAYING_NOTHING,
     Scores,
@@ -349,7 +349,7 @@ def format_scores(scored: Scored) -> str:
 def _against_baselines(scored: Scored, group: str) -> list[str]:
     """What the scores of a group are beside those of the best trivial baseline."""
     lines = []
-    for score in (FIRST, NAMED):
+    for score in (ANSWER, NAMED):
         margins = scored.margins(score, group)
         if margins:
             told = ", ".join(f"{tier} {value:+.2f}" for tier, value in margins.items())

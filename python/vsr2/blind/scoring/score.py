@@ -26,7 +26,8 @@ LEAST_PROBABILITY = 1e-3
 """Probabilities count as at least this in the log score: one verdict cannot cost more than 6.9."""
 FALSE_ALARM = 0.05
 SIGNIFICANT = 0.05
-FIRST = "most probable class, whatever the verdict (single)"
+ANSWER = "most probable answer, whatever the verdict (single)"
+FIRST = "most probable effect's class, whatever the verdict (single)"
 NAMED = "top-1 class (single)"
 CALIBRATION_NOISE = "calibration error: of true probabilities"
 ERROR = "magnitude: median relative error"
@@ -38,6 +39,7 @@ SAYING_NOTHING = {ERROR: 1.0, CLOSURE: 0.0, SILENT_CLOSURE: 0.0, GAIN: 1.0}
 ones: the trivial baseline of these scores."""
 BEST_HIGH = (
     NAMED,
+    ANSWER,
     FIRST,
     "top-3 class (single)",
     "log score below uniform",
@@ -186,6 +188,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     told = [case for case in of("single", NONE, UNKNOWN)]
     out: Scores = {
         NAMED: share(top_one, single),
+        ANSWER: share(lambda c: c.first[0] in c.truth, single),
         FIRST: share(lambda c: leading_class(c) in c.truth, single),
         "top-3 class (single)": share(top_three, single),
         "90 % set: coverage": share(in_set, told),
