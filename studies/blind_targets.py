@@ -163,7 +163,7 @@ def _outcome(row: dict[str, str]) -> int:
 
 
 def _counts(rows: list[dict[str, str]]) -> str:
-    """Verdicts a tier; of single effects also those whose true class is the most probable answer."""
+    """Verdicts a tier; of single effects also those whose most probable answer is right."""
     cells = []
     for tier in TIERS:
         chosen = [row for row in rows if row["tier"] == tier]

@@ -156,6 +156,13 @@ def test_the_key_may_not_lie_in_the_data(quick, study, tmp_path) -> None:
         make_pack(study, tmp_path, tmp_path / "data" / "key", PackSettings(**SMALL))
 
 
+def test_a_data_folder_is_no_place_for_a_pack(quick, study, tmp_path) -> None:
+    make(study, tmp_path)
+    with pytest.raises(BlindError, match="it is the data folder of a pack"):
+        make_pack(study, tmp_path / "data", tmp_path / "key2", PackSettings(**SMALL))
+    assert not (tmp_path / "key2").exists()
+
+
 def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None:
     whole = make(study, tmp_path / "whole")
     write, calls = make_module.save_campaign, []

@@ -359,6 +359,17 @@ def test_roc_area_needs_both_kinds() -> None:
 # --- once, and only with the right key -----------------------------------------------------------
 
 
+def test_diagnoses_behind_links_are_refused(pack, tmp_path) -> None:
+    # They could be changed after the pack was scored, and the folder's hash be the same.
+    linked = tmp_path / "linked"
+    linked.mkdir()
+    for path in pack[2].iterdir():
+        (linked / path.name).symlink_to(path)
+    with pytest.raises(BlindError, match=r"linked/.: is a link to a folder"):
+        score_pack(*pack[:2], linked, tmp_path / "scores")
+    assert not (pack[1] / "receipt.json").exists()
+
+
 def test_a_pack_is_scored_once(pack, tmp_path) -> None:
     score_pack(*pack, tmp_path / "scores")
     receipt = json.loads((pack[1] / "receipt.json").read_text())
@@ -370,6 +381,8 @@ def test_a_pack_is_scored_once(pack, tmp_path) -> None:
     assert same_folders(tmp_path / "scores", tmp_path / "again")
     changed = next(pack[2].glob("*/M/diagnosis.json"))
     changed.write_text(changed.read_text().replace("0.8", "0.9") + " ")
+    with pytest.raises(BlindError, match="nowhere: no such folder"):
+        score_pack(*pack[:2], tmp_path / "nowhere", tmp_path / "more")
     with pytest.raises(BlindError, match=r"with other diagnoses than .*scored once"):
         score_pack(*pack, tmp_path / "third")
     assert not (tmp_path / "third").exists()

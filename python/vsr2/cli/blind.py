@@ -37,7 +37,7 @@ def _add_make(verbs: Any) -> None:
         "--key",
         type=Path,
         metavar="DIR",
-        help="folder of the key, outside PACK (default: PACK-key, beside it)",
+        help="folder of the key, outside PACK/data (default: PACK-key, beside PACK)",
     )
     make.add_argument(
         "--engine",

@@ -95,7 +95,7 @@ def make_pack(
     Args:
         study: the nominal scene: rock, contact; its motion is not used.
         pack: folder of the pack.
-        key: another folder, not within it.
+        key: another folder, not within `pack/data`.
         settings: of the pack.
         seed: of everything; None: from the operating system, kept in the key folder.
         say: gets a line of progress now and then.
@@ -109,6 +109,11 @@ def make_pack(
     data = pack / "data"
     if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
         raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
+    if (pack / PACK_FILE).exists():
+        raise BlindError(
+            f"{pack}: holds a {PACK_FILE}, so that it is the data folder of a pack; name the "
+            "folder that this lies in, or another"
+        )
     engines = {name: build_engine(name, study) for name in settings.engines}
     effects = {
         name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)

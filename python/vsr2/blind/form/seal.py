@@ -42,8 +42,15 @@ def commitment(salt: str, key: Mapping[str, Any]) -> str:
 
 
 def folder_sha256(folder: Path, pattern: str = "*") -> str:
-    """Of all files below a folder: their paths in order, each with its own hash."""
+    """Of all files below a folder: their paths in order, each with its own hash.
+
+    Raises:
+        BlindError: a folder in it is a link, whose files would be read and not hashed.
+    """
     whole = hashlib.sha256()
+    for path in folder.rglob("*"):
+        if path.is_symlink() and path.is_dir():
+            raise BlindError(f"{path}: is a link to a folder; put the folder itself there")
     for path in sorted(p for p in folder.rglob(pattern) if p.is_file()):
         name = path.relative_to(folder).as_posix()
         whole.update(f"{name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())

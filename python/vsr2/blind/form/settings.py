@@ -125,7 +125,10 @@ class PackSettings:
             )
         if self.leave_one_out < 0:
             raise BlindError(f"leave_one_out is {self.leave_one_out}; give 0 or more campaigns")
-        if not self.leave_one_out and max(self.unknown) == 1 and sum(self.single + self.pair):
+        counts = [self.counts(engine) for engine in self.engines]
+        most = max(count["unknown"] for count in counts)
+        acting = any(count["single"] + count["pair"] for count in counts)
+        if most == 1 and acting and not self.leave_one_out:
             raise BlindError(
                 f"unknown is {self.unknown}; where effects of one class alone are unknown, all "
                 "others lack that class, and one that lacks another has an effect of it: give 0, "

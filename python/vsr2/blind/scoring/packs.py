@@ -157,6 +157,11 @@ def score_pack(
     pack = read_pack(data)
     opened = open_key(data, key)
     open_pack = is_open(opened)
+    if not diagnoses.is_dir():
+        raise BlindError(
+            f"{diagnoses}: no such folder; name the one that holds the diagnoses, the `--out` of "
+            "`vsr2 blind diagnose`"
+        )
     submission = folder_sha256(diagnoses, "*.json")
     receipt = key / RECEIPT
     again = receipt.exists() and not open_pack
