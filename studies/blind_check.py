@@ -330,8 +330,9 @@ def page(
         "in its pack (`vsr2.blind.form.seal.commitment`), `diagnosesN.json.gz` what scoring reads "
         "of its diagnoses; `python studies/blind_check.py "
         f"{name} --recompute --results {_shown(results)}` computes the scores of the tiers from "
-        f"both. In a checkout of the commit that made a part, `vsr2.blind.make_pack` with its seed "
-        f"and the settings of `CHECKS` draws its campaigns again. {_trained(training)}",
+        f"both; the baselines' columns need the packs' data, which are not kept. In a checkout of "
+        "the commit that made a part, `vsr2.blind.make_pack` with its seed and the settings of "
+        f"`CHECKS` draws its campaigns again. {_trained(training)}",
         "",
         "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis "
         "| made by | diagnosed by |",
@@ -348,7 +349,7 @@ def page(
         versions = ", ".join(
             f"{key} {value}"
             for key, value in opened["versions"].items()
-            if key in ("version", "mujoco", "numpy", "python")
+            if key in ("version", "bullet", "mujoco", "numpy", "python")
         )
         counts = ", ".join(f"{kind} {count}" for kind, count in sorted(kinds.items()))
         lines.append(
