@@ -11,7 +11,8 @@ detection floor of tier M, at which the expected log likelihood ratio against "n
 fitted, is 4.5 nat (3 standard deviations); where an effect's range ends below that, up to its end.
 
 Writes `campaigns.csv`, one row a campaign and tier, and `table.csv`, one row a tier, as committed
-in docs/results/diagnosis_planar.
+in docs/results/diagnosis_planar. `top1` tells whether the true class leads all other effects,
+`answer` whether it is the most probable answer, `none` and `unknown` being answers too.
 """
 
 from __future__ import annotations
@@ -189,6 +190,8 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "strong": len(strong),
                 "top1": _mean(row["top1"] for row in single),
                 "top1_strong": _mean(row["top1"] for row in strong),
+                "answer": _mean(row["hit"] for row in single),
+                "answer_strong": _mean(row["hit"] for row in strong),
                 "named_strong": _mean(row["verdict"] in names for row in strong),
                 "named_wrongly": _mean(not row["right"] for row in spoken),
                 "covered": _mean(row["covered"] for row in told),
