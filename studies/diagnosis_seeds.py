@@ -54,7 +54,7 @@ def main() -> None:
     """Diagnose every campaign with every seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--simulations", type=int, default=9000)
+    parser.add_argument("--simulations", type=int, default=14_000)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out") / "diagnosis_seeds")
     options = parser.parse_args()
