@@ -268,6 +268,7 @@ def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
                     "probability": f"{case.verdict.probability:.3f}",
                     "right": int(top_one(case)) if named else "",
                     "answer": case.first[0],
+                    "stated": f"{case.first[1]:.3f}",
                     "first": leading_class(case),
                     "leads": int(leads) if case.kind == "single" else "",
                     "closure": "" if case.verdict.closure is None else case.verdict.closure,

@@ -293,6 +293,12 @@ def test_rocking_damping_takes_its_share_of_the_velocity() -> None:
 
 
 def test_rolling_resistance_is_that_of_the_equation_of_motion() -> None:
+    first, second = next_peaks(rolling_resistance=0.005)
+    assert planar_peak(first, arm=0.005) == pytest.approx(second, rel=0.06)
+    assert planar_peak(first) > 1.05 * second
+
+
+def test_rolling_resistance_is_that_of_the_equation_of_motion_on_average() -> None:
     model = build_model(under("rolling_resistance", situation(), arm=0.01), 0.001)
     assert model.geom_friction[:, 2].max() == 0.01
     # Impacts scatter by some 3 % of the next peak, so over 13 of them: the logarithm of what

@@ -278,6 +278,18 @@ def planned(seed=5, engines=("mujoco",), floors=None, **changes):
     return drawn_plan(seed, settings, known, floors), settings
 
 
+def only_one_class_drawn():
+    """A plan in which every draw but one effect's is measured far beyond six floors."""
+    effects = {"mujoco": QuickEngine.effects}
+    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in QuickEngine.effects}
+
+    def measure(engine, protocol, effect, values):
+        return 2.0 if effect.name == "wear" else 99.0
+
+    settings = PackSettings(single=1, none=1, pair=0, unknown=2)
+    return draw_plan(5, settings, effects, floors, measure)
+
+
 def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
     plan, settings = planned(single=40, none=40, pair=40, unknown=40, hidden=3)
     for one in plan:
@@ -333,6 +345,8 @@ def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> Non
     # All decoys would be of the one unknown effect's class but those of campaigns that have it.
     with pytest.raises(BlindError, match="of one class alone"):
         PackSettings(engines=("bullet", "mujoco"), single=2, unknown=1)
+    with pytest.raises(BlindError, match="all unknown effects that could be drawn"):
+        only_one_class_drawn()
     PackSettings(single=0, pair=0, none=2, unknown=1)
     PackSettings(engines=("bullet", "mujoco"), single=2, unknown=(2, 1))
     assert len(planned(leave_one_out=2, floors=floors)[0]) == 4
