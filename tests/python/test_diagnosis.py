@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import jsonschema
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from vsr2.campaign import MeasurementNoise, save_campaign, simulate_campaign
 from vsr2.cli.main import main
@@ -451,6 +452,26 @@ def test_a_page_of_an_earlier_diagnosis_does_not_stay(found, tmp_path) -> None:
     page.write_text("<title>My own</title>")
     found.save(tmp_path)
     assert page.read_text() == "<title>My own</title>", "a page of somebody else's"
+
+
+def test_linear_algebra_has_the_same_bits_on_any_machine() -> None:
+    """Shared out over threads, BLAS sums in another order: one thread, whatever it had before."""
+
+    def threads():
+        return {b["num_threads"] for b in threadpool_info() if b["user_api"] == "blas"}
+
+    seen = []
+
+    def stop(stage, share, leading):
+        seen.append(threads())
+        raise KeyboardInterrupt
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with pytest.raises(KeyboardInterrupt):
+            small(report=stop)
+        assert threads() == before == {2}
+    assert seen == [{1}]
 
 
 def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> None:

@@ -19,6 +19,7 @@ from vsr2.diagnosis.how_far.anew import simulate_anew
 from vsr2.diagnosis.how_far.dropped import simulate_dropped, surprise_p
 from vsr2.diagnosis.how_far.shrinkage import found_pair, judge, resampled_means
 from vsr2.diagnosis.how_far.whole import Whole
+from vsr2.diagnosis.likelihood.blas import one_blas_thread
 from vsr2.diagnosis.likelihood.equivalence import leading_class
 from vsr2.diagnosis.likelihood.evidence import Data
 from vsr2.diagnosis.likelihood.score import blocks
@@ -71,6 +72,7 @@ class _Round:
         return self.inference.classes[0]
 
 
+@one_blas_thread()
 def diagnose_with(
     simulator: Simulator,
     campaign: Campaign,

@@ -132,6 +132,36 @@ class Draws:
         return out
 
 
+class _Gram:
+    """X' W X for many weights W of the same regressors.
+
+    A campaign has entries in the common columns and in those of its own effect alone: campaigns
+    with entries in the same columns are summed at once.
+
+    Args:
+        x: regressors, shape (rows, columns).
+    """
+
+    def __init__(self, x: Array) -> None:
+        self._columns = x.shape[1]
+        used, group = np.unique(x != 0, axis=0, return_inverse=True)
+        self._groups: list[tuple[NDArray[np.int64], NDArray[np.int64], Array]] = []
+        """Rows, columns and, for each row, products of all pairs of columns."""
+        for k, mask in enumerate(used):
+            rows, columns = np.flatnonzero(group.ravel() == k), np.flatnonzero(mask)
+            part = x[np.ix_(rows, columns)]
+            products = (part[:, :, None] * part[:, None, :]).reshape(rows.size, -1)
+            self._groups.append((rows, columns, products))
+
+    def __call__(self, weight: Array) -> Array:
+        """Of weights (trials, rows), shape (trials, columns, columns)."""
+        out = np.zeros((len(weight), self._columns, self._columns))
+        for rows, columns, products in self._groups:
+            block = (weight[:, rows] @ products).reshape(-1, columns.size, columns.size)
+            out[:, columns[:, None], columns[None, :]] += block
+        return out
+
+
 def logistic_regression(x: Array, draws: Draws, common: int, y: Array) -> Fit:
     """Logistic regression by Newton's method.
 
@@ -151,7 +181,7 @@ def logistic_regression(x: Array, draws: Draws, common: int, y: Array) -> Fit:
     prior = np.full(columns, _START_VARIANCE)
     prior[0] = _INTERCEPT_VARIANCE
     covariance = np.zeros((trials, columns, columns))
-    ones = np.ones(trials)
+    ones, weighted = np.ones(trials), _Gram(x)
     shift, variance = np.zeros((trials, len(draws))), _START_VARIANCE if len(draws) else 0.0
     for em in range(_EM_STEPS):
         precision = np.diag(1 / prior)
@@ -163,7 +193,7 @@ def logistic_regression(x: Array, draws: Draws, common: int, y: Array) -> Fit:
             weaker = 1 / (1 + variance * (1 - part**2) * p * (1 - p))
             off, weight = use * (target - p) * weaker, use * p * (1 - p) * weaker
             slope = off @ x - mean @ precision
-            hessian = _weighted(x, weight) + precision
+            hessian = weighted(weight) + precision
             mixed = draws.products(x, part * weight)
             own = draws.summed(part**2 * weight) + 1 / max(variance, 1e-12)
             pull = draws.summed(part * off) - shift / max(variance, 1e-12)
@@ -207,13 +237,14 @@ def robust_regression(x: Array, draws: Draws, common: int, y: Array) -> tuple[Fi
     mean = np.zeros((trials, columns))
     covariance = np.zeros((trials, columns, columns))
     weight, trust = use, np.ones_like(use)
+    weighted = _Gram(x)
     shift, variance = np.zeros((trials, len(draws))), _START_VARIANCE if len(draws) else 0.0
     for _ in range(_EM_STEPS):
         part = draws.part(mean[:, common:] @ x[:, common:].T, noise * (1 + variance))
         # What a campaign does not share of a shift is noise.
         more = 1 + variance * (1 - part**2)
         weight = weight / more
-        gram = _weighted(x, weight)
+        gram = weighted(weight)
         mixed = draws.products(x, part * weight)
         each = draws.summed(part**2 * weight)
         stiff = each + 1 / max(variance, 1e-12)
@@ -280,23 +311,6 @@ def _shift_variance(shift: Array, error: Array, noise: Array, old: float) -> flo
         return 0.0
     known = np.maximum(1 - error / noise[:, None] / old, 1e-3).sum()
     return float(np.clip((shift**2 / noise[:, None]).sum() / known, _LEAST_VARIANCE, _MOST_SHIFT))
-
-
-def _weighted(x: Array, weight: Array) -> Array:
-    """X' W_i X for each row i of `weight`, shape (rows, columns, columns).
-
-    A campaign has entries in the common columns and in those of its own effect alone: campaigns
-    with entries in the same columns are summed at once.
-    """
-    used, group = np.unique(x != 0, axis=0, return_inverse=True)
-    out = np.zeros((len(weight), x.shape[1], x.shape[1]))
-    for k, mask in enumerate(used):
-        rows, columns = np.flatnonzero(group.ravel() == k), np.flatnonzero(mask)
-        part = x[np.ix_(rows, columns)]
-        products = (part[:, :, None] * part[:, None, :]).reshape(rows.size, -1)
-        block = (weight[:, rows] @ products).reshape(-1, columns.size, columns.size)
-        out[:, columns[:, None], columns[None, :]] += block
-    return out
 
 
 def _updated(mean: Array, covariance: Array, noise: Array, old: Array) -> Array:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.likelihood.blas import one_blas_thread
 from vsr2.diagnosis.likelihood.emulator import Emulator, fit_emulator, relative_errors
 from vsr2.diagnosis.likelihood.equivalence import classes, evened, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import (
@@ -226,6 +227,7 @@ class Prepared:
     halves: tuple[Prepared, ...] = ()
 
 
+@one_blas_thread()
 def prepare(
     library: Library,
     design: Design,
