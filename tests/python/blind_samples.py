@@ -66,7 +66,6 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
         entry |= more.get(entry["name"], {})
     return {
         "schema": "vsr2.diagnosis/1",
-        "campaign": {"name": "c", "trials": 3, "tier": "M"},
         "gap": {"closure": {"value": more.get("closure"), "ci95": [0.0, 1.0]}},
         "where": more.get("where", []),
         "verdict": {"kind": kind, "effects": list(effects), "probability": 0.5},
@@ -75,12 +74,12 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
     }
 
 
-def effect(name, value=0.1, relative=3.0, null=0.0):
+def effect(name, value=0.1, relative=3.0, null=0.0, strength="change"):
     """An effect of a key."""
     return {
         "name": name,
-        "values": {"change": value},
-        "strength": "change",
+        "values": {strength: value},
+        "strength": strength,
         "unit": "1",
         "null": null,
         "relative": relative,

@@ -24,7 +24,8 @@ RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 @pytest.fixture
 def pack(tmp_path):
     verdicts = dict(VERDICTS)
-    extra = {"unknown": {"probability": 0.1, "novelty_p": 0.4, "why": "long"}, "provenance": {}}
+    extra = {"unknown": {"probability": 0.1, "novelty_p": 0.4, "why": "long"}}
+    extra |= {"provenance": {}, "campaign": {"trials": 3}}
     verdicts["d"] = verdicts["d"] | extra | {"none_probability": 0.8}
     data, key, out = hand_made(tmp_path, CAMPAIGNS, verdicts)
     (out / "e" / "M" / "diagnosis.json").unlink()

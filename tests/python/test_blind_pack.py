@@ -160,7 +160,17 @@ def test_a_data_folder_is_no_place_for_a_pack(quick, study, tmp_path) -> None:
     make(study, tmp_path)
     with pytest.raises(BlindError, match="it is the data folder of a pack"):
         make_pack(study, tmp_path / "data", tmp_path / "key2", PackSettings(**SMALL))
+    before = folder_sha256(tmp_path / "data")
+    inside = next((tmp_path / "data").glob("c*")) / "inner"
+    for pack, key in (
+        (inside, tmp_path / "key2"),
+        (tmp_path / "other", tmp_path / "data" / "key2"),
+    ):
+        with pytest.raises(BlindError, match=r"data holds a pack.json, .* choose a folder outside"):
+            make_pack(study, pack, key, PackSettings(**SMALL))
+    assert folder_sha256(tmp_path / "data") == before
     assert not (tmp_path / "key2").exists()
+    assert not (tmp_path / "other").exists()
 
 
 def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None:

@@ -138,6 +138,26 @@ def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
         diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=1)
 
 
+def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path) -> None:
+    class Nameless(Stub):
+        def __init__(self, campaign, scene, **how):
+            super().__init__(campaign, scene, **how)
+            self.content["verdict"] |= {"kind": "effect", "effects": []}
+
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Nameless)
+    assert len(progress.failed) == 4
+    folder = tmp_path / "out" / progress.failed[0].split()[0] / "M"
+    assert "verdict.effects" in read_json(folder / "failed.json")["error"]
+    assert not (folder / DIAGNOSIS_FILE).exists()
+
+
+def test_nothing_is_written_beside_a_key(small, tmp_path) -> None:
+    for out in (tmp_path / "key", tmp_path / "key" / "deep" / "out"):
+        with pytest.raises(BlindError, match=r"lies in a key folder, .*key; choose another --out"):
+            diagnose_pack(small, out, diagnose=Stub)
+        assert not (out / "submission.json").exists()
+
+
 def test_what_is_not_there_is_refused(small, tmp_path) -> None:
     with pytest.raises(BlindError, match="no campaign 'c0'"):
         diagnose_pack(small, tmp_path / "out", campaigns=["c0"], diagnose=Stub)
@@ -161,6 +181,24 @@ def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path,
     found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
     assert found["mujoco", "single"] == 2
     assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
+
+
+def test_a_pack_needs_a_name_or_a_key(quick, tmp_path, capsys, monkeypatch) -> None:
+    monkeypatch.setattr(vsr2.blind, "make_pack", lambda study, pack, key, *a, **k: made(pack, key))
+    asked = []
+
+    def made(pack, key):
+        asked.append((pack, key))
+        return Made(commitment="0", campaigns=0, not_drawn={}, refused={})
+
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert main(["blind", "make", str(SCENE), "."]) == 0
+    assert asked == [(Path("."), tmp_path / "here-key")]
+    capsys.readouterr()
+    assert main(["blind", "make", str(SCENE), "/"]) == 2
+    assert "/: has no name that the key's folder could have; add --key" in capsys.readouterr().err
 
 
 def test_the_command_refuses_sizes_that_no_diagnosis_takes(quick, tmp_path, capsys) -> None:

@@ -3,14 +3,17 @@
 import json
 import math
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from blind_samples import diagnosis, effect, hand_made, same_folders
 from vsr2.blind import pool_packs, score_pack
+from vsr2.blind.custodian.engines import build_engine
 from vsr2.blind.form.seal import open_key
-from vsr2.blind.form.verdict import read_verdict, verdict_of
+from vsr2.blind.form.verdict import Found, read_verdict, verdict_of
 from vsr2.blind.scoring.cases import read_cases
 from vsr2.blind.scoring.intervals import (
     Score,
@@ -28,11 +31,16 @@ from vsr2.blind.scoring.score import (
     GAIN,
     NAMED,
     SILENT_CLOSURE,
+    axis_named,
     closure,
     magnitude,
+    pair_found,
+    size,
 )
+from vsr2.config import load_study
 from vsr2.errors import BlindError
 
+ROOT = Path(__file__).resolve().parents[2]
 TOLD = {"change": {"mean": 0.12, "ci95": [0.08, 0.16], "unit": "1"}}
 
 CAMPAIGNS = {
@@ -229,6 +237,29 @@ def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None
     assert errors == pytest.approx([0.3, 0.1])
 
 
+def test_engines_mean_the_same_size_by_the_same_value() -> None:
+    """An engine's way to say "none" must not shrink errors: 180 degrees of slack, or infinity."""
+    study = load_study(ROOT / "configs" / "blind.yaml")
+    strengths = [
+        {name: drawable.strength for name, drawable in build_engine(e, study).effects.items()}
+        for e in ("bullet", "mujoco")
+    ]
+    compared = []
+    for name in sorted(set(strengths[0]) & set(strengths[1]) - {"spin_friction"}):
+        # The friction against spinning that the pair has of its own differs between contact models.
+        own = [of[name] for of in strengths]
+        if own[0].name != own[1].name:
+            continue
+        value = 0.3 * own[0].low + 0.7 * own[0].high
+        nulls = [one.null if math.isfinite(one.null) else None for one in own]
+        sizes = [size(effect(name, value, null=null, strength=own[0].name)) for null in nulls]
+        assert sizes[0] == pytest.approx(sizes[1]), name
+        compared.append(name)
+    assert {"catch", "outcome_rule", "restitution", "table_gain"} <= set(compared)
+    assert size(effect("catch", 20.0, null=180.0, strength="slack")) == 20.0
+    assert size(effect("friction", 0.8, null=1.0)) == pytest.approx(0.2)
+
+
 def told(low, high):
     return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci95": [low, high]}}}
 
@@ -263,6 +294,65 @@ def test_bounds_are_where_they_are_said_to_be(tmp_path) -> None:
     assert found["log score"].value == pytest.approx(np.mean(losses))
     assert figure(found, "closure below 0 beyond its interval") == (pytest.approx(0.25), 4)
     assert figure(found, "where: false places (none)") == (0.0, 1)
+
+
+def test_the_rate_is_found_at_one_false_alarm_in_twenty(tmp_path) -> None:
+    # The second of twenty others states 0.19: 0.195 lies above it, 0.185 does not.
+    stated = {f"n{i:02}": 0.01 * (i + 1) for i in range(20)} | {"u": 0.195, "v": 0.185}
+    campaigns = {
+        name: ("unknown", [effect("wear")]) if name in "uv" else ("none", []) for name in stated
+    }
+    verdicts = {
+        name: diagnosis("none", {"none": 0.5, "unknown": p}, [], ["none"])
+        for name, p in stated.items()
+    }
+    found = score_pack(*hand_made(tmp_path, campaigns, verdicts), tmp_path / "s").scores["M", "all"]
+    assert figure(found, "unknown: rate at 5 % false alarms") == (0.5, 2)
+
+
+def test_single_rules_of_scoring(pack) -> None:
+    cases = {c.id: c for c in read_cases(pack[0], open_key(*pack[:2]), pack[2])}
+    # Drift shows over the order or between sessions, nowhere else.
+    drift = replace(cases["a"], where=cases["a"].where | {"axis": "order"})
+    for axis, right in (("order", True), ("session", True), ("conditions", False)):
+        named = (Found(axis=axis, p=0.01, trials=None),)
+        assert axis_named(replace(drift, verdict=replace(drift.verdict, where=named))) is right
+    # A class that holds just the two effects of a pair says that it is one of them.
+    either = replace(cases["i"], verdict=replace(cases["i"].verdict, kind="class"))
+    assert pair_found(cases["i"])
+    assert not pair_found(either)
+    # There is no ratio to a true effect that closes nothing.
+    for oracle, ratio in ((0.8, 0.75), (0.0, None), (-0.1, None)):
+        told = replace(cases["a"].verdict, closures={"table_gain": oracle})
+        assert closure(replace(cases["a"], verdict=told)) == (ratio and pytest.approx(ratio))
+    # Of two effects the weaker one says how strong a pair is.
+    key = open_key(*pack[:2])
+    key["campaigns"]["i"]["effects"] = [effect("wear", relative=5.0), effect("friction", 0.1, 1.5)]
+    found = {c.id: c for c in read_cases(pack[0], key, pack[2])}
+    assert found["i"].relative == 1.5
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ({"tier": "T"}, r"a/M/diagnosis.json: campaign.tier is 'T', and lies in the folder of M"),
+        ({"name": "b"}, r"a/M/diagnosis.json: campaign.name is 'b', and lies in .* 'a'"),
+    ],
+)
+def test_a_diagnosis_in_another_s_place_is_refused(said, message, tmp_path) -> None:
+    verdicts = VERDICTS | {"a": VERDICTS["a"] | {"campaign": said}}
+    pack = hand_made(tmp_path, CAMPAIGNS, verdicts)
+    with pytest.raises(BlindError, match=message):
+        score_pack(*pack, tmp_path / "scores")
+    assert not (pack[1] / "receipt.json").exists()
+
+
+def test_a_damaged_receipt_is_not_written_over(pack, tmp_path) -> None:
+    score_pack(*pack, tmp_path / "scores")
+    (pack[1] / "receipt.json").write_text("{")
+    with pytest.raises(BlindError, match=r"receipt.json: cannot be read; .* get it back"):
+        score_pack(*pack, tmp_path / "scores")
+    assert (pack[1] / "receipt.json").read_text() == "{"
 
 
 def test_groups_by_kind_and_by_engine(pack, tmp_path) -> None:

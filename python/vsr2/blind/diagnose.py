@@ -9,7 +9,15 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsr2.blind.form.seal import KEY_FILE, PACK_FILE, make_folder, read_json, read_pack, write_json
+from vsr2.blind.form.seal import (
+    KEY_FILE,
+    PACK_FILE,
+    folder_around,
+    make_folder,
+    read_json,
+    read_pack,
+    write_json,
+)
 from vsr2.blind.form.verdict import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
@@ -212,8 +220,10 @@ def _check_folder(out: Path, data: Path) -> None:
     place, pack = out.resolve(), data.resolve()
     if place == pack or pack in place.parents:
         raise BlindError(f"{out}: lies in the pack's data folder; choose another --out")
-    if (out / KEY_FILE).exists():
-        raise BlindError(f"{out}: holds a key; choose another --out")
+    for file, what in ((PACK_FILE, "pack's data"), (KEY_FILE, "key")):
+        other = folder_around(out, file)
+        if other is not None:
+            raise BlindError(f"{out}: lies in a {what} folder, {other}; choose another --out")
 
 
 def _excluded(

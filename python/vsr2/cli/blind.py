@@ -220,10 +220,13 @@ def _make(options: argparse.Namespace) -> int:
         effects=tuple(options.effect),
         **chosen,
     )
+    whole = options.pack.resolve()
+    if not whole.name:
+        raise BlindError(f"{options.pack}: has no name that the key's folder could have; add --key")
     made = make_pack(
         load_study(options.scene),
         options.pack,
-        options.key or options.pack.with_name(f"{options.pack.name}-key"),
+        options.key or whole.with_name(f"{whole.name}-key"),
         settings,
         seed=options.seed,
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),

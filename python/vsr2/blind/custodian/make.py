@@ -35,6 +35,7 @@ from vsr2.blind.form.seal import (
     SALT_BYTES,
     canonical,
     commitment,
+    folder_around,
     folder_sha256,
     make_folder,
     read_json,
@@ -109,11 +110,13 @@ def make_pack(
     data = pack / "data"
     if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
         raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
-    if (pack / PACK_FILE).exists():
-        raise BlindError(
-            f"{pack}: holds a {PACK_FILE}, so that it is the data folder of a pack; name the "
-            "folder that this lies in, or another"
-        )
+    for folder in (pack, key):
+        other = folder_around(folder, PACK_FILE)
+        if other is not None:
+            raise BlindError(
+                f"{folder}: {other} holds a {PACK_FILE}, so that it is the data folder of a pack, "
+                "which may not change; choose a folder outside it"
+            )
     engines = {name: build_engine(name, study) for name in settings.engines}
     effects = {
         name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)

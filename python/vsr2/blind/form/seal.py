@@ -103,6 +103,12 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
+def folder_around(folder: Path, file: str) -> Path | None:
+    """The folder that holds a file of that name and that another one is or lies in."""
+    whole = folder.resolve()
+    return next((one for one in (whole, *whole.parents) if (one / file).exists()), None)
+
+
 def read_pack(data: Path) -> dict[str, Any]:
     """`pack.json` of a finished pack, whoever wrote it.
 

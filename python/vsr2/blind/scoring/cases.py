@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -117,11 +117,28 @@ def read_cases(
         trials = _trial_ids(data / name / TRIALS)
         for tier in tiers:
             folder = diagnoses / name / tier
-            verdict = read_verdict(folder)
-            out.append(
-                case_of(key, name, tier, verdict, trials, (data / name, folder / DIAGNOSIS_FILE))
-            )
+            verdict, path = read_verdict(folder), folder / DIAGNOSIS_FILE
+            if not verdict.failed:
+                _check_place(path, name, tier, key["campaigns"])
+            out.append(case_of(key, name, tier, verdict, trials, (data / name, path)))
     return out
+
+
+def _check_place(path: Path, name: str, tier: str, campaigns: Collection[str]) -> None:
+    """Refuse a diagnosis that says it is of another tier, or of another campaign of the pack."""
+    own = read_json(path).get("campaign")
+    if not isinstance(own, Mapping):
+        return
+    if own.get("tier", tier) != tier:
+        raise BlindError(
+            f"{path}: campaign.tier is {own['tier']!r}, and lies in the folder of {tier}; each "
+            "tier's diagnosis has its own"
+        )
+    if own.get("name", name) != name and own["name"] in campaigns:
+        raise BlindError(
+            f"{path}: campaign.name is {own['name']!r}, and lies in the folder of {name!r}; each "
+            "campaign's diagnosis has its own"
+        )
 
 
 def case_of(

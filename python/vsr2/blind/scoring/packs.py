@@ -165,9 +165,9 @@ def score_pack(
     submission = folder_sha256(diagnoses, "*.json")
     receipt = key / RECEIPT
     again = receipt.exists() and not open_pack
-    if again and read_json(receipt).get("submission") != submission:
+    if again and (left := _read_receipt(receipt)).get("submission") != submission:
         raise BlindError(
-            f"{receipt}: the pack was scored on {read_json(receipt).get('scored')}, with other "
+            f"{receipt}: the pack was scored on {left.get('scored')}, with other "
             f"diagnoses than those in {diagnoses} now; a pack is scored once: make a new one"
         )
     say(f"{key}: opened, and all that it seals found right")
@@ -223,7 +223,7 @@ def pool_packs(
         if not development[-1]:
             if not (key / RECEIPT).exists():
                 raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")
-            if read_json(key / RECEIPT).get("submission") != submission:
+            if _read_receipt(key / RECEIPT).get("submission") != submission:
                 raise BlindError(f"{diagnoses}: were changed after they were scored")
         own = read_cases(data, opened, diagnoses)
         cases += own
@@ -288,6 +288,16 @@ def _write(files: Mapping[str, bytes], out: Path) -> None:
 
 def _put(content: bytes, file: IO[bytes]) -> None:
     file.write(content)
+
+
+def _read_receipt(path: Path) -> dict[str, Any]:
+    try:
+        return read_json(path)
+    except BlindError:
+        raise BlindError(
+            f"{path}: cannot be read; it tells which diagnoses were scored, so get it back from a "
+            "copy: without it the pack is not scored again"
+        ) from None
 
 
 def _leave_receipt(path: Path, content: Mapping[str, Any]) -> None:

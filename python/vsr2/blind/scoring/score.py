@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,9 @@ GAIN = "where: median mass over share of trials, smallest place"
 SAYING_NOTHING = {ERROR: 1.0, CLOSURE: 0.0, SILENT_CLOSURE: 0.0, GAIN: 1.0}
 """What a diagnosis gets that tells no magnitude, adds no effect, and names all trials or random
 ones: the trivial baseline of these scores."""
+THRESHOLDS = frozenset({("catch", "slack"), ("outcome_rule", "tilt")})
+"""Strengths that are tilts beyond which something acts: without the effect there is none. Engines
+state that as infinity or as a tilt that no trial reaches, from which no distance is a size."""
 BEST_HIGH = (
     NAMED,
     ANSWER,
@@ -109,7 +113,7 @@ def log_loss(case: Case) -> float:
 def magnitude(case: Case) -> tuple[float, bool, float] | None:
     """Of the strength: relative error, whether its interval holds the truth, width; None: not told.
 
-    Error and width are over |truth - null|, for a null of infinity over |truth|.
+    Error and width are over the effect's :func:`size`.
     """
     if case.kind != "single":
         return None
@@ -119,9 +123,21 @@ def magnitude(case: Case) -> tuple[float, bool, float] | None:
     if estimate is None:
         return None
     truth = effect["values"][effect["strength"]]
-    size = abs(truth if effect["null"] is None else truth - effect["null"])
     held = estimate.low <= truth <= estimate.high
-    return abs(estimate.mean - truth) / size, held, (estimate.high - estimate.low) / size
+    whole = size(effect)
+    return abs(estimate.mean - truth) / whole, held, (estimate.high - estimate.low) / whole
+
+
+def size(effect: Mapping[str, Any]) -> float:
+    """|truth - null| of a sealed effect's strength; |truth| for a null of infinity or a threshold.
+
+    Args:
+        effect: of a key.
+    """
+    name, strength, null = effect["name"], effect["strength"], effect["null"]
+    truth: float = effect["values"][strength]
+    absent = null is None or (name, strength) in THRESHOLDS
+    return abs(truth) if absent else abs(truth - null)
 
 
 def closure(case: Case, *, silent: bool = False) -> float | None:
