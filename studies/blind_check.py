@@ -25,6 +25,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -98,7 +99,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "blind")
     parser.add_argument("--scene", type=Path, default=ROOT / "configs" / "blind.yaml")
     parser.add_argument("--minutes", type=float, help="stop after so many (default: at the end)")
-    parser.add_argument("--tier", action="append", choices=["B", "M", "T"])
+    parser.add_argument(
+        "--tier", action="append", choices=["B", "M", "T"], help="these alone (default: all)"
+    )
     parser.add_argument("--part", type=int, action="append", help="these alone (default: all)")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--score", action="store_true", help="score finished parts")
@@ -116,7 +119,7 @@ def main() -> int:
     if options.recompute:
         return recompute(options.results or default)
     if options.score:
-        return score(options.check, folders, options.out, options.results or default)
+        return score(options.check, folders, options.out, options.results or default, options.tier)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
 
     def say(text: str) -> None:
@@ -171,8 +174,10 @@ def _commit() -> str:
     return said.stdout.strip() or "unknown"
 
 
-def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
-    """Score the finished parts, then all of them together.
+def score(
+    name: str, folders: list[Path], out: Path, results: Path, tiers: Sequence[str] | None
+) -> int:
+    """Score the finished parts, then all of them together; `tiers`: these alone.
 
     What was scored is scored again, as later versions may, if its diagnoses are unchanged.
     """
@@ -183,18 +188,18 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
     training = (development / "data", development / "key") if known else None
     for folder in folders:
         data, key, verdicts = folder / "data", folder / "key", folder / "verdicts"
-        if not finished(data, verdicts):
+        if not finished(data, verdicts, tiers):
             print(f"{folder}: not finished")
             continue
-        score_pack(data, key, verdicts, folder / "scores", training=training)
+        score_pack(data, key, verdicts, folder / "scores", training=training, tiers=tiers)
         parts.append((data, key, verdicts))
     if not parts:
         return 1
-    pool_packs(parts, results, training=training)
+    pool_packs(parts, results, training=training, tiers=tiers)
     (results / "README.md").write_text(
-        page(name, parts, len(folders), commit, out, results, training), encoding="utf-8"
+        page(name, parts, len(folders), commit, out, results, training, tiers), encoding="utf-8"
     )
-    rows = verdict_rows(parts)
+    rows = verdict_rows(parts, tiers)
     with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -203,14 +208,14 @@ def score(name: str, folders: list[Path], out: Path, results: Path) -> int:
         shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
         packed = gzip.compress((key / "key.json").read_bytes(), mtime=0)
         (results / f"key{number}.json.gz").write_bytes(packed)
-        keep(data, key, verdicts, results / f"diagnoses{number}.json.gz")
+        keep(data, key, verdicts, results / f"diagnoses{number}.json.gz", tiers)
     print(f"wrote {results}")
     return 0
 
 
-def keep(data: Path, key: Path, verdicts: Path, path: Path) -> None:
+def keep(data: Path, key: Path, verdicts: Path, path: Path, tiers: Sequence[str] | None) -> None:
     """Write what scoring reads of a pack's diagnoses, the same bytes each time."""
-    content = keep_diagnoses(data, open_key(data, key), verdicts)
+    content = keep_diagnoses(data, open_key(data, key), verdicts, tiers)
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     path.write_bytes(gzip.compress(text.encode(), mtime=0))
 
@@ -247,12 +252,14 @@ def _widened(row: dict[str, Any]) -> dict[str, Any]:
     return row | {"low": low, "high": high}
 
 
-def verdict_rows(parts: list[tuple[Path, Path, Path]]) -> list[dict[str, Any]]:
+def verdict_rows(
+    parts: list[tuple[Path, Path, Path]], tiers: Sequence[str] | None
+) -> list[dict[str, Any]]:
     """What was asked and what was said, a row a campaign and tier."""
     rows = []
     for number, (data, key, verdicts) in enumerate(parts, 1):
         opened: dict[str, Any] = json.loads((key / "key.json").read_text())["key"]
-        for case in read_cases(data, opened, verdicts):
+        for case in read_cases(data, opened, verdicts, tiers):
             named = case.verdict.kind in ("effect", "class", "pair")
             leads = case.kind == "single" and case.first[0] in case.truth
             rows.append(
@@ -296,8 +303,8 @@ def _magnitude(case: Case) -> dict[str, Any]:
     return {"error": f"{error:.3g}", "held": int(held), "width": f"{width:.3g}"}
 
 
-def finished(data: Path, verdicts: Path) -> bool:
-    """Whether every campaign has a diagnosis, or a failure, at every tier of the pack."""
+def finished(data: Path, verdicts: Path, tiers: Sequence[str] | None) -> bool:
+    """Whether every campaign has a diagnosis, or a failure, at the tiers, or at all of the pack."""
     if not (data / "pack.json").exists():
         return False
     pack = read_json(data / "pack.json")
@@ -307,7 +314,7 @@ def finished(data: Path, verdicts: Path) -> bool:
             for kind in ("diagnosis", "failed")
         )
         for entry in pack["campaigns"]
-        for tier in pack["tiers"]
+        for tier in tiers or pack["tiers"]
     )
 
 
@@ -319,13 +326,15 @@ def page(
     out: Path,
     results: Path,
     training: tuple[Path, Path] | None,
+    tiers: Sequence[str] | None,
 ) -> str:
     """What was scored, and how to do it again."""
+    asked = "".join(f" --tier {tier}" for tier in tiers or ())
     lines = [
         f"# Blind check: {name}",
         "",
-        f"`python studies/blind_check.py {name} --out {_shown(out)}`, then with `--score --results "
-        f"{_shown(results)}`. {len(parts)} of {total} parts "
+        f"`python studies/blind_check.py {name} --out {_shown(out)}{asked}`, then with `--score "
+        f"--results {_shown(results)}`. {len(parts)} of {total} parts "
         f"are scored. Scores: [scores.md](scores.md), by part beside it. Scored by commit "
         f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
         "in its pack (`vsr2.blind.form.seal.commitment`), `diagnosesN.json.gz` what scoring reads "

@@ -23,6 +23,7 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.blind.scoring.kept import keep_diagnoses
 from vsr2.blind.scoring.packs import Scored, format_scores
 from vsr2.blind.scoring.score import (
     ANSWER,
@@ -618,6 +619,19 @@ def test_scored_packs_are_pooled(tmp_path) -> None:
     verdict.write_text(verdict.read_text().replace("0.6", "0.7"))
     with pytest.raises(BlindError, match="changed after they were scored"):
         pool_packs(parts, tmp_path / "pooled")
+
+
+def test_tiers_are_scored_and_pooled_alone(tmp_path) -> None:
+    part = hand_made(tmp_path, CAMPAIGNS, VERDICTS, tiers=("B", "M"))
+    shutil.rmtree(part[2] / "a" / "B")
+    with pytest.raises(BlindError, match=r"a/B/diagnosis.json: no such file"):
+        score_pack(*part, tmp_path / "s")
+    alone = score_pack(*part, tmp_path / "s", tiers=["M"])
+    pooled = pool_packs([part], tmp_path / "pooled", tiers=["M"])
+    assert {tier for tier, _ in pooled.scores} == {"M"}
+    assert pooled.scores == alone.scores
+    kept = keep_diagnoses(part[0], open_key(*part[:2]), part[2], ["M"])
+    assert all(set(of) == {"M"} for of in kept["diagnoses"].values())
 
 
 def test_an_interval_holds_its_value() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,20 +21,23 @@ _READ_OF = {
 }
 
 
-def keep_diagnoses(data: Path, key: Mapping[str, Any], diagnoses: Path) -> dict[str, Any]:
+def keep_diagnoses(
+    data: Path, key: Mapping[str, Any], diagnoses: Path, tiers: Sequence[str] | None = None
+) -> dict[str, Any]:
     """Of each campaign its trials' ids, and of each diagnosis what scoring reads.
 
     Args:
         data: the pack's data folder.
         key: opened.
         diagnoses: folder of them.
+        tiers: to be kept; None: all of the pack.
 
     Raises:
         BlindError: as :func:`vsr2.blind.scoring.cases.read_cases`.
     """
     trials: dict[str, list[str]] = {}
     kept: dict[str, dict[str, Any]] = {}
-    for case in read_cases(data, key, diagnoses):
+    for case in read_cases(data, key, diagnoses, tiers):
         trials[case.id] = list(case.trials)
         if case.verdict.failed:
             content: dict[str, Any] = {"failed": case.verdict.failed}

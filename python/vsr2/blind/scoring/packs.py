@@ -197,6 +197,7 @@ def pool_packs(
     out: Path,
     *,
     training: tuple[Path, Path] | None = None,
+    tiers: Sequence[str] | None = None,
 ) -> Scored:
     """Scores over several packs that were scored already, written as :func:`score_pack` does.
 
@@ -204,6 +205,7 @@ def pool_packs(
         parts: data folder, key folder and diagnoses of each pack.
         out: gets the scores.
         training: as in :func:`score_pack`.
+        tiers: likewise.
 
     Raises:
         BlindError: a pack is not scored yet, its diagnoses are not those that were scored, or `out`
@@ -225,7 +227,7 @@ def pool_packs(
                 raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")
             if _read_receipt(key / RECEIPT).get("submission") != submission:
                 raise BlindError(f"{diagnoses}: were changed after they were scored")
-        own = read_cases(data, opened, diagnoses)
+        own = read_cases(data, opened, diagnoses, tiers)
         cases += own
         found = _baselines(own, data, opened, training)
         trivial += found[0]
