@@ -10,6 +10,7 @@ import pytest
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import evened, leading_class, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import Change, Data, _Products, posterior, predict, tabulate
+from vsr2.diagnosis.likelihood.linear_algebra import singular_values
 from vsr2.diagnosis.likelihood.pairs import pair_posterior
 from vsr2.diagnosis.simulated.design import Design
 from vsr2.diagnosis.simulated.library import basis
@@ -203,6 +204,21 @@ def test_held_out_predictions_are_better_with_the_true_effect() -> None:
         p, y = found.probability[:, 1::2], data.overturned[:, 1::2]
         score[name] = float((y * np.log(p) + (1 - y) * np.log1p(-p)).mean())
     assert score["table_gain"] > score[""] + 0.05
+
+
+def test_singular_values_are_found_where_divide_and_conquer_fails(monkeypatch) -> None:
+    # Trials that never change leave columns of zeros: gesdd may give up on those.
+    matrix = np.random.default_rng(4).normal(size=(30, 8))
+    matrix[:, [2, 5]] = 0.0
+    expected = singular_values(matrix)
+
+    def fails(*args, **options):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", fails)
+    left, size, right = singular_values(matrix)
+    np.testing.assert_allclose(size, expected[1], atol=1e-12)
+    np.testing.assert_allclose((left * size) @ right, matrix, atol=1e-12)
 
 
 def test_a_class_grows_until_it_is_probable() -> None:

@@ -19,9 +19,9 @@ from vsr2.diagnosis.how_far.anew import simulate_anew
 from vsr2.diagnosis.how_far.dropped import simulate_dropped, surprise_p
 from vsr2.diagnosis.how_far.shrinkage import found_pair, judge, resampled_means
 from vsr2.diagnosis.how_far.whole import Whole
-from vsr2.diagnosis.likelihood.blas import one_blas_thread
 from vsr2.diagnosis.likelihood.equivalence import leading_class
 from vsr2.diagnosis.likelihood.evidence import Data
+from vsr2.diagnosis.likelihood.linear_algebra import one_blas_thread
 from vsr2.diagnosis.likelihood.score import blocks
 from vsr2.diagnosis.observed.features import Feature
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign

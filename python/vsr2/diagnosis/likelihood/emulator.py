@@ -25,6 +25,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.likelihood.linear_algebra import singular_values
 from vsr2.diagnosis.likelihood.regression import (
     DEGREES,
     Draws,
@@ -164,9 +165,9 @@ def _with_factors(fits: Sequence[Fit], rests: Sequence[Array]) -> tuple[Fit, ...
     parts = [own / np.sqrt(fit.noise) for fit, own in zip(fits, rests, strict=True)]
     known = np.isfinite(np.concatenate(parts, axis=1))
     whole = np.clip(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.0), -3, 3)
-    left, size, _ = np.linalg.svd(whole, full_matrices=False)
+    left, size, _ = singular_values(whole)
     shuffled = np.random.default_rng(0).permuted(whole, axis=0)
-    threshold = np.linalg.svd(shuffled, compute_uv=False)[0]
+    threshold = singular_values(shuffled)[1][0]
     count = min(int(np.count_nonzero(size > threshold)), MOST_FACTORS)
     score = left[:, :count] * np.sqrt(len(whole))
     loading = (whole.T @ score) / (known.T.astype(np.float64) @ score**2 + 1.0)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.likelihood.emulator import design_matrix
 from vsr2.diagnosis.likelihood.evidence import Data
+from vsr2.diagnosis.likelihood.linear_algebra import singular_values
 from vsr2.diagnosis.simulated.design import Design
 from vsr2.diagnosis.simulated.library import Library
 
@@ -137,7 +138,7 @@ def _directions(
     found.extend(nuisance)
     pooled = np.concatenate(rows)
     pooled = pooled - pooled.mean(axis=0)
-    components = np.linalg.svd(pooled, full_matrices=False)[2][:_COMPONENTS]
+    components = singular_values(pooled)[2][:_COMPONENTS]
     plain = places.directions()
     spread = [np.kron(np.eye(channels)[c], row) for c in range(channels) for row in plain]
     out = np.stack([*found, *components, *spread])

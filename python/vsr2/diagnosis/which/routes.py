@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.likelihood.blas import one_blas_thread
 from vsr2.diagnosis.likelihood.emulator import Emulator, fit_emulator, relative_errors
 from vsr2.diagnosis.likelihood.equivalence import classes, evened, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import (
@@ -26,6 +25,7 @@ from vsr2.diagnosis.likelihood.evidence import (
     predict,
     tabulate,
 )
+from vsr2.diagnosis.likelihood.linear_algebra import one_blas_thread
 from vsr2.diagnosis.likelihood.score import crossfitted_none, losses, novelty_statistics
 from vsr2.diagnosis.simulated.design import Design
 from vsr2.diagnosis.simulated.library import (
