@@ -10,5 +10,4 @@ ctest --preset release --output-on-failure
 "$bin/ruff" check .
 "$bin/ruff" format --check .
 "$bin/mypy"
-# From the tests' folder, so that the installed package is tested and not the source tree.
-"$bin/python" -m pytest "$@"
+"$bin/python" -m pytest --numprocesses auto --dist worksteal "$@"
