@@ -20,7 +20,9 @@ def add_verbs(verbs: Any) -> None:
             "an interruption --resume goes on from there). docs/calibration.md explains."
         ),
     )
-    calibrate.add_argument("study", metavar="STUDY.yaml", type=Path)
+    calibrate.add_argument(
+        "study", metavar="STUDY.yaml", type=Path, help="study of the calibration"
+    )
     calibrate.add_argument(
         "--out", type=Path, help="output folder (default: out/NAME of the study)"
     )

@@ -29,8 +29,8 @@ def _add_import(verbs: Any) -> None:
         description="SOURCE holds trials.csv and the table's motions, packed (motions/TestNNN.npz) "
         "or as the laboratory's text files (TestNNN.txt, beside it or in raw/).",
     )
-    lab.add_argument("source", metavar="SOURCE", type=Path)
-    lab.add_argument("dest", metavar="DEST", type=Path)
+    lab.add_argument("source", metavar="SOURCE", type=Path, help="folder of the laboratory's files")
+    lab.add_argument("dest", metavar="DEST", type=Path, help="folder for the campaign")
     lab.add_argument("--overwrite", action="store_true", help="replace a campaign that is there")
     lab.set_defaults(run=_import_lab)
 
@@ -42,13 +42,13 @@ def _add_check(verbs: Any) -> None:
         description="Names file, row, column and remedy of each problem. "
         "Exit code 0: none; 2: some.",
     )
-    check.add_argument("folder", metavar="FOLDER", type=Path)
+    check.add_argument("folder", metavar="FOLDER", type=Path, help="of a campaign")
     check.set_defaults(run=_check)
 
 
 def _add_info(verbs: Any) -> None:
     info = verbs.add_parser("info", help="what a campaign holds")
-    info.add_argument("folder", metavar="FOLDER", type=Path)
+    info.add_argument("folder", metavar="FOLDER", type=Path, help="of a campaign")
     info.add_argument(
         "--baselines",
         action="store_true",
@@ -68,8 +68,8 @@ def _add_simulate(verbs: Any) -> None:
         "outcomes, largest tilts, the table's motions, and series on request, each with noise on "
         "request.",
     )
-    simulate.add_argument("study", metavar="STUDY.yaml", type=Path)
-    simulate.add_argument("dest", metavar="DEST", type=Path)
+    simulate.add_argument("study", metavar="STUDY.yaml", type=Path, help="study to run")
+    simulate.add_argument("dest", metavar="DEST", type=Path, help="folder for the campaign")
     simulate.add_argument("--name", help="of the campaign (default: the study's)")
     simulate.add_argument(
         "--series-every",

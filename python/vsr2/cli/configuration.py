@@ -18,7 +18,7 @@ def add_verbs(verbs: Any) -> None:
     actions = config.add_subparsers(dest="action", metavar="ACTION", required=True)
 
     check = actions.add_parser("check", help="read a study and print it with all defaults")
-    check.add_argument("study", metavar="STUDY.yaml", type=Path)
+    check.add_argument("study", metavar="STUDY.yaml", type=Path, help="study to check")
     check.set_defaults(run=_check)
 
     imported = actions.add_parser(
@@ -27,7 +27,9 @@ def add_verbs(verbs: Any) -> None:
         description="Read parameter files of the original ROS 2 system, write a study, and "
         "say what the original ignored in them.",
     )
-    imported.add_argument("files", metavar="FILE", nargs="+", type=Path)
+    imported.add_argument(
+        "files", metavar="FILE", nargs="+", type=Path, help="ROS 2 parameter file"
+    )
     imported.add_argument("--out", type=Path, help="write the study here (default: print it)")
     imported.set_defaults(run=_import_ros2)
 

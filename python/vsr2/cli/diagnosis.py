@@ -16,11 +16,11 @@ def add_verbs(verbs: Any) -> None:
     parser = verbs.add_parser(
         "diagnose",
         help="find the cause of a campaign's sim-to-real gap",
-        description="Writes diagnosis.json, tables and a page (index.html) to OUT, and keeps the "
+        description="Writes diagnosis.json, tables and a page (index.html) to DIR, and keeps the "
         "simulations there (bank.sqlite), so that an interrupted or later run reuses them. "
         "docs/diagnosis.md says what each number means.",
     )
-    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path)
+    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="folder of a campaign")
     parser.add_argument(
         "--scene", required=True, type=Path, metavar="SCENE.yaml", help="study of the nominal scene"
     )

@@ -29,7 +29,7 @@ def add_verbs(verbs: Any) -> None:
     listed.set_defaults(run=_list)
 
     show = actions.add_parser("show", help="print one effect with its parameters")
-    show.add_argument("name", metavar="NAME")
+    show.add_argument("name", metavar="NAME", help="of an effect")
     show.set_defaults(run=_show)
 
     check = actions.add_parser(

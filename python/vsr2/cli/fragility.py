@@ -21,7 +21,7 @@ def add_verbs(verbs: Any) -> None:
             "explains."
         ),
     )
-    fragility.add_argument("study", metavar="STUDY.yaml", type=Path)
+    fragility.add_argument("study", metavar="STUDY.yaml", type=Path, help="study of the fragility")
     fragility.add_argument(
         "--out", type=Path, help="output folder (default: out/NAME of the study)"
     )

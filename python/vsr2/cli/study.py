@@ -28,7 +28,7 @@ def add_verbs(verbs: Any) -> None:
             "lists all keys of a study, `docs/parallel.md` tells how to use more than one machine."
         ),
     )
-    run.add_argument("study", metavar="STUDY.yaml", type=Path)
+    run.add_argument("study", metavar="STUDY.yaml", type=Path, help="study to run")
     run.add_argument("--out", type=Path, help="output folder (default: out/NAME of the study)")
     run.add_argument("--overwrite", action="store_true", help="replace a result that is there")
     run.add_argument(
