@@ -49,7 +49,7 @@ class Thresholds:
         return Responses(np.array(down), np.zeros(len(down)), None)
 
 
-def shrinkage(push, placebo=0.9, recalibrated=0.8):
+def shrinkage(push, placebo=0.9, recalibrated=0.8, after=0.2):
     """Of two groups; in the second the effect chosen is half as strong."""
     blank = np.zeros(KEPT.size)
 
@@ -57,9 +57,9 @@ def shrinkage(push, placebo=0.9, recalibrated=0.8):
         return [((("wear", (value,)),), 1 + i) for i in range(PREDICTED)]
 
     return Shrinkage(
-        before=blank + 1.0, after=blank + 0.2,
+        before=blank + 1.0, after=blank + after,
         placebo=blank + placebo, recalibrated=blank + recalibrated,
-        each={"wear": blank + 0.2, "catch": blank + 0.9, "table_gain": blank + 0.5},
+        each={"wear": blank + after, "catch": blank + 0.9, "table_gain": blank + 0.5},
         pair=None,
         chosen={"before": [NONE] * 2, "after": ["wear"] * 2, "placebo": ["catch"] * 2, "pair": []},
         draws={
@@ -179,6 +179,18 @@ def test_the_headline_is_closure_minus_the_better_placebo_s(losses, spared) -> N
     assert found.closure("after")["value"] == pytest.approx((1.0 - 0.2) / (1.0 - 0.1))
     assert found.headline()["value"] == pytest.approx((1.0 - 0.2 - spared) / (1.0 - 0.1))
     assert whole(0.2, stands, **losses)[1].headline()["value"] is None
+
+
+def test_closure_s_interval_is_over_motions() -> None:
+    """A quarter of the resamples of two motions holds either one twice."""
+    stands = (np.arange(TRIALS) >= 9).astype(float)
+    after = np.array([0.2, 0.6, 0.2, 0.6])
+    _, found = whole(0.2, stands, gap_low=0.01, motion=np.arange(TRIALS) % 2, after=after)
+    closure = found.closure("after")
+    assert closure["value"] == pytest.approx((0.8 + 0.4) / (0.9 + 0.9))
+    assert closure["ci95"] == pytest.approx([0.4 / 0.9, 0.8 / 0.9])
+    headline = found.headline()
+    assert headline["ci95"] == pytest.approx([0.2 / 0.9, 0.6 / 0.9]), "a rescaling closes 0.2"
 
 
 def test_the_gap_s_interval_is_the_wider_of_two() -> None:
@@ -334,7 +346,15 @@ def test_a_pair_is_found_where_a_second_effect_helps() -> None:
     assert found_pair(one, floor, motion, 0) is None, "none was tried"
 
 
-def anew(push, overturned):
+class Undecided(Thresholds):
+    """Under an effect every second draw of nuisances overturns all."""
+
+    def run(self, requests):
+        down = [float(bool(r.effects) and r.nuisance % 2 == 0) for r in requests]
+        return Responses(np.array(down), np.zeros(len(down)), None)
+
+
+def anew(push, overturned, simulator=Thresholds):
     campaign = shaken_campaign(3, 4)
     rows = tuple(
         dataclasses.replace(trial, overturned=bool(down))
@@ -343,7 +363,7 @@ def anew(push, overturned):
     seen = observe_like(dataclasses.replace(campaign, trials=rows))
     requests = []
 
-    class Noting(Thresholds):
+    class Noting(simulator):
         def run(self, wanted):
             requests.extend(wanted)
             return super().run(wanted)
@@ -367,6 +387,13 @@ def test_what_is_named_must_close_the_gap_in_simulations_too() -> None:
     useless, _ = anew(0.0, [1] * 4 + [0] * 8)
     assert useless.closure.value == 0.0
     assert useless.short, "the emulator foretold 0.8 of every trial's loss"
+    # Of the first motion's trials one falls, of the second's none: the more is within chance.
+    doubtful, _ = anew(0.1, [1] * 4 + [0] * 8)
+    assert doubtful.closure.low < 0.5 * doubtful.foretold < doubtful.closure.high
+    assert not doubtful.short
+    # The floor is what simulations without effect lose, however those with it scatter.
+    scattered, _ = anew(0.5, [1] * 4 + [0] * 8, Undecided)
+    assert scattered.closure.value == pytest.approx((before - np.log(2)) / (before - own))
     worse, _ = anew(0.5, [0] * 12)
     assert worse.closure.value < 0
     assert worse.short

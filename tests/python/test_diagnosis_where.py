@@ -72,6 +72,18 @@ def test_a_session_is_judged_by_whole_motions() -> None:
     assert found <= 4
 
 
+def test_trials_change_places_with_their_own_noise() -> None:
+    """A quiet session is off by two of its standard deviations; the last three are loud."""
+    there = schedule(sessions=6, each=24)
+    deviation = np.where(there.session < 3, 0.1, 0.5)
+    rng = np.random.default_rng(5)
+    residual = deviation * (rng.standard_normal(144) + 2.0 * (there.session == 1))
+    null = deviation * rng.standard_normal((150, 1, 144))
+    variance = np.broadcast_to(deviation**2, null.shape)
+    found = scan((residual[None, None], variance[:1]), (null, variance), there, (OUTCOME,))
+    assert next(p for p in found if p.place == "session day 2").p_familywise < 0.01
+
+
 def test_the_order_of_one_session_is_judged_by_whole_motions() -> None:
     there = dataclasses.replace(
         schedule(),

@@ -30,6 +30,16 @@ def test_novelty_is_measured_among_campaigns_alike() -> None:
     assert 0.3 < misfit.p_value(np.array([3.0]), 1, 1000.0) < 0.7
 
 
+def test_a_label_whose_campaigns_fit_badly_anyway_shows_no_misfit() -> None:
+    """Of 140 campaigns, all of one strength, the 40 of label 1 fit worse than all of label 0."""
+    rng = np.random.default_rng(4)
+    best = np.repeat([0, 1], [100, 40])
+    statistics = (rng.normal(size=140) + 6.0 * best)[:, None]
+    misfit = Misfit(statistics, best, np.ones(140), np.ones(140))
+    assert misfit.p_value(np.array([6.0]), 0, 1.0) <= 2 / 41
+    assert 0.3 < misfit.p_value(np.array([6.0]), 1, 1.0) < 0.7
+
+
 def test_probability_of_a_stranger_rests_on_those_that_were_left_out() -> None:
     rng = np.random.default_rng(2)
     count = 4000
@@ -165,14 +175,19 @@ def test_posteriors_are_tempered_until_their_intervals_cover(true_error) -> None
         assert covered(Tempering(1.0, 0.0)) < 0.6
 
 
-def test_intervals_cover_in_the_weaker_half_too() -> None:
-    """Of weak campaigns 91 % hold the truth untempered, of strong ones all: together enough."""
+@pytest.mark.parametrize("side", [None, -1.0, 1.0])
+def test_intervals_cover_in_the_weaker_half_too(side) -> None:
+    """Of weak campaigns 91 % hold the truth untempered, of strong ones all: together enough.
+
+    Whether the truth lies on both sides of what is estimated or on one alone.
+    """
     rng = np.random.default_rng(7)
     grid = (np.arange(401) + 0.5) / 401
     campaigns = []
     for i in range(1200):
         centre, weak = rng.uniform(0.4, 0.6), i % 2 == 0
-        truth = centre + rng.normal(0.0, 0.0289 if weak else 0.008)
+        off = rng.normal(0.0, 0.0289 if weak else 0.008)
+        truth = centre + (off if side is None else side * abs(off))
         nodes = -0.5 * ((grid - centre) / 0.025) ** 2
         strength = 1.0 + 0.001 * i if weak else 100.0 + i
         campaigns.append(
