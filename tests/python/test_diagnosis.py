@@ -345,14 +345,14 @@ def test_no_group_s_outcomes_reach_the_models_that_judge_it(bench) -> None:
     data = Data(seen.overturned[None, kept], seen.features[None, kept, :1])
     group = prepared.motion % 4
 
-    def judged(observed):
+    def judged(observed, *alike):
         return judge(
             prepared.library,
             prepared.emulator,
             prepared.tables,
             observed,
             group,
-            ("catch",),
+            ("catch", *alike),
             np.eye(prepared.emulator.nuisances),
             pairs=True,
         )
@@ -374,6 +374,11 @@ def test_no_group_s_outcomes_reach_the_models_that_judge_it(bench) -> None:
         first = [next(n for n in names if n != "catch") for names in found.ranked]
         assert found.chosen["placebo"] == first, "the best of the others"
     assert (plain.before[mine] != changed.before[mine]).all()
+    second = plain.ranked[0][1]
+    assert plain.chosen["placebo"][0] == second
+    wider = judged(data, second)
+    assert wider.chosen["after"] == plain.chosen["after"]
+    assert wider.chosen["placebo"][0] == plain.ranked[0][2], "none of the verdict's class"
 
 
 def test_a_pair_is_told_by_its_own_model_throughout(bench) -> None:
