@@ -19,8 +19,8 @@ from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
 from vsr2.diagnosis.how_far.shrinkage import judge
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
-from vsr2.diagnosis.likelihood.equivalence import separations
-from vsr2.diagnosis.likelihood.evidence import Data
+from vsr2.diagnosis.likelihood.equivalence import expected_campaign, separations
+from vsr2.diagnosis.likelihood.evidence import Data, posterior, predict
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
 from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
@@ -187,6 +187,15 @@ def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
     observed = Data(seen.overturned[None, kept], seen.features[None, kept, :1])
     apart = separations(members[0], prepared.tables, found.posteriors, observed)[members[1]]
     assert told["information_per_repeat"] > found.exponent * apart / kept.size > 0
+    # There the two foretell another tilt, or another outcome, than in most trials.
+    ahead, _ = expected_campaign(prepared.tables[members[0]], found.posteriors[members[0]])
+    table = prepared.tables[members[1]]
+    behind = posterior(table, ahead)
+    rival, deviation = expected_campaign(table, behind)[0], predict(table, behind).deviation
+    tilts = ((ahead.features - rival.features) / deviation)[0, :, 0] ** 2
+    unlike = 4 * (ahead.overturned - rival.overturned)[0] ** 2 + tilts
+    place = [seen.campaign.trials[int(i)].trial for i in kept].index(told["trial"])
+    assert unlike[place] > np.quantile(unlike, 0.8)
     less = replace(found, exponent=0.5 * found.exponent)
     half = next_measurement(members, prepared, less, seen, kept)
     assert half["trial"] == told["trial"]

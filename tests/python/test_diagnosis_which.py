@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from vsr2.diagnosis.verdict.summary import _unrolled
 from vsr2.diagnosis.which.novelty import Misfit, fit_strangers
-from vsr2.diagnosis.which.routes import Combination, _combination
+from vsr2.diagnosis.which.routes import Combination, _combination, _sets
 from vsr2.diagnosis.which.tempering import (
     COVERAGE,
     Judged,
@@ -202,3 +204,42 @@ def test_intervals_cover_in_the_weaker_half_too(side) -> None:
     _, intervals = sharpness(campaigns)
     # Powers are a factor 1.39 apart: 0.72 makes intervals 1.18 times as wide; 1.16 is needed.
     assert intervals.weight(np.array([-0.5, 0.0])) == pytest.approx(0.72, abs=0.01)
+
+
+def test_sets_hold_the_truth_nine_times_in_ten() -> None:
+    """Labels as normal distributions one deviation apart, strangers as a wider one behind them."""
+    rng = np.random.default_rng(11)
+    labels = ("none", "gain", "wear", "catch")
+    prior, means = np.array([0.4, 0.2, 0.2, 0.2]), np.arange(4.0)
+
+    def judged(x):
+        density = prior * np.exp(-0.5 * (x[:, None] - means) ** 2)
+        strange = np.exp(-0.5 * ((x - 4.0) / 3.0) ** 2) / 3.0
+        unknown = 0.15 * strange / (0.15 * strange + 0.85 * density.sum(axis=1))
+        return density / density.sum(axis=1, keepdims=True), unknown
+
+    # As many of each label, which therefore weigh by its prior.
+    truth = np.repeat(np.arange(4), 300)
+    probability, unknown = judged(means[truth] + rng.standard_normal(truth.size))
+    _, left_out = judged(4.0 + 3.0 * rng.standard_normal(300))
+    calibration = SimpleNamespace(
+        labels=labels, truth=truth, weight=prior[truth] / 300, probability=probability,
+        unknown=unknown, unknown_left_out=left_out,
+        likelihood=np.log(probability), classifier=np.log(probability),
+    )  # fmt: skip
+    count = 3000
+    actual = np.where(rng.random(count) < 0.15, 4, rng.choice(4, count, p=prior))
+    spread = rng.standard_normal(count)
+    x = np.where(actual == 4, 4.0 + 3.0 * spread, means[np.minimum(actual, 3)] + spread)
+    own, strange = judged(x)
+    sets = [
+        _sets(calibration, p, np.log(p), np.log(p), u) for p, u in zip(own, strange, strict=True)
+    ]
+    named = [(*labels, "unknown")[k] for k in actual]
+    # The standard error is 0.005 of these campaigns and 0.01 of those that calibrate.
+    held = np.mean([name in found["both"] for name, found in zip(named, sets, strict=True)])
+    assert held == pytest.approx(0.9, abs=0.04)
+    known = [(n, s) for n, s in zip(named, sets, strict=True) if n != "unknown"]
+    for route in ("likelihood", "classifier"):
+        assert np.mean([n in s[route] for n, s in known]) == pytest.approx(0.9, abs=0.04)
+    assert np.mean([len(found["both"]) for found in sets]) < 3.5
