@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vsr2.campaign import MeasurementNoise, Series
 from vsr2.diagnosis.floor import _repeats
 from vsr2.diagnosis.observed.features import Sampling, rest_features, tilt_features
 from vsr2.diagnosis.observed.observations import observe_campaign, rest_logarithm
@@ -177,6 +178,46 @@ def test_simulated_series_are_measured_as_the_campaign_was() -> None:
     noisy = Sampling(0.05, 0.002).measured(time, tilt, np.random.default_rng(1))[1]
     assert 0.001 < (noisy - seen).std() < 0.003
     assert (noisy >= 0).all()
+
+
+def test_responses_are_noted_as_the_campaign_noted_its_own() -> None:
+    plain = shaken_campaign(5, 8, duration=1.5)
+    # Every fifth fell; rows of the table in another order than that of execution.
+    trials = [
+        dataclasses.replace(t, overturned=k % 5 == 0, peak_tilt=0.01 * (k + 1), note=str(k))
+        for k, t in enumerate(plain.trials)
+    ]
+    rows = tuple(trials[k] for k in np.random.default_rng(3).permutation(len(trials)))
+    noise = MeasurementNoise(peak_tilt=0.02)
+    seen = observe_campaign(dataclasses.replace(plain, trials=rows, noise=noise), "M")
+    assert [t.note for t in seen.campaign.trials] == [str(k) for k in range(len(trials))]
+    fallen = np.arange(len(trials)) % 5 == 0
+    np.testing.assert_array_equal(seen.overturned, fallen)
+    own = np.log(0.01 * np.arange(1, 41) + 0.02)
+    np.testing.assert_allclose(seen.features[:, 0], np.where(fallen, np.nan, own))
+    down = np.tile(fallen, (1000, 1)).astype(float)
+    noted = seen.noted(down, np.full(down.shape, 0.3), None, seed=1)[..., 0]
+    np.testing.assert_array_equal(np.isnan(noted), down > 0.5)
+    tilt = np.exp(noted[down < 0.5]) - 0.02
+    assert tilt.mean() == pytest.approx(0.3, abs=5 * 0.02 / np.sqrt(tilt.size))
+    assert tilt.std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_travel_is_that_on_the_table_wherever_its_record_begins() -> None:
+    """A block that the table carries 0.1 m, and that creeps 0.03 m on it."""
+    time = np.arange(0.0, 1.5, 0.01)
+    carried = 0.1 * np.clip(time, 0, 1)
+    position = np.stack([carried + 0.03 * np.clip(time, 0, 1), 0 * time, 0 * time], axis=1)
+    series = Series(time=time, tilt=np.where(time < 1, 0.02, 0.0), position=position)
+    plain = shaken_campaign(5, 8, duration=1.5)
+    motions = {
+        name: Record(name=name, sample_interval=0.01, displacement=0.7 + carried)
+        for name in plain.motions
+    }
+    trials = tuple(dataclasses.replace(t, overturned=False, series=series) for t in plain.trials)
+    seen = observe_campaign(dataclasses.replace(plain, trials=trials, motions=motions), "T")
+    names = [feature.name for feature in seen.measured]
+    np.testing.assert_allclose(np.exp(seen.features[:, names.index("final_travel")]), 0.03)
 
 
 def test_repeats_are_known_by_their_recordings() -> None:

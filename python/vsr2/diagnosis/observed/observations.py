@@ -139,7 +139,6 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
             f"campaign {campaign.name!r}: {len(kept)} trials of {len(motions)} motions have both "
             f"motion and outcome; a diagnosis needs {LEAST_TRIALS} of {LEAST_MOTIONS} motions"
         )
-    kept.sort(key=lambda i: campaign.trials[i].order)
     mask = np.zeros(len(campaign), dtype=bool)
     mask[kept] = True
     used = campaign.select(mask)
