@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from vsr2.diagnosis.likelihood import equivalence
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import evened, leading_class, taken_for_same
 from vsr2.diagnosis.likelihood.evidence import Change, Data, _Products, posterior, predict, tabulate
@@ -219,6 +220,31 @@ def test_singular_values_are_found_where_divide_and_conquer_fails(monkeypatch) -
     left, size, right = singular_values(matrix)
     np.testing.assert_allclose(size, expected[1], atol=1e-12)
     np.testing.assert_allclose((left * size) @ right, matrix, atol=1e-12)
+
+
+def test_effects_are_apart_where_the_better_is_picked_rightly_nine_times_in_ten(
+    monkeypatch,
+) -> None:
+    """Twice D is about the variance of the log likelihood ratio, D its mean."""
+    from scipy.stats import norm
+
+    least = 2 * norm.ppf(0.9) ** 2
+    from_a = {"b": least - 0.01, "c": least + 0.01, "d": 5 * least - 0.1, "e": 5 * least + 0.1}
+    far = dict.fromkeys("abcde", 1e9)
+    monkeypatch.setattr(
+        equivalence, "separations", lambda leader, *_: from_a if leader == "a" else far
+    )
+    probability = {"none": 0.1, "a": 0.5, "b": 0.1, "c": 0.1, "d": 0.1, "e": 0.1}
+
+    def found(exponent=1.0, confounded=None):
+        tables = dict.fromkeys(probability)
+        return equivalence.classes(probability, tables, {}, None, exponent, confounded or {})
+
+    assert found() == [["a", "b"], ["c"], ["d"], ["e"]]
+    # What theory takes for the same needs five times as much, whichever of both declares it.
+    assert found(confounded={"a": ("d",), "e": ("a",)}) == [["a", "b", "d"], ["c"], ["e"]]
+    # A likelihood that counts half separates half as well.
+    assert found(0.5) == [["a", "b", "c"], ["d"], ["e"]]
 
 
 def test_a_class_grows_until_it_is_probable() -> None:
