@@ -228,6 +228,20 @@ def test_halves_of_the_draws_are_fitted_alone(bench) -> None:
     assert prepare(*parts).halves == ()
 
 
+def test_tilts_may_differ_as_those_of_another_simulator(bench, monkeypatch) -> None:
+    own = bench.prepared("M")
+    design = bench.rehearsal.design("M")
+    parts = own.library, design, bench.rehearsal.draws, own.places, own.motion
+    monkeypatch.setattr("vsr2.diagnosis.which.routes.disturbed", lambda features, *_: features)
+    alike = prepare(*parts)
+    # Residuals of largest tilts, over a scatter that is part of their deviation.
+    for wide, narrow in (
+        (own.drawn[0], alike.drawn[0]),
+        (own.calibration.null[0], alike.calibration.null[0]),
+    ):
+        assert wide[:, 1].std() > 1.1 * narrow[:, 1].std()
+
+
 def test_what_is_written_is_what_was_concluded(bench, monkeypatch) -> None:
     judged = bench.judge("B", ("table_gain", (-0.1,)), nuisance=0)
     content, verdict = judged.diagnosis.content, judged.evidence.verdict

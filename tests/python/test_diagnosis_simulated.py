@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,10 @@ from vsr2.diagnosis.budget import MAX_DRAWS, Budget, Schedule
 from vsr2.diagnosis.diagnose import _settled
 from vsr2.diagnosis.how_far.anew import ANEW_RUNS
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
+from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.bank import Bank, own_code
+from vsr2.diagnosis.simulated.design import screen
 from vsr2.diagnosis.simulated.library import basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
@@ -19,6 +23,30 @@ from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
+
+
+class Falling:
+    """Trial i overturns in the first so many of its simulations."""
+
+    library = TWO
+    nuisance_names = ("z",)
+    identity = "falling"
+
+    def __init__(self, times):
+        self.left = list(times)
+
+    def trial_key(self, trial):
+        return str(trial)
+
+    def nuisance_draw(self, index):
+        return nuisance_normal(0, 1, index)
+
+    def run(self, requests):
+        overturned = np.zeros(len(requests))
+        for k, request in enumerate(requests):
+            overturned[k] = self.left[request.trial] > 0
+            self.left[request.trial] -= 1
+        return Responses(overturned, 1.5 * overturned, None)
 
 
 class Counting:
@@ -174,3 +202,27 @@ def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
     u = np.array([[0.3 if null is None else null for null in nulls]])
     np.testing.assert_allclose(basis(entry, u), 0.0, atol=1e-9)
     assert len(values_at(entry, u[0])) == len(entry.parameters)
+
+
+def test_trials_near_the_verge_are_kept_first() -> None:
+    """Of 12 simulations, 8 without effect: certain are those with none or all overturned."""
+    campaign = shaken_campaign(10, 4)
+    rows = tuple(dataclasses.replace(trial, overturned=False) for trial in campaign.trials)
+    seen = observe_campaign(dataclasses.replace(campaign, trials=rows), "B")
+    times = np.zeros(40, dtype=int)
+    times[:6] = 12, 1, 11, 5, 7, 2
+
+    def kept(most):
+        with Bank(Falling(times)) as bank:
+            return screen(bank, seen, runs=16, most=most)
+
+    every = kept(40)
+    assert set(every.kept) - set(every.guard) == {1, 2, 3, 4, 5}
+    assert every.guard.size == 4, "a tenth of 35"
+    np.testing.assert_array_equal(every.alike, np.isin(times, (0, 12)))
+    np.testing.assert_array_equal(every.verge, [1, 2, 3, 4, 5])
+    np.testing.assert_allclose(every.probability, (times + 0.5) / 13)
+    few = kept(4)
+    assert few.guard.size == 1
+    assert set(few.kept) - set(few.guard) == {3, 4, 5}, "nearest to one in two"
+    assert few.left_out == 2

@@ -10,10 +10,13 @@ import pytest
 
 from vsr2.diagnosis.how_far.anew import Anew
 from vsr2.diagnosis.how_far.shrinkage import Interval, Pair
+from vsr2.diagnosis.simulated.library import NONE, free_parameters
 from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement
 from vsr2.diagnosis.verdict.summary import (
     _few_sessions,
     _repeated,
+    _sizes,
+    _unseen,
     beyond_tolerance,
     mates,
     withheld_mates,
@@ -252,3 +255,43 @@ def test_repeats_that_scatter_beyond_the_simulations_are_told() -> None:
     assert told(3 / 30, 0.0) == [], "as if one were expected where none is"
     assert len(told(5 / 30, 0.0)) == 1
     assert "no repeats" in _repeated({"physical": None})[0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "interval", "told"),
+    [
+        ("table_gain", (-0.1, 0.1), "change lies from -0.1 to 0.1, 0 being no effect"),
+        ("table_gain", (0.1, 0.14), None),
+        ("table_gain", (-0.14, -0.1), None),
+        ("catch", (6.0, 10.0), None),
+        ("catch", (6.0, 24.0), "slack lies from 6 to 24 degree, nearly all that its prior allows"),
+    ],
+)
+def test_a_size_is_open_that_may_be_none_or_any(effect, interval, told) -> None:
+    library = full_library()
+    (parameter,) = free_parameters(library[effect])
+    row = {"name": effect, "parameters": {parameter.name: {"ci95": list(interval)}}}
+
+    def found(verdict):
+        return _sizes(SimpleNamespace(library=library), verdict, [row])
+
+    expected = [] if told is None else [f"the size of {effect} is not determined: its {told}"]
+    assert found(Verdict("effect", (effect,), 0.9, ())) == expected
+    assert found(Verdict("effect", ("wear",), 0.9, ())) == []
+
+
+@pytest.mark.parametrize(
+    ("logit", "shift", "unseen"), [(0.2, 0.1, True), (4.0, 0.1, False), (0.2, 1.0, False)]
+)
+def test_an_effect_is_seen_by_outcomes_or_by_tilts(logit, shift, unseen) -> None:
+    """Of ten even odds a logit of 4 moves 4.8; as many tilts by one sigma have a chi2 of 10."""
+
+    def table(logit, shift):
+        nodes = np.array([[0.0], [1.0]]) * np.ones(10)
+        layout = SimpleNamespace(
+            logit=logit * nodes, centre=[shift * nodes], variance=[np.ones((2, 10))]
+        )
+        return SimpleNamespace(coarse=layout)
+
+    prepared = SimpleNamespace(tables={NONE: table(0.0, 0.0), "wear": table(logit, shift)})
+    assert _unseen(prepared, "wear") is unseen
