@@ -25,8 +25,8 @@ from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
 from vsr2.scene import Box, Hull, Pose
 from vsr2.simulation import Trial, study_trials
-from vsr2.simulation.batch import plan_sha256
 from vsr2.simulation.bench import EffectBench, trial_of
+from vsr2.simulation.trial import plan_sha256
 
 ROOT = Path(__file__).resolve().parents[2]
 

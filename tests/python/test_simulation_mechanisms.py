@@ -19,10 +19,10 @@ from vsr2.results import load_trial_log, save_trial_log
 from vsr2.results.result import rotate
 from vsr2.scene import Mechanisms, PedestalBody, RockBody, build_pedestal, build_rock
 from vsr2.simulation import Simulation, Trial, make_scene, run_batch
-from vsr2.simulation.batch import plan_sha256
 from vsr2.simulation.bench import EffectBench
 from vsr2.simulation.orders import Cargo, _motion, _scene
 from vsr2.simulation.scene import Scene
+from vsr2.simulation.trial import plan_sha256
 
 ROOT = Path(__file__).resolve().parents[2]
 SCAN = ROOT / "models" / "pbr_scan.obj"

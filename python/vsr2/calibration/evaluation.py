@@ -26,7 +26,7 @@ from vsr2.results import has_journal, prepare_folder
 from vsr2.scene import PedestalBody, RockBody, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
 from vsr2.simulation import Trial, apply_effects, make_scene, run_batch
-from vsr2.simulation.batch import plan_sha256
+from vsr2.simulation.trial import plan_sha256
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which a trial's outcome is known."""

@@ -242,7 +242,7 @@ def _generator(seed: int, trial: int, stream: int) -> np.random.Generator:
 
 def _digest(trials: Sequence[Trial], noise: MeasurementNoise, seed: int) -> str:
     """Of everything that decides what a trial gives."""
-    from vsr2.simulation.batch import plan_sha256
+    from vsr2.simulation.trial import plan_sha256
 
     content = [plan_sha256(trials), asdict(noise), seed]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -40,10 +40,11 @@ from vsr2.scene import (
 )
 from vsr2.scene.rotation import multiply
 from vsr2.scene.shapes import hull_surface
-from vsr2.simulation.batch import Trial, run_batch
+from vsr2.simulation.batch import run_batch
 from vsr2.simulation.effects import with_effects
 from vsr2.simulation.scene import Scene, make_scene
 from vsr2.simulation.simulation import Simulation
+from vsr2.simulation.trial import Trial
 
 Array = NDArray[np.float64]
 

@@ -23,8 +23,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vsr2 import _native
 from vsr2.errors import SimulationError
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
-from vsr2.simulation.batch import POLL, Trial, failed_row
+from vsr2.simulation.native_trials import CONTACTS_A_ROW, POLL, failed_row
 from vsr2.simulation.orders import Cargo, Finished, hold, run_chunk, stop
+from vsr2.simulation.trial import Trial
 
 if TYPE_CHECKING:
     import distributed
@@ -40,7 +41,6 @@ KEPT_BYTES = 2**28
 batch of the same client [byte]."""
 
 _STEPS_BESIDE_MOTION = 2000
-_CONTACTS_A_ROW = 4
 _CHUNKS_A_THREAD = 4
 _MIN_WINDOW = 64
 _FETCHES = 4
@@ -96,7 +96,7 @@ def run_on_cluster(
     Where no worker is connected, it waits for one.
 
     Args:
-        trials: what to run; they passed :func:`vsr2.simulation.batch.check_trials`.
+        trials: what to run; they passed :func:`vsr2.simulation.trial.check_trials`.
         client: of the cluster.
         take: called with index, row and log of each trial as it comes back.
         stopped: asked every `POLL`; once true, workers stop, and what they have finished is still
@@ -184,7 +184,7 @@ def _chunks(trials: Sequence[Trial], threads: int) -> Iterable[list[int]]:
         if output.log_every:
             own_size += samples // output.log_every * len(STATE_COLUMNS) * 8
         if output.contacts_every:
-            rows = samples // output.contacts_every * _CONTACTS_A_ROW
+            rows = samples // output.contacts_every * CONTACTS_A_ROW
             own_size += rows * len(CONTACT_COLUMNS) * 8
         full = len(chunk) >= most or steps + own_steps > MAX_CHUNK_STEPS
         if chunk and (full or size + own_size > MAX_CHUNK_BYTES):

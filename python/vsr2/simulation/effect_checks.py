@@ -29,9 +29,10 @@ from vsr2.motion import Motion
 from vsr2.results import BatchResult
 from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
-from vsr2.simulation.batch import Trial, run_batch
+from vsr2.simulation.batch import run_batch
 from vsr2.simulation.bench import EffectBench, fast_violation, trial_of
 from vsr2.simulation.effects import with_effects
+from vsr2.simulation.trial import Trial
 
 Array = NDArray[np.float64]
 Rock = Literal["block", "scan"]

@@ -12,8 +12,8 @@ import numpy as np
 
 from vsr2.effects import Applied, Circumstances, Effect, EffectWarning, Setup, chosen
 from vsr2.errors import ConfigError, SimulationError, Vsr2Error
-from vsr2.simulation.batch import Trial
 from vsr2.simulation.scene import Scene, make_scene, scene_sha256
+from vsr2.simulation.trial import Trial
 
 SCENE_STAGES = ("geometry", "order", "inertia", "contact", "mechanism")
 """Stages whose hooks see neither motion nor outcome, so that trials share what they make."""

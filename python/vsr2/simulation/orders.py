@@ -22,8 +22,9 @@ from vsr2.errors import SimulationError
 from vsr2.motion import Motion, SideMotion
 from vsr2.results import TrialLog, base_provenance
 from vsr2.scene import Mechanisms, PedestalBody, Pose, RockBody
-from vsr2.simulation.batch import Trial, run_native
+from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.scene import Scene, make_scene
+from vsr2.simulation.trial import Trial
 
 _MAX_SCENES = 32
 

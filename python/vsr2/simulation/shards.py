@@ -24,7 +24,8 @@ from vsr2.results import (
     read_journal,
 )
 from vsr2.results.atomic import write_atomic
-from vsr2.simulation.batch import Trial, plan_sha256, run_batch
+from vsr2.simulation.batch import run_batch
+from vsr2.simulation.trial import Trial, plan_sha256
 
 SHARD_FOLDER = "shards"
 SHARD_FILE = "shard.json"

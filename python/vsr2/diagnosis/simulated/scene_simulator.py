@@ -188,8 +188,8 @@ class SceneSimulator:
         return hashlib.sha256(content.encode()).hexdigest()
 
     def _refusal(self, effect: Effect) -> str | None:
-        from vsr2.simulation.batch import check_trials
         from vsr2.simulation.effects import with_effects
+        from vsr2.simulation.trial import check_trials
 
         try:
             trials = with_effects(

@@ -1,0 +1,202 @@
+"""Trials in native threads of this process: handed to the core, taken back as they finish."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from vsr2 import _native
+from vsr2.motion import Motion
+from vsr2.results import CONTACT_COLUMNS, TrialLog
+from vsr2.simulation.scene import Scene
+from vsr2.simulation.trial import Trial, goes_beside_x, state_bytes
+
+POLL = 0.1
+"""How often finished trials are collected and Ctrl-C is noticed [s]."""
+MAX_AHEAD = 1024
+"""Most trials that the core holds, waiting, running or not yet taken."""
+MAX_AHEAD_BYTES = 2**28
+"""Most that their logs can take, unless two trials a thread take more [byte]."""
+CONTACTS_A_ROW = 4
+"""Contacts at one time, about: what the size of a log is reckoned with."""
+
+_KEPT_SAMPLES_BYTES = 2**28
+_KEPT_STARTS = 4096
+
+FLOAT_COLUMNS = (
+    "settling_time",
+    "simulated_time",
+    "overturning_time",
+    "peak_tilt",
+    "final_tilt",
+    "final_slip",
+    "final_yaw",
+    "peak_tracking_error",
+)
+
+
+class _Specifications:
+    """Native specifications of trials; motions are copied once, equal starts settle once.
+
+    What was not used for a while is let go of, so that memory does not grow with the batch.
+    """
+
+    def __init__(self) -> None:
+        # With what the key's `id` is of, so that no other object gets it.
+        self._samples: OrderedDict[int, tuple[Motion, dict[str, Any]]] = OrderedDict()
+        self._starts: OrderedDict[tuple[Any, ...], tuple[Scene, _native.SettledStart]] = (
+            OrderedDict()
+        )
+        self._bytes = 0
+
+    def of(self, trial: Trial) -> _native.TrialSpec:
+        outcome, output = trial.outcome, trial.output
+        return _native.TrialSpec(
+            start=self._start(trial),
+            **self._motion(trial.motion),
+            log_every=output.log_every,
+            contacts_every=output.contacts_every,
+            **outcome.model_dump(),
+        )
+
+    def _motion(self, motion: Motion) -> dict[str, Any]:
+        key = id(motion)
+        if key in self._samples:
+            self._samples.move_to_end(key)
+            return self._samples[key][1]
+        samples = {
+            "motion_position": _native.Samples(motion.displacement),
+            "motion_velocity": _native.Samples(motion.velocity),
+        } | {
+            name: None if side is None else _native.Samples(side.displacement)
+            for name, side in motion.sides.items()
+        }
+        self._samples[key] = motion, samples
+        self._bytes += _sample_bytes(motion)
+        while self._bytes > _KEPT_SAMPLES_BYTES and len(self._samples) > 1:
+            _, (oldest, _) = self._samples.popitem(last=False)
+            self._bytes -= _sample_bytes(oldest)
+        return samples
+
+    def _start(self, trial: Trial) -> _native.SettledStart:
+        if goes_beside_x(trial):
+            drive = _native.Drive.prescribed_spatial
+        elif trial.drive == "prescribed":
+            drive = _native.Drive.prescribed
+        elif trial.motion.kind == "cosine":
+            drive = _native.Drive.motor_position_velocity
+        else:
+            drive = _native.Drive.motor_position
+        body = trial.scene.body_pose(trial.start or trial.scene.rock.start)
+        log_every = trial.output.log_every if trial.output.log_settling else 0
+        key = (id(trial.scene), drive, body, trial.settling, log_every)
+        if key in self._starts:
+            self._starts.move_to_end(key)
+            return self._starts[key][1]
+        start = _native.SettledStart(
+            scene=trial.scene.native,
+            drive=drive,
+            position=body.position,
+            orientation=body.orientation,
+            log_every=log_every,
+            **trial.settling.model_dump(),
+        )
+        self._starts[key] = trial.scene, start
+        while len(self._starts) > _KEPT_STARTS:
+            self._starts.popitem(last=False)
+        return start
+
+
+def run_native(
+    trials: Sequence[Trial],
+    threads: int,
+    *,
+    take: Callable[[int, dict[str, Any], TrialLog | None], None],
+    stopped: Callable[[], bool],
+) -> None:
+    """Run trials in native threads of this process.
+
+    Trials are handed to the core a little ahead of those that are finished and taken, so that
+    neither what waits nor what `take` has not caught up with grows with the batch.
+
+    Args:
+        trials: what to run; they passed :func:`check_trials`.
+        threads: how many at a time.
+        take: called with index, row and log of each trial as it finishes.
+        stopped: asked every `POLL`; once true, trials that run end with status `cancelled` and no
+            others begin.
+    """
+    specifications = _Specifications()
+    native = _native.Batch(threads)
+    sizes: dict[int, float] = {}
+    ahead = 0.0
+    added = 0
+    try:
+        while not native.exhausted():
+            while added < len(trials):
+                size = _log_bytes(trials[added])
+                full = len(sizes) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
+                if full and len(sizes) >= 2 * threads:
+                    break
+                sizes[native.add(specifications.of(trials[added]))] = size
+                ahead += size
+                added += 1
+            else:
+                native.close()
+            for i in native.wait(POLL):
+                result = native.take(i)
+                ahead -= sizes.pop(i)
+                take(i, _row(result), _log(trials[i], result))
+            if stopped():
+                native.cancel()
+                added = len(trials)
+    finally:
+        native.cancel()
+        native.join()
+
+
+def _sample_bytes(motion: Motion) -> int:
+    """Size of a motion's set-points in the core [byte]."""
+    sides = sum(side is not None for side in motion.sides.values())
+    return (2 + sides) * motion.displacement.nbytes
+
+
+def _log_bytes(trial: Trial) -> float:
+    """About the size of the longest log that a trial can give [byte]."""
+    if trial.output.contacts_every == 0:
+        return state_bytes(trial)
+    seconds = trial.motion.duration + trial.outcome.tail
+    rows = seconds / (trial.scene.engine.time_step * trial.output.contacts_every)
+    return state_bytes(trial) + rows * CONTACTS_A_ROW * len(CONTACT_COLUMNS) * 8
+
+
+def _row(result: _native.TrialResult) -> dict[str, Any]:
+    row = {name: getattr(result, name) for name in (*FLOAT_COLUMNS, "message", "engine", "steps")}
+    return row | {"status": result.status.name, "outcome": result.outcome.name}
+
+
+def failed_row(trial: Trial, message: str) -> dict[str, Any]:
+    """The row of a trial that could not be run to an end of its own, with status `error`."""
+    facts = {"message": message, "engine": trial.scene.engine_name, "steps": 0}
+    return dict.fromkeys(FLOAT_COLUMNS, np.nan) | facts | {"status": "error", "outcome": "failed"}
+
+
+def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:
+    state = result.take_log()
+    if len(state) == 0:
+        return None
+    frame = trial.scene.body_frame
+    return TrialLog(
+        state=state,
+        contacts=result.take_contacts(),
+        excursions=result.take_excursions(),
+        pivot=np.array([*trial.scene.pedestal.origin[:2], trial.scene.pitch_pivot]),
+        settled_position=np.asarray(result.settled_position),
+        settled_orientation=np.asarray(result.settled_orientation),
+        foot=np.asarray(result.foot),
+        mass_center=np.asarray(frame.position),
+        principal_axes=np.asarray(frame.orientation),
+    )
