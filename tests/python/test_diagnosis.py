@@ -19,7 +19,12 @@ from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Budget, Nuisances, diagnose, diagnose_with, schema
 from vsr2.diagnosis.how_far.shrinkage import judge
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
-from vsr2.diagnosis.likelihood.equivalence import expected_campaign, separations
+from vsr2.diagnosis.likelihood.equivalence import (
+    CONFOUNDED,
+    INSEPARABLE,
+    expected_campaign,
+    separations,
+)
 from vsr2.diagnosis.likelihood.evidence import Data, posterior, predict
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
@@ -176,7 +181,7 @@ def test_gain_and_slenderness_come_out_as_one_class(bench, tier, effect, nuisanc
     assert set(judged.diagnosis.content["conformal_set_90"]) >= same, "none wins alone"
 
 
-def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
+def test_the_trial_to_repeat_is_the_one_that_separates_most(bench, monkeypatch) -> None:
     planted = ("table_gain", (0.12,))
     seen = bench.rehearsal.observed(bench.truth, (planted,), nuisance=2)
     judged, prepared = bench.judge("M", planted, nuisance=2), bench.prepared("M")
@@ -196,6 +201,7 @@ def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
     unlike = 4 * (ahead.overturned - rival.overturned)[0] ** 2 + tilts
     place = [seen.campaign.trials[int(i)].trial for i in kept].index(told["trial"])
     assert unlike[place] > np.quantile(unlike, 0.8)
+    assert told["repeats"] == np.ceil(INSEPARABLE / told["information_per_repeat"])
     less = replace(found, exponent=0.5 * found.exponent)
     half = next_measurement(members, prepared, less, seen, kept)
     assert half["trial"] == told["trial"]
@@ -208,6 +214,11 @@ def test_the_trial_to_repeat_is_the_one_that_separates_most(bench) -> None:
     same = {key: alone[key] for key in ("trial", "information_per_repeat", "repeats")}
     what = next_measurement(["catch"], prepared, found, seen, kept)["what"]
     assert three["others"] == [{"name": "catch", "what": what} | same]
+    # What theory takes for the same stays one class until it is told apart five times as well.
+    place = "vsr2.diagnosis.verdict.next_measurement.takes_for_alike"
+    monkeypatch.setattr(place, lambda: lambda one, other: True)
+    often = next_measurement(members, prepared, found, seen, kept)["repeats"]
+    assert often == np.ceil(CONFOUNDED * INSEPARABLE / told["information_per_repeat"])
 
 
 def test_halves_of_the_draws_are_fitted_alone(bench) -> None:

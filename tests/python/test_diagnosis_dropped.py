@@ -49,8 +49,8 @@ class Thresholds:
         return Responses(np.array(down), np.zeros(len(down)), None)
 
 
-def shrinkage(push, placebo=0.9, recalibrated=0.8, after=0.2):
-    """Of two groups; in the second the effect chosen is half as strong."""
+def shrinkage(push, placebo=0.9, recalibrated=0.8, after=0.2, wrong=0.0):
+    """Of two groups; in the second the effect chosen is half as strong; `wrong`: the placebo's."""
     blank = np.zeros(KEPT.size)
 
     def draws(value):
@@ -65,7 +65,7 @@ def shrinkage(push, placebo=0.9, recalibrated=0.8, after=0.2):
         draws={
             NONE: [[((), 1 + i) for i in range(PREDICTED)]] * 2,
             "wear": [draws(push), draws(push / 2)],
-            "catch": [draws(0.0)] * 2,
+            "catch": [draws(wrong)] * 2,
         },
         scaling=np.array([[0.0, 1.0], [0.0, 1.0]]),
         predicted_before=blank + 0.4, predicted_after=blank + 0.8, predicted_pair=None,
@@ -153,6 +153,21 @@ def test_an_effect_that_turns_trials_wrongly_closes_less() -> None:
     # What was not chosen is taken to leave them as they are.
     assert harmed.mean("table_gain")["value"] == calm.mean("table_gain")["value"]
     assert harmed.mean("wear")["value"] == harmed.mean("after")["value"]
+
+
+def test_a_placebo_answers_for_what_it_does_to_dropped_trials() -> None:
+    found = (np.arange(TRIALS) >= 9).astype(float)
+    found[[4, 6]] = 1.0
+    idle, busy = (whole(0.2, found, wrong=push)[1] for push in (0.0, 0.6))
+    dropped = whole(0.2, found, wrong=0.6)[0]
+    # 4 / 12 to 7 / 12 are below 0.6: two of these trials fell, two stood.
+    fallen = 1 - 0.5 / (PREDICTED + 1)
+    np.testing.assert_allclose(dropped.placebo, [fallen] * 4 + [0.02] + [0.98] * 3)
+    gain = 2 * (np.log(fallen) - np.log(0.02)) + 2 * (np.log(1 - fallen) - np.log(0.98))
+    assert idle.mean("placebo")["value"] - busy.mean("placebo")["value"] == pytest.approx(
+        gain / TRIALS
+    )
+    assert busy.mean("catch")["value"] == pytest.approx(busy.mean("placebo")["value"])
 
 
 def test_an_effect_that_turns_trials_rightly_closes_more() -> None:

@@ -10,7 +10,7 @@ import pytest
 from vsr2.campaign import MeasurementNoise, Series
 from vsr2.diagnosis.floor import _repeats
 from vsr2.diagnosis.observed.features import Sampling, rest_features, tilt_features
-from vsr2.diagnosis.observed.observations import observe_campaign, rest_logarithm
+from vsr2.diagnosis.observed.observations import _reached_tier, observe_campaign, rest_logarithm
 from vsr2.diagnosis.observed.table import agreement, table_residuals
 from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.errors import DiagnosisError
@@ -266,3 +266,28 @@ def test_a_motion_that_does_not_move_is_named() -> None:
     campaign = dataclasses.replace(plain, trials=trials, motions=plain.motions | {name: rest})
     with pytest.raises(DiagnosisError, match=rf"rests in the motion '{name}' of trial 'T007'"):
         observe_campaign(campaign)
+
+
+def test_one_trial_in_ten_may_lack_what_a_tier_rests_on() -> None:
+    """Of 100 that stood ten may, not eleven: in floating point 1 - 0.9 is less than a tenth."""
+    campaign, time = shaken_campaign(10, 10), np.arange(0.0, 5.0, 0.05)
+    series = Series(time=time, tilt=0.1 * np.sin(time))
+
+    def reached(no_tilt: int, no_series: int) -> str:
+        trials = tuple(
+            dataclasses.replace(
+                trial,
+                overturned=False,
+                peak_tilt=None if i < no_tilt else 0.1,
+                series=None if i < no_series else series,
+            )
+            for i, trial in enumerate(campaign.trials)
+        )
+        return _reached_tier(dataclasses.replace(campaign, trials=trials), None)
+
+    assert reached(0, 10) == "T"
+    assert reached(0, 11) == "M"
+    # A series tells the largest tilt too.
+    assert reached(100, 10) == "T"
+    assert reached(10, 100) == "M"
+    assert reached(11, 100) == "B"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sqlite3
 from types import SimpleNamespace
 
 import numpy as np
@@ -185,8 +186,37 @@ def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
 
 def test_a_file_that_is_no_bank_is_refused(tmp_path) -> None:
     (tmp_path / "b").write_text("no bank at all, and long enough to be looked at" * 20)
-    with pytest.raises(DiagnosisError, match="choose another folder"):
+    with pytest.raises(DiagnosisError, match=r"remove it, and .* or choose another folder"):
         Bank(Counting(), tmp_path / "b")
+    with pytest.raises(DiagnosisError, match="see that its folder may be written to"):
+        Bank(Counting(), tmp_path / "none" / "b")
+
+
+def test_a_bank_that_fails_later_is_told_too(tmp_path) -> None:
+    requests = [Request(i % 10, (), i // 10, 1) for i in range(2000)]
+    with Bank(Counting(), tmp_path / "b") as bank:
+        bank.run(requests)
+    # Pages behind the first, on which opening looks at no row.
+    with (tmp_path / "b").open("r+b") as file:
+        for page in range(2, (tmp_path / "b").stat().st_size // 4096):
+            file.seek(4096 * page)
+            file.write(b"\xff" * 64)
+    with (
+        pytest.raises(DiagnosisError, match=r"b: cannot be used .* remove it, and"),
+        Bank(Counting(), tmp_path / "b") as bank,
+    ):
+        bank.run(requests)
+    with Bank(Counting(), tmp_path / "c") as bank:
+        other = sqlite3.connect(tmp_path / "c")
+        other.execute("BEGIN EXCLUSIVE")
+        bank._file.execute("PRAGMA busy_timeout = 1")
+        with pytest.raises(DiagnosisError, match="another process writes to it: wait"):
+            bank.run(requests)
+        other.rollback()
+        other.close()
+        bank._file.execute("PRAGMA query_only = 1")
+        with pytest.raises(DiagnosisError, match="may be written to and has room"):
+            bank.run(requests)
 
 
 @pytest.mark.parametrize("name", sorted(full_library()))

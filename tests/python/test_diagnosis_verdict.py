@@ -11,7 +11,7 @@ import pytest
 from vsr2.diagnosis.how_far.anew import Anew
 from vsr2.diagnosis.how_far.shrinkage import Interval, Pair
 from vsr2.diagnosis.simulated.library import NONE, free_parameters
-from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement
+from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement, points_outside
 from vsr2.diagnosis.verdict.summary import (
     _few_sessions,
     _repeated,
@@ -48,14 +48,19 @@ def test_what_lies_beyond_its_tolerance_may_look_like_an_effect() -> None:
 
 def test_few_sessions_are_told() -> None:
     def told(*sessions, motion=(0, 0, 1, 1)):
-        return _few_sessions(SimpleNamespace(session=np.array(sessions), motion=np.array(motion)))
+        return _few_sessions(np.array(sessions), np.array(motion))
 
     assert "one session: a change" in told(0, 0, 0, 0)[0]
     assert "motions of one session are" in told(0, 0, 0, 0, motion=(0, 1, 0, 1))[0]
     assert "sessions are interleaved" in told(0, 1, 0, 1)[0]
-    assert "2 sessions: their order can be changed in 2 ways" in told(0, 0, 1, 1)[0]
+    assert "few sessions: their order can be changed in 2 ways" in told(0, 0, 1, 1)[0]
     assert "(p of 0.17 at least)" in told(0, 0, 1, 1, 2, 2)[0]
-    assert told(0, 0, 1, 1, 2, 2, 3, 3) == []
+    eight = (0, 0, 1, 1, 2, 2, 3, 3)
+    assert told(*eight, motion=eight) == []
+    (mixed,) = told(*eight, motion=(0, 1, 0, 1, 0, 1, 0, 1))
+    assert "whether one session stands out cannot be told" in mixed
+    # Each motion once: whole motions are permuted.
+    assert told(*eight, motion=range(8)) == []
 
 
 CLEAR = Findings(
@@ -295,3 +300,12 @@ def test_an_effect_is_seen_by_outcomes_or_by_tilts(logit, shift, unseen) -> None
 
     prepared = SimpleNamespace(tables={NONE: table(0.0, 0.0), "wear": table(logit, shift)})
     assert _unseen(prepared, "wear") is unseen
+
+
+def test_a_cause_outside_the_library_is_pointed_to_where_it_outweighs_all_else() -> None:
+    unsure, named = (Verdict(kind, ("catch",), 0.9, ()) for kind in ("unresolved", "effect"))
+    likely, unlikely = (dataclasses.replace(CLEAR, unknown_probability=p) for p in (0.51, 0.49))
+    assert points_outside(unsure, likely)
+    assert not points_outside(unsure, unlikely)
+    assert not points_outside(named, likely)
+    assert points_outside(Verdict("unknown", (), 0.4, ()), unlikely)

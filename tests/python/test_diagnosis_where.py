@@ -13,7 +13,7 @@ from vsr2.diagnosis.simulated.library import NONE
 from vsr2.diagnosis.verdict.summary import _shown
 from vsr2.diagnosis.where.discrepancy import COMMON, VARIANCE, disturbed
 from vsr2.diagnosis.where.null_campaigns import null_campaigns
-from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, scan
+from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, interleaved, scan
 
 
 def schedule(sessions=10, each=12, seed=0):
@@ -70,6 +70,28 @@ def test_a_session_is_judged_by_whole_motions() -> None:
         found += min(sessions) <= 0.05
     # One in twenty, of twenty: more than four happen less than one time in 300.
     assert found <= 4
+
+
+def test_no_session_stands_out_where_motions_are_interleaved() -> None:
+    """Trials of a motion err together, wherever in its session they stand."""
+    blocked = schedule(sessions=4, each=24)
+    rng = np.random.default_rng(6)
+    mixed = np.concatenate(
+        [rng.permutation(blocked.motion[blocked.session == s]) for s in range(4)]
+    )
+    loud = np.where(blocked.session == 2, 0.9, 0.1)
+
+    def sessions(motion, p):
+        there = dataclasses.replace(blocked, motion=motion)
+        found = places((rng.random(p.size) < p) - 0.3, there)
+        return min(place.p_familywise for place in found if place.axis == "session")
+
+    assert sessions(mixed, loud) == 1.0
+    # Each motion once, or all of a motion in a row: whole motions change places.
+    assert sessions(np.arange(96), loud) <= 0.01
+    assert interleaved(mixed)
+    assert not interleaved(np.arange(96))
+    assert not interleaved(blocked.motion)
 
 
 def test_trials_change_places_with_their_own_noise() -> None:
@@ -202,6 +224,11 @@ def test_drawn_nulls_resolve_what_few_simulated_ones_cannot() -> None:
 
     assert smallest(None) == pytest.approx(1 / 41)
     assert smallest((drawn, wide[1])) == pytest.approx(1 / 1000)
+    # What simulated campaigns reach is no more significant than among them.
+    loud = null.copy()
+    loud[:4] = 1.5 * residual[0]
+    reached = scan((residual, variance), (loud, wide[0]), there, (OUTCOME,), drawn=(drawn, wide[1]))
+    assert reached[0].p_familywise >= 5 / 41
     # Deviations are the simulated ones': drawn campaigns of twice the size say the same.
     assert smallest((2 * drawn, wide[1])) == pytest.approx(1 / 1000)
 

@@ -228,6 +228,11 @@ def test_the_page_tells_the_numbers() -> None:
             "is wear.",
         ),
         ({"kind": "unresolved"}, "There is a gap, but its cause is not resolved; the leading"),
+        (
+            {"kind": "unresolved", "outside": 0.97},
+            "its cause is not resolved; most probable is a cause outside the library (97%), before "
+            "wear.",
+        ),
         ({"kind": "class", "names": ["wear", "catch"]}, "does not decide between them"),
         ({"kind": "class", "names": ["wear", "catch"], "one": True}, "cannot tell them apart"),
         ({"kind": "unknown", "probability": 0.4}, "no effect of the library explains it (40%)"),
@@ -255,7 +260,15 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
         effects[1]["class"] = "wear"
     content = CONTENT | {"verdict": verdict, "gap": gap, "effects": effects}
     content["where"] = changes.get("where", CONTENT["where"])
+    content["unknown"] = {"probability": changes.get("outside", 0.1)}
     assert sentence in verdict_sentence(content)
+
+
+def test_a_trial_to_repeat_with_new_instruments_separates_no_effects() -> None:
+    told = {"what": "repeat trial T7 with a camera", "splits": [], "trial": "T7", "repeats": None}
+    for measure, there in ((told, False), (CONTENT["next_measurement"], True)):
+        page = diagnosis_page(Diagnosis(CONTENT | {"next_measurement": measure}, ROWS))
+        assert ("Without new instruments" in page) == there
 
 
 def test_places_without_measures_are_told() -> None:

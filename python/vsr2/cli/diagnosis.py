@@ -28,9 +28,7 @@ def add_verbs(verbs: Any) -> None:
     parser.add_argument(
         "--tier", choices=("B", "M", "T"), help="information to use (default: all there is)"
     )
-    parser.add_argument(
-        "--budget-minutes", type=float, default=10.0, help="for simulations (default 10)"
-    )
+    parser.add_argument("--budget-minutes", type=float, default=10.0, help="wall time (default 10)")
     parser.add_argument(
         "--simulations",
         type=int,

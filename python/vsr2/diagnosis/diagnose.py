@@ -43,6 +43,7 @@ from vsr2.diagnosis.verdict.rules import (
     beyond_noise,
     decide,
     disagreement,
+    points_outside,
 )
 from vsr2.diagnosis.verdict.summary import Evidence, compose
 from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, residuals, scan
@@ -386,7 +387,7 @@ def conclude(
     )
     where = _where(seen, kept, prepared, found, observed, conditions, seed)
     measure = None
-    if verdict.kind == "unknown":
+    if points_outside(verdict, findings):
         excess = np.zeros(len(seen))
         excess[kept] = shrinkage.after - floor
         measure = measurement_of_the_unknown(seen, excess, where)

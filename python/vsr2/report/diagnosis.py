@@ -94,6 +94,12 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
                 said = "There is a gap, but its cause is not resolved"
             if not names:
                 return f"{said}."
+            outside = content["unknown"]["probability"]
+            if outside > 0.5:
+                return (
+                    f"{said}; most probable is a cause outside the library ({outside:.0%}), before "
+                    f"{_candidates(names)}."
+                )
             are = "the leading candidate is" if len(names) == 1 else "candidates are"
             return f"{said}; {are} {_candidates(names)}."
     bounds = content["gap"]["headline"]["ci95"]
@@ -124,6 +130,7 @@ def format_diagnosis(found: Diagnosis) -> str:
         f"{_interval(content['placebo']['closure'])}, headline {_interval(gap['headline'])}; "
         f"simulated anew {_interval(gap['closure_anew'])}",
     ]
+    lines.append("probability, effect, its parameters: most probable, mean [95 %]")
     for row in content["effects"][:6]:
         values = ", ".join(_parameter(name, p) for name, p in row["parameters"].items())
         lines.append(f"  {row['probability']:5.2f}  {row['name']:<20} {values}")
@@ -166,7 +173,7 @@ def diagnosis_page(found: Diagnosis) -> str:
     campaign = content["campaign"]
     body = [
         f"<h1>{escape(title)}: {campaign['trials']} trials of {campaign['motions']} motions in "
-        f"{campaign['sessions']} sessions, tier {campaign['tier']}</h1>",
+        f"{campaign['sessions']} session{'' if campaign['sessions'] == 1 else 's'}, tier {campaign['tier']}</h1>",
         _verdict(content),
         '<div class="two">',
         _card(
@@ -282,7 +289,7 @@ def _next(content: Mapping[str, Any]) -> str:
         text = "<p>Nothing: there is no gap to explain.</p>"
     else:
         text = f"<p>{escape(measure['what'][:1].upper() + measure['what'][1:])}.</p>"
-        if measure.get("trial"):
+        if measure.get("trial") and measure["splits"]:
             repeats = measure.get("repeats")
             often = (
                 "no number of repeats"

@@ -189,7 +189,7 @@ def reliability_figure(rows: Rows) -> str:
     """Observed share against predicted probability, before and after."""
     chart = Chart(
         "predicted against observed",
-        "predicted probability of overturning",
+        "predicted probability of overturning (x before, o after)",
         "share overturned",
         (0.0, 1.0),
         (0.0, 1.0),
@@ -211,8 +211,6 @@ def reliability_figure(rows: Rows) -> str:
             draw = chart.cross if mark == "cross" else chart.circle
             css = f'stroke="{colour}"' if mark == "cross" else f'fill="{colour}"'
             draw(p, y, size, css, f"{column}: {count} trials")
-    chart.text(0.04, 0.94, "x before", f'style="fill:{_COLOURS[1]}"')
-    chart.text(0.04, 0.86, "o after", f'style="fill:{_COLOURS[0]}"')
     return chart.render()
 
 
@@ -223,5 +221,9 @@ def _limits(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _log_ticks(limits: tuple[float, float]) -> list[tuple[float, str]]:
-    values = [m * 10.0**k for k in range(-4, 4) for m in (1, 2, 5)]
-    return [(math.log(v), f"{v:g}") for v in values if limits[0] <= math.log(v) <= limits[1]]
+    def within(steps: Sequence[float]) -> list[tuple[float, str]]:
+        values = [step * 10.0**k for k in range(-4, 4) for step in steps]
+        return [(math.log(v), f"{v:g}") for v in values if limits[0] <= math.log(v) <= limits[1]]
+
+    few = within((1, 2, 5))
+    return few if len(few) > 2 else within((1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9))

@@ -73,11 +73,6 @@ class Chart:
             f'height="{abs(by - ay):.1f}" {css}>{_note(note)}</rect>'
         )
 
-    def text(self, x: float, y: float, text: str, css: str = "", dx: float = 0.0) -> None:
-        """Text beside a point."""
-        px, py = self.at(x, y)
-        self.parts.append(f'<text x="{px + dx:.1f}" y="{py + 4:.1f}" {css}>{escape(text)}</text>')
-
     def render(
         self,
         *,

@@ -27,9 +27,9 @@ LEAST_TRIALS = 40
 """Fewer trials with motion and outcome are refused."""
 LEAST_MOTIONS = 4
 """Fewer ground motions cannot be split into fit, choose and judge with something to resample."""
-ENOUGH = 0.9
-"""Share of the trials that must have what a tier rests on: the largest tilts of those that stood
-(M), series (T)."""
+MOST_LACKING = 10
+"""One trial in so many may lack what a tier rests on: of those that stood the largest tilt (M), of
+all series (T)."""
 LEAST_TILT = 0.003
 """Added to largest tilts before the logarithm where the campaign states no noise [rad]."""
 REST_RESOLUTION = (0.05, 0.01)
@@ -122,7 +122,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
 
     Args:
         campaign: trials without motion or outcome are left out.
-        tier: information to use; None: all that `ENOUGH` of the trials have.
+        tier: information to use; None: all that nine in ten trials have.
 
     Raises:
         DiagnosisError: too few trials or motions, one that does not move, or a tier that the
@@ -198,16 +198,16 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
 
 
 def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
-    """The tier that `ENOUGH` of the trials reach, or a lower one that is wanted."""
+    """The tier that nine in ten trials reach (`MOST_LACKING`), or a lower one that is wanted."""
     standing = [t for t in campaign.trials if not t.overturned]
     without_tilt = [t.trial for t in standing if not np.isfinite(_peak(t))]
     without_series = [t.trial for t in campaign.trials if t.series is None]
     reached: Tier = "B"
     lacking, measured = without_tilt, "largest tilt"
-    tilts = len(without_tilt) <= (1 - ENOUGH) * len(standing)
+    tilts = MOST_LACKING * len(without_tilt) <= len(standing)
     if tilts if standing else campaign.tier > "B":
         reached, lacking, measured = "M", without_series, "series"
-        if len(without_series) <= (1 - ENOUGH) * len(campaign):
+        if MOST_LACKING * len(without_series) <= len(campaign):
             reached = "T"
     if wanted is not None and wanted > reached:
         raise DiagnosisError(

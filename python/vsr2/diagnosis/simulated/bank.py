@@ -8,7 +8,8 @@ import marshal
 import sqlite3
 import struct
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Self
 
@@ -51,7 +52,7 @@ class Bank:
         self._trials: dict[int, str] = {}
         self._codes: dict[str, str] = {}
         self._path = path
-        try:
+        with self._usable():
             self._file = sqlite3.connect(":memory:" if path is None else path)
             self._file.execute(
                 "CREATE TABLE IF NOT EXISTS runs (key BLOB PRIMARY KEY, response BLOB NOT NULL) "
@@ -60,10 +61,21 @@ class Bank:
             self._file.execute("CREATE TABLE IF NOT EXISTS spent (seconds REAL, count INTEGER)")
             self._file.execute("SELECT key, response FROM runs LIMIT 1")
             self._file.execute("SELECT seconds, count FROM spent LIMIT 1")
+
+    @contextmanager
+    def _usable(self) -> Iterator[None]:
+        """Turns what SQLite says of the file into an error with a remedy."""
+        try:
+            yield
         except sqlite3.Error as error:
+            if "locked" in str(error):
+                remedy = "another process writes to it: wait until that ends, or choose another"
+            elif isinstance(error, sqlite3.OperationalError):
+                remedy = "see that its folder may be written to and has room, or choose another"
+            else:
+                remedy = "remove it, and its simulations are made again, or choose another"
             raise DiagnosisError(
-                f"{path}: cannot be used as a bank of simulations ({error}); remove it or choose "
-                "another folder"
+                f"{self._path}: cannot be used as a bank of simulations ({error}); {remedy} folder"
             ) from error
 
     @property
@@ -74,12 +86,14 @@ class Bank:
     @property
     def size(self) -> int:
         """Simulations in the file."""
-        return int(self._file.execute("SELECT COUNT(*) FROM runs").fetchone()[0])
+        with self._usable():
+            return int(self._file.execute("SELECT COUNT(*) FROM runs").fetchone()[0])
 
     @property
     def cost(self) -> float:
         """Mean wall time of a simulation over the file's life [s]; 0 before the first."""
-        row = self._file.execute("SELECT SUM(seconds), SUM(count) FROM spent").fetchone()
+        with self._usable():
+            row = self._file.execute("SELECT SUM(seconds), SUM(count) FROM spent").fetchone()
         return float(row[0]) / float(row[1]) if row[1] else 0.0
 
     @property
@@ -105,6 +119,9 @@ class Bank:
         Args:
             requests: any, also the same twice.
             done: called with the number of answered requests as it grows.
+
+        Raises:
+            DiagnosisError: the file holds damaged simulations, or can no longer be used.
         """
         keys = [self._key(request) for request in requests]
         known = self._known(keys)
@@ -125,7 +142,7 @@ class Bank:
                 packed = struct.pack(f"<{len(values)}d", *values)
                 known[keys[i]] = packed
                 rows.append((keys[i], packed))
-            with self._file:
+            with self._usable(), self._file:
                 self._file.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?)", rows)
                 self._file.execute("INSERT INTO spent VALUES (?, ?)", (seconds, len(part)))
             self.simulated += len(part)
@@ -165,7 +182,8 @@ class Bank:
             part = keys[start : start + 500]
             marks = ",".join("?" * len(part))
             query = f"SELECT key, response FROM runs WHERE key IN ({marks})"
-            out.update(self._file.execute(query, part).fetchall())
+            with self._usable():
+                out.update(self._file.execute(query, part).fetchall())
         return out
 
 

@@ -319,6 +319,12 @@ def _misfit(f: Findings, reasons: list[str]) -> Verdict:
     return Verdict("unknown", (), f.unknown_probability, tuple(reasons))
 
 
+def points_outside(verdict: Verdict, f: Findings) -> bool:
+    """Whether what is said leaves a cause outside the library more probable than all else."""
+    unsure = verdict.kind == "unresolved" and f.unknown_probability > 0.5
+    return verdict.kind == "unknown" or unsure
+
+
 def disagreement(
     leading: tuple[str, ...],
     likelihood_best: str,

@@ -411,7 +411,7 @@ def _limits(
             f"of gaps from a cause outside the library, {share} would be noticed as unknown (each "
             "effect left out in turn): a named effect may stand for one that the library lacks"
         )
-    out += _few_sessions(seen)
+    out += _few_sessions(seen.session[screening.kept], seen.motion[screening.kept])
     uncertain = int(screening.kept.size - screening.guard.size)
     if uncertain < 20 and not screening.left_out:
         out.append(
@@ -449,24 +449,30 @@ def _limits(
     return out
 
 
-def _few_sessions(seen: Observations) -> list[str]:
-    """What so few sessions cannot tell of the order."""
-    runs = 1 + np.count_nonzero(np.diff(seen.session))
-    if interleaved(seen.motion if seen.session.max() == 0 else seen.session):
-        what = "motions of one session" if seen.session.max() == 0 else "sessions"
-        return [
+def _few_sessions(session: NDArray[np.int64], motion: NDArray[np.int64]) -> list[str]:
+    """What sessions and motions of these trials, in their order, cannot tell."""
+    out = []
+    alone = session.max() == 0
+    ways = factorial(1 + np.count_nonzero(np.diff(session)))
+    if interleaved(motion if alone else session):
+        what = "motions of one session" if alone else "sessions"
+        out.append(
             f"{what} are interleaved: no change over the order can be told, because nothing but "
-            "single trials could be permuted"
-        ]
-    if seen.session.max() == 0:
-        return ["one session: a change between sessions cannot be told from a trend"]
-    least = 1 / factorial(runs)
-    if least <= SIGNIFICANT:
-        return []
-    return [
-        f"{runs} sessions: their order can be changed in {factorial(runs)} ways, so that no change "
-        f"over the order is significant (p of {least:.2f} at least)"
-    ]
+            "parts of them could be permuted"
+        )
+    elif alone:
+        out.append("one session: a change between sessions cannot be told from a trend")
+    elif 1 / ways > SIGNIFICANT:
+        out.append(
+            f"few sessions: their order can be changed in {ways} ways, so that no change over the "
+            f"order is significant (p of {1 / ways:.2f} at least)"
+        )
+    if not alone and interleaved(motion):
+        out.append(
+            "motions are interleaved over the sessions: whether one session stands out cannot be "
+            "told, because trials of a motion err together and could not be permuted as a whole"
+        )
+    return out
 
 
 def _repeated(layers: Mapping[str, Any]) -> list[str]:

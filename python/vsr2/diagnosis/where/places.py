@@ -9,8 +9,9 @@ centred trend; a step). The nulls are
   from the model of no effect that was fitted to them tell how rare it is; else the larger p counts;
 - for places over the order of execution besides: permutations of the observed residuals in which
   whole sessions change places (in a campaign of one session, and for sessions themselves: whole
-  runs of one motion). Residuals that hang together within a session look like a trend; permuting
-  less than sessions would take that for significant. The larger p value counts.
+  motions). Residuals that hang together within a session look like a trend; permuting
+  less than sessions would take that for significant. The larger p value counts. Where sessions, or
+  motions, come back again and again, no whole one can change places, and nothing is found.
 
 Each score is divided by its null deviation, a drawn campaign's by that of the drawn ones, so that
 the drawn ones tell only how places and channels hang together; the family's p value is that of the
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 PERMUTATIONS = 999
 TIE = 1e-9
 """Relative difference of two scores up to which they are one, but for rounding."""
+MOST_RUNS = 1.5
+"""Runs of a session or motion, on average, up to which they are taken for whole ones."""
 SIGNIFICANT = 0.05
 """Family-wise p value up to which a place counts as found."""
 OUTCOME = Feature("outcome", "outcome", "whole response")
@@ -133,14 +136,12 @@ def scan(
         finer = _family_p(score, _scores(drawn[0], drawn[1], weights), simulated)
         reached = p_value > 1 / (len(simulated) + 1)
         p_value = np.where(reached, np.maximum(p_value, finer), finer)
-    # One session has no order of sessions: then that of its motions is permuted. Nothing is said of
-    # an order in which only single trials could be.
+    # One session has no order of sessions: then that of its motions is permuted.
     ordered = conditions.session if conditions.session.max() > 0 else conditions.motion
-    blocks = [(by_session, conditions.motion), (by_order, ordered)]
-    if interleaved(ordered):
-        p_value[:, by_order] = 1.0
-    for inside, runs in blocks:
-        if inside.any():
+    for inside, runs in ((by_session, conditions.motion), (by_order, ordered)):
+        if interleaved(runs):
+            p_value[:, inside] = 1.0
+        elif inside.any():
             orders = np.stack([_permutation(runs, rng) for _ in range(PERMUTATIONS)])
             moved = _scores(
                 residual[:, orders].swapaxes(0, 1),
@@ -224,8 +225,8 @@ def _deviation(null: Array) -> Array:
 
 
 def interleaved(label: NDArray[np.int64]) -> bool:
-    """Whether runs of one label are mostly single trials, which no permutation may part."""
-    return bool(2 * (1 + np.count_nonzero(np.diff(label))) > label.size)
+    """Whether labels come back so often that runs of one are only parts of what hangs together."""
+    return bool(1 + np.count_nonzero(np.diff(label)) > MOST_RUNS * np.unique(label).size)
 
 
 def _permutation(label: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
