@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from vsr2.blind.mujoco import (
     with_effects,
 )
 from vsr2.blind.mujoco.ground import acceleration_of
-from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS, step_actions
+from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS, _Catch, _Friction, step_actions
 from vsr2.blind.mujoco.model import build_model
 from vsr2.effects.order import ChangePoint
 from vsr2.effects.setup import Circumstances
@@ -217,6 +218,20 @@ def slid(pga, name, **values):
 def test_static_friction_moves_the_onset_of_sliding() -> None:
     assert not slid(0.95 * 0.45 * G, "friction_rate", ratio=1.5, speed=0.02)
     assert slid(1.4 * 0.45 * G, "friction_rate", ratio=1.5, speed=0.02)
+
+
+def test_friction_falls_to_a_part_in_e_at_its_speed() -> None:
+    base = under("friction_rate", situation(1.0), ratio=1.5, speed=0.02)
+    model = SimpleNamespace(geom_friction=np.zeros((2, 3)))
+    for slip in (0.0, 0.02, 0.04):
+        moving = SimpleNamespace(
+            speed=np.array([slip + 0.7, 0, 0, 0, 0, 0]),
+            table=lambda: np.array([0.7, 0, 0, 0, 0, 0]),
+            pose=np.array([0, 0, 1, 1.0, 0, 0, 0]),
+        )
+        _Friction(base, model, moving)(0)
+        expected = base.friction * (1 + 0.5 * math.exp(-slip / 0.02))
+        np.testing.assert_allclose(model.geom_friction[:, 0], expected)
 
 
 def test_spin_friction_brakes_a_turning_block() -> None:
@@ -431,6 +446,20 @@ def test_a_tether_catches_the_block() -> None:
         back = int(np.argmax(response.tilt[turned:] < math.radians(slack)))
         stiffness = CATCH_STIFFNESS * BLOCK.mass * G * BLOCK.radius
         assert 0 < 0.001 * back < math.pi / 2 * math.sqrt(BLOCK.pivot_inertia / stiffness)
+    # Critically damped: c = 2 (k I_O)^(1/2), on the way out alone.
+    lean = math.radians(12.0)
+    half = 0.5 * lean
+    damping = 2 * math.sqrt(stiffness * BLOCK.pivot_inertia)
+    for rate, resisted in ((0.0, 0.0), (0.3, 0.3), (-0.3, 0.0)):
+        data = SimpleNamespace(xfrc_applied=np.zeros((3, 6)))
+        moving = SimpleNamespace(
+            tilt=lambda: lean,
+            pose=np.array([0, 0, 1, math.cos(half), 0, math.sin(half), 0]),
+            speed=np.array([0, 0, 0, 0, rate, 0]),
+        )
+        _Catch(base, data, moving, math.radians(10.0))(0)
+        expected = stiffness * math.radians(2.0) + damping * resisted
+        np.testing.assert_allclose(data.xfrc_applied[2, 3:], [0, -expected, 0], rtol=1e-9)
     # Tilts within the slack are free.
     small = situation(5.0)
     plain = run_trial(small)

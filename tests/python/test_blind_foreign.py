@@ -363,7 +363,8 @@ def test_an_open_pack_says_so(tmp_path) -> None:
 
 def test_the_series_interval_of_our_own_packs_seals_the_tiers(tmp_path) -> None:
     verdict = VERDICTS["Hall.2"]
-    data, key, out = hand_made(tmp_path, {"a": ("none", [])}, {"a": verdict})
+    data, key, out = hand_made(tmp_path, {"a": ("none", [])}, {"a": verdict}, tiers=("B", "M", "T"))
+    assert "tiers" not in open_key(data, key)["settings"]
     change_pack(data, tiers=["B", "M"])
     with pytest.raises(BlindError, match=r"tiers is .*differs from the sealed"):
         score_pack(data, key, out, tmp_path / "scores")

@@ -16,6 +16,7 @@ import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
 from vsr2.blind.custodian.floor import draw_own
+from vsr2.blind.custodian.plan import Planned
 from vsr2.blind.custodian.shake import Observed
 from vsr2.blind.custodian.write import written_campaign
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
@@ -91,6 +92,31 @@ def test_series_have_the_noise_that_is_published(quick, study, tmp_path) -> None
             np.testing.assert_allclose(values.std(axis=0), expected, rtol=0.1)
 
 
+def test_trials_are_shaken_off_the_recorded_motion_by_what_is_sealed(tmp_path) -> None:
+    settings = PackSettings(**(SMALL | {"trials": 400, "series_interval": 0.0}))
+    drawn = protocol(settings)
+    gains, told = [], []
+
+    class Watching(QuickEngine):
+        def run(self, shakes, series_interval):
+            given = list(shakes)
+            peaks = [np.abs(shake.displacement).max() for shake in given]
+            recorded = [
+                np.abs(motion.displacement).max() * row.pga
+                for motion, row in zip(drawn.motions, drawn.rows, strict=True)
+            ]
+            gains.append(np.array(peaks) / recorded - 1)
+            return super().run(given, series_interval)
+
+    for index in range(6):
+        planned = Planned(index, f"c{index}", "none", "mujoco", 0)
+        entry = make_module._campaign(tmp_path, planned, Watching(), drawn, settings, 7)
+        told.append(entry["nuisances"]["input_gain"])
+    assert max(told) > 1.5 * min(told)
+    # The standard error of a standard deviation of 400 draws is 3.5 %.
+    np.testing.assert_allclose([gain.std() for gain in gains], told, rtol=0.15)
+
+
 def test_records_and_tilts_have_the_noise_that_is_published() -> None:
     settings = PackSettings(**(SMALL | {"trials": 40, "series_interval": 0.0}))
     drawn = protocol(settings)
@@ -110,8 +136,18 @@ def test_records_and_tilts_have_the_noise_that_is_published() -> None:
         assert np.concatenate(errors).std() == pytest.approx(told, rel=0.06), name
 
 
-def test_a_finished_pack_is_not_sealed_anew(quick, study, tmp_path) -> None:
-    make(study, tmp_path)
+def test_a_finished_pack_is_not_sealed_anew(quick, study, tmp_path, monkeypatch) -> None:
+    made = make(study, tmp_path)
+    files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    # Another day, another Python: the hash may long be published.
+    monkeypatch.setattr(make_module.platform, "python_version", lambda: "9.9.9")
+    assert make(study, tmp_path) == made
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == files
+    campaign = next(path for path in files if path.name == "trials.csv")
+    campaign.write_bytes(files[campaign] + b"\n")
+    with pytest.raises(BlindError, match=campaign.parent.name):
+        make(study, tmp_path)
+    campaign.write_bytes(files[campaign])
     (tmp_path / "key" / "key.json").unlink()
     with pytest.raises(BlindError, match=r"the pack is finished but key\.json is gone"):
         make(study, tmp_path)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -163,6 +164,11 @@ def test_what_is_not_there_is_refused(small, tmp_path) -> None:
         diagnose_pack(small, tmp_path / "out", campaigns=["c0"], diagnose=Stub)
     with pytest.raises(BlindError, match="finished pack"):
         diagnose_pack(tmp_path, tmp_path / "out", diagnose=Stub)
+    gone = read_json(small / "pack.json")["campaigns"][0]["id"]
+    shutil.rmtree(small / gone)
+    with pytest.raises(BlindError, match=f"lists '{gone}', but there is no such folder"):
+        diagnose_pack(small, tmp_path / "out", diagnose=Stub)
+    assert not (tmp_path / "out").exists()
 
 
 def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
@@ -250,6 +256,7 @@ WATCHED = """
 import json, sys
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 # Libraries ask what the machine is.
 HARMLESS = [("uname", ["uname", "-p"]), ("lscpu", ["lscpu", "--parse=core"])]
 STARTING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty")
@@ -388,8 +395,11 @@ def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> No
     pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
     turned = study.model_dump(mode="json", exclude_unset=True)
     turned["rock"]["start"] = {"mode": "pose", "position": [0.0, 0.0, 3.0]}
-    with pytest.raises(BlindError, match="mode yaw"):
+    with pytest.raises(BlindError, match=r"rock\.start\.mode is 'pose', but .* takes yaw"):
         build_engine("bullet", Study.model_validate(turned))
+    meshed = study.model_copy(update={"rock": SimpleNamespace(shape="mesh")})
+    with pytest.raises(BlindError, match=r"rock\.shape is 'mesh', but .* takes box"):
+        build_engine("bullet", meshed)
     with pytest.raises(BlindError, match="not known"):
         build_engine("ode", study)
     assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)

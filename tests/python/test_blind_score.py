@@ -14,7 +14,7 @@ from vsr2.blind import pool_packs, score_pack
 from vsr2.blind.custodian.engines import build_engine
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.form.verdict import Found, read_verdict, verdict_of
-from vsr2.blind.scoring.cases import read_cases
+from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.intervals import (
     Score,
     area_under_roc,
@@ -37,6 +37,7 @@ from vsr2.blind.scoring.score import (
     magnitude,
     pair_found,
     size,
+    where_mass,
 )
 from vsr2.config import load_study
 from vsr2.errors import BlindError
@@ -318,6 +319,13 @@ def test_single_rules_of_scoring(pack) -> None:
     for axis, right in (("order", True), ("session", True), ("conditions", False)):
         named = (Found(axis=axis, p=0.01, trials=None),)
         assert axis_named(replace(drift, verdict=replace(drift.verdict, where=named))) is right
+    # A place at p = 0.05, which 999 permutations can give, is named; magnitude 2 is 2 or more.
+    for p, inside in ((0.05, 1.0), (0.051, None)):
+        named = (Found(axis="conditions", p=p, trials=frozenset({"T1", "T2"})),)
+        mass = where_mass(replace(cases["a"], verdict=replace(cases["a"].verdict, where=named)))
+        assert (mass and mass[0]) == inside
+    for relative, there in ((2.0, True), (1.999, False)):
+        assert (("M", "floor x 2+") in groups([replace(cases["a"], relative=relative)])) is there
     # A class that holds just the two effects of a pair says that it is one of them.
     either = replace(cases["i"], verdict=replace(cases["i"].verdict, kind="class"))
     assert pair_found(cases["i"])

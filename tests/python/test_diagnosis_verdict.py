@@ -47,12 +47,12 @@ def test_what_lies_beyond_its_tolerance_may_look_like_an_effect() -> None:
 
 
 def test_few_sessions_are_told() -> None:
-    def told(*sessions, motion=(0, 0, 1, 1)):
+    def told(*sessions, motion=(0, 0, 1, 1, 1, 1)):
         return _few_sessions(np.array(sessions), np.array(motion))
 
     assert "one session: a change" in told(0, 0, 0, 0)[0]
-    assert "motions of one session are" in told(0, 0, 0, 0, motion=(0, 1, 0, 1))[0]
-    assert "sessions are interleaved" in told(0, 1, 0, 1)[0]
+    assert "motions of one session are" in told(0, 0, 0, 0, motion=(0, 1, 0, 1, 0))[0]
+    assert "sessions are interleaved" in told(0, 1, 0, 1, 0)[0]
     assert "few sessions: their order can be changed in 2 ways" in told(0, 0, 1, 1)[0]
     assert "(p of 0.17 at least)" in told(0, 0, 1, 1, 2, 2)[0]
     eight = (0, 0, 1, 1, 2, 2, 3, 3)

@@ -9,6 +9,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Protocol
 
+from vsr2.blind.form.forms import TIERS
 from vsr2.blind.form.seal import (
     KEY_FILE,
     PACK_FILE,
@@ -26,7 +27,6 @@ from vsr2.errors import BlindError, Vsr2Error
 BANK_FILE = "bank.sqlite"
 DRAWS = 48
 """Of every effect."""
-TIERS: tuple[Tier, ...] = ("B", "M", "T")
 
 
 class Saved(Protocol):
@@ -139,6 +139,12 @@ def diagnose_pack(
         some = ", ".join(sorted(listed)[:3])
         raise BlindError(
             f"{data}: has no campaign {min(unknown)!r}; it has {len(listed)}: {some} ..."
+        )
+    gone = [name for name in chosen if not (data / name).is_dir()]
+    if gone:
+        raise BlindError(
+            f"{data}: {PACK_FILE} lists {gone[0]!r}, but there is no such folder: the pack is not "
+            "whole; fetch it again"
         )
     offered = [tier for tier in TIERS if tier in pack["tiers"]]
     wanted = offered if tiers is None else list(tiers)

@@ -171,9 +171,10 @@ def diagnosis_page(found: Diagnosis) -> str:
     content = found.content
     title = f"{PAGE_TITLE} {content['campaign']['name']}"
     campaign = content["campaign"]
+    sessions = f"{campaign['sessions']} session{'' if campaign['sessions'] == 1 else 's'}"
     body = [
         f"<h1>{escape(title)}: {campaign['trials']} trials of {campaign['motions']} motions in "
-        f"{campaign['sessions']} session{'' if campaign['sessions'] == 1 else 's'}, tier {campaign['tier']}</h1>",
+        f"{sessions}, tier {campaign['tier']}</h1>",
         _verdict(content),
         '<div class="two">',
         _card(

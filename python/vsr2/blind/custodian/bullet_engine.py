@@ -42,8 +42,16 @@ class BulletEngine:
     """
 
     def __init__(self, study: Study) -> None:
-        if not isinstance(study.rock, BoxRock) or not isinstance(study.rock.start, YawStart):
-            raise BlindError("engine bullet: takes a rock of shape box with a start of mode yaw")
+        if not isinstance(study.rock, BoxRock):
+            raise BlindError(
+                f"study {study.name!r}: rock.shape is {study.rock.shape!r}, but the engine bullet "
+                "of the blind check takes box; give such a scene, or --engine mujoco"
+            )
+        if not isinstance(study.rock.start, YawStart):
+            raise BlindError(
+                f"study {study.name!r}: rock.start.mode is {study.rock.start.mode!r}, but the "
+                "engine bullet of the blind check takes yaw; change it, or --engine mujoco"
+            )
         self._study = study
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 import platform
 import secrets
@@ -26,7 +27,7 @@ from vsr2.blind.custodian.floor import Floor, draw_nuisances, draw_own, shake_of
 from vsr2.blind.custodian.measure import Measures, Say
 from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.custodian.shake import Engine, Observed, Shake
-from vsr2.blind.custodian.write import written_campaign
+from vsr2.blind.custodian.write import RANGE, written_campaign
 from vsr2.blind.form.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -38,6 +39,7 @@ from vsr2.blind.form.seal import (
     folder_around,
     folder_sha256,
     make_folder,
+    open_key,
     read_json,
     set_time_stamps,
     write_json,
@@ -53,7 +55,7 @@ FORM = 4
 _STATE = "custodian.json"
 _FLOORS = "floors.json"
 _ENTRIES = "entries"
-ATTEMPTS = 6
+PLACEMENTS = 6
 """Draws of a campaign, until its rock rests before every motion."""
 
 
@@ -155,7 +157,13 @@ def make_pack(
     if not (data / PACK_FILE).exists():
         _write_together(data, sorted(planned.id for planned in plan))
     entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
-    sealed = _seal(data, key, state, settings, engines, floors, entries)
+    if (data / PACK_FILE).exists():
+        # Its hash may be published: it stays, whatever versions run now.
+        open_key(data, key)
+        sealed = str(read_json(data / PACK_FILE)["commitment"]["sha256"])
+    else:
+        sealed = _seal(data, key, state, settings, engines, floors, entries)
+    set_time_stamps(data)
     refused = {
         name: {e: count for (on, e), count in sorted(drawn.refused.items()) if on == name}
         for name in effects
@@ -205,7 +213,7 @@ def _begin(
     if file is not None:
         asked["model_sha256"] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
     # Through JSON, so that tuples compare as the lists that a file holds.
-    asked = dict(read_back(asked))
+    asked = dict(_read_back(asked))
     path = key / _STATE
     if path.exists():
         state = read_json(path)
@@ -247,10 +255,8 @@ def _clear(folder: Path) -> None:
             path.unlink()
 
 
-def read_back(content: Any) -> Any:
+def _read_back(content: Any) -> Any:
     """As it is after JSON."""
-    import json
-
     return json.loads(json.dumps(content))
 
 
@@ -287,14 +293,14 @@ def _campaign(
     Where a rock does not come to rest, all draws are made anew, as it would be placed anew.
 
     Raises:
-        SimulationError: nor does it in any of `ATTEMPTS` draws.
+        SimulationError: nor does it in any of `PLACEMENTS` draws.
     """
-    for attempt in range(ATTEMPTS - 1):
+    for attempt in range(PLACEMENTS - 1):
         try:
             return _drawn(data, planned, engine, protocol, settings, (seed, attempt))
         except SimulationError:
             continue
-    return _drawn(data, planned, engine, protocol, settings, (seed, ATTEMPTS - 1))
+    return _drawn(data, planned, engine, protocol, settings, (seed, PLACEMENTS - 1))
 
 
 def _drawn(
@@ -342,7 +348,7 @@ def _drawn(
         shutil.rmtree(folder)
     save_campaign(campaign, folder)
     set_time_stamps(folder)
-    entry: dict[str, Any] = read_back(
+    entry: dict[str, Any] = _read_back(
         {
             "kind": planned.kind,
             "engine": planned.engine,
@@ -370,7 +376,7 @@ def _write_together(data: Path, names: Sequence[str]) -> None:
 
 
 def _change(a: Observed, b: Observed) -> float:
-    tilts = [min(max(x.peak_tilt, 1e-3), 1.2) for x in (a, b)]
+    tilts = [min(max(x.peak_tilt, 1e-3), RANGE) for x in (a, b)]
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
@@ -392,7 +398,7 @@ def _seal(
     versions = {"numpy": np.__version__, "python": platform.python_version()}
     for engine in engines.values():
         versions |= dict(engine.versions)
-    content = read_back(
+    content = _read_back(
         {
             "campaigns": entries,
             "settings": settings.to_json(),
@@ -431,6 +437,5 @@ def _seal(
         ],
         "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
     }
-    write_json(data / PACK_FILE, read_back(published))
-    set_time_stamps(data)
+    write_json(data / PACK_FILE, _read_back(published))
     return sealed

@@ -68,7 +68,10 @@ class MujocoEngine:
                 self._nominal, mass=mass, inertia=self._nominal.inertia * factor
             )
         else:
-            raise BlindError("engine mujoco: takes a rock of shape box or mesh, no URDF")
+            raise BlindError(
+                f"study {study.name!r}: rock.shape is {rock.shape!r}, but the engine mujoco takes "
+                "box or mesh; give such a scene"
+            )
         contact = study.contact
         self._friction = contact.rock.lateral_friction * contact.pedestal.lateral_friction
 

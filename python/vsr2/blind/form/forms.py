@@ -10,11 +10,12 @@ from typing import Any
 
 from vsr2.blind.form.reader import Node, finite
 from vsr2.blind.form.settings import KINDS, Tolerances
+from vsr2.campaign import Tier
 from vsr2.campaign.campaign import id_fault
 from vsr2.effects import library
 from vsr2.errors import BlindError
 
-TIERS = ("B", "M", "T")
+TIERS: tuple[Tier, ...] = ("B", "M", "T")
 AXES = ("conditions", "order", "none")
 _SHA256 = re.compile(r"[0-9a-f]{64}\Z")
 _EFFECTS = {"none": (0, 0), "single": (1, 1), "pair": (2, 2), "unknown": (1, None)}

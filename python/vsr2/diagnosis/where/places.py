@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 PERMUTATIONS = 999
 TIE = 1e-9
 """Relative difference of two scores up to which they are one, but for rounding."""
-MOST_RUNS = 1.5
+MOST_RUNS = 2
 """Runs of a session or motion, on average, up to which they are taken for whole ones."""
 SIGNIFICANT = 0.05
 """Family-wise p value up to which a place counts as found."""
