@@ -33,6 +33,7 @@ from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.diagnosis.verdict.next_measurement import next_measurement
+from vsr2.diagnosis.verdict.rules import points_outside
 from vsr2.diagnosis.verdict.summary import ALL_OF_PRIOR
 from vsr2.diagnosis.which.routes import infer, prepare
 from vsr2.effects import library as full_library
@@ -175,7 +176,11 @@ def test_gain_and_slenderness_come_out_as_one_class(bench, tier, effect, nuisanc
     evidence, same = judged.evidence, {"table_gain", "slenderness"}
     assert evidence.verdict.kind == kind, evidence.verdict
     assert set(evidence.verdict.effects) == same
-    assert "tilt the base slowly" in evidence.next_measurement["what"]
+    what = evidence.next_measurement["what"]
+    assert "tilt the base slowly" in what
+    assert what.startswith("if the cause lies outside") == points_outside(
+        evidence.verdict, evidence.findings
+    )
     assert set(evidence.next_measurement["splits"]) == same
     assert set(judged.inference.classes[0]) >= same
     assert set(judged.diagnosis.content["conformal_set_90"]) >= same, "none wins alone"

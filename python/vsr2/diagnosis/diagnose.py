@@ -387,9 +387,9 @@ def conclude(
     )
     where = _where(seen, kept, prepared, found, observed, conditions, seed)
     measure = None
-    if points_outside(verdict, findings):
-        excess = np.zeros(len(seen))
-        excess[kept] = shrinkage.after - floor
+    excess = np.zeros(len(seen))
+    excess[kept] = shrinkage.after - floor
+    if verdict.kind == "unknown":
         measure = measurement_of_the_unknown(seen, excess, where)
     elif verdict.kind == "pair":
         both = shrinkage.of_pair({*leading, *verdict.effects})
@@ -399,6 +399,9 @@ def conclude(
     elif verdict.kind != "none":
         members = list(verdict.effects)
         measure = next_measurement(members, prepared, found, seen, kept)
+        if points_outside(verdict, findings):
+            beyond = measurement_of_the_unknown(seen, excess, where, certain=False)
+            measure["what"] = f"{beyond['what']}; otherwise {measure['what']}"
     return Evidence(verdict, findings, where, shrinkage, whole, measure)
 
 

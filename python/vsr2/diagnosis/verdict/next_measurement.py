@@ -119,7 +119,11 @@ def measurement_of_a_pair(names: Sequence[str], library: Library) -> dict[str, A
 
 
 def measurement_of_the_unknown(
-    seen: Observations, excess: NDArray[np.float64], places: Sequence[Place]
+    seen: Observations,
+    excess: NDArray[np.float64],
+    places: Sequence[Place],
+    *,
+    certain: bool = True,
 ) -> dict[str, Any]:
     """What to measure where no effect of the library explains the gap.
 
@@ -127,11 +131,13 @@ def measurement_of_the_unknown(
         seen: the whole campaign.
         excess: loss of each trial over the floor under the best effect, shape (trials,).
         places: found by the scan, most significant first.
+        certain: whether that is the verdict; False: it may be so.
     """
     worst = seen.campaign.trials[int(np.argmax(excess))].trial
     missing = {"B": "largest tilt and series", "M": "series", "T": "contacts and a second table"}
+    case = "no effect of the library fits" if certain else "if the cause lies outside the library"
     what = (
-        f"no effect of the library fits: repeat trial {worst}, which the best of them explains "
+        f"{case}: repeat trial {worst}, which the best of them explains "
         f"least, with instruments beyond tier {seen.tier} ({missing[seen.tier]} channel), and film "
         "base and edges"
     )

@@ -320,9 +320,8 @@ def _misfit(f: Findings, reasons: list[str]) -> Verdict:
 
 
 def points_outside(verdict: Verdict, f: Findings) -> bool:
-    """Whether what is said leaves a cause outside the library more probable than all else."""
-    unsure = verdict.kind == "unresolved" and f.unknown_probability > 0.5
-    return verdict.kind == "unknown" or unsure
+    """Whether an unresolved verdict leaves more than half to a cause outside the library."""
+    return verdict.kind == "unresolved" and f.unknown_probability > 0.5
 
 
 def disagreement(
