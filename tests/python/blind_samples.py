@@ -116,10 +116,8 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             "data_sha256": folder_sha256(data / name),
         }
     settings = json.loads(json.dumps(PackSettings(development=development).to_json()))
-    if tiers == ("B", "M", "T"):
-        # As in packs of `vsr2 blind make`, whose series seal the tiers.
-        assert "tiers" not in settings
-    else:
+    if tiers != ("B", "M", "T"):
+        # Those are sealed by the series' interval, as in packs of `vsr2 blind make`.
         settings["tiers"] = list(tiers)
     content = {"campaigns": entries, "settings": settings}
     sealed = commitment("00ff", content)

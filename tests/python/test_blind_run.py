@@ -256,7 +256,6 @@ WATCHED = """
 import json, sys
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 # Libraries ask what the machine is.
 HARMLESS = [("uname", ["uname", "-p"]), ("lscpu", ["lscpu", "--parse=core"])]
 STARTING = ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.fork", "os.forkpty")
