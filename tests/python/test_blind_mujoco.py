@@ -288,9 +288,9 @@ def test_stretching_scales_the_acceleration() -> None:
 def test_the_table_leans_back_in_proportion_to_its_acceleration() -> None:
     steady = np.concatenate([np.zeros(100), np.full(1000, 2.0)])
     assert pitched(steady, INTERVAL, 0.02, 8.0)[-1] == pytest.approx(-0.02 * 2.0 / G, rel=1e-3)
-    # At its own frequency a mode with damping ratio 0.1 answers 1 / (2 x 0.1) times as much. Straight
-    # lines between 25 samples a period take (pi / 25)^2 / 3 of a sine, a peak between two of them
-    # (pi / 25)^2 / 2: 1.3 % at most.
+    # At its own frequency a mode with damping ratio 0.1 answers 1 / (2 x 0.1) times as much.
+    # Straight lines between 25 samples a period take (pi / 25)^2 / 3 of a sine, a peak between two
+    # of them (pi / 25)^2 / 2: 1.3 % at most.
     resonant = np.abs(pitched(sine(8.0), INTERVAL, 0.02, 8.0)[-200:]).max()
     assert resonant == pytest.approx(5 * 0.02 / G, rel=0.015)
 
