@@ -124,7 +124,7 @@ std::vector<double> impact_ratios(Engine engine, const Block& block, int impacts
   return out;
 }
 
-// Within 2 % while the swings are wide; see docs/mechanisms.md for the figures of each case.
+// Within 2 % while the swings are wide; see docs/explanation/mechanisms.md for the figures of each case.
 TEST(Mechanisms, ImpactsKeepTheShareOfHousner) {
   for (const Engine engine : kEngines) {
     for (const double slender : {2.0, 3.0, 5.0}) {

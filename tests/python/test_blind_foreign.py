@@ -1,4 +1,4 @@
-"""Packs and diagnoses of others: written from docs/blind.md alone, with nothing of VSR2's own."""
+"""Packs and diagnoses of others: written from docs/reference/blind.md alone."""
 
 import copy
 import csv

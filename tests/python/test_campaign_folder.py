@@ -450,7 +450,7 @@ def test_a_motion_of_acceleration_alone_comes_back_without_displacement(tmp_path
 def test_the_page_on_the_form_names_every_column_array_and_key():
     from vsr2.campaign import description, folder
 
-    page = (Path(__file__).parents[2] / "docs" / "campaign.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "campaign.md").read_text()
     for name in (*folder._REQUIRED, *folder._OPTIONAL, *folder._MOTION_ARRAYS):
         assert f"| `{name}` |" in page
     for name in folder._SERIES_ARRAYS:
@@ -462,7 +462,7 @@ def test_the_page_on_the_form_names_every_column_array_and_key():
 
 
 def test_the_pages_example_is_read(tmp_path):
-    page = (Path(__file__).parents[2] / "docs" / "campaign.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "campaign.md").read_text()
     example = page.split("```yaml\n")[1].split("```")[0]
     path = tmp_path / "c"
     _sound(path)

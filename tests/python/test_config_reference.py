@@ -22,10 +22,11 @@ def sections(section: type[Section] = Study):
 
 
 def test_the_committed_reference_is_the_generated_one():
-    committed = (ROOT / "docs" / "configuration.md").read_text(encoding="utf-8")
+    committed = (ROOT / "docs" / "reference" / "configuration.md").read_text(encoding="utf-8")
     assert committed == reference_markdown(), (
-        "docs/configuration.md is old; write it anew: python -c 'import vsr2.config as c; "
-        'open("docs/configuration.md", "w").write(c.reference_markdown())\''
+        "docs/reference/configuration.md is old; write it anew: python -c "
+        "'import vsr2.config as c; "
+        'open("docs/reference/configuration.md", "w").write(c.reference_markdown())\''
     )
 
 

@@ -154,7 +154,7 @@ def test_none_leaves_the_domain_of_fast(checker: EffectChecker) -> None:
 
 
 def test_the_page_names_every_effect() -> None:
-    page = (ROOT / "docs" / "effects.md").read_text()
+    page = (ROOT / "docs" / "reference" / "effects.md").read_text()
     assert set(re.findall(r"^### `(\w+)`", page, re.MULTILINE)) == NAMES
     for name in NAMES:
         assert (ROOT / "docs" / "results" / "effects" / f"{name}.png").is_file(), name
@@ -163,9 +163,9 @@ def test_the_page_names_every_effect() -> None:
 def test_the_page_is_up_to_date() -> None:
     example = (ROOT / "docs" / "examples" / "soft_pad.py").read_text()
     checks = (ROOT / "docs" / "results" / "effects" / "checks.csv").read_text()
-    assert (ROOT / "docs" / "effects.md").read_text() == page_markdown(example, checks), (
-        "write docs/effects.md anew: vsr2.effects.page.page_markdown"
-    )
+    assert (ROOT / "docs" / "reference" / "effects.md").read_text() == page_markdown(
+        example, checks
+    ), "write docs/reference/effects.md anew: vsr2.effects.page.page_markdown"
 
 
 def test_the_table_of_checks_holds_every_effect_and_none_that_fails() -> None:

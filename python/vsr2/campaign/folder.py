@@ -1,4 +1,4 @@
-"""A campaign as a folder of plain files (`docs/campaign.md` describes the form).
+"""A campaign as a folder of plain files (`docs/reference/campaign.md` describes the form).
 
     campaign.yaml        schema, name, specimens, measurement noise, provenance
     trials.csv           one row a trial

@@ -14,7 +14,7 @@ def add_verbs(verbs: Any) -> None:
         "blind",
         help="check the diagnosis on campaigns whose effect is withheld",
         description="A custodian makes a pack and seals the answer; the diagnosis gets the data "
-        "alone; scoring opens the key. docs/blind.md describes the forms and the duties.",
+        "alone; scoring opens the key. docs/reference/blind.md describes the forms and the duties.",
     )
     own = blind.add_subparsers(dest="blind_verb", metavar="VERB", required=True)
     _add_make(own)

@@ -17,7 +17,7 @@ def add_verbs(verbs: Any) -> None:
         epilog=(
             "The output folder holds report.md, figures/, tables as CSV, best.yaml (the study with "
             "the best values) and evaluations.jsonl (every parameter set as it is finished: after "
-            "an interruption --resume goes on from there). docs/calibration.md explains."
+            "an interruption --resume goes on from there). docs/how-to/calibrate.md explains."
         ),
     )
     calibrate.add_argument(

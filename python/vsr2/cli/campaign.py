@@ -13,7 +13,7 @@ def add_verbs(verbs: Any) -> None:
         "campaign",
         help="import, check, describe and simulate campaigns of trials",
         description="A campaign is a folder with campaign.yaml, trials.csv, motions/ and series/; "
-        "docs/campaign.md describes the form.",
+        "docs/reference/campaign.md describes the form.",
     )
     own = campaign.add_subparsers(dest="campaign_verb", metavar="VERB", required=True)
     _add_import(own)

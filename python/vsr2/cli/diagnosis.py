@@ -18,7 +18,7 @@ def add_verbs(verbs: Any) -> None:
         help="find the cause of a campaign's sim-to-real gap",
         description="Writes diagnosis.json, tables and a page (index.html) to DIR, and keeps the "
         "simulations there (bank.sqlite), so that an interrupted or later run reuses them. "
-        "docs/diagnosis.md says what each number means.",
+        "docs/explanation/diagnosis.md says what each number means.",
     )
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="folder of a campaign")
     parser.add_argument(
@@ -53,7 +53,7 @@ def add_verbs(verbs: Any) -> None:
         default=[],
         metavar="NAME=SD",
         help="standard deviation of what is uncertain of the set-up, as friction=0.05 (may be "
-        "repeated; names and defaults: docs/diagnosis.md)",
+        "repeated; names and defaults: docs/explanation/diagnosis.md)",
     )
     parser.add_argument("--seed", type=int, default=0, help="default 0")
     parser.add_argument("--quiet", action="store_true", help="no progress, no summary")

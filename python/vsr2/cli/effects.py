@@ -20,8 +20,8 @@ def add_verbs(verbs: Any) -> None:
     effects = verbs.add_parser(
         "effects",
         help="the library of effects that a simulation may lack",
-        description="The library of effects that a simulation may lack (docs/effects.md). A study "
-        "adds them with its key `effects`.",
+        description="The library of effects that a simulation may lack "
+        "(docs/reference/effects.md). A study adds them with its key `effects`.",
     )
     actions = effects.add_subparsers(dest="action", metavar="ACTION", required=True)
 

@@ -17,8 +17,8 @@ def add_verbs(verbs: Any) -> None:
         epilog=(
             "The output folder holds report.md, figures/, tables as CSV (curve_*.csv, surface.csv "
             "and lognormal.csv are for hazard codes) and provenance.json. Finished trials are on "
-            "disk at once: after an interruption --resume runs only the others. docs/fragility.md "
-            "explains."
+            "disk at once: after an interruption --resume runs only the others. "
+            "docs/how-to/fragility.md explains."
         ),
     )
     fragility.add_argument("study", metavar="STUDY.yaml", type=Path, help="study of the fragility")

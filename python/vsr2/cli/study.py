@@ -24,8 +24,9 @@ def add_verbs(verbs: Any) -> None:
         epilog=(
             "The output folder holds trials.csv (one row a trial), provenance.json, logs/ (one "
             ".npz a trial), models/ (for `vsr2 view`) and figures/. Finished trials are on disk at "
-            "once: after an interruption --resume runs only the others. `docs/configuration.md` "
-            "lists all keys of a study, `docs/parallel.md` tells how to use more than one machine."
+            "once: after an interruption --resume runs only the others. "
+            "`docs/reference/configuration.md` lists all keys of a study, `docs/how-to/cluster.md` "
+            "tells how to use more than one machine."
         ),
     )
     run.add_argument("study", metavar="STUDY.yaml", type=Path, help="study to run")

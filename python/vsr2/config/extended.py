@@ -75,7 +75,7 @@ class ExtendedStudy(Generic[T]):
             else:
                 raise ConfigError(
                     f"{self.label}: {shown(key)}: {shown(part)} is no key of the study as it is; "
-                    "docs/configuration.md lists all"
+                    "docs/reference/configuration.md lists all"
                 )
         if not isinstance(found, (bool, int, float, str)):
             raise ConfigError(

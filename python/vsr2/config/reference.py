@@ -1,4 +1,4 @@
-"""The reference of all keys, `docs/configuration.md`, written from the models."""
+"""The reference of all keys, `docs/reference/configuration.md`, written from the models."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _UNIT = re.compile(r"\s*\[([^\[\]]+)\]")
 
 
 def reference_markdown() -> str:
-    """The text of `docs/configuration.md`: every key with type, default, unit and meaning."""
+    """The text of `docs/reference/configuration.md`: every key, its type, default and meaning."""
     places: dict[type[Section], list[str]] = {}
     for place, section in _sections("", "", Study):
         known = places.setdefault(section, [])

@@ -599,7 +599,7 @@ class Study(Section):
     """The ground motion, or several."""
     effects: Effects = {}
     """Effects added to the simulation, by name, each with its parameters: `{edge_rounding: {radius:
-    0.006}}`; `vsr2 effects list` prints the library (docs/effects.md)."""
+    0.006}}`; `vsr2 effects list` prints the library (docs/reference/effects.md)."""
     settling: Settling = Settling()
     """The rest before the motion."""
     outcome: Outcome = Outcome()

@@ -151,7 +151,9 @@ class InputFilter(Effect):
     )  # fmt: skip
     channels = ("motion", "tilt")
     confounded_with = ("table_bandwidth",)
-    source = "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2); docs/motions.md on fusion"
+    source = (
+        "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2); docs/reference/motions.md on fusion"
+    )
     stage = "actuation"
     rank = 0
 

@@ -40,7 +40,7 @@ class Restitution(Effect):
     Takes the place of the contact's restitution. Housner's ratio, computed for the edges in
     question, is (1 - 3/2 sin^2 alpha)^2 for a block. Where the edge meets the ground at less than
     0.04 m/s, and of bodies so slender that the ratio exceeds 0.98, the contact keeps its own loss
-    (docs/mechanisms.md).
+    (docs/explanation/mechanisms.md).
     """
 
     name = "restitution"
@@ -98,7 +98,7 @@ class RockingDamping(Effect):
     )
     channels = ("tilt",)
     confounded_with = ("restitution", "rolling_resistance")
-    source = "this library: viscous damping of Housner's rocking oscillator; docs/mechanisms.md"
+    source = "viscous damping of Housner's rocking oscillator; docs/explanation/mechanisms.md"
     stage = "mechanism"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
@@ -184,7 +184,7 @@ class FrictionRate(Effect):
     )  # fmt: skip
     channels = ("slip", "tilt")
     confounded_with = ("friction",)
-    source = "Stribeck-type law; docs/mechanisms.md"
+    source = "Stribeck-type law; docs/explanation/mechanisms.md"
     stage = "mechanism"
 
     def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:

@@ -1,4 +1,4 @@
-"""The page of the library, `docs/effects.md`, written from the effects themselves."""
+"""The page of the library, `docs/reference/effects.md`, written from the effects themselves."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ table is not: the block of 778 kg swings along with it (last column of the table
 (`studies/effect_equivalences.py`, `docs/results/effects/equivalences.csv`; tests
 `test_table_gain_and_slenderness_are_one_effect` and `test_stiff_pitch_is_a_gain`):
 
-![equivalences](results/effects/equivalences.png)
+![equivalences](../results/effects/equivalences.png)
 
 ## One's own effect
 
@@ -154,7 +154,7 @@ two minutes on one core. What each costs a step is in
 
 
 def page_markdown(example: str, checks: str) -> str:
-    """The text of `docs/effects.md`.
+    """The text of `docs/reference/effects.md`.
 
     Args:
         example: source of the documented example.
@@ -228,7 +228,7 @@ def _section(effect: Effect) -> Iterator[str]:
     touched = ", ".join(effect.channels)
     facts = f"Stage {effect.stage}. Touches {touched}. Confounded with {confounded}."
     yield "\n" + _wrapped(f"{facts} Source: {effect.source}.") + "\n"
-    yield f"![{effect.name}](results/effects/{effect.name}.png)\n"
+    yield f"![{effect.name}](../results/effects/{effect.name}.png)\n"
 
 
 def _wrapped(text: str) -> str:

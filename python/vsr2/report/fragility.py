@@ -342,8 +342,8 @@ def fragility_page(result: FragilityResult, figures: dict[str, str]) -> str:
         "",
         f"Bands and intervals are {100 * settings.level:g} %, from the wider of the model's "
         "standard error and the one clustered by ground motion; a weak prior keeps separated "
-        "outcomes finite (`docs/fragility.md`). They hold for ground motions like these, and for "
-        "the simulator as it is: its own error is not in them.",
+        "outcomes finite (`docs/how-to/fragility.md`). They hold for ground motions like these, "
+        "and for the simulator as it is: its own error is not in them.",
         "",
     ]
     if result.surface is not None and result.surface.note:

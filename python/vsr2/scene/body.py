@@ -92,7 +92,7 @@ class PitchSpring:
 
     pitch'' + 2 damping w pitch' + w^2 pitch = -w^2 compliance a + M / inertia, with a the
     acceleration along x and M the moment about the axis of all that the rock exerts on the
-    pedestal. docs/mechanisms.md; `cpp/include/vsr2/pitch_spring.hpp` is the definition.
+    pedestal. docs/explanation/mechanisms.md; `cpp/include/vsr2/pitch_spring.hpp` is the definition.
 
     Attributes:
         frequency: without a rock and damping, w / (2 pi) [Hz].

@@ -10,7 +10,8 @@ from dataclasses import astuple, dataclass
 class Mechanisms:
     """Mechanics that act in the loop, relative to the moving pedestal; all off by default.
 
-    docs/mechanisms.md gives the formulas; `cpp/include/vsr2/mechanisms.hpp` is their definition.
+    docs/explanation/mechanisms.md gives the formulas; `cpp/include/vsr2/mechanisms.hpp` defines
+    them.
 
     Attributes:
         impact_energy_ratio: kinetic energy that an impact leaves, relative to Housner's ratio for

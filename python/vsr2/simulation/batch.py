@@ -82,7 +82,7 @@ def run_batch(
             that finished are not run again; the result is the same to the last bit. Logs are then
             on disk only.
         client: of a Dask distributed cluster that runs the trials, one a thread of its workers
-            (docs/parallel.md); collecting, `out`, `on_trial` and `checkpoint` stay here.
+            (docs/how-to/cluster.md); collecting, `out`, `on_trial` and `checkpoint` stay here.
 
     Returns:
         One row a trial, in the order given.

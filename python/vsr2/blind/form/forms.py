@@ -1,4 +1,4 @@
-"""The forms of `pack.json` and of the key, as docs/blind.md has them: whoever wrote them."""
+"""The forms of `pack.json` and of the key, as docs/reference/blind.md has them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`diagnosis.json` as scoring reads it (docs/blind.md describes the form)."""
+"""`diagnosis.json` as scoring reads it (docs/reference/blind.md describes the form)."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def keep_diagnoses(
 
 
 def what_is_read(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a `diagnosis.json` that scoring reads (docs/blind.md lists them)."""
+    """The keys of a `diagnosis.json` that scoring reads (docs/reference/blind.md lists them)."""
     out: dict[str, Any] = {name: content[name] for name in _READ if name in content}
     for name, keys in _READ_OF.items():
         found = content.get(name)
