@@ -21,7 +21,7 @@ CELL = 15  # words above which a table cell counts as prose
 
 _FENCE = re.compile(r"^ *```.*?^ *```[^\n]*$", re.MULTILINE | re.DOTALL)
 _ITEM = re.compile(r"^\s*(?:[-*+]|\d+\.)\s+")
-_ABBREVIATION = re.compile(r"\b(e\.g|i\.e|cf|vs|al|Fig|Eq|Sec|No|[A-Z])\.(?=\s)")
+_ABBREVIATION = re.compile(r"\b(e\.g|i\.e|cf|vs|al|Fig|Eq|Sec|No)\.(?=\s)")
 _SENTENCE_END = re.compile(r"(?<=[.!?])[)\"*_]*\s+(?=[\"'(*_]*[A-Z0-9`])")
 
 
