@@ -6,7 +6,7 @@ the other, on the block and on models/pbr_scan.obj. Engines: greatest difference
 `exact` and `fast` over the first 0.3 s of shaking; and, over 42 trials whose starts lie some tenths
 of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `fast` less that of
 `exact`, with its standard error (paired). Run from the repository's root (about 6 minutes on
-one core); docs/reference/effects.md shows the table, `vsr2.effects.page` writes that:
+one core); docs/validation/effects.md shows the table, `studies/effects_page.py` writes it:
 
     python studies/effect_checks.py [NAME ...]
 
