@@ -1,5 +1,6 @@
 """Reading studies from YAML: bounds, places in errors, paths, and the way back."""
 
+import math
 import os
 import tempfile
 from pathlib import Path
@@ -63,11 +64,26 @@ def refusal(folder, text):
 
 
 def test_scientific_notation_is_a_number(tmp_path):
-    # YAML 1.1, and so yaml.safe_load, reads these as text.
+    # YAML 1.1 reads these as text.
     text = MINIMAL + "contact: {rock: {stiffness: 1e7, damping: 2E+5}, pedestal: {damping: .5e6}}\n"
     contact = load_study(write(tmp_path, text)).contact
     assert (contact.rock.stiffness, contact.rock.damping) == (1e7, 2e5)
     assert contact.pedestal.damping == 5e5
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *[("1e-3", 1e-3), (".5e6", 5e5), ("5.", 5.0), ("-0", 0), ("12e345678", math.inf)],
+        *[("010", 10), ("0o10", 8), ("0x1F", 31), ("+7", 7), ("~", None), ("", None)],
+        *[("true", True), ("FALSE", False), ("on", "on"), ("yes", "yes"), ("tRue", "tRue")],
+        *[("1_000", "1_000"), ("1:30", "1:30"), ("2021-06-30", "2021-06-30"), ("0b1", "0b1")],
+        *[("'12'", "12"), ('"true"', "true"), ("!!float 2", 2.0), ("-0x1", "-0x1"), ("=", "=")],
+    ],
+)
+def test_values_are_read_by_the_core_schema_of_yaml_1_2(text, value):
+    read = parse_yaml(f"key: {text}\n".encode(), "label").data["key"]
+    assert (read, type(read)) == (value, type(value))
 
 
 def test_merging_keeps_own_keys(tmp_path):
@@ -144,7 +160,7 @@ def test_python_tags_run_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "value", [".nan", ".inf", "-.inf", "1e999", "9" * 500, "nan", "010", "1:30"]
+    "value", [".nan", ".inf", "-.inf", "1e999", "9" * 500, "nan", "1:30", "1_000", "2021-06-30"]
 )
 def test_numbers_that_are_none_are_refused_in_their_line(tmp_path, value):
     message = refusal(tmp_path, MINIMAL + f"engine:\n  gravity: {value}\n")

@@ -8,8 +8,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import yaml
-
 from vsr2.campaign.campaign import (
     MAX_MASS,
     MAX_NOTE,
@@ -21,7 +19,7 @@ from vsr2.campaign.campaign import (
 )
 from vsr2.campaign.problems import Problems
 from vsr2.config.problems import shown
-from vsr2.config.yaml_file import YamlDocument, plain_tag, read_yaml
+from vsr2.config.yaml_file import YamlDocument, dump_yaml, read_yaml
 from vsr2.errors import CampaignError, ConfigError
 
 SCHEMA = "vsr2.campaign/1"
@@ -257,20 +255,4 @@ def dump_description(description: Description, models: Mapping[str, str]) -> str
         "provenance": provenance,
     }
     kept = {key: value for key, value in content.items() if value not in ("", {})}
-    return yaml.dump(kept, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
-
-
-class _Dumper(yaml.SafeDumper):
-    """Writes what our reader, which follows YAML 1.2, reads back as the same value."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-
-def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
-    # Quoted where the reader would take it for a number (`1e7`) or a merge.
-    style = '"' if plain_tag(text) is not None or text == "<<" else None
-    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
-
-
-_Dumper.add_representer(str, _represent_text)
+    return dump_yaml(kept)

@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import ValidationError
 
 from vsr2.config.problems import Problem, config_error, problems_of
 from vsr2.config.study import Section, Study
-from vsr2.config.yaml_file import KeyPath, parse_yaml, plain_tag, read_yaml
+from vsr2.config.yaml_file import KeyPath, dump_yaml, parse_yaml, read_yaml
 from vsr2.errors import ConfigError
 
 S = TypeVar("S", bound=Section)
@@ -178,9 +177,7 @@ def dump_study(study: Study, *, relative_to: str | os.PathLike[str] | None = Non
     if study.motion.drive == "prescribed":
         # Refused when read, for it has no effect there.
         del data["pedestal"]["mass"]
-    return yaml.dump(
-        _tags_first(data), Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100
-    )
+    return dump_yaml(_tags_first(data), flow_lists=True)
 
 
 def _tags_first(data: dict[str, Any]) -> dict[str, Any]:
@@ -190,21 +187,6 @@ def _tags_first(data: dict[str, Any]) -> dict[str, Any]:
         key: _tags_first(value) if isinstance(value, dict) else value
         for key, value in ordered.items()
     }
-
-
-class _Dumper(yaml.SafeDumper):
-    """Quotes text that our reader, other than PyYAML's, would take for a number (`1e7`)."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        return True
-
-    def represent_sequence(self, tag: Any, sequence: Any, flow_style: Any = None) -> Any:
-        return super().represent_sequence(tag, sequence, flow_style=True)
-
-    def resolve(self, kind: Any, value: Any, implicit: Any) -> Any:
-        if kind is yaml.ScalarNode and implicit[0] and plain_tag(value) is not None:
-            return plain_tag(value)
-        return super().resolve(kind, value, implicit)  # type: ignore[no-untyped-call]
 
 
 def _path_fields(section: Section) -> Iterator[tuple[str, Path]]:

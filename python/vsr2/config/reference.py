@@ -22,7 +22,8 @@ in `python/vsr2/config/study.py`; a test keeps both equal.
 - Files and folders are taken relative to the folder of the YAML file that names them.
 - Unknown keys, keys given twice, keys without effect, NaN and infinity are refused; the error names
   file, line, key, value and the nearest valid key.
-- Numbers are read as in YAML 1.2: `1e7` is a number. Quoted numbers are text and refused.
+- Values are read by the core schema of YAML 1.2: `1e7` is a number, `010` is ten, `yes` and `on`
+  are text. Quoted numbers are text and refused.
 - Only plain data is read: no tags but those of plain values, at most 1 MB, at most 20 levels.
   `<<: *anchor` merges mappings.
 - Quaternions are x, y, z, w.

@@ -39,6 +39,9 @@ _PACKAGE = "virtual_shake_robot_pybullet/"
 _RECORD_INTERVAL = 0.00125
 """Sampling interval of the original's recordings [s]."""
 
+_YAML_1_1_FLAGS = {"yes": True, "on": True, "no": False, "off": False}
+"""Words that ROS 2 takes for booleans, and that are text in YAML 1.2."""
+
 _MATERIAL = {
     "restitution": "restitution",
     "lateralFriction": "lateral_friction",
@@ -233,6 +236,8 @@ class _Parameters:
 
     def flag(self, name: str) -> bool:
         value = self._get(name)
+        if isinstance(value, str):
+            value = _YAML_1_1_FLAGS.get(value.lower(), value)
         if not isinstance(value, int):
             raise self.error(name, "must be true or false")
         return bool(value)

@@ -1,25 +1,29 @@
-"""Reading YAML that may come from anywhere: bounded in size, depth and number of values.
+"""YAML that may come from anywhere, bounded in size, depth and number of values; and writing it.
 
 Only plain data is built: mappings with text keys, lists, text, numbers, booleans and null. Tags
-that ask for anything else are refused. Scalars are read as YAML 1.2 reads them, because YAML 1.1
-takes ``1e7`` for text, ``1:30`` for ninety and ``010`` for eight; the last two are text here, so a
-key that wants a number refuses them.
+that ask for anything else are refused. Unquoted values are read by the core schema of YAML 1.2.2
+(section 10.3.2), so `1e7` is a number, `on` and `1:30` are text, and `010` is ten. The schema is
+given to ruamel.yaml, whose own rules for YAML 1.2 take `1_000` for a number, `2021-06-30` for a
+date and `.5e6` for text.
 """
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import stat
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
-import yaml
-from yaml.composer import Composer
-from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
-from yaml.parser import Parser
-from yaml.reader import Reader, ReaderError
-from yaml.resolver import Resolver
-from yaml.scanner import Scanner
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, MaxDepthExceededError
+from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
+from ruamel.yaml.representer import SafeRepresenter
+from ruamel.yaml.resolver import BaseResolver, implicit_resolvers
 
 from vsr2.errors import ConfigError
 
@@ -32,17 +36,83 @@ Value = None | bool | int | float | str | list["Value"] | dict[str, "Value"]
 KeyPath = tuple[str | int, ...]
 
 _TAG = "tag:yaml.org,2002:"
-_PLAIN = {
-    "null": re.compile(r"(?:~|null|Null|NULL|)\Z"),
-    "bool": re.compile(
-        r"(?:(true|True|TRUE|yes|Yes|YES|on|On|ON)|false|False|FALSE|no|No|NO|off|Off|OFF)\Z"
-    ),
-    "int": re.compile(r"[-+]?(?:0|[1-9][0-9]*)\Z"),
-    "float": re.compile(
-        r"(?:[-+]?(?:\.[0-9]+|[0-9]+\.[0-9]*|[0-9]+(?=[eE]))(?:[eE][-+]?[0-9]+)?"
-        r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))\Z"
+_CORE_SCHEMA = {
+    "null": (r"(?:~|null|Null|NULL|)\Z", ["~", "n", "N", ""]),
+    "bool": (r"(?:(true|True|TRUE)|false|False|FALSE)\Z", list("tTfF")),
+    "int": (r"(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)\Z", list("-+0123456789")),
+    "float": (
+        r"(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"
+        r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))\Z",
+        list("-+.0123456789"),
     ),
 }
+_PATTERNS = {name: re.compile(pattern) for name, (pattern, _) in _CORE_SCHEMA.items()}
+
+
+class _Resolver(BaseResolver):
+    def __init__(self, version: object = None, loader: Any = None) -> None:
+        super().__init__(loader)
+
+    @property
+    def processing_version(self) -> tuple[int, int]:
+        return (1, 2)
+
+
+class _CoreResolver(_Resolver):
+    """Tells the type of an unquoted value by the core schema."""
+
+
+class _QuotingResolver(_Resolver):
+    """Tells which text must be quoted: what YAML 1.1 or 1.2 takes for another type."""
+
+
+for _name, (_, _starts) in _CORE_SCHEMA.items():
+    for _resolver in (_CoreResolver, _QuotingResolver):
+        _resolver.add_implicit_resolver_base(_TAG + _name, _PATTERNS[_name], _starts)
+for _, _tag, _pattern, _starts in implicit_resolvers:
+    _QuotingResolver.add_implicit_resolver_base(_tag, _pattern, _starts)
+
+
+class _BoundedComposer(Composer):
+    """Stops at `MAX_VALUES` nodes, before a long file costs minutes."""
+
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self.warn_double_anchors = False
+        self._nodes = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        self._nodes += 1
+        if self._nodes > MAX_VALUES:
+            raise _TooManyValuesError(problem_mark=self.parser.peek_event().start_mark)
+        return super().compose_node(parent, index)
+
+
+class _TooManyValuesError(MarkedYAMLError):
+    pass
+
+
+class _PlainRepresenter(SafeRepresenter):
+    """Writes numbers that YAML 1.1 reads as numbers, too: `1.0e-05` for `1e-05`."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+    def represent_float(self, data: Any) -> Any:
+        node = super().represent_float(data)
+        if "e" in node.value and "." not in node.value:
+            node.value = node.value.replace("e", ".0e")
+        return node
+
+
+_PlainRepresenter.add_representer(float, _PlainRepresenter.represent_float)
+
+
+class _FlowListRepresenter(_PlainRepresenter):
+    """Writes lists in one line."""
+
+    def represent_sequence(self, tag: Any, sequence: Any, flow_style: Any = None) -> Any:
+        return super().represent_sequence(tag, sequence, flow_style=True)
 
 
 @dataclass(frozen=True)
@@ -80,26 +150,7 @@ def parse_yaml(content: bytes, label: str) -> YamlDocument:
             f"{label}: byte {content[error.start]:#04x} at offset {error.start} is not UTF-8; "
             "give a text file saved as UTF-8"
         ) from None
-    loader = None
-    try:
-        loader = _Loader(text)
-        root = loader.get_single_node()
-    except ReaderError as error:
-        raise ConfigError(
-            f"{label}: character {error.position} ({error.character!r}) does not belong in a text "
-            "file; is it binary?"
-        ) from None
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        where = f":{mark.line + 1}" if mark else ""
-        what = ", ".join(part for part in (error.context, error.problem) if part)
-        raise ConfigError(f"{label}{where}: not valid YAML: {what}") from None
-    except _TooMuchError as error:
-        raise ConfigError(f"{label}{error}") from None
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        # PyYAML lets a few of these out, e.g. for an escape beyond Unicode.
-        where = f":{loader.line + 1}" if loader else ""
-        raise ConfigError(f"{label}{where}: not valid YAML: {error}") from None
+    root = _composed(text, label)
     if root is None:
         raise ConfigError(f"{label}: the file is empty; give a mapping of keys to values")
     if not isinstance(root, MappingNode):
@@ -110,6 +161,51 @@ def parse_yaml(content: bytes, label: str) -> YamlDocument:
     data = builder.build(root, ())
     assert isinstance(data, dict)
     return YamlDocument(data, builder.lines)
+
+
+def dump_yaml(data: dict[str, Any], *, flow_lists: bool = False) -> str:
+    """Plain data as YAML text that YAML 1.1 and 1.2 read alike.
+
+    Args:
+        data: mappings with text keys, lists, text, numbers, booleans and None.
+        flow_lists: write each list in one line.
+    """
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Representer = _FlowListRepresenter if flow_lists else _PlainRepresenter
+    yaml.Resolver = _QuotingResolver
+    yaml.default_flow_style = False
+    yaml.width = 100
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    stream = io.StringIO()
+    yaml.dump(data, stream)
+    return stream.getvalue()
+
+
+def _composed(text: str, label: str) -> Node | None:
+    yaml = YAML(typ="safe", pure=True)
+    yaml.Composer, yaml.Resolver = _BoundedComposer, _CoreResolver
+    yaml.max_depth = MAX_DEPTH
+    try:
+        node: Node | None = yaml.compose(io.StringIO(text))
+        return node
+    except ReaderError as error:
+        raise ConfigError(
+            f"{label}: character {error.position} ({error.character!r}) does not belong in a text "
+            "file; is it binary?"
+        ) from None
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = f"{label}:{mark.line + 1}" if mark else label
+        if isinstance(error, MaxDepthExceededError):
+            raise ConfigError(f"{where}: nested deeper than {MAX_DEPTH}; flatten it") from None
+        if isinstance(error, _TooManyValuesError):
+            raise ConfigError(f"{where}: more than {MAX_VALUES} values; shorten it") from None
+        what = ", ".join(part for part in (error.context, error.problem) if part)
+        raise ConfigError(f"{where}: not valid YAML: {what}") from None
+    except (YAMLError, ValueError, OverflowError) as error:
+        # The scanner lets a few of these out, e.g. for an escape beyond Unicode.
+        where = f"{label}:{yaml.reader.line + 1}"
+        raise ConfigError(f"{where}: not valid YAML: {error}") from None
 
 
 def _read_bounded(path: str | os.PathLike[str]) -> bytes:
@@ -137,44 +233,6 @@ def _too_large(label: str) -> ConfigError:
 
 def _line(node: Node) -> int:
     return int(node.start_mark.line) + 1
-
-
-def plain_tag(text: str) -> str | None:
-    """The YAML tag of the unquoted scalar `text`, or none where it is just text."""
-    return next((_TAG + name for name, pattern in _PLAIN.items() if pattern.match(text)), None)
-
-
-class _TooMuchError(Exception):
-    """A bound was passed while composing; the text starts with `:line`."""
-
-
-class _Loader(Reader, Scanner, Parser, Composer, Resolver):
-    """PyYAML up to the node graph, with bounds, and with scalars as YAML 1.2 reads them."""
-
-    def __init__(self, text: str) -> None:
-        Reader.__init__(self, text)
-        Scanner.__init__(self)
-        Parser.__init__(self)
-        Composer.__init__(self)
-        Resolver.__init__(self)
-        self._depth = 0
-        self._nodes = 0
-
-    def compose_node(self, parent: Node | None, index: int) -> Node | None:
-        self._depth += 1
-        self._nodes += 1
-        if self._depth > MAX_DEPTH:
-            raise _TooMuchError(f":{self.line + 1}: nested deeper than {MAX_DEPTH}; flatten it")
-        if self._nodes > MAX_VALUES:
-            raise _TooMuchError(f":{self.line + 1}: more than {MAX_VALUES} values; shorten it")
-        node: Node | None = super().compose_node(parent, index)
-        self._depth -= 1
-        return node
-
-    def resolve(self, kind: type[Node], value: str, implicit: tuple[bool, bool]) -> str:
-        if kind is ScalarNode:
-            return (plain_tag(value) if implicit[0] else None) or _TAG + "str"
-        return _TAG + ("seq" if kind is SequenceNode else "map")
 
 
 class _Builder:
@@ -239,10 +297,9 @@ class _Builder:
             if any("\ud800" <= c <= "\udfff" for c in text):
                 raise self._error(node, "text holds half of a surrogate pair, no character")
             return text
-        pattern = _PLAIN.get(name)
-        if pattern is None or not node.tag.startswith(_TAG):
+        if name not in _PATTERNS or not node.tag.startswith(_TAG):
             raise self._tag_error(node)
-        match = pattern.match(text) or (name == "float" and _PLAIN["int"].match(text))
+        match = _PATTERNS[name].match(text)
         if not match:
             raise self._error(node, f"{_short(text)} is not of the type its tag !!{name} says")
         if name == "null":
@@ -252,7 +309,7 @@ class _Builder:
         if name == "float" or len(text) > 20:
             # No key takes an integer of more than 20 digits.
             return _float(text)
-        return int(text)
+        return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
 
     def _tag_error(self, node: Node) -> ConfigError:
         return self._error(

@@ -47,6 +47,7 @@ from vsr2.blind.form.seal import (
 from vsr2.blind.form.settings import PackSettings
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
+from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
@@ -272,9 +273,7 @@ def _scene(study: Study) -> dict[str, Any]:
 
 
 def _write_scene(study: Study, data: Path) -> None:
-    import yaml
-
-    (data / SCENE_FILE).write_text(yaml.safe_dump(_scene(study), sort_keys=False))
+    (data / SCENE_FILE).write_text(dump_yaml(_scene(study)), encoding="utf-8")
     file = getattr(study.rock, "file", None)
     if file is not None:
         shutil.copyfile(file, data / f"model{Path(file).suffix.lower()}")

@@ -11,7 +11,8 @@ from typing import Any
 
 from vsr2.blind.form.forms import check_key, check_pack
 from vsr2.config.problems import shown
-from vsr2.errors import BlindError
+from vsr2.config.yaml_file import parse_yaml
+from vsr2.errors import BlindError, ConfigError
 from vsr2.results.atomic import write_atomic
 
 PACK_SCHEMA = "vsr2.blind-pack/1"
@@ -246,18 +247,16 @@ def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
     sealed, model = key.get("scene_sha256"), key.get("model_sha256")
     if sealed is None and model is None:
         return
-    import yaml
-
     path = data / scene
     try:
-        content = yaml.safe_load(path.read_bytes())
+        content: Any = parse_yaml(path.read_bytes(), os.fspath(path)).data
         file = path.parent / content["rock"]["file"] if model is not None else path
         found = hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError as error:
         raise BlindError(
             f"{error.filename}: cannot be read ({error.strerror}); get the published file again"
         ) from None
-    except (yaml.YAMLError, KeyError, TypeError):
+    except (ConfigError, KeyError, TypeError):
         raise BlindError(
             f"{path}: is no scene, or lacks the sealed rock.file; get the published file again"
         ) from None
