@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from vsr2.errors import GeometryError, Vsr2Error
-from vsr2.scene import load_mesh, load_urdf, mesh, obj_hull_points
+from vsr2.scene import load_mesh, load_urdf, mesh_files
 
 ROOT = Path(__file__).resolve().parents[2]
 LAB = Path(os.environ.get("VSR2_LAB_DATA", ROOT.parent / "shared" / "lab")) / "models"
@@ -62,12 +62,11 @@ def test_obj_polygons_slashes_and_relative_indices(tmp_path: Path) -> None:
     assert len(loaded.mesh.vertices) == 8
     assert len(loaded.mesh.faces) == 12
     assert loaded.mesh.volume == pytest.approx(1e-3, rel=1e-12)
-    assert loaded.groups[0].name == "cube"
     assert loaded.notes == ()
 
 
 def test_hull_points_are_single_precision_in_file_order_with_duplicates(tmp_path: Path) -> None:
-    (points,) = obj_hull_points(write(tmp_path, CUBE), scale=3.0)
+    (points,) = load_mesh(write(tmp_path, CUBE), scale=3.0).hull_points
     tenth = float(np.float32(0.1)) * 3.0
     assert tenth != 0.1 * 3.0  # the rounding is visible, so the comparison below is one
     # First quad 1 4 3 2 as the fan (1, 4, 3), (1, 3, 2).
@@ -82,10 +81,6 @@ def test_objects_and_groups_give_one_hull_each_and_empty_ones_none(tmp_path: Pat
         tmp_path, triangles + "o a\ng b\nf 1 2 3\nusemtl x\nf 1 2 4\ng c\no d e\nf 2 3 4\n"
     )
     loaded = load_mesh(path, closed=False)
-    assert [(group.name, group.stop - group.start) for group in loaded.groups] == [
-        ("b", 2),
-        ("d e", 1),
-    ]
     assert [len(points) for points in loaded.hull_points] == [6, 3]
     assert "union of their convex hulls" in loaded.notes[0]
 
@@ -95,7 +90,8 @@ def test_line_ends_and_blanks_do_not_matter(tmp_path: Path, newline: str) -> Non
     path = tmp_path / "rock.obj"
     path.write_bytes(CUBE.replace("\n", newline).encode())
     np.testing.assert_array_equal(
-        obj_hull_points(path)[0], obj_hull_points(write(tmp_path, CUBE, "plain.obj"))[0]
+        load_mesh(path).hull_points[0],
+        load_mesh(write(tmp_path, CUBE, "plain.obj")).hull_points[0],
     )
 
 
@@ -257,9 +253,19 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         (write(tmp_path, CUBE, "rock.dae"), "convert to"),
         (write(tmp_path, CUBE, "rock"), "convert to"),
         (write(tmp_path, CUBE, "rock.stl"), "not a valid STL"),
-        (write(tmp_path, "solid\nvertex 0 0 0\nendloop\n", "a.stl"), "line 3.*not three"),
-        (write(tmp_path, "solid\nvertex 0 0\n", "b.stl"), "line 2.*three coordinates"),
+        (
+            write(tmp_path, "solid\nvertex 0 0 0\nendloop\n", "a.stl"),
+            "facet 1 has.* 1 vertices, not three",
+        ),
+        (
+            write(tmp_path, "solid\n" + 3 * "vertex 0 0\n" + "endloop\nendsolid", "b.stl"),
+            "not a valid STL",
+        ),
         (write(tmp_path, "solid\nvertex 0 0 0\n", "c.stl"), "no end"),
+        (
+            write(tmp_path, "solid\n" + 3 * "vertex 0 x 0\n" + "endloop\nendsolid", "e.stl"),
+            "not a valid STL",
+        ),
         (write(tmp_path, "solid\nendsolid\n", "d.stl"), "no faces"),
         (write(tmp_path, CUBE, "rock.ply"), "no PLY header"),
         (Path("bad\0name.obj"), "cannot be read|no such file"),
@@ -273,7 +279,7 @@ def test_sizes_are_bounded_before_memory_is_taken(
 ) -> None:
     path = tmp_path / "huge.obj"
     with path.open("wb") as file:
-        file.truncate(mesh.MAX_FILE_BYTES + 1)  # sparse: takes no disk
+        file.truncate(mesh_files.MAX_FILE_BYTES + 1)  # sparse: takes no disk
     with pytest.raises(GeometryError, match="200 MB"):
         load_mesh(path)
     header = "ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
@@ -281,7 +287,7 @@ def test_sizes_are_bounded_before_memory_is_taken(
     header += "property list uchar int vertex_indices\nend_header\n"
     with pytest.raises(GeometryError, match="promises"):
         load_mesh(write(tmp_path, header, "huge.ply"))
-    monkeypatch.setattr(mesh, "MAX_FACES", 10)
+    monkeypatch.setattr(mesh_files, "MAX_FACES", 10)
     with pytest.raises(GeometryError, match="million faces"):
         load_mesh(write(tmp_path, CUBE))
 
@@ -331,12 +337,12 @@ def test_mutated_files_raise_nothing_but_our_errors(
 
 @needs_lab
 def test_laboratory_meshes_are_closed_after_merging_and_read_fast() -> None:
+    begin = time.process_time()
     loaded = load_mesh(LAB / "final_sp1_pca.obj")
+    assert time.process_time() - begin < 1.0
     assert (len(loaded.mesh.vertices), len(loaded.mesh.faces)) == (5576, 11148)
     assert loaded.notes == ()
-    begin = time.process_time()
-    (points,) = obj_hull_points(LAB / "final_sp1_pca.obj")
-    assert time.process_time() - begin < 1.0
+    (points,) = loaded.hull_points
     assert points.shape == (33444, 3)
 
 
@@ -357,7 +363,7 @@ def test_pybullet_reads_the_same_points(tmp_path: Path) -> None:
     """PyBullet's hull of a box has exactly our corners: single precision, then the scale."""
     path = tmp_path / "box.obj"
     path.write_text(trimesh.creation.box(extents=(0.2, 0.7, 1.1)).export(file_type="obj"))
-    (points,) = obj_hull_points(path, scale=0.9)
+    (points,) = load_mesh(path, scale=0.9).hull_points
     theirs = np.unique(pybullet_hull(path, 0.9), axis=0)
     # Rounding to single precision moves the corners by about 1e-9 m, so 1e-12 m tells it apart.
     np.testing.assert_allclose(theirs, np.unique(points, axis=0), rtol=0, atol=1e-12)
@@ -367,7 +373,7 @@ def test_pybullet_reads_the_same_points(tmp_path: Path) -> None:
 def test_pybullet_keeps_the_same_vertices_of_a_round_body(tmp_path: Path) -> None:
     vertices, faces = ball()
     path = write(tmp_path, as_obj(vertices * [0.7, 1.0, 1.3] + 0.1, faces))
-    (points,) = obj_hull_points(path)
+    (points,) = load_mesh(path).hull_points
     hull = pybullet_hull(path, 1.0)
     nearest = np.linalg.norm(hull[:, None] - points[None], axis=2).min(axis=1)
     assert len(hull) == len(vertices)

@@ -18,7 +18,7 @@ from vsr2.scene.mass import (
     principal_mass_properties,
 )
 from vsr2.scene.mechanisms import Mechanisms
-from vsr2.scene.mesh import LoadedMesh, MeshGroup, load_mesh, obj_hull_points
+from vsr2.scene.mesh import LoadedMesh, load_mesh
 from vsr2.scene.placement import drop_height, height_above, start_pose
 from vsr2.scene.stability import (
     Slenderness,
@@ -40,7 +40,6 @@ __all__ = [
     "LoadedMesh",
     "MassProperties",
     "Mechanisms",
-    "MeshGroup",
     "PedestalBody",
     "PitchSpring",
     "Pose",
@@ -62,7 +61,6 @@ __all__ = [
     "load_mesh",
     "load_urdf",
     "mesh_mass_properties",
-    "obj_hull_points",
     "principal_mass_properties",
     "slenderness",
     "stable_poses",

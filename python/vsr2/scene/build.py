@@ -32,7 +32,8 @@ from vsr2.scene.mass import (
     mesh_mass_properties,
     solid_properties,
 )
-from vsr2.scene.mesh import LoadedMesh, load_mesh, signed_volume
+from vsr2.scene.mesh import LoadedMesh, load_mesh
+from vsr2.scene.mesh_repair import signed_volume
 from vsr2.scene.placement import height_above, stands_over, start_pose
 from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import box_surface, hull_surface, join_surfaces

@@ -14,7 +14,7 @@ import numpy as np
 
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, MassProperties
-from vsr2.scene.mesh import IntArray
+from vsr2.scene.mesh_files import IntArray
 
 DIAGONAL_TOLERANCE = 1.0e-12
 """Products of inertia below this share of the tensor's trace are rounding errors."""

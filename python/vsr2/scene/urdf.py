@@ -25,7 +25,8 @@ from vsr2.scene.mass import (
     principal_axes,
     principal_mass_properties,
 )
-from vsr2.scene.mesh import LoadedMesh, load_mesh, read_bounded
+from vsr2.scene.mesh import LoadedMesh, load_mesh
+from vsr2.scene.mesh_files import read_bounded
 from vsr2.scene.rotation import matrix_from_rpy, quaternion_from_matrix
 from vsr2.scene.shapes import box_surface, cylinder_points, hull_surface, join_surfaces
 
