@@ -26,7 +26,15 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.config.study import Contact as ContactConfig
-from vsr2.config.study import Engine, MeshRock, Outcome, Output, PrismPedestal, Settling, YawStart
+from vsr2.config.study import (
+    Engine,
+    MeshRock,
+    Outcome,
+    Output,
+    PrismPedestal,
+    Settling,
+    YawStart,
+)
 from vsr2.motion import Motion, build_recorded_motion, read_record
 from vsr2.results import base_provenance
 from vsr2.scene import build_pedestal, build_rock

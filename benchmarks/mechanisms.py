@@ -18,7 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.config.study import Contact, Engine, MeshRock, Outcome, Output, PrismPedestal, Settling
+from vsr2.config.study import (
+    Contact,
+    Engine,
+    MeshRock,
+    Outcome,
+    Output,
+    PrismPedestal,
+    Settling,
+)
 from vsr2.motion import Motion, SideMotion, build_recorded_motion, read_record
 from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, build_pedestal, build_rock
 from vsr2.simulation import Trial, make_scene, run_batch

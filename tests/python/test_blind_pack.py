@@ -237,7 +237,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
-import vsr2.campaign.folder as folder
+import vsr2.campaign.save as save
 import test_blind_pack as tests
 
 def dying(function, place, count):
@@ -255,7 +255,7 @@ if {place!r} == "rename":
 elif {place!r}:
     os.replace = dying(os.replace, {place!r}, {{"floors.json": 20}}.get({place!r}, 1))
 else:
-    folder._table = dying(folder._table, "", 5)
+    save.trials_table = dying(save.trials_table, "", 5)
 tests.make_module.build_engine = lambda name, study: tests.QuickEngine()
 tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
 """

@@ -6,7 +6,7 @@ import pytest
 from pydantic import Field
 
 from vsr2.config.extended import load_extended
-from vsr2.config.study import Section
+from vsr2.config.section import Section
 from vsr2.errors import ConfigError
 
 

@@ -8,7 +8,8 @@ import yaml
 
 from vsr2.config import reference_markdown, study_from_mapping, study_schema
 from vsr2.config.schema import variants
-from vsr2.config.study import Section, Study
+from vsr2.config.section import Section
+from vsr2.config.study import Study
 
 ROOT = Path(__file__).parents[2]
 

@@ -121,6 +121,14 @@ def test_the_original_physics_is_kept(package):
     assert study.motion.drive == "motor"
 
 
+@pytest.mark.parametrize(
+    ("word", "flag"), [("yes", True), ("On", True), ("no", False), ("OFF", False), ("1", True)]
+)
+def test_flags_are_read_in_the_words_that_ros_2_takes(package, word, flag):
+    engine = ENGINE.replace("enableConeFriction: false", f"enableConeFriction: {word}")
+    assert import_ros2(write(package, engine, TABLE, MESH)).study.engine.cone_friction is flag
+
+
 def test_what_the_original_ignored_is_told(package):
     told = "\n".join(ignored(import_ros2(write(package, ENGINE, TABLE, BOX, MESH))))
     for words in (

@@ -6,7 +6,8 @@ import re
 import pytest
 
 from vsr2.config import study_from_mapping
-from vsr2.config.study import Range, Study
+from vsr2.config.motion_source import Range
+from vsr2.config.study import Study
 from vsr2.errors import ConfigError
 
 BOX = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600}

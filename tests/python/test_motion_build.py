@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from vsr2.config.study import Filter, MotionSource
+from vsr2.config.motion_source import Filter, MotionSource
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY, Record, build_motions, build_recorded_motion
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsr2.config.study import Range
+from vsr2.config.motion_source import Range
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY, cosine_measures, cosine_motion, cosine_parameters
 from vsr2.motion.cosine import grid_values

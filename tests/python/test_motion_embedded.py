@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsr2.config.study import AllRecordings
+from vsr2.config.motion_source import AllRecordings
 from vsr2.motion import STANDARD_GRAVITY, build_motions, read_record
 
 FOLDER = Path(__file__).parents[2] / "configs" / "motions"

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
 from vsr2.motion import (
     ChannelNoise,

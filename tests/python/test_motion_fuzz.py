@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.errors import Vsr2Error
 from vsr2.motion import build_recorded_motion, fuse, intensity_measures, read_record
 

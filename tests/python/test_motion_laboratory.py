@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsr2.config.study import AllRecordings, Filter
+from vsr2.config.motion_source import AllRecordings, Filter
 from vsr2.motion import (
     STANDARD_GRAVITY,
     build_motions,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
 from vsr2.motion import Record, band_pass, recorded_pga, remove_baseline
 from vsr2.motion.processing import (

@@ -7,7 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vsr2.config.study import BoxRock, Contact, Engine, FixedStart, MeshRock, PrismPedestal
+from vsr2.config.study import (
+    BoxRock,
+    Contact,
+    Engine,
+    FixedStart,
+    MeshRock,
+    PrismPedestal,
+)
 from vsr2.motion import Motion, build_recorded_motion, cosine_motion, read_record
 from vsr2.scene import build_pedestal, build_rock
 from vsr2.simulation import Scene, Simulation, make_scene

@@ -19,7 +19,8 @@ from vsr2.calibration.settings import CalibrationStudy, study_values
 from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
-from vsr2.config.study import AllRecordings, Study
+from vsr2.config.motion_source import AllRecordings
+from vsr2.config.study import Study
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, channel_noise
 from vsr2.results import has_journal, prepare_folder

@@ -13,7 +13,8 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.problems import shown
-from vsr2.config.study import FilePath, NonNegative, Real, Section, Study
+from vsr2.config.section import FilePath, NonNegative, Real, Section
+from vsr2.config.study import Study
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 

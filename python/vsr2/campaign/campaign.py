@@ -249,6 +249,36 @@ class Series:
         return interval if off <= 1e-6 * interval + 1e-12 * MAX_TIME else None
 
 
+def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
+    """What is wrong with the values of a :class:`CampaignTrial`, by attribute or extra column."""
+    order, overturned = values["order"], values["overturned"]
+    whole = isinstance(order, int) and not isinstance(order, bool)
+    faults = {
+        "trial": id_fault(values["trial"]),
+        "motion": text_fault(values["motion"]),
+        "session": text_fault(values["session"]),
+        "specimen": id_fault(values["specimen"]),
+        "note": text_fault(values["note"], limit=MAX_NOTE, empty=True),
+        "order": number_fault(order, 0, MAX_ORDER, "")
+        if whole
+        else f"{shown(order)} is no whole number",
+    }
+    if overturned not in (None, True, False):
+        faults["overturned"] = f"{shown(overturned)} is not True, False or None"
+    if values["motion_file"] is not None:
+        faults["motion_file"] = id_fault(values["motion_file"])
+    for name, limit, unit in (
+        ("peak_tilt", math.pi + 1e-9, "rad"),
+        ("pga", MAX_MEASURE, "m/s^2"),
+        ("pgv_pga", MAX_MEASURE, "s"),
+    ):
+        if values[name] is not None:
+            faults[name] = number_fault(values[name], 0, limit, unit)
+    for name, value in values["extra"].items():
+        faults[str(name)] = extra_fault(name) or number_fault(value, -math.inf, math.inf, "")
+    return faults
+
+
 @dataclass(frozen=True, eq=False)
 class CampaignTrial:
     """One shaking of one specimen, measured or simulated.
@@ -290,32 +320,7 @@ class CampaignTrial:
     series: Series | None = None
 
     def __post_init__(self) -> None:
-        faults = {
-            "trial": id_fault(self.trial),
-            "motion": text_fault(self.motion),
-            "session": text_fault(self.session),
-            "specimen": id_fault(self.specimen),
-            "note": text_fault(self.note, limit=MAX_NOTE, empty=True),
-        }
-        if not isinstance(self.order, int) or isinstance(self.order, bool):
-            faults["order"] = f"{shown(self.order)} is no whole number"
-        else:
-            faults["order"] = number_fault(self.order, 0, MAX_ORDER, "")
-        if self.overturned not in (None, True, False):
-            faults["overturned"] = f"{shown(self.overturned)} is not True, False or None"
-        if self.motion_file is not None:
-            faults["motion_file"] = id_fault(self.motion_file)
-        for name, limit, unit in (
-            ("peak_tilt", math.pi + 1e-9, "rad"),
-            ("pga", MAX_MEASURE, "m/s^2"),
-            ("pgv_pga", MAX_MEASURE, "s"),
-        ):
-            value = getattr(self, name)
-            if value is not None:
-                faults[name] = number_fault(value, 0, limit, unit)
-        for name, value in self.extra.items():
-            faults[str(name)] = extra_fault(name) or number_fault(value, -math.inf, math.inf, "")
-        _refuse(f"trial {shown(self.trial)}", faults)
+        _refuse(f"trial {shown(self.trial)}", trial_faults(vars(self)))
         object.__setattr__(self, "extra", MappingProxyType(dict(self.extra)))
 
     @property

@@ -6,7 +6,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, Strict, ValidationError
 
 from vsr2.campaign.campaign import (
     MAX_MASS,
@@ -14,38 +16,87 @@ from vsr2.campaign.campaign import (
     MeasurementNoise,
     Specimen,
     id_fault,
-    number_fault,
     text_fault,
 )
 from vsr2.campaign.problems import Problems
-from vsr2.config.problems import shown
-from vsr2.config.yaml_file import YamlDocument, dump_yaml, read_yaml
+from vsr2.config.problems import Problem, dotted, problems_of, shown
+from vsr2.config.section import Section
+from vsr2.config.yaml_file import dump_yaml, read_yaml
 from vsr2.errors import CampaignError, ConfigError
 
 SCHEMA = "vsr2.campaign/1"
 FILE = "campaign.yaml"
 MODEL_SUFFIXES = (".obj", ".stl", ".ply")
 
-_KEYS = (
-    "schema",
-    "name",
-    "description",
-    "units",
-    "specimens",
-    "sampling",
-    "noise",
-    "provenance",
+
+def _text(limit: int, *, empty: bool) -> AfterValidator:
+    def check(value: str) -> str:
+        fault = text_fault(value, limit=limit, empty=empty)
+        if fault is not None:
+            raise ValueError(fault)
+        return value
+
+    return AfterValidator(check)
+
+
+def _inside(value: str) -> str:
+    path = PurePosixPath(value)
+    if path.is_absolute() or ".." in path.parts or "\\" in value:
+        raise ValueError(
+            f"{shown(value)} leads out of the campaign's folder; copy the model into it"
+        )
+    if path.suffix.lower() not in MODEL_SUFFIXES:
+        raise ValueError(f"{shown(value)} is none of {', '.join(MODEL_SUFFIXES)}; convert the mesh")
+    return value
+
+
+# A block of several lines is how people write a description in YAML.
+_Paragraph = Annotated[
+    str, AfterValidator(lambda value: " ".join(value.split())), _text(10_000, empty=True)
+]
+_Error = Annotated[float, Strict(), Field(ge=0, le=1e5)] | None
+_Interval = Annotated[float, Strict(), Field(gt=0, le=1e5)] | None
+
+
+class _Specimen(Section):
+    description: Annotated[str, _text(MAX_NOTE, empty=True)] = ""
+    mass_kg: Annotated[float, Strict(), Field(gt=0, le=MAX_MASS)] | None = None
+    model_file: Annotated[str, _text(200, empty=False), AfterValidator(_inside)] | None = None
+
+
+class _Noise(Section):
+    """The channels of :class:`MeasurementNoise` in its order, with their units."""
+
+    displacement_m: _Error = None
+    acceleration_m_s2: _Error = None
+    peak_tilt_rad: _Error = None
+    tilt_rad: _Error = None
+    position_m: _Error = None
+    orientation_rad: _Error = None
+
+
+class _Sampling(Section):
+    motion_interval_s: _Interval = None
+    series_interval_s: _Interval = None
+
+
+class _Content(Section):
+    """The file's keys, but for `schema`."""
+
+    name: Annotated[str, _text(200, empty=False)]
+    """The campaign's name."""
+    description: _Paragraph = ""
+    units: Literal["SI"] = "SI"
+    specimens: Annotated[dict[str, _Specimen | None], Field(min_length=1)]
+    """Each specimen by its id, such as `SP1: {}`."""
+    noise: _Noise | None = None
+    sampling: _Sampling | None = None
+    provenance: dict[str, Any] | None = None
+
+
+_NOISE_KEYS = dict(
+    zip(_Noise.model_fields, (channel.name for channel in fields(MeasurementNoise)), strict=True)
 )
-_NOISE_KEYS = {
-    "displacement_m": "displacement",
-    "acceleration_m_s2": "acceleration",
-    "peak_tilt_rad": "peak_tilt",
-    "tilt_rad": "tilt",
-    "position_m": "position",
-    "orientation_rad": "orientation",
-}
-_SAMPLING_KEYS = ("motion_interval_s", "series_interval_s")
-_SPECIMEN_KEYS = ("description", "mass_kg", "model_file")
 
 
 @dataclass(frozen=True)
@@ -74,140 +125,51 @@ def read_description(folder: Path, problems: Problems) -> Description | None:
         # The reader names file and line in front; the file is already said.
         problems.add(FILE, str(error).removeprefix(str(path)).lstrip(": "))
         return None
-    before = len(problems.found)
-    reader = _Reader(document, folder, problems)
-    description = reader.read()
-    return description if len(problems.found) == before else None
+    found: list[Problem] = []
+    description = _description(dict(document.data), folder, found)
+    for problem in found:
+        at = problem.path
+        known = (at[:n] for n in range(len(at), 0, -1) if at[:n] in document.lines)
+        line = next((document.lines[key] for key in known), None)
+        problems.add(FILE, problem.what, row=line, column=dotted(at)[:100])
+    return None if found else description
 
 
-class _Reader:
-    """Walks the mapping and notes what is wrong, by line and key."""
-
-    def __init__(self, document: YamlDocument, folder: Path, problems: Problems) -> None:
-        self._data = document.data
-        self._lines = document.lines
-        self._folder = folder
-        self._problems = problems
-
-    def read(self) -> Description | None:
-        self._known((), self._data, _KEYS)
-        schema = self._data.get("schema")
-        if schema != SCHEMA:
-            self._add(("schema",), f"is {shown(schema)}; this reader knows {SCHEMA!r}")
-            return None
-        if self._data.get("units", "SI") != "SI":
-            self._add(("units",), f"is {shown(self._data['units'])}; convert all to SI")
-        name = self._text("name", required=True)
-        description = self._text("description", limit=10_000)
-        specimens = self._specimens()
-        noise = self._numbers("noise", tuple(_NOISE_KEYS), above=False)
-        sampling = self._numbers("sampling", _SAMPLING_KEYS, above=True)
-        provenance = self._section("provenance")
-        if self._problems:
-            return None
-        return Description(
-            name=name,
-            description=description,
-            specimens=specimens,
-            noise=MeasurementNoise(**{_NOISE_KEYS[key]: value for key, value in noise.items()}),
-            sampling=sampling,
-            provenance=provenance,
-        )
-
-    def _add(self, path: tuple[str, ...], what: str) -> None:
-        line = next(
-            (self._lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self._lines),
-            None,
-        )
-        key = ".".join(part if part.isprintable() else shown(part) for part in path)
-        self._problems.add(FILE, what, row=line, column=key[:100])
-
-    def _known(
-        self, above: tuple[str, ...], given: Mapping[str, Any], known: tuple[str, ...]
-    ) -> None:
-        for key in given:
-            if key not in known:
-                self._add((*above, key), f"is no key here; known are {', '.join(known)}")
-
-    def _section(self, key: str) -> dict[str, Any]:
-        value = self._data.get(key)
-        if value is None:
-            return {}
-        if not isinstance(value, dict):
-            self._add((key,), f"is {shown(value)}; give a mapping")
-            return {}
-        return value
-
-    def _text(self, key: str, *, required: bool = False, limit: int = 200) -> str:
-        value = self._data.get(key, "")
-        if key == "description" and isinstance(value, str):
-            # A block of several lines is how people write one in YAML.
-            value = " ".join(value.split())
-        fault = text_fault(value, limit=limit, empty=not required)
-        if fault is not None:
-            self._add((key,), fault)
-            return ""
-        assert isinstance(value, str)
-        return value
-
-    def _numbers(self, section: str, known: tuple[str, ...], *, above: bool) -> dict[str, float]:
-        given = self._section(section)
-        self._known((section,), given, known)
-        out: dict[str, float] = {}
-        for key in known:
-            if given.get(key) is not None:
-                fault = number_fault(given[key], 0, 1e5, "", above=above)
-                if fault is None:
-                    out[key] = float(given[key])
-                else:
-                    self._add((section, key), fault)
-        return out
-
-    def _specimens(self) -> dict[str, Specimen]:
-        given = self._section("specimens")
-        if not given:
-            self._add(("specimens",), "names none; give each specimen's id, such as `SP1: {}`")
-        return {key: self._specimen(key, value) for key, value in given.items()}
-
-    def _specimen(self, key: str, value: object) -> Specimen:
-        place = ("specimens", key)
+def _description(data: dict[str, Any], folder: Path, problems: list[Problem]) -> Description | None:
+    schema = data.pop("schema", None)
+    if schema != SCHEMA:
+        problems.append(Problem(("schema",), f"is {shown(schema)}; this reader knows {SCHEMA!r}"))
+        return None
+    try:
+        content = _Content.model_validate(data)
+    except ValidationError as error:
+        problems.extend(problems_of(error, _Content))
+        return None
+    specimens = {}
+    for key, given in content.specimens.items():
+        stated = given or _Specimen()
+        model = None if stated.model_file is None else folder / stated.model_file
         fault = id_fault(key)
         if fault is not None:
-            self._add(place, fault)
-        if value is None:
-            return Specimen()
-        if not isinstance(value, dict):
-            self._add(place, f"is {shown(value)}; give a mapping, `{{}}` where nothing is known")
-            return Specimen()
-        self._known(place, value, _SPECIMEN_KEYS)
-        mass, text = value.get("mass_kg"), value.get("description", "")
-        faults = {"description": text_fault(text, limit=MAX_NOTE, empty=True)}
-        if mass is not None:
-            faults["mass_kg"] = number_fault(mass, 0, MAX_MASS, "kg", above=True)
-        for name, fault in faults.items():
-            if fault is not None:
-                self._add((*place, name), fault)
-        model = self._model((*place, "model_file"), value.get("model_file"))
-        if any(faults.values()):
-            return Specimen()
-        return Specimen(text, None if mass is None else float(mass), model)
-
-    def _model(self, place: tuple[str, ...], value: object) -> Path | None:
-        if value is None:
-            return None
-        fault = text_fault(value)
-        if fault is None:
-            path = PurePosixPath(str(value))
-            if path.is_absolute() or ".." in path.parts or "\\" in str(value):
-                fault = f"{shown(value)} leads out of the campaign's folder; copy the model into it"
-            elif path.suffix.lower() not in MODEL_SUFFIXES:
-                fault = f"{shown(value)} is none of {', '.join(MODEL_SUFFIXES)}; convert the mesh"
-            elif not _is_file(self._folder / path):
-                fault = f"no such file ({shown(value)}); add it, or remove the key"
-            else:
-                return self._folder / path
-        self._add(place, fault)
-        return None
+            problems.append(Problem(("specimens", key), fault))
+        if model is not None and not _is_file(model):
+            problems.append(
+                Problem(
+                    ("specimens", key, "model_file"),
+                    f"no such file ({shown(stated.model_file)}); add it, or remove the key",
+                )
+            )
+        specimens[key] = Specimen(stated.description, stated.mass_kg, model)
+    noise = (content.noise or _Noise()).model_dump()
+    sampling = content.sampling or _Sampling()
+    return Description(
+        name=content.name,
+        description=content.description,
+        specimens=specimens,
+        noise=MeasurementNoise(**{_NOISE_KEYS[key]: value for key, value in noise.items()}),
+        sampling=sampling.model_dump(exclude_none=True),
+        provenance=content.provenance or {},
+    )
 
 
 def _is_file(path: Path) -> bool:
@@ -236,7 +198,6 @@ def dump_description(description: Description, models: Mapping[str, str]) -> str
         }
         specimens[key] = {name: value for name, value in entry.items() if value is not None}
     noise = {key: getattr(description.noise, name) for key, name in _NOISE_KEYS.items()}
-    assert set(_NOISE_KEYS.values()) == {channel.name for channel in fields(MeasurementNoise)}
     try:
         provenance = json.loads(json.dumps(description.provenance))
     except (TypeError, ValueError) as error:
@@ -254,5 +215,4 @@ def dump_description(description: Description, models: Mapping[str, str]) -> str
         "noise": {key: value for key, value in noise.items() if value is not None},
         "provenance": provenance,
     }
-    kept = {key: value for key, value in content.items() if value not in ("", {})}
-    return dump_yaml(kept)
+    return dump_yaml({key: value for key, value in content.items() if value not in ("", {})})

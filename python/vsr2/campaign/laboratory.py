@@ -22,8 +22,8 @@ from vsr2.campaign.campaign import (
     number_fault,
     text_fault,
 )
-from vsr2.campaign.folder import save_campaign
 from vsr2.campaign.problems import Problems
+from vsr2.campaign.save import save_campaign
 from vsr2.campaign.table import Row, number, read_table, whole_number
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError

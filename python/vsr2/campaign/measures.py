@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign.campaign import Campaign
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.motion import Record, build_recorded_motion
 
 Array = NDArray[np.float64]

@@ -194,7 +194,7 @@ def _simulate(options: argparse.Namespace) -> int:
         save_campaign,
         simulate_campaign,
     )
-    from vsr2.campaign.folder import prepare_destination
+    from vsr2.campaign.save import prepare_destination
     from vsr2.config import load_study
     from vsr2.effects import check_study_effects
     from vsr2.errors import CampaignError, SimulationError

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from vsr2.config.study import RecordUnits
+from vsr2.config.motion_source import RecordUnits
 
 
 def add_verbs(verbs: Any) -> None:
@@ -255,7 +255,7 @@ def _filter(options: argparse.Namespace) -> Any:
         return None
     from pydantic import ValidationError
 
-    from vsr2.config.study import Filter
+    from vsr2.config.motion_source import Filter
     from vsr2.errors import ConfigError
 
     try:

@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from vsr2.config.load import apply_override, build_study, places
 from vsr2.config.problems import Problem, config_error, problems_of, shown
-from vsr2.config.study import Section, Study
+from vsr2.config.section import Section
+from vsr2.config.study import Study
 from vsr2.config.yaml_file import read_yaml
 from vsr2.errors import ConfigError
 

@@ -10,7 +10,8 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from vsr2.config.problems import Problem, config_error, problems_of
-from vsr2.config.study import Section, Study
+from vsr2.config.section import Section
+from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath, dump_yaml, parse_yaml, read_yaml
 from vsr2.errors import ConfigError
 

@@ -11,7 +11,8 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from vsr2.config.schema import Variants, variants
-from vsr2.config.study import Section, Study
+from vsr2.config.section import Section
+from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
 from vsr2.errors import ConfigError
 
@@ -84,7 +85,9 @@ def _translate(entry: dict[str, Any], root: type[Section]) -> Problem:
     if kind == "literal_error":
         choices = context["expected"].replace(" or ", ", ").split(", ")
         return Problem(path, _not_one_of(value, [choice.strip("'") for choice in choices]))
-    if kind in ("model_type", "model_attributes_type", "dict_type"):
+    if kind == "dict_type":
+        return Problem(path, f"must be a mapping of names to values (is {shown(value)})")
+    if kind in ("model_type", "model_attributes_type"):
         return Problem(path, f"must hold {_keys(held, owner)} (is {shown(value)})")
     return Problem(path, f"{_expectation(kind, context, entry['msg'])} (is {shown(value)})")
 
@@ -113,6 +116,8 @@ def _expectation(kind: str, context: Mapping[str, Any], message: str) -> str:
     if kind in bounds:
         key, words = bounds[kind]
         return f"must be {words} {context[key]:g}"
+    if kind == "too_short":
+        return f"must hold at least {context['min_length']}"
     if kind == "too_long":
         return f"must have {context['max_length']} values"
     if kind == "string_pattern_mismatch":
@@ -136,10 +141,13 @@ def _walk(
             section, held = held.by_tag[str(part)], None
             continue
         path.append(part)
+        if held is not None and held.named:
+            section, held = held.by_tag[""], None
+            continue
         owner = section
         field = section.model_fields.get(str(part)) if section else None
         held = variants(field) if field else None
-        section = held.by_tag[""] if held and held.tag_key is None else None
+        section = held.by_tag[""] if held and held.tag_key is None and not held.named else None
     return tuple(path), owner, field
 
 

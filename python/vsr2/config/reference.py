@@ -11,13 +11,14 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from vsr2.config.schema import variants
-from vsr2.config.study import Section, Study
+from vsr2.config.section import Section
+from vsr2.config.study import Study
 
 _HEAD = """\
 # Configuration
 
 A study is one YAML file in SI units. Written by `vsr2.config.reference_markdown()` from the models
-in `python/vsr2/config/study.py`; a test keeps both equal.
+in `python/vsr2/config/`; a test keeps both equal.
 
 - Files and folders are taken relative to the folder of the YAML file that names them.
 - Unknown keys, keys given twice, keys without effect, NaN and infinity are refused; the error names

@@ -12,35 +12,21 @@ leave the pedestal its own contact values and the rock unturned.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from vsr2.config.load import build_study
 from vsr2.config.problems import shown
+from vsr2.config.ros2_notes import HEADINGS, Note, difference_notes, ignored_notes
+from vsr2.config.ros2_parameters import Parameters
 from vsr2.config.study import Study
-from vsr2.config.yaml_file import KeyPath, Value, YamlDocument, read_yaml
+from vsr2.config.yaml_file import KeyPath
 from vsr2.errors import ConfigError
 
-Note = Literal["ignored by the original", "kept as in the original", "not kept", "assumed"]
-
-_HEADINGS: dict[Note, str] = {
-    "ignored by the original": "The original ignored in these files",
-    "kept as in the original": "Kept as in the original",
-    "not kept": "Not kept, VSR2 does otherwise",
-    "assumed": "Assumed, for these files do not say",
-}
-
 _PACKAGE = "virtual_shake_robot_pybullet/"
-_RECORD_INTERVAL = 0.00125
-"""Sampling interval of the original's recordings [s]."""
-
-_YAML_1_1_FLAGS = {"yes": True, "on": True, "no": False, "off": False}
-"""Words that ROS 2 takes for booleans, and that are text in YAML 1.2."""
 
 _MATERIAL = {
     "restitution": "restitution",
@@ -49,45 +35,6 @@ _MATERIAL = {
     "contactStiffness": "stiffness",
     "contactDamping": "damping",
 }
-
-_NEVER_READ = "no node declares or reads it"
-_SPLIT = "handed to PyBullet, but Bullet solves multibody contacts without split impulse"
-_NO_PHYSICS = "paces, shows or names the run only; it has no counterpart here"
-_IGNORED = [
-    ("engineSettings.useSplitImpulse", _SPLIT),
-    ("engineSettings.splitImpulsePenetrationThreshold", _SPLIT),
-    ("engineSettings.numSubSteps", f"{_NEVER_READ}; PyBullet keeps one step per timeStep"),
-    ("engineSettings.pedestal_reset_time", "the control node reads it under another name"),
-    ("engineSettings.reset_time", _NEVER_READ),
-    ("engineSettings.wait_time", _NEVER_READ),
-    ("engineSettings.model_wait_time", _NEVER_READ),
-    ("*.rollingFriction", "never handed to PyBullet, where it stays 0"),
-    ("dynamics.world_box.*", "read, but never handed to PyBullet"),
-    ("structure.world_box.inertia", "read, but never handed to PyBullet"),
-    (
-        "structure.pedestal.inertia",
-        "read, but never handed to PyBullet, which takes the inertia of the box",
-    ),
-    (
-        "structure.pedestal.mesh*",
-        "the branch for a mesh pedestal cannot be reached: the pedestal is the box of "
-        "structure.pedestal.dimensions (VSR2 can: `pedestal: {shape: mesh, file: ...}`)",
-    ),
-    (
-        "rock_structure_mesh.meshScale",
-        "read, but never handed to PyBullet (VSR2 can: `rock.scale`)",
-    ),
-    (
-        "rock_structure_box.rock_orientation",
-        "no node declares it; the box always stands unturned",
-    ),
-    ("rock_structure.*", "an older name, which no node declares"),
-    ("simSettings.*", _NO_PHYSICS),
-    ("realtime_flag", _NO_PHYSICS),
-    ("enable_plotting", _NO_PHYSICS),
-    ("recording_folder_name", _NO_PHYSICS),
-    ("file_paths.*", "names tables and caches of the original, which VSR2 does not read"),
-]
 
 
 @dataclass(frozen=True)
@@ -127,7 +74,7 @@ def import_ros2(
         paths = [paths]
     if not paths:
         raise ConfigError("no ROS 2 parameter file given; name at least one")
-    parameters = _Parameters()
+    parameters = Parameters()
     for path in paths:
         parameters.read(path)
     return _Importer(parameters, tuple(Path(path) for path in paths), rock).result()
@@ -136,128 +83,11 @@ def import_ros2(
 def describe(imported: Ros2Import) -> str:
     """What an import found, for people: the files, then the notes by kind."""
     lines = ["Read " + ", ".join(str(path) for path in imported.files)]
-    for kind, heading in _HEADINGS.items():
+    for kind, heading in HEADINGS.items():
         of_kind = [n.removeprefix(f"{kind}: ") for n in imported.notes if n.startswith(kind)]
         if of_kind:
             lines += ["", f"{heading}:", *(f"  - {note}" for note in of_kind)]
     return "\n".join(lines)
-
-
-@dataclass(frozen=True)
-class _Given:
-    value: Value
-    place: str
-    file: Path
-
-
-@dataclass
-class _Parameters:
-    """Parameters by their full dotted name, the last one given counting."""
-
-    given: dict[str, _Given] = field(default_factory=dict)
-    nodes: list[str] = field(default_factory=list)
-    foreign: list[str] = field(default_factory=list)
-    used: set[str] = field(default_factory=set)
-    whole: list[str] = field(default_factory=list)
-    """Names given as whole numbers where the original declares decimal ones."""
-
-    def read(self, path: str | os.PathLike[str]) -> None:
-        document = read_yaml(path)
-        found = False
-        for key, value in document.data.items():
-            if key == "file_paths" and isinstance(value, dict):
-                self._take(document, Path(path), value, (key,), "file_paths.")
-                found = True
-            else:
-                found |= self._nodes_below(document, Path(path), value, (key,))
-        if not found:
-            raise ConfigError(
-                f"{os.fspath(path)}: holds no ROS 2 parameters; expected a node's name (or `/**`) "
-                "over `ros__parameters`"
-            )
-
-    def _nodes_below(
-        self, document: YamlDocument, file: Path, value: Value, above: KeyPath
-    ) -> bool:
-        if not isinstance(value, dict):
-            return False
-        found = False
-        for key, inner in value.items():
-            if key != "ros__parameters":
-                found |= self._nodes_below(document, file, inner, (*above, key))
-                continue
-            found = True
-            name = "/".join(str(part).strip("/") for part in above)
-            if name.rsplit("/")[-1] not in ("**", "*", "simulation_node", "control_node"):
-                self.foreign.append(name)
-            elif isinstance(inner, dict):
-                self.nodes.append(name)
-                self._take(document, file, inner, (*above, key), "")
-            elif inner is not None:
-                raise ConfigError(
-                    f"{file}:{document.lines[(*above, key)]}: ros__parameters must hold keys "
-                    f"(is {shown(inner)})"
-                )
-        return found
-
-    def _take(
-        self, document: YamlDocument, file: Path, group: dict[str, Value], at: KeyPath, prefix: str
-    ) -> None:
-        for key, value in group.items():
-            if isinstance(value, dict):
-                self._take(document, file, value, (*at, key), f"{prefix}{key}.")
-            else:
-                place = f"{file}:{document.lines[(*at, key)]}"
-                self.given[prefix + key] = _Given(value, place, file)
-
-    def has(self, name: str) -> bool:
-        return name in self.given
-
-    def number(self, name: str) -> float:
-        return self._number(name, self._get(name))
-
-    def numbers(self, name: str, count: int) -> list[float]:
-        value = self._get(name)
-        if not isinstance(value, list) or len(value) != count:
-            raise self.error(name, f"must be a list of {count} numbers")
-        return [self._number(name, item) for item in value]
-
-    def text(self, name: str) -> str:
-        value = self._get(name)
-        if not isinstance(value, str):
-            raise self.error(name, "must be text")
-        return value
-
-    def integer(self, name: str) -> int:
-        value = self._get(name)
-        if not isinstance(value, int):
-            raise self.error(name, "must be a whole number")
-        return int(value)
-
-    def flag(self, name: str) -> bool:
-        value = self._get(name)
-        if isinstance(value, str):
-            value = _YAML_1_1_FLAGS.get(value.lower(), value)
-        if not isinstance(value, int):
-            raise self.error(name, "must be true or false")
-        return bool(value)
-
-    def error(self, name: str, what: str) -> ConfigError:
-        given = self.given[name]
-        return ConfigError(f"{given.place}: {name}: {what} (is {shown(given.value)})")
-
-    def _get(self, name: str) -> Value:
-        self.used.add(name)
-        return self.given[name].value
-
-    def _number(self, name: str, value: Value) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.error(name, "must be a number")
-        if isinstance(value, int) and name not in self.whole:
-            self.whole.append(name)
-        if not math.isfinite(value):
-            raise self.error(name, "must be finite")
-        return float(value)
 
 
 class _Importer:
@@ -265,7 +95,7 @@ class _Importer:
 
     def __init__(
         self,
-        parameters: _Parameters,
+        parameters: Parameters,
         files: tuple[Path, ...],
         rock: Literal["mesh", "box"] | None,
     ) -> None:
@@ -285,8 +115,9 @@ class _Importer:
             "contact": self._contact(),
             "motion": self._motion(),
         }
-        self._say_what_was_ignored()
-        self._say_what_differs(data["engine"].get("time_step", 0.001), data["motion"]["mode"])
+        step = data["engine"].get("time_step", 0.001)
+        self._notes += ignored_notes(self._parameters, self._rock, self._missing)
+        self._notes += difference_notes(self._parameters, step, data["motion"]["mode"])
         study = build_study(
             data,
             Path.cwd().joinpath(self._files[0]).parent,
@@ -294,7 +125,7 @@ class _Importer:
             place=self._place,
             check_files=False,
         )
-        order = list(_HEADINGS)
+        order = list(HEADINGS)
         notes = sorted(self._notes, key=lambda note: order.index(note[0]))
         return Ros2Import(study, tuple(f"{kind}: {text}" for kind, text in notes), self._files)
 
@@ -569,92 +400,6 @@ class _Importer:
                 return candidate
         self._note("assumed", f"{name}: {text} is not found from {given.file}; correct the path")
         return Path(text)
-
-    def _say_what_was_ignored(self) -> None:
-        p = self._parameters
-        why: dict[str, list[str]] = {}
-        for name in p.given:
-            if name in p.used:
-                continue
-            if self._rock == "mesh" and name.startswith("rock_structure_box."):
-                reason = "no motion mode loads the box rock; the mesh is spawned"
-            elif self._rock == "box" and name.startswith("rock_structure_mesh."):
-                reason = "not used by the box rock, which was asked for or found alone"
-            elif name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
-                continue
-            else:
-                reason = next(
-                    (text for pattern, text in _IGNORED if fnmatchcase(name, pattern)),
-                    "unknown to the original",
-                )
-            why.setdefault(reason, []).append(name)
-        for reason, names in why.items():
-            self._note("ignored by the original", f"{', '.join(names)}: {reason}")
-        for node in p.foreign:
-            self._note(
-                "ignored by the original",
-                f"parameters of node {shown(node)}, which is neither simulation_node nor "
-                "control_node",
-            )
-        named = sorted({node for node in p.nodes if not node.endswith("*") and "/" not in node})
-        if named:
-            self._note(
-                "ignored by the original",
-                f"everything under {', '.join(named)} wherever a launch file runs the node in a "
-                "namespace (sim_1, ...): such names fit only a node without one; `/**` fits both",
-            )
-        if p.whole:
-            self._note(
-                "not kept",
-                f"{', '.join(p.whole)}: a whole number, where ROS 2 stops the original for its "
-                "declaration wants a decimal one (5.0 for 5); read as such",
-            )
-        if self._missing:
-            self._note(
-                "assumed",
-                f"not given, so VSR2's defaults serve: {', '.join(self._missing)}",
-            )
-
-    def _say_what_differs(self, time_step: float, mode: str) -> None:
-        p = self._parameters
-        self._note(
-            "kept as in the original",
-            "the pedestal is driven by the joint motor (`motion.drive: motor`), which lags by "
-            "about nine time steps and attenuates on recordings; `prescribed` has no error",
-        )
-        if mode in ("single_recording", "all_recordings") and time_step > 0:
-            steps = math.floor(_RECORD_INTERVAL / time_step + 1e-9)
-            if steps == 0:
-                played = "not played at all: the pedestal stands still"
-            else:
-                factor = _RECORD_INTERVAL / (steps * time_step)
-                played = (
-                    f"played {steps} step(s) a sample, {factor:.4g} times too fast, accelerations "
-                    f"{factor**2:.4g} times too large"
-                )
-            self._note(
-                "not kept",
-                f"recordings sampled at 1.25 ms are, at a time step of {time_step:g} s, {played}; "
-                "VSR2 resamples them in time",
-            )
-        for name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
-            if p.has(name):
-                self._note(
-                    "not kept",
-                    f"{name} ({shown(p.given[name].value)} s) is wall time in the original; VSR2 "
-                    "runs until the rock rests (`settling`, `outcome.tail`)",
-                )
-        self._note(
-            "not kept",
-            "the original's outcome: |roll change| + |pitch change| of 0.1 rad or more counts as "
-            "toppled, and after recordings the time that follows is not simulated; VSR2 follows "
-            "the tilt until rest (`outcome`)",
-        )
-        self._note(
-            "not kept",
-            "the original's reset restores the pose before settling, so that its first trial "
-            "differs from the rest; every trial of VSR2 starts alike",
-        )
 
 
 def _list(values: list[float]) -> str:

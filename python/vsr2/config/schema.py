@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from vsr2.config.study import Section, Study
+from vsr2.config.section import Section
+from vsr2.config.study import Study
 
 
 @dataclass(frozen=True)
@@ -18,10 +19,12 @@ class Variants:
     Attributes:
         tag_key: the key which tells them apart (`shape`, `mode`), or none where there is but one.
         by_tag: sections by the value of `tag_key`; by "" where there is but one.
+        named: whether the key holds a mapping of free names to such sections.
     """
 
     tag_key: str | None
     by_tag: dict[str, type[Section]]
+    named: bool = False
 
 
 def variants(field: FieldInfo) -> Variants | None:
@@ -31,7 +34,7 @@ def variants(field: FieldInfo) -> Variants | None:
         return None
     tag_key = field.discriminator if isinstance(field.discriminator, str) else None
     if tag_key is None:
-        return Variants(None, {"": sections[0]})
+        return Variants(None, {"": sections[0]}, named=get_origin(field.annotation) is dict)
     return Variants(tag_key, {tag_of(section, tag_key): section for section in sections})
 
 

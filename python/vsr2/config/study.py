@@ -4,9 +4,6 @@ A study has one section per concept of supplement S1.2: ``engine``, ``pedestal``
 ``contact``, ``motion``, ``effects``, ``settling``, ``outcome``, ``output``. A key that would do
 nothing is refused, not ignored. Paths are kept as written here; :mod:`vsr2.config.load` resolves
 them against the folder of the file that names them.
-
-Numbers are strict: text and booleans are no numbers, NaN and infinity are refused. Upper bounds are
-far outside anything physical; they stop a slip of units or of a digit before it costs memory.
 """
 
 from __future__ import annotations
@@ -14,85 +11,33 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import (
-    AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     Strict,
     ValidationInfo,
     field_validator,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
-Real = Annotated[float, Strict()]
-Positive = Annotated[float, Strict(), Field(gt=0)]
-NonNegative = Annotated[float, Strict(), Field(ge=0)]
-Length = Annotated[float, Strict(), Field(gt=0, le=1e5)]
-Scale = Annotated[float, Strict(), Field(gt=0, le=1e6)]
-Mass = Annotated[float, Strict(), Field(gt=0, le=1e12)]
-Flag = Annotated[bool, Strict()]
-Vector3 = tuple[Real, Real, Real]
-Size = tuple[Length, Length, Length]
-
-RecordUnits = Literal[
-    "g", "m/s^2", "cm/s^2", "mm/s^2", "m/s", "cm/s", "mm/s", "m", "cm", "mm", "in"
-]
-
-MAX_GRID_TRIALS = 1_000_000
-MIN_STEPS_A_PERIOD = 10
-
-
-def _encodable(value: Path) -> Path:
-    text = str(value)
-    if "\0" in text or any("\ud800" <= c <= "\udfff" for c in text):
-        raise ValueError("is no file name: it holds a character that no file system stores")
-    return value
-
-
-FilePath = Annotated[Path, AfterValidator(_encodable)]
-
-
-def _nearly_unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    # One per cent admits orientations written with two decimals; it is kept as given because the
-    # original passes it on without normalising.
-    norm = math.hypot(*value)
-    if abs(norm - 1.0) > 0.01:
-        raise ValueError(f"is no rotation: the quaternion's norm is {norm:.4g}; scale it to 1")
-    return value
-
-
-QuaternionXyzw = Annotated[tuple[Real, Real, Real, Real], AfterValidator(_nearly_unit)]
-
-
-def _assume(key: str, tag: str) -> BeforeValidator:
-    """Let `key` default to `tag`: a tagged union does not look at the defaults of its members."""
-
-    def fill(value: object) -> object:
-        if isinstance(value, Mapping) and key not in value:
-            return {key: tag, **value}
-        return value
-
-    return BeforeValidator(fill)
-
-
-def _inapplicable(key: str, reason: str) -> PydanticCustomError:
-    """An error at `key` (dotted, below the section that raises it) for a key without effect."""
-    return PydanticCustomError("inapplicable_key", "{reason}", {"key": key, "reason": reason})
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, unknown keys refused, NaN and infinity refused."""
-
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
-    )
-
+from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
+from vsr2.config.section import (
+    FilePath,
+    Flag,
+    Mass,
+    NonNegative,
+    Positive,
+    QuaternionXyzw,
+    Real,
+    Scale,
+    Section,
+    Size,
+    Vector3,
+    assume,
+    inapplicable,
+)
 
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
@@ -219,7 +164,7 @@ class YawStart(Section):
     """Where the mass centre stands above the pedestal, x and y [m]."""
 
 
-Start = Annotated[FixedStart | YawStart, Field(discriminator="mode"), _assume("mode", "yaw")]
+Start = Annotated[FixedStart | YawStart, Field(discriminator="mode"), assume("mode", "yaw")]
 
 
 class _Massive(Section):
@@ -277,7 +222,7 @@ class UrdfRock(Section):
 
 Rock = Annotated[BoxRock | MeshRock | UrdfRock, Field(discriminator="shape")]
 Pedestal = Annotated[
-    PrismPedestal | MeshPedestal, Field(discriminator="shape"), _assume("shape", "prism")
+    PrismPedestal | MeshPedestal, Field(discriminator="shape"), assume("shape", "prism")
 ]
 
 
@@ -308,143 +253,6 @@ class Contact(Section):
     """The rock's material."""
     pedestal: Material = Material()
     """The pedestal's material."""
-
-
-class Range(Section):
-    """`min`, `min + step`, ... up to and including `max` (within half a millionth of a step)."""
-
-    min: Positive
-    """First value."""
-    max: Positive
-    """Last value, where the steps reach it."""
-    step: Positive
-    """Spacing."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.max < self.min:
-            raise ValueError(f"max ({self.max}) is below min ({self.min})")
-        if (self.max - self.min) / self.step > 100_000:
-            raise ValueError("more than 100 000 values; raise `step`")
-        return self
-
-    @property
-    def count(self) -> int:
-        """Number of values."""
-        return math.floor((self.max - self.min) / self.step + 5e-7) + 1
-
-
-class _Driven(Section):
-    drive: Literal["motor", "prescribed"] = "prescribed"
-    """`motor`: Bullet's joint motor follows the set-points (the original; lags); `prescribed`: the
-    pedestal moves exactly as told."""
-
-
-class SingleCosine(_Driven):
-    """x(t) = A (1 - cos 2 pi F t), one period (S1.3). Give A and F, or PGA and PGV/PGA."""
-
-    mode: Literal["single_cosine"]
-    amplitude: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
-    """A, half the peak displacement [m]."""
-    frequency: Annotated[float, Strict(), Field(ge=1e-3, le=1e3)] | None = None
-    """F [Hz]."""
-    pga: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
-    """Peak ground acceleration [g]."""
-    pgv_pga: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
-    """PGV/PGA, which is 1 / (2 pi F) [s]."""
-
-    @model_validator(mode="after")
-    def _one_parametrisation(self) -> Self:
-        by_af = self.amplitude is not None and self.frequency is not None
-        by_im = self.pga is not None and self.pgv_pga is not None
-        given = sum(v is not None for v in (self.amplitude, self.frequency, self.pga, self.pgv_pga))
-        if given != 2 or by_af == by_im:
-            raise ValueError("give `amplitude` and `frequency`, or `pga` and `pgv_pga`")
-        return self
-
-
-class GridCosine(_Driven):
-    """Single cosines over a grid of PGA and PGV/PGA (S1.3)."""
-
-    mode: Literal["grid_cosine"]
-    pga: Range
-    """Peak ground accelerations [g]; at most 100."""
-    pgv_pga: Range
-    """Ratios PGV/PGA [s]; at most 100."""
-
-    @model_validator(mode="after")
-    def _bounded(self) -> Self:
-        for key in ("pga", "pgv_pga"):
-            if getattr(self, key).max > 100:
-                raise ValueError(f"{key}.max is above 100; check its unit")
-        if self.pga.count * self.pgv_pga.count > MAX_GRID_TRIALS:
-            raise ValueError(
-                f"{self.pga.count} x {self.pgv_pga.count} trials are more than "
-                f"{MAX_GRID_TRIALS}; raise `step`"
-            )
-        return self
-
-
-class Filter(Section):
-    """Zero-phase Butterworth band-pass applied to the recording at its own sampling."""
-
-    low: NonNegative = 0.1
-    """Lower corner [Hz]; 0: none."""
-    high: Positive = 25.0
-    """Upper corner [Hz]."""
-    order: Annotated[int, Strict(), Field(ge=1, le=10)] = 3
-    """Order of the filter, run forward and backward."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.low >= self.high:
-            raise ValueError(f"low ({self.low} Hz) must be below high ({self.high} Hz)")
-        return self
-
-
-class _Recorded(_Driven):
-    channel: Literal["auto", "displacement", "velocity", "acceleration", "fused"] = "auto"
-    """Which recorded channel drives the pedestal; `auto`: displacement where there is one, else
-    velocity, else acceleration; `fused`: displacement and acceleration together, each weighted by
-    its noise."""
-    units: RecordUnits | None = None
-    """Of recordings in a format that carries none (text in columns, the original's `.tab`,
-    miniSEED, SAC); for other formats it is refused."""
-    filter: Filter | None = None
-    """Band-pass before use; none given: the recording as it is."""
-    scale: Scale = 1.0
-    """Factor on the motion."""
-
-
-class SingleRecording(_Recorded):
-    """One recording."""
-
-    mode: Literal["single_recording"]
-    file: FilePath
-    """The recording."""
-
-
-def _file_name_pattern(value: str) -> str:
-    if "/" in value or "\\" in value or "\0" in value:
-        raise ValueError("is matched against file names; name the folder in `folder`")
-    return value
-
-
-class AllRecordings(_Recorded):
-    """Every recording of a folder."""
-
-    mode: Literal["all_recordings"]
-    folder: FilePath
-    """Folder with the recordings; its subfolders are not searched."""
-    pattern: Annotated[
-        str, Field(min_length=1, max_length=200), AfterValidator(_file_name_pattern)
-    ] = "*"
-    """Glob over the file names; all matches in order of name."""
-
-
-MotionSource = Annotated[
-    SingleCosine | GridCosine | SingleRecording | AllRecordings, Field(discriminator="mode")
-]
 
 
 class Settling(Section):
@@ -526,15 +334,13 @@ class Output(Section):
     def _refuse_dead_keys(self) -> Self:
         for key in ("log_settling", "npy"):
             if getattr(self, key) and self.log_every == 0:
-                raise _inapplicable(
-                    key, "has no effect without a log; set output.log_every above 0"
-                )
+                raise inapplicable(key, "has no effect without a log; set output.log_every above 0")
         if self.contacts_every and self.log_every == 0:
-            raise _inapplicable(
+            raise inapplicable(
                 "contacts_every", "needs the state's log beside it; set output.log_every above 0"
             )
         if self.contact_trials is not None and self.contacts_every == 0:
-            raise _inapplicable(
+            raise inapplicable(
                 "contact_trials",
                 "has no effect without a contact log; set output.contacts_every above 0",
             )
@@ -556,20 +362,20 @@ def _effects_mapping(given: object) -> object:
         if not isinstance(name, str) or not _EFFECT_WORD.match(name):
             raise ValueError(f"{key!r} is no name of an effect; `vsr2 effects list` prints them")
         if not isinstance(values, Mapping) or not values:
-            raise _inapplicable(
+            raise inapplicable(
                 key,
                 f"must hold parameters, {{PARAMETER: VALUE, ...}}; `vsr2 effects show {name}` "
                 "prints them",
             )
         for parameter, value in values.items():
             if not isinstance(parameter, str) or not _EFFECT_WORD.match(parameter):
-                raise _inapplicable(key, f"{str(parameter)[:100]!r} is no name of a parameter")
+                raise inapplicable(key, f"{str(parameter)[:100]!r} is no name of a parameter")
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if number and math.isfinite(value):
                 continue
             if isinstance(value, str) and _EFFECT_WORD.match(value):
                 continue
-            raise _inapplicable(
+            raise inapplicable(
                 f"{key}.{parameter}",
                 f"must be a finite number, or a word where `vsr2 effects show {name}` says so "
                 f"(is {str(value)[:60]!r})",
@@ -597,7 +403,7 @@ class Study(Section):
     """Contact between both."""
     motion: MotionSource
     """The ground motion, or several."""
-    effects: Effects = {}
+    effects: Effects = Field(default={})
     """Effects added to the simulation, by name, each with its parameters: `{edge_rounding: {radius:
     0.006}}`; `vsr2 effects list` prints the library (docs/reference/effects.md)."""
     settling: Settling = Settling()
@@ -610,29 +416,15 @@ class Study(Section):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         if self.motion.drive == "prescribed" and "mass" in self.pedestal.model_fields_set:
-            raise _inapplicable(
+            raise inapplicable(
                 "pedestal.mass",
                 "has no effect with `motion.drive: prescribed`, where the pedestal moves exactly "
                 "as told; remove the key, or set `motion.drive: motor`",
             )
-        period = _shortest_period(self.motion)
+        period = shortest_period(self.motion)
         if period is not None and period < MIN_STEPS_A_PERIOD * self.engine.time_step:
             raise ValueError(
                 f"the shortest cosine lasts {period:.4g} s, less than {MIN_STEPS_A_PERIOD} time "
                 f"steps of {self.engine.time_step:g} s; lower engine.time_step, or the frequency"
             )
         return self
-
-
-def _shortest_period(
-    motion: SingleCosine | GridCosine | SingleRecording | AllRecordings,
-) -> float | None:
-    """Shortest period of a cosine motion [s], from PGV/PGA = 1 / (2 pi F); none for recordings."""
-    if isinstance(motion, GridCosine):
-        return 2 * math.pi * motion.pgv_pga.min
-    if isinstance(motion, SingleCosine):
-        if motion.frequency is not None:
-            return 1 / motion.frequency
-        if motion.pgv_pga is not None:
-            return 2 * math.pi * motion.pgv_pga
-    return None

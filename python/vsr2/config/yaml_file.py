@@ -14,7 +14,6 @@ import os
 import re
 import stat
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 from ruamel.yaml import YAML
@@ -69,8 +68,8 @@ class _QuotingResolver(_Resolver):
 for _name, (_, _starts) in _CORE_SCHEMA.items():
     for _resolver in (_CoreResolver, _QuotingResolver):
         _resolver.add_implicit_resolver_base(_TAG + _name, _PATTERNS[_name], _starts)
-for _, _tag, _pattern, _starts in implicit_resolvers:
-    _QuotingResolver.add_implicit_resolver_base(_tag, _pattern, _starts)
+for _implicit in implicit_resolvers:
+    _QuotingResolver.add_implicit_resolver_base(*_implicit[1:])
 
 
 class _BoundedComposer(Composer):
@@ -291,13 +290,14 @@ class _Builder:
         return {**merged, **own}
 
     def _scalar(self, node: ScalarNode) -> Value:
-        name = node.tag.removeprefix(_TAG)
+        tag = str(node.tag)
+        name = tag.removeprefix(_TAG)
         text: str = node.value
         if name == "str":
             if any("\ud800" <= c <= "\udfff" for c in text):
                 raise self._error(node, "text holds half of a surrogate pair, no character")
             return text
-        if name not in _PATTERNS or not node.tag.startswith(_TAG):
+        if name not in _PATTERNS or not tag.startswith(_TAG):
             raise self._tag_error(node)
         match = _PATTERNS[name].match(text)
         if not match:
@@ -313,7 +313,7 @@ class _Builder:
 
     def _tag_error(self, node: Node) -> ConfigError:
         return self._error(
-            node, f"tag {_short(node.tag)} is not allowed; only plain values are read"
+            node, f"tag {_short(str(node.tag))} is not allowed; only plain values are read"
         )
 
     def _error(self, node: Node, what: str) -> ConfigError:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.effects.effect import Bench, Check, Effect
 from vsr2.effects.geometry import mass_height, uplift_acceleration
 from vsr2.effects.oscillator import (

@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, load_extended
-from vsr2.config.study import AllRecordings, Real, Section, SingleRecording
+from vsr2.config.motion_source import AllRecordings, SingleRecording
+from vsr2.config.section import Real, Section
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 

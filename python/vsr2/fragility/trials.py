@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsr2.config.study import AllRecordings, SingleRecording, YawStart
+from vsr2.config.motion_source import AllRecordings, SingleRecording
+from vsr2.config.study import YawStart
 from vsr2.errors import SimulationError
 from vsr2.fragility.settings import FragilityStudy, Jitter
 from vsr2.motion import STANDARD_GRAVITY, Motion, build_motions

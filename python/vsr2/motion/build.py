@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import assert_never
 
-from vsr2.config.study import (
+from vsr2.config.motion_source import (
     AllRecordings,
     Filter,
     GridCosine,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vsr2.config.study import MIN_STEPS_A_PERIOD, GridCosine, Range
+from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, GridCosine, Range
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Motion
 from vsr2.motion.units import STANDARD_GRAVITY

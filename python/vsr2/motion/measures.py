@@ -9,7 +9,7 @@ from typing import Literal, Never
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
 from vsr2.motion.fusion import fuse
 from vsr2.motion.motion import Array, Motion

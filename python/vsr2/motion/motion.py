@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vsr2.errors import MotionError
 
 if TYPE_CHECKING:
-    from vsr2.config.study import Filter
+    from vsr2.config.motion_source import Filter
     from vsr2.motion.record import Record
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.config.study import RecordUnits
+from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array
 from vsr2.motion.record import Record, one_channel_record

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
 

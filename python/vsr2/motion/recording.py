@@ -32,20 +32,17 @@ channels point along the displacement channel. Offsets at rest stay in a `Record
 from __future__ import annotations
 
 import hashlib
-import io
-import math
 import re
-import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsr2.config.study import RecordUnits
+from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
+from vsr2.motion.npz import NpzError, npz_arrays
 from vsr2.motion.peer import is_peer, read_peer
 from vsr2.motion.plain_text import read_columns, read_original_tab
 from vsr2.motion.record import Record
@@ -273,7 +270,10 @@ def _laboratory_record(
 
 
 def _read_npz(path: Path, content: bytes) -> Record:
-    arrays = _npz_arrays(path, content)
+    try:
+        arrays = npz_arrays(content, _check_npz_names, max_dimensions=1, max_numbers=MAX_SAMPLES)
+    except NpzError as error:
+        raise MotionError(f"{path}: {error}") from None
     interval = arrays["sample_interval_s"]
     if interval.size != 1:
         raise MotionError(
@@ -299,61 +299,17 @@ def _read_npz(path: Path, content: bytes) -> Record:
     )
 
 
-def _npz_arrays(path: Path, content: bytes) -> Mapping[str, Array]:
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            names = {name.removesuffix(".npy"): name for name in archive.namelist()}
-            _check_npz_names(path, names.keys())
-            return {key: _npy_array(path, archive, name) for key, name in names.items()}
-    except MotionError:
-        raise
-    except Exception as error:  # a damaged archive raises what zipfile and numpy happen to raise
-        raise MotionError(
-            f"{path}: not a readable .npz file ({type(error).__name__}: {error}); write it again "
-            "with numpy.savez"
-        ) from None
-
-
-def _check_npz_names(path: Path, names: Iterable[str]) -> None:
+def _check_npz_names(names: Collection[str]) -> None:
     given = set(names)
     kinds = (_NEUTRAL_KEYS, _LABORATORY_KEYS)
     if not any("sample_interval_s" in given <= kind and len(given) > 1 for kind in kinds):
         shown = ", ".join(sorted(given))[:200]
-        raise MotionError(
-            f"{path}: arrays {shown or 'none'}; expected sample_interval_s with one or more of "
+        raise NpzError(
+            "",
+            f"arrays {shown or 'none'}; expected sample_interval_s with one or more of "
             "displacement_m, velocity_m_s, acceleration_m_s2, or with displacement_volt or "
-            "acceleration_g (or both)"
+            "acceleration_g (or both)",
         )
-
-
-def _npy_array(path: Path, archive: zipfile.ZipFile, name: str) -> Array:
-    """One array of real numbers; its header is judged before its data are read or unpacked."""
-    with archive.open(name) as file:
-        version = np.lib.format.read_magic(file)
-        if version == (1, 0):
-            shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-        elif version == (2, 0):
-            shape, _, dtype = np.lib.format.read_array_header_2_0(file)
-        else:
-            raise MotionError(f"{path}: {name}: .npy version {version}; write it with numpy.savez")
-        if dtype.kind not in "fiu" or dtype.itemsize > 16:
-            raise MotionError(
-                f"{path}: {name}: holds {dtype}, expected real numbers; convert it to float64"
-            )
-        if len(shape) > 1 or not 0 < math.prod(shape) <= MAX_SAMPLES:
-            raise MotionError(
-                f"{path}: {name}: has shape {shape}; it needs at most one dimension and 1 to "
-                f"{MAX_SAMPLES} samples"
-            )
-        wanted = math.prod(shape) * dtype.itemsize
-        data = file.read(wanted)
-    if len(data) != wanted:
-        raise MotionError(
-            f"{path}: {name}: cut short, {len(data)} of {wanted} bytes; copy the file again"
-        )
-    raw: NDArray[np.generic] = np.frombuffer(data, dtype=dtype)
-    with np.errstate(all="ignore"):  # Record refuses what does not fit and names the sample
-        return raw.astype(np.float64).reshape(shape)
 
 
 Reader = Callable[[Path, bytes, RecordUnits | None], Record]

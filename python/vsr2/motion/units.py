@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal, get_args
 
-from vsr2.config.study import RecordUnits
+from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 
 Quantity = Literal["displacement", "velocity", "acceleration"]

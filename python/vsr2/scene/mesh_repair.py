@@ -59,8 +59,6 @@ class _Edges:
 
     @classmethod
     def of(cls, faces: IntArray) -> _Edges:
-        from trimesh.graph import connected_component_labels
-
         directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         low, high = np.sort(directed, axis=1).T
         order = np.lexsort((high, low))
@@ -70,7 +68,7 @@ class _Edges:
         forward = np.bincount(edge, weights=directed[order, 0] < directed[order, 1])
         owner = order // 3
         neighbours = np.column_stack([owner[:-1], owner[1:]])[repeated]
-        body = connected_component_labels(neighbours, node_count=len(faces)).astype(np.int64)
+        body = _components(neighbours, len(faces))
         return cls(
             open=directed[order[uses[edge] == 1]],
             crowded=int((uses > 2).sum()),
@@ -82,12 +80,18 @@ class _Edges:
     @property
     def holes(self) -> int:
         """Number of connected chains of open edges."""
-        from trimesh.graph import connected_component_labels
-
         if len(self.open) == 0:
             return 0
         nodes, ends = np.unique(self.open, return_inverse=True)
-        return int(connected_component_labels(ends.reshape(-1, 2), nodes.size).max()) + 1
+        return int(_components(ends.reshape(-1, 2), nodes.size).max()) + 1
+
+
+def _components(edges: IntArray, nodes: int) -> IntArray:
+    """Number of the connected part per node, shape (nodes,)."""
+    from trimesh.graph import connected_component_labels
+
+    labels = connected_component_labels(edges, nodes)  # type: ignore[no-untyped-call]
+    return np.asarray(labels, dtype=np.int64)
 
 
 def signed_volume(vertices: Array, faces: IntArray) -> float:
@@ -188,7 +192,6 @@ def repair_mesh(
 
 def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     from scipy.spatial import cKDTree
-    from trimesh.graph import connected_component_labels
 
     tolerance = MERGE_TOLERANCE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     tree = cKDTree(vertices)
@@ -201,9 +204,9 @@ def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, In
     pairs = tree.query_pairs(tolerance, output_type="ndarray")
     if len(pairs) == 0:
         return vertices, faces
-    label = connected_component_labels(pairs, node_count=len(vertices))
+    label = _components(pairs, len(vertices))
     _, representative = np.unique(label, return_index=True)
-    return compact(vertices[representative], label[faces].astype(np.int64))
+    return compact(vertices[representative], label[faces])
 
 
 def _drop_fragments(
@@ -214,7 +217,7 @@ def _drop_fragments(
     edges = _Edges.of(faces)
     if edges.bodies == 1:
         return vertices, faces, False
-    area = triangles.area(vertices[faces])
+    area = triangles.area(vertices[faces])  # type: ignore[no-untyped-call]
     share = np.bincount(edges.body, weights=area) / max(float(area.sum()), 1e-300)
     small = share < FRAGMENT_AREA
     if small.all() or not small.any():

@@ -10,9 +10,9 @@ from typing import Any
 
 from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
 from vsr2.blind.form.verdict import DIAGNOSIS_FILE, NONE, UNKNOWN, Verdict, read_verdict
-from vsr2.campaign.folder import TRIALS
 from vsr2.campaign.problems import Problems
 from vsr2.campaign.table import read_table
+from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 

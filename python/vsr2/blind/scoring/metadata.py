@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.campaign import Campaign
-from vsr2.campaign.folder import TRIALS
+from vsr2.campaign.trials_table import TRIALS
 
 CAMPAIGN_FILE = "campaign.yaml"
 _RESPONSE = ("overturned", "peak_tilt_rad")

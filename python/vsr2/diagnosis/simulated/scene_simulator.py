@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
-from vsr2.config.study import AllRecordings, Filter, SingleRecording, Study
+from vsr2.config.motion_source import AllRecordings, Filter, SingleRecording
+from vsr2.config.study import Study
 from vsr2.diagnosis.observed.features import (
     REST_FEATURES,
     TILT_FEATURES,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
-from vsr2.config.study import Filter
+from vsr2.config.motion_source import Filter
 from vsr2.diagnosis.simulated.planar.block import (
     DEFAULTS,
     GRAVITY,

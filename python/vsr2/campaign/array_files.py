@@ -1,0 +1,202 @@
+"""The `.npz` files of a campaign: motions of the table, and responses in time."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.campaign.campaign import Series
+from vsr2.campaign.problems import Problems
+from vsr2.campaign.table import read_bytes
+from vsr2.campaign.trials_table import MOTIONS, TRIALS
+from vsr2.errors import CampaignError, MotionError
+from vsr2.motion import Record
+from vsr2.motion.motion import MAX_SAMPLES
+from vsr2.motion.npz import NpzError, npz_arrays
+
+Array = NDArray[np.float64]
+
+SERIES = "series"
+MAX_ARRAY_FILE_BYTES = 512 * 1024**2
+"""Greater files are refused unread."""
+MAX_TOTAL_NUMBERS = 250_000_000
+"""Most numbers in all motions and series of a campaign together: 2 GB."""
+
+_MOTION_ARRAYS = ("sample_interval_s", "displacement_m", "acceleration_m_s2")
+_SERIES_ARRAYS = (
+    "time_s",
+    "tilt_rad",
+    "position_m",
+    "orientation_xyzw",
+    "noise_tilt_rad",
+    "noise_position_m",
+    "noise_orientation_rad",
+)
+
+
+class ArrayFiles:
+    """Reads the `.npz` files of a folder and notes what is wrong with them."""
+
+    def __init__(self, folder: Path, problems: Problems) -> None:
+        self._folder = folder
+        self._problems = problems
+        self._numbers = 0
+
+    def motion(self, name: str, row: int) -> Record | None:
+        """The record in `motions/`, named first in `row` of the table."""
+        file = f"{MOTIONS}/{name}.npz"
+        content = read_bytes(self._folder / file, MAX_ARRAY_FILE_BYTES)
+        if isinstance(content, str):
+            self._problems.add(file, f"named in {TRIALS}, row {row}: {content}")
+            return None
+        arrays = self._arrays(content, file, _MOTION_ARRAYS)
+        if arrays is None:
+            return None
+        interval = self._one_number(file, arrays, "sample_interval_s", required=True)
+        if interval is None:
+            return None
+        path = self._folder / file
+        try:
+            return Record(
+                name=name,
+                sample_interval=interval,
+                displacement=arrays.get("displacement_m"),
+                acceleration=arrays.get("acceleration_m_s2"),
+                source=str(path),
+                sha256=hashlib.sha256(content).hexdigest(),
+            )
+        except MotionError as error:
+            self._problems.add(file, str(error).removeprefix(f"{path}: "))
+            return None
+
+    def series(self, trial: str) -> Series | None:
+        """The series of a trial, where there is one."""
+        file = f"{SERIES}/{trial}.npz"
+        try:
+            if not os.path.lexists(self._folder / file):
+                return None
+        except ValueError:
+            return None
+        content = read_bytes(self._folder / file, MAX_ARRAY_FILE_BYTES)
+        if isinstance(content, str):
+            self._problems.add(file, content)
+            return None
+        arrays = self._arrays(content, file, _SERIES_ARRAYS)
+        if arrays is None:
+            return None
+        if "time_s" not in arrays:
+            self._problems.add(file, "is missing; add it", column="time_s")
+            return None
+        before = len(self._problems.found)
+        noise = {
+            f"noise_{name}": self._one_number(file, arrays, key)
+            for name, key in (
+                ("tilt", "noise_tilt_rad"),
+                ("position", "noise_position_m"),
+                ("orientation", "noise_orientation_rad"),
+            )
+        }
+        if len(self._problems.found) > before:
+            return None
+        try:
+            return Series(
+                time=arrays["time_s"],
+                tilt=arrays.get("tilt_rad"),
+                position=arrays.get("position_m"),
+                orientation=arrays.get("orientation_xyzw"),
+                **noise,
+            )
+        except CampaignError as error:
+            self._problems.add(file, str(error).removeprefix("series: "))
+            return None
+
+    def unclaimed_series(self, trials: Mapping[str, int]) -> None:
+        """Note series that belong to no trial: most often a slip in a name."""
+        try:
+            files = sorted(os.listdir(self._folder / SERIES))
+        except (OSError, ValueError):
+            return
+        for file in files:
+            if file.endswith(".npz") and file.removesuffix(".npz") not in trials:
+                self._problems.add(
+                    f"{SERIES}/{ascii(file)[1:-1][:100]}",
+                    f"belongs to no trial of {TRIALS}; rename or remove it",
+                )
+
+    def _arrays(
+        self, content: bytes, file: str, allowed: tuple[str, ...]
+    ) -> dict[str, Array] | None:
+        if self._numbers > MAX_TOTAL_NUMBERS:
+            return None
+
+        def check_names(names: Collection[str]) -> None:
+            unknown = sorted(set(names) - set(allowed))
+            if unknown:
+                raise NpzError(
+                    "",
+                    f"holds {ascii(unknown[0])[:60]}, which no reader knows; allowed are "
+                    f"{', '.join(allowed)}",
+                )
+
+        try:
+            arrays = npz_arrays(content, check_names, max_dimensions=2, max_numbers=4 * MAX_SAMPLES)
+        except NpzError as error:
+            self._problems.add(file, error.what, column=error.array)
+            return None
+        self._numbers += sum(array.size for array in arrays.values())
+        if self._numbers > MAX_TOTAL_NUMBERS:
+            self._problems.add(
+                file,
+                f"motions and series up to here hold more than {MAX_TOTAL_NUMBERS} numbers; "
+                "split the campaign",
+            )
+            return None
+        return arrays
+
+    def _one_number(
+        self, file: str, arrays: Mapping[str, Array], key: str, *, required: bool = False
+    ) -> float | None:
+        if key not in arrays:
+            if required:
+                self._problems.add(file, "is missing; add it", column=key)
+            return None
+        array = arrays[key]
+        if array.size != 1 or not np.isfinite(array).all() or array.reshape(-1)[0] < 0:
+            self._problems.add(
+                file, "is not one finite number of 0 or more; correct it", column=key
+            )
+            return None
+        return float(array.reshape(-1)[0])
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+    """Write an `.npz` file; its folder is made where it is missing."""
+    path.parent.mkdir(exist_ok=True)
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, **arrays)
+    path.write_bytes(stream.getvalue())
+
+
+def series_arrays(series: Series) -> dict[str, Any]:
+    """The arrays of a series by their names in its file."""
+    values = (
+        series.time,
+        series.tilt,
+        series.position,
+        series.orientation,
+        series.noise_tilt,
+        series.noise_position,
+        series.noise_orientation,
+    )
+    return {
+        key: np.asarray(value, dtype=np.float64)
+        for key, value in zip(_SERIES_ARRAYS, values, strict=True)
+        if value is not None
+    }

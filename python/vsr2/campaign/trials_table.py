@@ -1,0 +1,218 @@
+"""`trials.csv` of a campaign: one row a trial, read cell by cell and written."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import io
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsr2.campaign.campaign import (
+    MAX_ORDER,
+    Campaign,
+    Specimen,
+    extra_fault,
+    trial_faults,
+)
+from vsr2.campaign.description import FILE, Description
+from vsr2.campaign.problems import Problems
+from vsr2.campaign.table import Row, number, read_table, whole_number
+from vsr2.config.problems import shown
+
+TRIALS = "trials.csv"
+MOTIONS = "motions"
+"""Folder of the files that the column `motion_file` names."""
+
+_REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
+_OPTIONAL = ("motion_file", "peak_tilt_rad", "pga_m_s2", "pgv_pga_s", "date", "note")
+_NUMBERS = {"peak_tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv_pga": "pgv_pga_s"}
+"""Columns of numbers by the attribute of a trial."""
+_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}\Z")
+
+
+class TrialsTable:
+    """What a table of trials holds, as far as it is sound."""
+
+    def __init__(self) -> None:
+        self.values: list[dict[str, Any]] = []
+        self.ids: dict[str, int] = {}
+        self.motion_files: dict[str, int] = {}
+        """Where each is named first: its row."""
+        self.ids_known = False
+        """Every row has a sound id, so that a series of another name belongs to none."""
+
+
+def read_trials(folder: Path, description: Description | None, problems: Problems) -> TrialsTable:
+    """Read `trials.csv`, as far as it is sound; `problems` gets what is not."""
+    trials = TrialsTable()
+    table = read_table(folder / TRIALS, TRIALS, problems)
+    if table is None or not _known_columns(table.columns, problems):
+        return trials
+    specimens = None if description is None else description.specimens
+    extras = [name for name in table.columns if name.startswith("x_")]
+    ids: dict[str, tuple[str, int]] = {}
+    orders: dict[int, int] = {}
+    trials.ids_known = table.whole and bool(table.rows)
+    for row in table.rows:
+        values = _trial(row, specimens, extras, problems)
+        trial, order = values.get("trial"), values.get("order")
+        if trial is None:
+            trials.ids_known = False
+        else:
+            if trial.lower() in ids:
+                first, line = ids[trial.lower()]
+                problems.add(
+                    TRIALS,
+                    f"{shown(trial)} is there twice (as {shown(first)} in row {line}); rename one",
+                    row=row.line,
+                    column="trial",
+                )
+            else:
+                ids[trial.lower()] = (trial, row.line)
+                trials.ids[trial] = row.line
+        if order is not None and orders.setdefault(order, row.line) != row.line:
+            problems.add(
+                TRIALS,
+                f"{order} is there twice (first in row {orders[order]}); number the trials in the "
+                "order they were run in",
+                row=row.line,
+                column="order",
+            )
+        if values.get("motion_file") is not None:
+            trials.motion_files.setdefault(values["motion_file"], row.line)
+        trials.values.append(values)
+    return trials
+
+
+def _known_columns(columns: tuple[str, ...], problems: Problems) -> bool:
+    before = len(problems.found)
+    for name in _REQUIRED:
+        if name not in columns:
+            problems.add(TRIALS, "is missing; add it to the header", row=1, column=name)
+    for name in columns:
+        if name in (*_REQUIRED, *_OPTIONAL):
+            continue
+        if name.startswith("x_"):
+            fault = extra_fault(name)
+        else:
+            fault = (
+                "is no column of the form; if it holds numbers call it "
+                f"x_{ascii(name)[1:-1][:60]}, otherwise remove it"
+            )
+        if fault is not None:
+            problems.add(TRIALS, fault, row=1, column=name[:60])
+    return len(problems.found) == before
+
+
+def _trial(
+    row: Row, specimens: Mapping[str, Specimen] | None, extras: list[str], problems: Problems
+) -> dict[str, Any]:
+    """Arguments of a CampaignTrial; None for those that are wrong."""
+    cells = row.cells
+    wrong: set[str] = set()
+
+    def refuse(column: str, what: str) -> None:
+        problems.add(TRIALS, what, row=row.line, column=column)
+        wrong.add(column)
+
+    def number_in(column: str) -> float | None:
+        cell = cells.get(column, "")
+        value = number(cell)
+        if cell and value is None:
+            refuse(column, f"{shown(cell)} is no number; leave the cell blank where it is unknown")
+        return value
+
+    values: dict[str, Any] = {
+        **{key: cells[key] for key in ("trial", "motion", "session", "specimen")},
+        "order": whole_number(cells["order"]),
+        "overturned": {"0": False, "1": True}.get(cells["overturned"]),
+        "motion_file": cells.get("motion_file", cells["motion"]) or None,
+        **{key: number_in(column) for key, column in _NUMBERS.items()},
+        "date": _date(cells.get("date", "")),
+        "note": cells.get("note", ""),
+        "extra": {name: value for name in extras if (value := number_in(name)) is not None},
+    }
+    if values["order"] is None or not 0 <= values["order"] <= MAX_ORDER:
+        refuse(
+            "order",
+            f"{shown(cells['order'])} is no whole number from 0 to {MAX_ORDER}; number the trials",
+        )
+    if cells["overturned"] not in ("", "0", "1"):
+        refuse("overturned", f"{shown(cells['overturned'])} is not 0, 1 or blank (unknown)")
+    if cells.get("date") and values["date"] is None:
+        refuse("date", f"{shown(cells['date'])} is no date; write it as 2021-06-30")
+    faults = trial_faults(values)
+    own_file = "motion_file" in cells
+    if faults.get("motion_file") is not None:
+        faults["motion_file"] = f"{faults['motion_file']} " + (
+            f"(the file in {MOTIONS}/ without `.npz`)"
+            if own_file
+            else "(or name the files in a column `motion_file`)"
+        )
+    columns = _NUMBERS | ({} if own_file else {"motion_file": "motion"})
+    for key, fault in faults.items():
+        column = columns.get(key, key)
+        if fault is not None and column not in wrong:
+            refuse(column, fault)
+    known = specimens is None or cells["specimen"] in specimens
+    if "specimen" not in wrong and specimens is not None and not known:
+        refuse(
+            "specimen",
+            f"{shown(cells['specimen'])} is no specimen of {FILE} ({', '.join([*specimens][:10])});"
+            " correct it, or describe it there",
+        )
+    return {key: None if columns.get(key, key) in wrong else value for key, value in values.items()}
+
+
+def _date(cell: str) -> datetime.date | None:
+    try:
+        return datetime.date.fromisoformat(cell) if _DATE.match(cell) else None
+    except ValueError:
+        return None
+
+
+def trials_table(campaign: Campaign) -> str:
+    """The text of `trials.csv`; optional columns that are blank throughout are left out."""
+
+    def cell(value: object) -> str:
+        if value is None or (isinstance(value, float) and math.isnan(value)):
+            return ""
+        if isinstance(value, (bool, np.bool_)):
+            return str(int(value))
+        if isinstance(value, (float, np.floating)):
+            return repr(float(value)).removesuffix(".0")
+        return str(value)
+
+    rows = [
+        {
+            "trial": t.trial,
+            "motion": t.motion,
+            "motion_file": t.motion_file,
+            "session": t.session,
+            "order": t.order,
+            "specimen": t.specimen,
+            "overturned": t.overturned,
+            "peak_tilt_rad": t.peak_tilt,
+            "pga_m_s2": t.pga,
+            "pgv_pga_s": t.pgv_pga,
+            "date": t.date,
+            "note": t.note,
+            **t.extra,
+        }
+        for t in campaign.trials
+    ]
+    cells = [{name: cell(value) for name, value in row.items()} for row in rows]
+    always = (*_REQUIRED, "motion_file")
+    names = dict.fromkeys(name for row in cells for name in row)
+    columns = [n for n in names if n in always or any(row.get(n) for row in cells)]
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, columns, restval="", extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(cells)
+    return stream.getvalue()

@@ -1,0 +1,71 @@
+"""What all sections of a configuration share: their base, and types of numbers with bounds.
+
+Numbers are strict: text and booleans are no numbers, NaN and infinity are refused. Upper bounds are
+far outside anything physical; they stop a slip of units or of a digit before it costs memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
+from pydantic_core import PydanticCustomError
+
+Real = Annotated[float, Strict()]
+Positive = Annotated[float, Strict(), Field(gt=0)]
+NonNegative = Annotated[float, Strict(), Field(ge=0)]
+Length = Annotated[float, Strict(), Field(gt=0, le=1e5)]
+Scale = Annotated[float, Strict(), Field(gt=0, le=1e6)]
+Mass = Annotated[float, Strict(), Field(gt=0, le=1e12)]
+Flag = Annotated[bool, Strict()]
+Vector3 = tuple[Real, Real, Real]
+Size = tuple[Length, Length, Length]
+
+
+def _encodable(value: Path) -> Path:
+    text = str(value)
+    if "\0" in text or any("\ud800" <= c <= "\udfff" for c in text):
+        raise ValueError("is no file name: it holds a character that no file system stores")
+    return value
+
+
+FilePath = Annotated[Path, AfterValidator(_encodable)]
+
+
+def _nearly_unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    # One per cent admits orientations written with two decimals; it is kept as given because the
+    # original passes it on without normalising.
+    norm = math.hypot(*value)
+    if abs(norm - 1.0) > 0.01:
+        raise ValueError(f"is no rotation: the quaternion's norm is {norm:.4g}; scale it to 1")
+    return value
+
+
+QuaternionXyzw = Annotated[tuple[Real, Real, Real, Real], AfterValidator(_nearly_unit)]
+
+
+def assume(key: str, tag: str) -> BeforeValidator:
+    """Let `key` default to `tag`: a tagged union does not look at the defaults of its members."""
+
+    def fill(value: object) -> object:
+        if isinstance(value, Mapping) and key not in value:
+            return {key: tag, **value}
+        return value
+
+    return BeforeValidator(fill)
+
+
+def inapplicable(key: str, reason: str) -> PydanticCustomError:
+    """An error at `key` (dotted, below the section that raises it) for a key without effect."""
+    return PydanticCustomError("inapplicable_key", "{reason}", {"key": key, "reason": reason})
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, unknown keys refused, NaN and infinity refused."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
