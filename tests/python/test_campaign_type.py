@@ -134,7 +134,6 @@ def test_columns_and_selections_keep_the_order_and_drop_unused_motions():
     assert full.extra_columns == ("x_peer", "x_other")
     np.testing.assert_array_equal(full.extra("x_other"), [-2.5e-7, np.nan, np.nan])
     assert [t.trial for t in full.with_motion().trials] == ["A1", "A2"]
-    assert [t.trial for t in full.with_outcome().trials] == ["A1", "A2"]
     assert [t.trial for t in full.select(["B", "A1"]).trials] == ["A1", "B"]
     assert set(full.with_motion().motions) == {"pulse"}
     assert full.select([False, False, True]).motions == {}

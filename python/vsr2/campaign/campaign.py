@@ -482,11 +482,3 @@ class Campaign:
             CampaignError: there is none.
         """
         return self.select([trial.motion_file is not None for trial in self.trials])
-
-    def with_outcome(self) -> Campaign:
-        """The trials whose outcome is known.
-
-        Raises:
-            CampaignError: there is none.
-        """
-        return self.select([trial.overturned is not None for trial in self.trials])

@@ -20,14 +20,13 @@ from vsr2.motion.measures import (
     kinematics,
     pga,
     pgv,
-    recorded_pga,
     significant_duration,
 )
 from vsr2.motion.motion import SIDES, Motion, Recording, SideMotion
 from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
-from vsr2.motion.resample import Resampled, resample, sine_error
+from vsr2.motion.resample import Resampled, resample
 from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_motion
 from vsr2.motion.units import STANDARD_GRAVITY
 
@@ -64,12 +63,10 @@ __all__ = [
     "pga",
     "pgv",
     "read_record",
-    "recorded_pga",
     "remove_baseline",
     "resample",
     "shaped_noise",
     "significant_duration",
-    "sine_error",
     "synthetic_motion",
     "write_record",
 ]

@@ -178,7 +178,7 @@ def _displacement(
     if baseline is not None:
         signal = remove_baseline(signal, baseline, name=label)
     if channel == "acceleration":
-        displacement = integrate_acceleration(signal, interval, filter, name=label)
+        displacement = integrate_acceleration(signal, interval, filter, name=label).displacement
     elif channel == "velocity":
         displacement = integrate_velocity(signal, interval, filter, name=label).displacement
     else:

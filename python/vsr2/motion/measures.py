@@ -18,7 +18,7 @@ from vsr2.motion.processing import (
     band_pass,
     differentiate,
     filter_amid_zeros,
-    integrate_acceleration_twice,
+    integrate_acceleration,
     integrate_velocity,
     remove_baseline,
 )
@@ -193,7 +193,7 @@ def kinematics(
     if baseline is not None:
         signal = remove_baseline(signal, baseline, name=record.label)
     if used == "acceleration":
-        return integrate_acceleration_twice(signal, interval, filter, name=record.label)
+        return integrate_acceleration(signal, interval, filter, name=record.label)
     if used == "velocity":
         return integrate_velocity(signal, interval, filter, name=record.label)
     if filter is not None:
@@ -259,30 +259,6 @@ def intensity_measures(
         time_step=time_step,
         duration=(acceleration.size - 1) * time_step,
     )
-
-
-def recorded_pga(record: Record, filter: Filter | None = None) -> float:
-    """Peak of the recorded acceleration after the band-pass [m/s^2].
-
-    With the default filter this is the definition behind the published PGA of the laboratory
-    campaign.
-
-    Args:
-        record: with an acceleration.
-        filter: None: 0.1-25 Hz, order 3.
-
-    Raises:
-        MotionError: the record has no acceleration, or as :func:`band_pass`.
-    """
-    if record.acceleration is None:
-        raise MotionError(f"{record.label}: has no acceleration, so no recorded PGA")
-    filtered = band_pass(
-        record.acceleration,
-        record.sample_interval,
-        Filter() if filter is None else filter,
-        name=record.label,
-    )
-    return pga(filtered)
 
 
 def _husid(acceleration: Array, time_step: float) -> Array:

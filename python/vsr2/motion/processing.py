@@ -187,25 +187,6 @@ def integrate_acceleration(
     filter: Filter | None = None,
     *,
     name: str = "record",
-) -> Array:
-    """Displacement (n,) [m] of `acceleration` (n,) [m/s^2], drift controlled, 0 at the start.
-
-    As :func:`integrate_acceleration_twice`, which also gives the velocity.
-
-    Raises:
-        MotionError: as :func:`band_pass`.
-    """
-    return integrate_acceleration_twice(
-        acceleration, sample_interval, filter, name=name
-    ).displacement
-
-
-def integrate_acceleration_twice(
-    acceleration: Array,
-    sample_interval: float,
-    filter: Filter | None = None,
-    *,
-    name: str = "record",
 ) -> Kinematics:
     """Velocity and displacement of `acceleration` (n,) [m/s^2], drift controlled.
 

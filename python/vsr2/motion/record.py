@@ -110,11 +110,6 @@ class Record:
         return 0
 
     @property
-    def sample_rate(self) -> float:
-        """[Hz]."""
-        return 1 / self.sample_interval
-
-    @property
     def duration(self) -> float:
         """From the first to the last sample [s]."""
         return (self.size - 1) * self.sample_interval

@@ -57,8 +57,8 @@ def resample(
     The stated error is measured on the record itself: the spline through every second sample is
     compared with the samples left out. That is the error at twice the sampling interval, so for
     content that the record resolves it is well above the real one (64 times for a smooth signal,
-    as the error of a quintic spline falls with the sixth power of the interval; see
-    :func:`sine_error`). It is 0 where every new sample falls on an old one.
+    as the error of a quintic spline falls with the sixth power of the interval). It is 0 where
+    every new sample falls on an old one.
 
     Args:
         displacement: shape (n,) [m], n >= `MIN_RECORD_SAMPLES`.
@@ -105,38 +105,6 @@ def resample(
         error=error,
         error_rms=error_rms,
     )
-
-
-def sine_error(frequency: float, sample_interval: float, *, derivative: int = 0) -> float:
-    """Greatest error of the spline through samples of a unit sine, relative to its amplitude.
-
-    Through samples of exp(i w t) at unit interval, the cardinal spline of odd degree n is the sum
-    of c_k exp(i (w + 2 pi k) t) with c_k = (w + 2 pi k)^-(n+1) / sum_j (w + 2 pi j)^-(n+1)
-    (the exponential Euler spline of Schoenberg 1973, *Cardinal Spline Interpolation*). The error of
-    the d-th derivative is at most w^d (1 - c_0) + sum_(k != 0) c_k |w + 2 pi k|^d, here divided by
-    w^d. It holds away from the record's ends.
-
-    Args:
-        frequency: [Hz], below the Nyquist frequency.
-        sample_interval: [s].
-        derivative: 0 displacement, 1 velocity, 2 acceleration.
-
-    Raises:
-        MotionError: the frequency is not between 0 and the Nyquist frequency.
-    """
-    omega = 2 * math.pi * frequency * sample_interval
-    if not 0 < omega < math.pi:
-        raise MotionError(
-            f"frequency {frequency} Hz must lie between 0 and the Nyquist frequency "
-            f"{0.5 / sample_interval:g} Hz"
-        )
-    orders = np.concatenate([np.arange(-200, 0), np.arange(1, 201)])
-    images = omega + 2 * math.pi * orders
-    weights = (omega / images) ** (DEGREE + 1)
-    total = 1 + weights.sum()
-    own = weights.sum() / total
-    folded = float((weights * np.abs(images / omega) ** derivative).sum()) / total
-    return float(own + folded)
 
 
 def _knots(values: Array) -> Array:

@@ -8,6 +8,8 @@ keeps its axes, and small changes of a mesh never swap them.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from itertools import permutations, product
 
 import numpy as np
@@ -46,14 +48,8 @@ def mesh_mass_properties(
     Raises:
         GeometryError: not exactly one of density and mass, not positive, or no volume.
     """
-    if (density is None) == (mass is None):
-        raise GeometryError(f"{source}: give exactly one of density [kg/m^3] and mass [kg]")
     volume, mass_center, unit_tensor = solid_properties(mesh, source)
-    if mass is None:
-        assert density is not None
-        _check_positive(source, "density", density, "kg/m^3")
-        mass = density * volume
-    _check_positive(source, "mass", mass, "kg")
+    mass = _mass(source, density, mass, (volume,))
     return principal_mass_properties(mass, mass_center, unit_tensor * (mass / volume), source)
 
 
@@ -98,21 +94,9 @@ def box_mass_properties(
     Raises:
         GeometryError: not exactly one of density and mass, or not positive.
     """
-    if (density is None) == (mass is None):
-        raise GeometryError(f"{source}: give exactly one of density [kg/m^3] and mass [kg]")
     for edge in size:
         _check_positive(source, "edge length", edge, "m")
-    if mass is None:
-        assert density is not None
-        _check_positive(source, "density", density, "kg/m^3")
-        mass = density * size[0] * size[1] * size[2]
-    _check_positive(source, "mass", mass, "kg")
-    return MassProperties(
-        mass=mass,
-        mass_center=np.zeros(3),
-        principal_inertia=box_inertia(mass, size),
-        principal_axes=np.eye(3),
-    )
+    return _box_about_origin(_mass(source, density, mass, size), size)
 
 
 def box_inertia(mass: float, size: tuple[float, float, float] | Array) -> Array:
@@ -138,13 +122,25 @@ def aabb_mass_properties(
         GeometryError: the mass is not positive.
     """
     _check_positive(source, "mass", mass, "kg")
-    stacked = np.vstack(points)
-    return MassProperties(
-        mass=mass,
-        mass_center=np.zeros(3),
-        principal_inertia=box_inertia(mass, np.ptp(stacked, axis=0)),
-        principal_axes=np.eye(3),
-    )
+    return _box_about_origin(mass, np.ptp(np.vstack(points), axis=0))
+
+
+def _mass(
+    source: str, density: float | None, mass: float | None, lengths: Sequence[float]
+) -> float:
+    """The mass given, or density times the product of `lengths` from left to right."""
+    if (density is None) == (mass is None):
+        raise GeometryError(f"{source}: give exactly one of density [kg/m^3] and mass [kg]")
+    if mass is None:
+        assert density is not None
+        _check_positive(source, "density", density, "kg/m^3")
+        mass = math.prod(lengths, start=density)
+    _check_positive(source, "mass", mass, "kg")
+    return mass
+
+
+def _box_about_origin(mass: float, size: tuple[float, float, float] | Array) -> MassProperties:
+    return MassProperties(mass, np.zeros(3), box_inertia(mass, size), np.eye(3))
 
 
 def principal_mass_properties(

@@ -28,11 +28,6 @@ def compact(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     return vertices[used], renumbered.reshape(-1, 3).astype(np.int64)
 
 
-def _check_faces_left(path: Path, faces: IntArray) -> None:
-    if len(faces) == 0:
-        raise GeometryError(f"{path}: all faces are without area; export the mesh again")
-
-
 def check_faces_left(path: Path, faces: IntArray) -> None:
     """Refuse a mesh of which no face is left.
 

@@ -14,6 +14,7 @@ from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, MassProperties, RockBody
 from vsr2.scene.mass import box_inertia, mesh_mass_properties
 from vsr2.scene.mesh import load_mesh
+from vsr2.scene.mesh_repair import signed_volume
 from vsr2.scene.rotation import (
     IDENTITY,
     Quaternion,
@@ -247,24 +248,25 @@ def _edge_along(polygon: Array, direction: Array) -> tuple[float, Array, float]:
     Returns the distance along the direction, the unit vector along the edge met, and the distance
     of that edge's line from the origin.
     """
-    following = np.roll(polygon, -1, axis=0)
-    along = following - polygon
-    length = np.linalg.norm(along, axis=1)
-    normal = np.column_stack([along[:, 1], -along[:, 0]]) / length[:, None]
-    offset = (normal * polygon).sum(axis=1)
+    normal, offset = _edges(polygon)
     slope = normal @ direction
     # From inside a convex polygon the ray leaves through the first edge line ahead of it.
     reach = np.where(slope > 1e-12, offset / np.where(slope > 1e-12, slope, 1.0), np.inf)
     met = int(np.argmin(reach))
-    return float(reach[met]), along[met] / length[met], float(offset[met])
+    return float(reach[met]), np.array([-normal[met, 1], normal[met, 0]]), float(offset[met])
+
+
+def _edges(polygon: Array) -> tuple[Array, Array]:
+    """Outward unit normals of the edges, shape (k, 2), and their distances from the origin (k,)."""
+    along = np.roll(polygon, -1, axis=0) - polygon
+    normal = np.column_stack([along[:, 1], -along[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return normal, (normal * polygon).sum(axis=1)
 
 
 def _smallest_slenderness(support: Support) -> tuple[float, float]:
     """Smallest slenderness angle [rad] and its azimuth [degree]: towards the nearest edge."""
-    along = np.roll(support.polygon, -1, axis=0) - support.polygon
-    normal = np.column_stack([along[:, 1], -along[:, 0]])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    offset = (normal * support.polygon).sum(axis=1)
+    normal, offset = _edges(support.polygon)
     nearest = int(np.argmin(offset))
     azimuth = math.degrees(math.atan2(normal[nearest, 1], normal[nearest, 0])) % 360.0
     return math.atan2(float(offset[nearest]), support.height), azimuth
@@ -322,7 +324,6 @@ def inertia_summary(
         volume = float(shape.volume)
     vertices = np.asarray(shape.vertices, dtype=np.float64)
     hull = hull_surface(vertices, str(source))
-    hull_volume = float(trimesh.Trimesh(hull.vertices, hull.faces, process=False).volume)
     poses = stable_poses(shape, mass_center=properties.mass_center)
     standing, rows = _standing(hull.vertices, properties, orientation, poses, azimuths, gravity)
     return {
@@ -335,7 +336,7 @@ def inertia_summary(
         "hull_vertices": len(hull.vertices),
         "extents_m": np.ptp(vertices, axis=0).tolist(),
         "volume_m3": volume,
-        "hull_volume_m3": hull_volume,
+        "hull_volume_m3": signed_volume(hull.vertices, hull.faces.astype(np.int64)),
         "density_kg_m3": None if volume is None else properties.mass / volume,
         "density_assumed": assumed,
         "mass_kg": properties.mass,
@@ -376,32 +377,6 @@ def _standing(
 def _upright(first: Quaternion, second: Quaternion) -> float:
     """Cosine of the angle between the model directions that point up in two orientations."""
     return float(matrix_from_quaternion(first)[2] @ matrix_from_quaternion(second)[2])
-
-
-def inertia_report(
-    path: str | Path,
-    *,
-    scale: float = 1.0,
-    density: float | None = None,
-    mass: float | None = None,
-    repair: bool = False,
-    orientation: Quaternion = IDENTITY,
-    azimuths: Sequence[float] = AZIMUTHS,
-    gravity: float = GRAVITY,
-) -> str:
-    """Text of :func:`inertia_summary`; same arguments and errors."""
-    return format_inertia(
-        inertia_summary(
-            path,
-            scale=scale,
-            density=density,
-            mass=mass,
-            repair=repair,
-            orientation=orientation,
-            azimuths=azimuths,
-            gravity=gravity,
-        )
-    )
 
 
 def format_inertia(summary: dict[str, Any]) -> str:
