@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import difflib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import ValidationError
 
 from vsr2.config.load import apply_override, build_study, places
-from vsr2.config.problems import Problem, config_error, problems_of, shown
+from vsr2.config.problems import Problem, config_error, nearest, problems_of, shown
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import read_yaml
@@ -153,7 +152,9 @@ def load_extended(
 
 
 def _unknown(key: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(key[:100], known, n=1, cutoff=0.6)
-    if near:
-        return f"is no key here; did you mean `{near[0]}`?"
-    return f"is no key here; known are {', '.join(known)}"
+    near = nearest(key, known)
+    return (
+        f"is no key here; did you mean `{near}`?"
+        if near
+        else (f"is no key here; known are {', '.join(known)}")
+    )

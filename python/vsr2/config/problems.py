@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from vsr2.config.schema import Variants, variants
+from vsr2.config.schema import Variants, all_sections, variants
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
@@ -157,36 +157,20 @@ def _unknown_key(
     if section is None:
         return "is no key here; remove it"
     valid = list(section.model_fields)
-    near = _nearest(key, valid)
+    near = nearest(key, valid)
     if near:
         return f"is no key here; did you mean `{near}`?"
-    for place, other in _all_sections(root):
+    for place, other in all_sections(root):
         if place[:-1] == parent and key in other.model_fields:
             return f"applies only with `{place[-1]}`; remove it"
-    for place, other in _all_sections(root):
+    for place, other in all_sections(root):
         if key in other.model_fields:
             keys = [part for part in place if ": " not in part]
             return f"is no key here; did you mean `{dotted((*keys, key))}`?"
     return f"is no key here; known are {', '.join(valid)}"
 
 
-def _all_sections(root: type[Section]) -> Iterable[tuple[tuple[str, ...], type[Section]]]:
-    """Every section with its place; a member of a union adds a last part such as `shape: box`."""
-
-    def below(
-        place: tuple[str, ...], section: type[Section]
-    ) -> Iterable[tuple[tuple[str, ...], type[Section]]]:
-        yield place, section
-        for key, field in section.model_fields.items():
-            held = variants(field)
-            for tag, inner in held.by_tag.items() if held else ():
-                tagged = (f"{held.tag_key}: {tag}",) if held and held.tag_key else ()
-                yield from below((*place, key, *tagged), inner)
-
-    return below((), root)
-
-
-def _nearest(word: str, choices: Iterable[str]) -> str | None:
+def nearest(word: str, choices: Iterable[str]) -> str | None:
     """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
     plain = {choice.replace("_", "").lower(): choice for choice in choices}
     word = word[:100].replace("_", "").lower()
@@ -202,7 +186,7 @@ def _nearest(word: str, choices: Iterable[str]) -> str | None:
 
 
 def _not_one_of(value: object, choices: list[str]) -> str:
-    near = _nearest(value, choices) if isinstance(value, str) else None
+    near = nearest(value, choices) if isinstance(value, str) else None
     hint = f"; did you mean {near}?" if near and len(choices) > 1 else ""
     return f"must be {_either(choices)} (is {shown(value)}){hint}"
 

@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from vsr2.config.schema import variants
+from vsr2.config.schema import all_sections, variants
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 
@@ -49,23 +49,19 @@ _UNIT = re.compile(r"\s*\[([^\[\]]+)\]")
 def reference_markdown() -> str:
     """The text of `docs/reference/configuration.md`: every key, its type, default and meaning."""
     places: dict[type[Section], list[str]] = {}
-    for place, section in _sections("", "", Study):
+    for above, section in all_sections(Study):
         known = places.setdefault(section, [])
-        if place not in known:
-            known.append(place)
+        if _place(above) not in known:
+            known.append(_place(above))
     parts = [_HEAD]
     for section, known in places.items():
         parts += _table(known, section)
     return "\n".join(parts)
 
 
-def _sections(place: str, tag: str, section: type[Section]) -> Iterator[tuple[str, type[Section]]]:
-    yield place + tag, section
-    for key, field in section.model_fields.items():
-        held = variants(field)
-        for name, inner in held.by_tag.items() if held else ():
-            inner_tag = f" ({held.tag_key}: {name})" if held and held.tag_key else ""
-            yield from _sections(f"{place}.{key}".lstrip("."), inner_tag, inner)
+def _place(parts: tuple[str, ...]) -> str:
+    keys = ".".join(part for part in parts if ": " not in part)
+    return f"{keys} ({parts[-1]})" if parts and ": " in parts[-1] else keys
 
 
 def _table(places: list[str], section: type[Section]) -> Iterator[str]:

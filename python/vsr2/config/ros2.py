@@ -20,7 +20,13 @@ from typing import Any, Literal
 
 from vsr2.config.load import build_study
 from vsr2.config.problems import shown
-from vsr2.config.ros2_notes import HEADINGS, Note, difference_notes, ignored_notes
+from vsr2.config.ros2_notes import (
+    HEADINGS,
+    NoteKind,
+    Ros2Note,
+    difference_notes,
+    ignored_notes,
+)
 from vsr2.config.ros2_parameters import Parameters
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
@@ -43,13 +49,12 @@ class Ros2Import:
 
     Attributes:
         study: reproduces the original's physics where VSR2 can; the files it names may be missing.
-        notes: what the original ignored, what is kept, what is not, what was assumed; each starts
-            with its kind and a colon.
+        notes: what the original ignored, what is kept, what is not, what was assumed, by kind.
         files: the files read, in order.
     """
 
     study: Study
-    notes: tuple[str, ...]
+    notes: tuple[Ros2Note, ...]
     files: tuple[Path, ...]
 
 
@@ -84,7 +89,7 @@ def describe(imported: Ros2Import) -> str:
     """What an import found, for people: the files, then the notes by kind."""
     lines = ["Read " + ", ".join(str(path) for path in imported.files)]
     for kind, heading in HEADINGS.items():
-        of_kind = [n.removeprefix(f"{kind}: ") for n in imported.notes if n.startswith(kind)]
+        of_kind = [note.text for note in imported.notes if note.kind == kind]
         if of_kind:
             lines += ["", f"{heading}:", *(f"  - {note}" for note in of_kind)]
     return "\n".join(lines)
@@ -102,7 +107,7 @@ class _Importer:
         self._parameters = parameters
         self._files = files
         self._rock = rock or self._rock_found()
-        self._notes: list[tuple[Note, str]] = []
+        self._notes: list[Ros2Note] = []
         self._places: dict[KeyPath, str] = {}
         self._missing: list[str] = []
 
@@ -126,8 +131,8 @@ class _Importer:
             check_files=False,
         )
         order = list(HEADINGS)
-        notes = sorted(self._notes, key=lambda note: order.index(note[0]))
-        return Ros2Import(study, tuple(f"{kind}: {text}" for kind, text in notes), self._files)
+        notes = sorted(self._notes, key=lambda note: order.index(note.kind))
+        return Ros2Import(study, tuple(notes), self._files)
 
     def _place(self, path: KeyPath) -> str:
         for length in range(len(path), 0, -1):
@@ -135,8 +140,8 @@ class _Importer:
                 return self._places[path[:length]]
         return ", ".join(map(str, self._files))
 
-    def _note(self, kind: Note, text: str) -> None:
-        self._notes.append((kind, text))
+    def _note(self, kind: NoteKind, text: str) -> None:
+        self._notes.append(Ros2Note(kind, text))
 
     def _fetch(self, name: str, path: KeyPath, read: Callable[[str], Any]) -> dict[str, Any]:
         """`{last key of path: value}`, or nothing where the files do not give `name`."""

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Literal
 
 from vsr2.config.problems import shown
 from vsr2.config.ros2_parameters import Parameters
 
-Note = Literal["ignored by the original", "kept as in the original", "not kept", "assumed"]
+NoteKind = Literal["ignored by the original", "kept as in the original", "not kept", "assumed"]
 
-HEADINGS: dict[Note, str] = {
+
+@dataclass(frozen=True)
+class Ros2Note:
+    """What an import has to say of one thing."""
+
+    kind: NoteKind
+    text: str
+
+
+HEADINGS: dict[NoteKind, str] = {
     "ignored by the original": "The original ignored in these files",
     "kept as in the original": "Kept as in the original",
     "not kept": "Not kept, VSR2 does otherwise",
@@ -62,7 +72,7 @@ _IGNORED = [
 ]
 
 
-def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[tuple[Note, str]]:
+def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[Ros2Note]:
     """What the original ignored, what was read otherwise, and what was not given."""
     why: dict[str, list[str]] = {}
     for name in p.given:
@@ -81,35 +91,35 @@ def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[
             )
         why.setdefault(reason, []).append(name)
     for reason, names in why.items():
-        yield ("ignored by the original", f"{', '.join(names)}: {reason}")
+        yield Ros2Note("ignored by the original", f"{', '.join(names)}: {reason}")
     for node in p.foreign:
-        yield (
+        yield Ros2Note(
             "ignored by the original",
             f"parameters of node {shown(node)}, which is neither simulation_node nor control_node",
         )
     named = sorted({node for node in p.nodes if not node.endswith("*") and "/" not in node})
     if named:
-        yield (
+        yield Ros2Note(
             "ignored by the original",
             f"everything under {', '.join(named)} wherever a launch file runs the node in a "
             "namespace (sim_1, ...): such names fit only a node without one; `/**` fits both",
         )
     if p.integers:
-        yield (
+        yield Ros2Note(
             "not kept",
             f"{', '.join(p.integers)}: a whole number, where ROS 2 stops the original for its "
             "declaration wants a decimal one (5.0 for 5); read as such",
         )
     if missing:
-        yield (
+        yield Ros2Note(
             "assumed",
             f"not given, so VSR2's defaults serve: {', '.join(missing)}",
         )
 
 
-def difference_notes(p: Parameters, time_step: float, mode: str) -> Iterator[tuple[Note, str]]:
+def difference_notes(p: Parameters, time_step: float, mode: str) -> Iterator[Ros2Note]:
     """What a run differs in, whatever the files say."""
-    yield (
+    yield Ros2Note(
         "kept as in the original",
         "the pedestal is driven by the joint motor (`motion.drive: motor`), which lags by "
         "about nine time steps and attenuates on recordings; `prescribed` has no error",
@@ -124,25 +134,25 @@ def difference_notes(p: Parameters, time_step: float, mode: str) -> Iterator[tup
                 f"played {steps} step(s) a sample, {factor:.4g} times too fast, accelerations "
                 f"{factor**2:.4g} times too large"
             )
-        yield (
+        yield Ros2Note(
             "not kept",
             f"recordings sampled at 1.25 ms are, at a time step of {time_step:g} s, {played}; "
             "VSR2 resamples them in time",
         )
     for name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
         if p.has(name):
-            yield (
+            yield Ros2Note(
                 "not kept",
                 f"{name} ({shown(p.given[name].value)} s) is wall time in the original; VSR2 "
                 "runs until the rock rests (`settling`, `outcome.tail`)",
             )
-    yield (
+    yield Ros2Note(
         "not kept",
         "the original's outcome: |roll change| + |pitch change| of 0.1 rad or more counts as "
         "toppled, and after recordings the time that follows is not simulated; VSR2 follows "
         "the tilt until rest (`outcome`)",
     )
-    yield (
+    yield Ros2Note(
         "not kept",
         "the original's reset restores the pose before settling, so that its first trial "
         "differs from the rest; every trial of VSR2 starts alike",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, get_args, get_origin
 
@@ -41,6 +41,22 @@ def variants(field: FieldInfo) -> Variants | None:
 def tag_of(section: type[Section], tag_key: str) -> str:
     """The value of `tag_key` that selects `section`."""
     return str(get_args(section.model_fields[tag_key].annotation)[0])
+
+
+def all_sections(root: type[Section]) -> Iterable[tuple[tuple[str, ...], type[Section]]]:
+    """Every section with its place; a member of a union adds a last part such as `shape: box`."""
+
+    def below(
+        place: tuple[str, ...], section: type[Section]
+    ) -> Iterable[tuple[tuple[str, ...], type[Section]]]:
+        yield place, section
+        for key, field in section.model_fields.items():
+            held = variants(field)
+            for tag, inner in held.by_tag.items() if held else ():
+                tagged = (f"{held.tag_key}: {tag}",) if held and held.tag_key else ()
+                yield from below((*place, key, *tagged), inner)
+
+    return below((), root)
 
 
 def study_schema() -> dict[str, Any]:

@@ -110,12 +110,7 @@ class Base(Section):
     """Edge lengths along x, y, z [m]; it stands on z = 0."""
 
 
-class PrismPedestal(Section):
-    """A prism with a flat top; serves lab tables and idealised studies."""
-
-    shape: Literal["prism"] = "prism"
-    size: Size = (10.0, 10.0, 0.5)
-    """Edge lengths along x, y, z [m]."""
+class _Pedestal(Section):
     mass: Mass = 2.0e5
     """Mass carried by the prismatic joint [kg]; accepted only with `drive: motor`, since a
     prescribed motion does not depend on it."""
@@ -123,7 +118,15 @@ class PrismPedestal(Section):
     """The static block under the pedestal."""
 
 
-class MeshPedestal(Section):
+class PrismPedestal(_Pedestal):
+    """A prism with a flat top; serves lab tables and idealised studies."""
+
+    shape: Literal["prism"] = "prism"
+    size: Size = (10.0, 10.0, 0.5)
+    """Edge lengths along x, y, z [m]."""
+
+
+class MeshPedestal(_Pedestal):
     """A pedestal from topography."""
 
     shape: Literal["mesh"]
@@ -135,11 +138,6 @@ class MeshPedestal(Section):
     """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows);
     `triangles`: the exact moving surface (fine relief; a rock on many small triangles trembles by
     some mm/s, so raise the rest speeds of `settling` with it)."""
-    mass: Mass = 2.0e5
-    """Mass carried by the prismatic joint [kg]; accepted only with `drive: motor`, since a
-    prescribed motion does not depend on it."""
-    base: Base = Base()
-    """The static block under the pedestal."""
 
 
 class FixedStart(Section):
