@@ -146,9 +146,8 @@ def repair_mesh(
     """Close and orient a mesh; returns it, whether parts were dropped, and what was done.
 
     trimesh orients the faces. Its merging and closing are not used. It merges by rounding to a
-    grid, which leaves apart near vertices on two sides of a grid line. It fills holes by cycles of
-    a graph, which failed for 45 of 540 round holes cut into five bodies, where ours closed all at
-    the same error of volume.
+    grid, which leaves apart near vertices on two sides of a grid line. It closes holes by cycles of
+    a graph, which left some open that ours closes (docs/architecture.md, "Kept libraries").
     """
     notes: list[str] = []
     volume_before = signed_volume(vertices, faces)

@@ -1,4 +1,9 @@
-"""Rotations: quaternions x, y, z, w and matrices. Names carry frames: R_WM takes M to W."""
+"""Rotations: quaternions x, y, z, w and matrices. Names carry frames: R_WM takes M to W.
+
+Start poses, principal axes and collision points reach the core through these lines. scipy's
+rotations differ from them in the last bits (docs/architecture.md, "Kept libraries"), which a
+chaotic response enlarges, so they are written out.
+"""
 
 from __future__ import annotations
 
