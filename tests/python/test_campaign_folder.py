@@ -390,7 +390,7 @@ def test_missing_and_unclaimed_files_are_named(folder):
     (folder / "motions" / "pulse.npz").unlink()
     assert problem(folder).startswith("motions/pulse.npz: named in trials.csv, row 2: no such file")
     os.mkfifo(folder / "motions" / "pulse.npz")
-    assert "no such file" in problem(folder)
+    assert "not a file" in problem(folder)
     assert "no such folder" in problem(folder / "nowhere")
     assert "no such folder" in str(check_campaign("\0")[0])
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from vsr2.campaign.campaign import Series
 from vsr2.campaign.problems import Problems
-from vsr2.campaign.table import read_bytes
 from vsr2.campaign.trials_table import MOTIONS, TRIALS
+from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import Record
 from vsr2.motion.motion import MAX_SAMPLES
@@ -52,9 +52,8 @@ class ArrayFiles:
     def motion(self, name: str, row: int) -> Record | None:
         """The record in `motions/`, named first in `row` of the table."""
         file = f"{MOTIONS}/{name}.npz"
-        content = read_bytes(self._folder / file, MAX_ARRAY_FILE_BYTES)
-        if isinstance(content, str):
-            self._problems.add(file, f"named in {TRIALS}, row {row}: {content}")
+        content = self._content(file, f"named in {TRIALS}, row {row}: ")
+        if content is None:
             return None
         arrays = self._arrays(content, file, _MOTION_ARRAYS)
         if arrays is None:
@@ -84,9 +83,8 @@ class ArrayFiles:
                 return None
         except ValueError:
             return None
-        content = read_bytes(self._folder / file, MAX_ARRAY_FILE_BYTES)
-        if isinstance(content, str):
-            self._problems.add(file, content)
+        content = self._content(file)
+        if content is None:
             return None
         arrays = self._arrays(content, file, _SERIES_ARRAYS)
         if arrays is None:
@@ -129,6 +127,14 @@ class ArrayFiles:
                     f"{SERIES}/{ascii(file)[1:-1][:100]}",
                     f"belongs to no trial of {TRIALS}; rename or remove it",
                 )
+
+    def _content(self, file: str, before: str = "") -> bytes | None:
+        path = self._folder / file
+        try:
+            return read_bounded(path, MAX_ARRAY_FILE_BYTES, remedy="split the campaign")
+        except UnreadableError as error:
+            self._problems.add(file, f"{before}{error}")
+            return None
 
     def _arrays(
         self, content: bytes, file: str, allowed: tuple[str, ...]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vsr2.campaign.problems import Problems
+from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.problems import shown
 
 MAX_TABLE_BYTES = 64 * 1024**2
@@ -45,21 +46,6 @@ class Table:
     whole: bool
 
 
-def read_bytes(path: Path, limit: int) -> bytes | str:
-    """The content of a regular file of at most `limit` bytes, or why it cannot be had."""
-    try:
-        if not path.is_file():
-            return "no such file; add it, or correct the name"
-        with path.open("rb") as stream:
-            content = stream.read(limit + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        return f"cannot be read ({reason}); check the file's permissions"
-    if len(content) > limit:
-        return f"has more than {limit} bytes; split the campaign or shorten the file"
-    return content
-
-
 def read_table(path: Path, file: str, problems: Problems) -> Table | None:
     """A CSV file with a header; None where `problems` got one that leaves no table.
 
@@ -68,9 +54,10 @@ def read_table(path: Path, file: str, problems: Problems) -> Table | None:
         file: how problems name it.
         problems: gets what is wrong.
     """
-    content = read_bytes(path, MAX_TABLE_BYTES)
-    if isinstance(content, str):
-        problems.add(file, content)
+    try:
+        content = read_bounded(path, MAX_TABLE_BYTES, remedy="split the campaign")
+    except UnreadableError as error:
+        problems.add(file, str(error))
         return None
     try:
         text = content.decode("utf-8-sig")

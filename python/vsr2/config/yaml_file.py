@@ -12,7 +12,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import stat
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +23,7 @@ from ruamel.yaml.reader import ReaderError
 from ruamel.yaml.representer import SafeRepresenter
 from ruamel.yaml.resolver import BaseResolver, implicit_resolvers
 
+from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import ConfigError
 
 MAX_BYTES = 1_000_000
@@ -34,6 +34,7 @@ MAX_VALUES = 20_000
 Value = None | bool | int | float | str | list["Value"] | dict[str, "Value"]
 KeyPath = tuple[str | int, ...]
 
+_NO_CONFIGURATION = "so it is no configuration; check the path"
 _TAG = "tag:yaml.org,2002:"
 _CORE_SCHEMA = {
     "null": (r"(?:~|null|Null|NULL|)\Z", ["~", "n", "N", ""]),
@@ -135,13 +136,18 @@ def read_yaml(path: str | os.PathLike[str]) -> YamlDocument:
             not YAML, not one mapping, nested deeper than `MAX_DEPTH`, longer than `MAX_VALUES`, has
             a key twice, or a tag for anything but plain data.
     """
-    return parse_yaml(_read_bounded(path), os.fspath(path))
+    label = os.fspath(path)
+    try:
+        content = read_bounded(path, MAX_BYTES, remedy=_NO_CONFIGURATION)
+    except UnreadableError as error:
+        raise ConfigError(f"{label}: {error}") from None
+    return parse_yaml(content, label)
 
 
 def parse_yaml(content: bytes, label: str) -> YamlDocument:
     """As :func:`read_yaml`, for content already at hand; `label` names it in errors."""
     if len(content) > MAX_BYTES:
-        raise _too_large(label)
+        raise ConfigError(f"{label}: larger than {MAX_BYTES} bytes; {_NO_CONFIGURATION}")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -205,29 +211,6 @@ def _composed(text: str, label: str) -> Node | None:
         # The scanner lets a few of these out, e.g. for an escape beyond Unicode.
         where = f"{label}:{yaml.reader.line + 1}"
         raise ConfigError(f"{where}: not valid YAML: {error}") from None
-
-
-def _read_bounded(path: str | os.PathLike[str]) -> bytes:
-    label = os.fspath(path)
-    try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
-            raise ConfigError(f"{label}: not a file; give the path of a YAML file")
-        with open(path, "rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise ConfigError(f"{label}: no such file; check the path") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise ConfigError(f"{label}: cannot be read: {reason}") from None
-    if len(content) > MAX_BYTES:
-        raise _too_large(label)
-    return content
-
-
-def _too_large(label: str) -> ConfigError:
-    return ConfigError(
-        f"{label}: larger than {MAX_BYTES} bytes, so it is no configuration; check the path"
-    )
 
 
 def _line(node: Node) -> int:

@@ -39,6 +39,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
@@ -103,7 +104,12 @@ def read_record(
         )
     if units is not None:
         check_units(path, units)
-    content = _read_bytes(path)
+    try:
+        content = read_bounded(path, MAX_FILE_BYTES, remedy="cut or decimate the record")
+    except UnreadableError as error:
+        raise MotionError(f"{path}: {error}") from None
+    if not content:
+        raise MotionError(f"{path}: the file is empty; export the record again")
     return _READERS[format or _recognised(path, content)](path, content, units)
 
 
@@ -166,24 +172,6 @@ def _refuse_units(path: Path, units: RecordUnits | None) -> None:
             f"{path}: its format carries its own units, so units={units!r} would have no effect; "
             "remove it"
         )
-
-
-def _read_bytes(path: Path) -> bytes:
-    try:
-        if not path.is_file():
-            raise MotionError(f"{path}: no such file; check the path in the study")
-        size = path.stat().st_size
-        if size > MAX_FILE_BYTES:
-            raise MotionError(
-                f"{path}: {size} bytes; at most {MAX_FILE_BYTES}: cut or decimate the record"
-            )
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES)
-    except (OSError, ValueError) as error:
-        raise MotionError(f"{path}: cannot be read ({error})") from None
-    if not content:
-        raise MotionError(f"{path}: the file is empty; export the record again")
-    return content
 
 
 # --- text ---------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, Triangles
-from vsr2.scene.mesh_files import MAX_FILE_BYTES, IntArray, MeshFile, read_bounded, read_mesh_file
+from vsr2.scene.mesh_files import MAX_FILE_BYTES, IntArray, MeshFile, bytes_of, read_mesh_file
 from vsr2.scene.mesh_repair import (
     MIN_EXTENT,
     check_faces_left,
@@ -90,7 +90,7 @@ def load_mesh(
 
     source = Path(path)
     factors = _check_scale(source, scale)
-    data = read_bounded(source, MAX_FILE_BYTES)
+    data = bytes_of(source, MAX_FILE_BYTES)
     raw = read_mesh_file(source, data)
     vertices = raw.vertices * factors
     _check_vertices(source, vertices)

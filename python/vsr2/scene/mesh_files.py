@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array
 
@@ -89,30 +90,16 @@ def read_mesh_file(path: Path, data: bytes) -> MeshFile:
     return raw
 
 
-def read_bounded(path: Path, limit: int) -> bytes:
-    """Bytes of a file of at most `limit` bytes.
+def bytes_of(path: Path, limit: int) -> bytes:
+    """Bytes of a mesh or URDF file of at most `limit` bytes.
 
     Raises:
-        GeometryError: missing, not a file, unreadable, empty or larger than `limit`; the size is
-            looked at before anything is read.
+        GeometryError: missing, not a file, unreadable, empty or larger.
     """
     try:
-        if not path.exists():
-            raise GeometryError(
-                f"{path}: no such file; paths are relative to the file that names them"
-            )
-        if not path.is_file():
-            raise GeometryError(f"{path}: not a file; give the path of the file itself")
-        size = path.stat().st_size
-        if size > limit:
-            raise GeometryError(
-                f"{path}: {size / 1e6:.0f} MB, more than the {limit / 1e6:g} MB that are read; "
-                "reduce the mesh (a rock needs a few thousand faces)"
-            )
-        with path.open("rb") as file:
-            data = file.read(limit + 1)
-    except (OSError, ValueError) as error:
-        raise GeometryError(f"{path}: cannot be read ({error}); check path and rights") from error
+        data = read_bounded(path, limit, remedy="reduce it (a rock needs a few thousand faces)")
+    except UnreadableError as error:
+        raise GeometryError(f"{path}: {error}") from None
     if not data.strip():
         raise GeometryError(f"{path}: the file is empty; export the mesh again")
     return data

@@ -26,7 +26,7 @@ from vsr2.scene.mass import (
     principal_mass_properties,
 )
 from vsr2.scene.mesh import LoadedMesh, load_mesh
-from vsr2.scene.mesh_files import read_bounded
+from vsr2.scene.mesh_files import bytes_of
 from vsr2.scene.rotation import matrix_from_rpy, quaternion_from_matrix
 from vsr2.scene.shapes import box_surface, cylinder_points, hull_surface, join_surfaces
 
@@ -95,7 +95,7 @@ def load_urdf(path: str | Path, scale: float = 1.0, *, inertia: InertiaRule = "f
     source = Path(path)
     if not (math.isfinite(scale) and scale > 0):
         raise GeometryError(f"{source}: scale {scale} must be positive and finite")
-    data = read_bounded(source, MAX_URDF_BYTES)
+    data = bytes_of(source, MAX_URDF_BYTES)
     link = _only_link(source, data)
     collisions = _collisions(source, link, scale)
     notes = [note for item in collisions if item.mesh for note in item.mesh.notes]
