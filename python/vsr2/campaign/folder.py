@@ -27,8 +27,6 @@ from vsr2.errors import CampaignError, GeometryError
 from vsr2.motion import Record
 from vsr2.scene.mesh import load_mesh
 
-_SHOWN = 20
-
 
 def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
     """Read a campaign.
@@ -37,15 +35,10 @@ def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
         CampaignError: lists what is wrong with its files; no other exception leaves this
             function, whatever the files hold.
     """
-    campaign, problems = _read(Path(folder))
+    problems = Problems()
+    campaign = _read(Path(folder), problems)
     if campaign is None:
-        lines = [str(problem) for problem in problems[:_SHOWN]]
-        if len(problems) > _SHOWN:
-            lines.append(f"... and {len(problems) - _SHOWN} more; `vsr2 campaign check` lists them")
-        if len(lines) == 1:
-            raise CampaignError(f"{os.fspath(folder)}: {lines[0]}")
-        heading = f"{os.fspath(folder)}: {len(problems)} problems"
-        raise CampaignError("\n  ".join([heading, *lines]))
+        raise CampaignError(problems.listed(os.fspath(folder)))
     return campaign
 
 
@@ -54,30 +47,31 @@ def check_campaign(folder: str | os.PathLike[str]) -> list[CampaignProblem]:
 
     Models are read, too, though :func:`load_campaign` does not need them.
     """
-    campaign, problems = _read(Path(folder))
-    return problems if campaign is None else _model_problems(Path(folder), campaign)
-
-
-def _model_problems(folder: Path, campaign: Campaign) -> list[CampaignProblem]:
     problems = Problems()
+    campaign = _read(Path(folder), problems)
+    if campaign is not None:
+        _check_models(Path(folder), campaign, problems)
+    return problems.result()
+
+
+def _check_models(folder: Path, campaign: Campaign, problems: Problems) -> None:
     for path in sorted({s.model_file for s in campaign.specimens.values() if s.model_file}):
         try:
             load_mesh(path, closed=False)
         except GeometryError as error:
             name = os.path.relpath(path, folder).replace(os.sep, "/")
             problems.add(name, str(error).removeprefix(f"{path}: "))
-    return problems.result()
 
 
-def _read(folder: Path) -> tuple[Campaign | None, list[CampaignProblem]]:
-    problems = Problems()
+def _read(folder: Path, problems: Problems) -> Campaign | None:
+    """The campaign; None where `problems` got one."""
     try:
         present = folder.is_dir()
     except (OSError, ValueError):
         present = False
     if not present:
         problems.add("", "no such folder; check the path")
-        return None, problems.result()
+        return None
     # The table is read even where the description is broken, so that one check tells all.
     description = read_description(folder, problems)
     trials = read_trials(folder, description, problems)
@@ -93,9 +87,9 @@ def _read(folder: Path) -> tuple[Campaign | None, list[CampaignProblem]]:
     if description is not None:
         _check_sampling(description, motions, series, problems)
     if problems or description is None:
-        return None, problems.result()
+        return None
     try:
-        campaign = Campaign(
+        return Campaign(
             name=description.name,
             trials=tuple(
                 CampaignTrial(**values, series=series[values["trial"]]) for values in trials.values
@@ -108,8 +102,7 @@ def _read(folder: Path) -> tuple[Campaign | None, list[CampaignProblem]]:
         )
     except CampaignError as error:
         problems.add(TRIALS, str(error))
-        return None, problems.result()
-    return campaign, []
+        return None
 
 
 def _check_sampling(

@@ -39,7 +39,6 @@ _TABLE = "trials.csv"
 _REQUIRED = ("test", "sp1_overturned", "date", "motion")
 _OWN = (*_REQUIRED, "pga_g", "pgv_pga_s", "has_motion")
 _PLACES = ("motions/{}.npz", "{}.npz", "{}.txt", "raw/{}.txt")
-_SHOWN = 20
 
 
 def import_lab(
@@ -82,11 +81,7 @@ def import_lab(
         found = [_trial(row, extras, problems) for row in table.rows]
         trials = [trial for trial in found if trial is not None]
     if problems:
-        listed = problems.result()
-        lines = [str(problem) for problem in listed[:_SHOWN]]
-        if len(listed) > _SHOWN:
-            lines.append(f"... and {len(listed) - _SHOWN} more")
-        raise CampaignError("\n  ".join([f"{folder}: cannot be imported", *lines]))
+        raise CampaignError(problems.listed(f"{folder}: cannot be imported"))
     motions: dict[str, Record] = {}
     for i, trial in enumerate(trials):
         record = _record(folder, trial.trial)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 MAX_PROBLEMS = 200
 """More are counted but not kept: one slip in a column repeats in every row."""
 
+_LISTED = 20
+
 
 @dataclass(frozen=True)
 class CampaignProblem:
@@ -55,6 +57,18 @@ class Problems:
             return list(self.found)
         more = CampaignProblem("", None, "", f"{self.left_out} more problems are not listed")
         return [*self.found, more]
+
+    def listed(self, heading: str) -> str:
+        """The first twenty under `heading`; a single one in its line."""
+        found = self.result()
+        lines = [str(problem) for problem in found[:_LISTED]]
+        if len(lines) == 1:
+            return f"{heading}: {lines[0]}"
+        if len(found) > _LISTED:
+            lines.append(
+                f"... and {len(found) - _LISTED} more; of a campaign `vsr2 campaign check` lists all"
+            )
+        return "\n  ".join([f"{heading}: {len(found)} problems", *lines])
 
     def __bool__(self) -> bool:
         return bool(self.found)

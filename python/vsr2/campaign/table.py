@@ -38,12 +38,12 @@ class Table:
     Attributes:
         columns: names from the header.
         rows: those of as many cells as the header.
-        whole: no row had to be left out.
+        complete: no row had to be left out.
     """
 
     columns: tuple[str, ...]
     rows: list[Row]
-    whole: bool
+    complete: bool
 
 
 def read_table(path: Path, file: str, problems: Problems) -> Table | None:
@@ -100,7 +100,7 @@ def read_table(path: Path, file: str, problems: Problems) -> Table | None:
         rows.append(Row(line, dict(zip(columns, cells, strict=True))))
     if not rows and len(problems.found) == faults:
         problems.add(file, "has a header and no rows; give one row a trial")
-    return Table(tuple(columns), rows, whole=len(problems.found) == faults)
+    return Table(tuple(columns), rows, complete=len(problems.found) == faults)
 
 
 def _lines(

@@ -58,7 +58,7 @@ def read_trials(folder: Path, description: Description | None, problems: Problem
     extras = [name for name in table.columns if name.startswith("x_")]
     ids: dict[str, tuple[str, int]] = {}
     orders: dict[int, int] = {}
-    trials.ids_known = table.whole and bool(table.rows)
+    trials.ids_known = table.complete and bool(table.rows)
     for row in table.rows:
         values = _trial(row, specimens, extras, problems)
         trial, order = values.get("trial"), values.get("order")
