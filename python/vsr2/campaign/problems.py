@@ -66,7 +66,7 @@ class Problems:
             return f"{heading}: {lines[0]}"
         if len(found) > _LISTED:
             lines.append(
-                f"... and {len(found) - _LISTED} more; of a campaign `vsr2 campaign check` lists all"
+                f"... and {len(found) - _LISTED} more; `vsr2 campaign check` lists a folder's"
             )
         return "\n  ".join([f"{heading}: {len(found)} problems", *lines])
 
