@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsr2.config import dump_study, load_study, study_from_mapping
@@ -295,6 +295,7 @@ studies = st.fixed_dictionaries(
 )
 
 
+@settings(deadline=None)  # the wall time of files is the machine's load
 @given(studies)
 def test_every_study_survives_writing_and_reading(mapping):
     with tempfile.TemporaryDirectory() as name:
@@ -325,6 +326,7 @@ def mutated(draw):
     return content
 
 
+@settings(deadline=None)
 @given(st.one_of(mutated(), st.binary(max_size=200)))
 def test_any_bytes_give_a_study_or_a_config_error(content):
     with tempfile.TemporaryDirectory() as name:
