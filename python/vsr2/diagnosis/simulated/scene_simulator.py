@@ -30,7 +30,7 @@ from vsr2.diagnosis.simulated.simulator import (
     Responses,
     nuisance_normal,
 )
-from vsr2.effects import Effect, in_order
+from vsr2.effects import Effect, in_order, with_effects
 from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
@@ -41,7 +41,7 @@ from vsr2.scene.rotation import multiply, yaw_quaternion
 if TYPE_CHECKING:
     import distributed
 
-    from vsr2.simulation import Trial
+    from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -189,8 +189,7 @@ class SceneSimulator:
         return hashlib.sha256(content.encode()).hexdigest()
 
     def _refusal(self, effect: Effect) -> str | None:
-        from vsr2.simulation.effects import with_effects
-        from vsr2.simulation.trial import check_trials
+        from vsr2.simulation import check_trials
 
         try:
             trials = with_effects(
@@ -277,8 +276,6 @@ class SceneSimulator:
         What an effect draws belongs to the trial's place in the whole campaign; trials that are not
         wanted keep a place without work.
         """
-        from vsr2.simulation.effects import with_effects
-
         seed = int(
             np.random.SeedSequence(
                 [self._seed, nuisance, abs(replicate), replicate < 0]
@@ -395,7 +392,8 @@ def _variant(study: Study, replicate: int) -> Study:
 
 def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Trial]:
     """Trials without effects; `row`: between rows of the series [s], None: no series."""
-    from vsr2.simulation import Trial, build_scene
+    from vsr2.scene import build_scene
+    from vsr2.trial import Trial
 
     scene = build_scene(study)
     output = study.output.model_copy(
