@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from vsr2.blind.custodian.shake import Drawable, Nuisances, Observed, Shake, Strength
 from vsr2.config import Study
 from vsr2.config.study import BoxRock, YawStart
-from vsr2.effects import Effect, EffectRangeWarning, Parameter, library
+from vsr2.effects import Effect, EffectRangeWarning, Parameter, apply_effects, library
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.results import TrialLog, quaternion_product
 
 if TYPE_CHECKING:
-    from vsr2.scene import Pose
-    from vsr2.simulation import Scene, Trial
+    from vsr2.scene import Pose, Scene
+    from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -115,7 +115,6 @@ class BulletEngine:
             ValueError: they differ in nuisances, effects or seed.
         """
         from vsr2.simulation import run_batch
-        from vsr2.simulation.effects import apply_effects
 
         ordered = list(shakes)
         if not ordered:
@@ -159,7 +158,8 @@ class BulletEngine:
     def _trials(
         self, shakes: Sequence[Shake], nuisances: Nuisances, series_interval: float
     ) -> list[Trial]:
-        from vsr2.simulation import Trial, build_scene
+        from vsr2.scene import build_scene
+        from vsr2.trial import Trial
 
         scene = build_scene(self._nominal(nuisances))
         step = scene.engine.time_step
