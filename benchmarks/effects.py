@@ -3,7 +3,7 @@
     python benchmarks/effects.py [--mesh MESH] [--rounds N] [--engine MODE]
 
 On the block and on a scanned rock, each under the pulses of the checks (two that just lift it,
-four on the verge of overturning, one that makes it slide). In every round a batch with the effect
+four that nearly overturn it, one that makes it slide). In every round a batch with the effect
 follows one without, so that a change of the machine's speed meets both; the table gives the median
 of the rounds' ratios and its quartiles.
 CPU time of whole trials over their steps, building of the worlds included. A part of a ratio is the
@@ -18,11 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.effects import in_order, library
-from vsr2.simulation import Trial, run_batch
+from vsr2.effects import in_order, library, with_effects
+from vsr2.simulation import run_batch
 from vsr2.simulation.bench import EffectBench
 from vsr2.simulation.effect_checks import TURNS, ensemble, shaking
-from vsr2.simulation.effects import with_effects
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -45,8 +45,8 @@ def main() -> None:
     bench = EffectBench(arguments.engine, arguments.mesh)
     print(f"{'engine':8} {'effect':20} {'block':>6}  {'quartiles':14} {'scan':>6}  quartiles")
     plain = {
-        rock: ensemble(setup, shaking(setup, TURNS[rock]), TURNS[rock], 1)
-        for rock, setup in (("block", bench.block()), ("scan", bench.scan()))
+        rock: ensemble(trial, shaking(trial, TURNS[rock]), TURNS[rock], 1)
+        for rock, trial in (("block", bench.block()), ("scan", bench.scan()))
     }
     for effect in in_order(library()):
         cells = []

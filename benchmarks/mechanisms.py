@@ -28,8 +28,9 @@ from vsr2.config.study import (
     Settling,
 )
 from vsr2.motion import Motion, SideMotion, build_recorded_motion, read_record
-from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, build_pedestal, build_rock
-from vsr2.simulation import Trial, make_scene, run_batch
+from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, Scene, build_pedestal, build_rock
+from vsr2.simulation import run_batch
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
 MECHANISMS = {
@@ -92,7 +93,7 @@ def main() -> None:
             mode: str = mode,
             stand: PedestalBody = pedestal,
         ) -> Trial:
-            scene = make_scene(rock, stand, Engine(mode=mode), Contact(), mechanisms)
+            scene = Scene(rock, stand, Engine(mode=mode), Contact(), mechanisms)
             return Trial(
                 scene=scene,
                 motion=shaken,

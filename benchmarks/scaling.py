@@ -33,8 +33,9 @@ import numpy as np
 from vsr2.config.study import Contact, Engine, MeshRock, Outcome, PrismPedestal, Study
 from vsr2.motion import Motion
 from vsr2.results import prepare_folder, save_result
-from vsr2.scene import Pose, build_pedestal, build_rock
-from vsr2.simulation import Scene, Simulation, Trial, make_scene, run_batch, study_trials
+from vsr2.scene import Pose, Scene, build_pedestal, build_rock
+from vsr2.simulation import Simulation, native_scene, run_batch, study_trials
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
 ENGINES = ("parity", "exact", "fast")
@@ -94,7 +95,7 @@ def cylinder(vertices: int, engine: str) -> Scene:
         file = Path(folder) / "cylinder.obj"
         hull.export(file)
         rock = build_rock(MeshRock(shape="mesh", file=file, mass=600.0), pedestal, clearance=0.002)
-    return make_scene(rock, pedestal, Engine(mode=engine), Contact())
+    return Scene(rock, pedestal, Engine(mode=engine), Contact())
 
 
 def medians(work: dict[int, Callable[[], float]]) -> dict[int, float]:
@@ -125,7 +126,7 @@ def world_memory(engine: str, count: int) -> float:
     pedestal = build_pedestal(PrismPedestal())
     file = ROOT / "models" / "pbr_scan.obj"
     rock = build_rock(MeshRock(shape="mesh", file=file, mass=446.6), pedestal, clearance=0.002)
-    scene = make_scene(rock, pedestal, Engine(mode=engine), Contact())
+    scene = Scene(rock, pedestal, Engine(mode=engine), Contact())
     worlds = [Simulation(scene) for _ in range(20)]
     worlds[0].step(0.0, steps=300)
     before = resident("VmRSS")
@@ -203,7 +204,7 @@ def main() -> None:
         for vertices in (32, 128, 512, 2048):
             scene = cylinder(vertices, engine)
             trial = replace(short, scene=scene)
-            still[len(scene.rock_hull_vertices)] = lambda trial=trial: (
+            still[len(native_scene(scene).rock_hull_vertices)] = lambda trial=trial: (
                 cpu([shaken(trial, 6000)]) - cpu([shaken(trial, 1000)])
             )
         for size, value in medians(still).items():

@@ -27,7 +27,8 @@ import numpy as np
 from vsr2.config import load_study
 from vsr2.config.study import Output
 from vsr2.results import BatchResult, base_provenance
-from vsr2.simulation import Trial, run_batch, study_trials
+from vsr2.simulation import run_batch, study_trials
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -32,7 +32,7 @@ MOMENTS = (1e12, 1000.0)
 
 def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int = 4) -> Motion:
     """A sine that swells and fades: no jumps, so an oscillator above it follows statically."""
-    step = bench.block().engine.time_step
+    step = bench.block().scene.engine.time_step
     time = np.arange(round(periods / frequency / step) + 1) * step
     envelope = np.sin(np.pi * time / time[-1]) ** 2
     a = amplitude * np.sin(2 * np.pi * frequency * time) * envelope
@@ -44,14 +44,14 @@ def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int =
 
 def relative_tilts(bench: EffectBench, amplitude: float, frequency: float, k: float) -> list[float]:
     """Largest tilt over the block's slenderness angle, for effects of the same `k`, as `NAMES`."""
-    setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
+    trial = replace(bench.block(), motion=burst(bench, amplitude, frequency))
     alpha = math.atan2(0.2, 0.6)
-    p_squared = 0.75 * setup.engine.gravity / math.hypot(0.2, 0.6)
+    p_squared = 0.75 * trial.scene.engine.gravity / math.hypot(0.2, 0.6)
     compliance = k / (1 + (2 * math.pi * frequency) ** 2 / p_squared)
     pitch = {"compliance": compliance, "frequency": 20.0, "damping": 0.7, "depth": 0.0}
 
     def peak(name: str, values: dict[str, float]) -> float:
-        return bench.run(setup, effect(name), values).observation.peak_tilt
+        return bench.run(trial, effect(name), values).observation.peak_tilt
 
     slender = math.atan2(0.2, 0.6 * (1 + k))
     return [

@@ -61,9 +61,10 @@ from vsr2.config.study import (
 )
 from vsr2.motion import Motion, synthetic_motion
 from vsr2.results.atomic import write_atomic
-from vsr2.scene import Pose, build_pedestal, build_rock
+from vsr2.scene import Pose, Scene, build_pedestal, build_rock
 from vsr2.scene.rotation import matrix_from_quaternion, multiply, yaw_quaternion
-from vsr2.simulation import Scene, Trial, make_scene, run_batch
+from vsr2.simulation import run_batch
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
 ENGINES = ("exact", "fast")
@@ -102,7 +103,7 @@ def scene_of(name: str, mode: str) -> Scene:
     """The rock on the default prism, for one engine."""
     pedestal = build_pedestal(PrismPedestal())
     rock = build_rock(rock_of(name), pedestal, clearance=0.002)
-    return make_scene(rock, pedestal, Engine(mode=mode), Contact())
+    return Scene(rock, pedestal, Engine(mode=mode), Contact())
 
 
 def still(steps: int) -> Motion:

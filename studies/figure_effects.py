@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 
 from vsr2 import run_batch
 from vsr2.config.study import Output
-from vsr2.effects import Effect, Setup, effect, in_order, library
+from vsr2.effects import Effect, effect, in_order, library, with_effects
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
-from vsr2.simulation import Trial
-from vsr2.simulation.bench import EffectBench, trial_of
-from vsr2.simulation.effects import with_effects
+from vsr2.simulation.bench import EffectBench, with_tail
+from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -66,9 +65,9 @@ def with_it(trials: list[Trial], one: Effect) -> list[Trial]:
 
 def response(bench: EffectBench, one: Effect) -> tuple[Array, ...]:
     """Times [s] and tilts [degree] without and with the effect."""
-    setup = turned(bench) if one.name in TURNED else bench.block()
+    standing = turned(bench) if one.name in TURNED else bench.block()
     pga, frequency = OWN_PULSE.get(one.name, PULSE)
-    trial = trial_of(replace(setup, motion=bench.pulse(pga, frequency)), tail=2.0)
+    trial = with_tail(replace(standing, motion=bench.pulse(pga, frequency)), 2.0)
     result = run_batch([trial, *with_it([trial], one)], threads=1)
     out = []
     for log in result.logs:
@@ -78,16 +77,17 @@ def response(bench: EffectBench, one: Effect) -> tuple[Array, ...]:
     return tuple(out)
 
 
-def turned(bench: EffectBench) -> Setup:
+def turned(bench: EffectBench) -> Trial:
     """The block at 30 degrees."""
-    setup = bench.block()
-    turn = multiply(yaw_quaternion(math.radians(30)), setup.start.orientation)
-    return replace(setup, start=Pose(setup.start.position, turn))
+    block = bench.block()
+    start = block.start_pose
+    turn = multiply(yaw_quaternion(math.radians(30)), start.orientation)
+    return replace(block, start=Pose(start.position, turn))
 
 
-def overturned(bench: EffectBench, setup: Setup, one: Effect | None) -> NDArray[np.bool_]:
+def overturned(bench: EffectBench, standing: Trial, one: Effect | None) -> NDArray[np.bool_]:
     """Whether each pulse overturns the block, shape (PGA, PGV/PGA)."""
-    base = replace(trial_of(setup, tail=3.0), output=Output(log_every=0))
+    base = replace(with_tail(standing, 3.0), output=Output(log_every=0))
     trials = [
         replace(base, motion=bench.pulse(pga * STANDARD_GRAVITY, 1 / (2 * math.pi * ratio)))
         for pga in PGAS
@@ -159,14 +159,14 @@ def main() -> None:
     names = parser.parse_args().names
     bench = EffectBench(mode="auto")
     effects = [effect(name) for name in names] or in_order(library())
-    setups = {False: bench.block(), True: turned(bench)}
-    plain = {at: overturned(bench, setup, None) for at, setup in setups.items()}
+    standing = {False: bench.block(), True: turned(bench)}
+    plain = {at: overturned(bench, trial, None) for at, trial in standing.items()}
     rows = ["effect," + ",".join(f"{ratio:.3f}" for ratio in RATIOS)]
     for at, name in ((False, "none"), (True, "none at 30 degrees")):
         rows.append(f"{name}," + ",".join(f"{value:.2f}" for value in least(plain[at])))
     for one in effects:
         at = one.name in TURNED
-        own = overturned(bench, setups[at], one)
+        own = overturned(bench, standing[at], one)
         draw(one, response(bench, one), plain[at], own)
         rows.append(f"{one.name}," + ",".join(f"{value:.2f}" for value in least(own)))
         print(rows[-1], flush=True)

@@ -6,7 +6,8 @@ Check it with `vsr2 effects check docs/examples/soft_pad.py`.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from vsr2.effects import Bench, Check, Effect, Parameter, Setup
+from vsr2.effects import Bench, Check, Effect, Parameter
+from vsr2.trial import Trial
 
 
 class SoftPad(Effect):
@@ -31,24 +32,25 @@ class SoftPad(Effect):
     source = "springs in series"
     stage = "contact"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         """Soften the pedestal's material; the pair's stiffness is that of springs in series."""
-        old = setup.contact.pedestal
+        contact = trial.scene.contact
+        old = contact.pedestal
         soft = 1.0 / (1.0 / old.stiffness + values["compliance"])
         factor = soft / old.stiffness
-        damping = (setup.contact.rock.damping + old.damping) * factor
+        damping = (contact.rock.damping + old.damping) * factor
         pedestal = old.model_copy(update={"stiffness": soft, "damping": damping})
-        rock = setup.contact.rock.model_copy(update={"damping": 0.0})
-        return replace(
-            setup, contact=setup.contact.model_copy(update={"rock": rock, "pedestal": pedestal})
+        rock = contact.rock.model_copy(update={"damping": 0.0})
+        return trial.with_scene(
+            contact=contact.model_copy(update={"rock": rock, "pedestal": pedestal})
         )
 
     def verify(self, bench: Bench) -> Sequence[Check]:
         """A block at rest sinks by a quarter of its weight times the compliance."""
-        setup = replace(bench.block(), motion=bench.push(0.0))
+        trial = replace(bench.block(), motion=bench.push(0.0))
         compliance = 2e-7
-        before = float(bench.run(setup).position[-1, 2])
-        after = float(bench.run(setup, self, {"compliance": compliance}).position[-1, 2])
-        weight = setup.rock.mass.mass * setup.engine.gravity
+        before = float(bench.run(trial).position[-1, 2])
+        after = float(bench.run(trial, self, {"compliance": compliance}).position[-1, 2])
+        weight = trial.scene.rock.mass.mass * trial.scene.engine.gravity
         expected = 0.25 * weight * compliance
         return [Check("sinking at rest [m]", before - after, expected, 0.1 * expected)]

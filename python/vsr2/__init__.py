@@ -5,9 +5,12 @@
 
 from vsr2.config import Study, load_study
 from vsr2.diagnosis import Diagnosis, diagnose
+from vsr2.effects import apply_effects
 from vsr2.motion import Motion
 from vsr2.results import BatchResult, TrialLog, load_result, save_result
-from vsr2.simulation import Scene, Simulation, Trial, apply_effects, build_scene, run_batch
+from vsr2.scene import Scene, build_scene
+from vsr2.simulation import Simulation, run_batch
+from vsr2.trial import Trial
 
 __all__ = [
     "BatchResult",

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 
 class Vsr2Error(Exception):
-    """Base of every error VSR2 raises on purpose; the command line prints no traceback for it."""
+    """Base of every error VSR2 raises on purpose; the command line prints no traceback for it.
+
+    Args:
+        message: what is wrong and the remedy.
+        key: of the study, dotted, that the text begins with; empty: none is at fault, or it is not
+            known where the error is raised.
+    """
+
+    def __init__(self, message: str = "", *, key: str = "") -> None:
+        super().__init__(f"{key}: {message}" if key else message)
+        self.message = message
+        self.key = key
 
 
 class ConfigError(Vsr2Error):

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from effect_closed_forms import uplift_acceleration
 
 from vsr2 import Study, apply_effects, run_batch
 from vsr2.campaign import simulate_campaign
@@ -19,14 +20,14 @@ from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
 from vsr2.effects import EffectRangeWarning, Parameter, chosen, effect, registry
-from vsr2.effects.geometry import box_with_margin, uplift_acceleration
+from vsr2.effects.geometry import box_with_margin
 from vsr2.errors import ConfigError, GeometryError, MotionError, SimulationError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
 from vsr2.scene import Box, Hull, Pose
-from vsr2.simulation import Trial, study_trials
-from vsr2.simulation.bench import EffectBench, trial_of
-from vsr2.simulation.trial import plan_sha256
+from vsr2.simulation import plan_sha256, study_trials
+from vsr2.simulation.bench import EffectBench
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -64,7 +65,7 @@ def test_without_effects_trials_come_back_as_they_are(trials: list[Trial]) -> No
             assert after is before
 
 
-def test_equal_setups_share_a_scene(trials: list[Trial]) -> None:
+def test_equal_trials_share_a_scene(trials: list[Trial]) -> None:
     rounded = apply_effects(trials, {"edge_rounding": {"radius": 0.006}})
     assert len({id(trial.scene) for trial in rounded}) == 1
     assert rounded[0].scene is not trials[0].scene
@@ -221,7 +222,7 @@ def test_input_comes_from_the_channel_that_is_asked_for() -> None:
     record = Record("r", 0.005, displacement=x, acceleration=1.2 * a)
     motion = build_recorded_motion(record, 0.001, scale=0.5)
     bench = EffectBench()
-    trial = trial_of(replace(bench.block(), motion=motion))
+    trial = replace(bench.block(), motion=motion)
     other = apply_effects([trial], {"input_filter": {"input": "acceleration"}})[0]
     same = apply_effects([trial], {"input_filter": {"input": "displacement"}})[0]
     assert other.motion.pga == pytest.approx(1.2 * motion.pga, rel=0.02)
@@ -249,7 +250,7 @@ def test_motions_end_at_rest(trials: list[Trial]) -> None:
 
 def burst(bench: EffectBench, amplitude: float, frequency: float, periods: int = 4) -> Motion:
     """A sine that swells and fades: no jumps, so an oscillator above it follows statically."""
-    step = bench.block().engine.time_step
+    step = bench.block().scene.engine.time_step
     time = np.arange(round(periods / frequency / step) + 1) * step
     envelope = np.sin(np.pi * time / time[-1]) ** 2
     a = amplitude * np.sin(2 * np.pi * frequency * time) * envelope
@@ -264,12 +265,12 @@ def test_table_gain_and_slenderness_are_one_effect(amplitude: float, frequency: 
     # With phi = tilt / alpha the motion enters as a / (g tan alpha) only (Housner 1963). What is
     # left is the frequency parameter p, which the height of the mass centre changes by 1.5 % here.
     bench = EffectBench("auto")
-    setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
+    block = replace(bench.block(), motion=burst(bench, amplitude, frequency))
 
     def peak(name: str, change: float) -> float:
-        return bench.run(setup, effect(name), {"change": change}).observation.peak_tilt
+        return bench.run(block, effect(name), {"change": change}).observation.peak_tilt
 
-    plain = bench.run(setup).observation.peak_tilt
+    plain = bench.run(block).observation.peak_tilt
     slender = peak("slenderness", 0.06) / 1.06
     gained = peak("table_gain", 1 / 1.06 - 1)
     assert abs(math.log(slender / gained)) < 0.025
@@ -281,18 +282,18 @@ def test_stiff_pitch_is_a_gain(amplitude: float, frequency: float) -> None:
     # Pitch -c a / g adds c to a / g by tilting gravity, and c w^2 / p^2 by turning the base:
     # theta'' = -p^2 (alpha - theta) - p^2 a / g + p^2 pitch - pitch'', linearised.
     bench = EffectBench("auto")
-    setup = replace(bench.block(), motion=burst(bench, amplitude, frequency))
+    block = replace(bench.block(), motion=burst(bench, amplitude, frequency))
     compliance = 0.01
     half = np.array([0.2, 0.6])
-    p_squared = 0.75 * setup.engine.gravity / float(np.hypot(*half))
+    p_squared = 0.75 * block.scene.engine.gravity / float(np.hypot(*half))
     gain = compliance * (1 + (2 * math.pi * frequency) ** 2 / p_squared)
     # Of a table far heavier than the rock.
     values = {
         "compliance": compliance, "frequency": 20.0, "damping": 0.7, "depth": 0.0, "moment": 1e12,
     }  # fmt: skip
-    plain = bench.run(setup).observation.peak_tilt
-    pitched = bench.run(setup, effect("table_pitch"), values).observation.peak_tilt
-    gained = bench.run(setup, effect("table_gain"), {"change": gain}).observation.peak_tilt
+    plain = bench.run(block).observation.peak_tilt
+    pitched = bench.run(block, effect("table_pitch"), values).observation.peak_tilt
+    gained = bench.run(block, effect("table_gain"), {"change": gain}).observation.peak_tilt
     assert abs(math.log(pitched / gained)) < 0.04
     assert abs(math.log(gained / plain)) > 2 * abs(math.log(pitched / gained))
 
@@ -300,10 +301,10 @@ def test_stiff_pitch_is_a_gain(amplitude: float, frequency: float) -> None:
 def test_a_bond_on_a_slope_holds_along_its_normal() -> None:
     # About the lower edge: W (b cos t - h sin t) + sigma A b = m a (h cos t + b sin t).
     bench = EffectBench("auto")
-    setup, t, strength = bench.block(), math.radians(1.5), 5e3
-    sloped = effect("base_slope").change(setup, {"angle": 1.5, "azimuth": 180.0})
-    b, h, g = 0.2, 0.6, setup.engine.gravity
-    pull = strength * 0.4 * 0.6 * b / setup.rock.mass.mass
+    block, t, strength = bench.block(), math.radians(1.5), 5e3
+    sloped = effect("base_slope").change(block, {"angle": 1.5, "azimuth": 180.0})
+    b, h, g = 0.2, 0.6, block.scene.engine.gravity
+    pull = strength * 0.4 * 0.6 * b / block.scene.rock.mass.mass
     expected = (g * (b * math.cos(t) - h * math.sin(t)) + pull) / (
         h * math.cos(t) + b * math.sin(t)
     )
@@ -363,12 +364,12 @@ def test_small_roundings_and_bumps_stand_on_the_base_of_the_box(
     # The engine's margin around a hull must not narrow the base: 1 mm would be 0.5 %. On bumps the
     # block first tips by height over the distance of tip and edge.
     bench = EffectBench(mode)
-    setup = bench.block()
-    threshold = setup.engine.gravity * 0.2 / 0.6
+    block = bench.block()
+    threshold = block.scene.engine.gravity * 0.2 / 0.6
     tipped = [
         float(
             bench.run(
-                replace(setup, motion=bench.push(share * threshold)),
+                replace(block, motion=bench.push(share * threshold)),
                 effect(name), {parameter: 1e-5},
             ).tilt[:700].max()
         )
@@ -381,10 +382,10 @@ def test_small_roundings_and_bumps_stand_on_the_base_of_the_box(
 
 
 def test_a_rounding_is_continuous_at_the_margin() -> None:
-    setup = EffectBench().block()
-    margin = setup.engine.collision_margin
+    block = EffectBench().block()
+    margin = block.scene.engine.collision_margin
     below, above = (
-        effect("edge_rounding").change(setup, {"radius": margin * share}).rock.parts[0]
+        effect("edge_rounding").change(block, {"radius": margin * share}).scene.rock.parts[0]
         for share in (1 - 1e-9, 1)
     )
     assert isinstance(below, Hull)
@@ -395,9 +396,9 @@ def test_a_rounding_is_continuous_at_the_margin() -> None:
 
 def test_a_rounding_below_the_margin_narrows_the_base_of_a_box_on_its_side() -> None:
     box = Box(size=(1.2, 0.6, 0.4), center=(0.0, 0.1, 0.0))
-    setup = EffectBench().block()
+    block = EffectBench().block()
     half = math.sqrt(0.5)
-    lying = replace(setup, start=Pose(setup.start.position, (0.0, half, 0.0, half)))
+    lying = replace(block, start=Pose(block.start_pose.position, (0.0, half, 0.0, half)))
     points = box_with_margin(box, lying, 4e-4)
     assert np.ptp(points, axis=0) == pytest.approx([1.198, 0.5992, 0.3992])
 
@@ -413,7 +414,7 @@ def test_a_rounding_below_the_margin_narrows_the_base_of_a_box_on_its_side() -> 
 )
 def test_a_rock_that_cannot_stand_is_refused(effects: dict[str, dict[str, float]]) -> None:
     # Before, it fell while settling, and the trial said "stable".
-    trial = trial_of(EffectBench().block())
+    trial = EffectBench().block()
     with (
         pytest.warns(EffectRangeWarning),
         pytest.raises(GeometryError, match=r"effects\..* beyond the rock's support"),
@@ -422,7 +423,7 @@ def test_a_rock_that_cannot_stand_is_refused(effects: dict[str, dict[str, float]
 
 
 def test_a_slope_and_a_shift_uphill_may_stand() -> None:
-    trial = trial_of(EffectBench().block())
+    trial = EffectBench().block()
     with pytest.warns(EffectRangeWarning):
         apply_effects(
             [trial],
@@ -467,7 +468,6 @@ def test_a_module_is_told_from_an_effect(
 
 
 OWN = """
-from dataclasses import replace
 from vsr2.effects import Effect, Parameter
 
 class Own(Effect):
@@ -481,9 +481,10 @@ class Own(Effect):
 GRAVITY = """    stage = "inertia"
     parameters = (Parameter("size", "1", {null}, -0.05, 0.05, "uniform", "of it"),)
 
-    def change(self, setup, values):
-        gravity = setup.engine.gravity * ({factor})
-        return replace(setup, engine=setup.engine.model_copy(update={{"gravity": gravity}}))
+    def change(self, trial, values):
+        gravity = trial.scene.engine.gravity * ({factor})
+        engine = trial.scene.engine.model_copy(update={{"gravity": gravity}})
+        return trial.with_scene(engine=engine)
 """
 
 
@@ -494,10 +495,10 @@ GRAVITY = """    stage = "inertia"
         (
             # Acts at its null value, too.
             "    def is_null(self, values):\n        return False\n"
-            "    def change(self, setup, values):\n"
-            "        soft = setup.contact.rock.model_copy(update={'stiffness': 1e6})\n"
-            "        contact = setup.contact.model_copy(update={'rock': soft})\n"
-            "        return replace(setup, contact=contact)\n",
+            "    def change(self, trial, values):\n"
+            "        contact = trial.scene.contact\n"
+            "        soft = contact.rock.model_copy(update={'stiffness': 1e6})\n"
+            "        return trial.with_scene(contact=contact.model_copy(update={'rock': soft}))\n",
             ["neutral: NO: the trajectory differs at the null value"],
         ),
         (
@@ -541,11 +542,11 @@ def test_an_effect_that_fails_a_check_is_told(
         (OWN.replace('"uniform", "of it"', '"loguniform", "of it"'), "positive lower end"),
         (OWN + "    channels = ('tilts',)\n", "'tilts' is no channel; known are motion, tilt"),
         (
-            OWN + "    def change(self, setup, values):\n        pass\n",
-            "`change` must return a Setup .returned NoneType",
+            OWN + "    def change(self, trial, values):\n        pass\n",
+            "`change` must return a Trial .returned NoneType",
         ),
         (
-            OWN + "    def change(self, setup, values):\n        return values['length']\n",
+            OWN + "    def change(self, trial, values):\n        return values['length']\n",
             "effect 'own' fails a small step from its null value: KeyError: 'length'",
         ),
     ],

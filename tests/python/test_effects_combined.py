@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from effect_closed_forms import half_widths
 
 from vsr2 import apply_effects, run_batch
-from vsr2.effects import Effect, Setup, effect, in_order, library
-from vsr2.effects.geometry import half_widths, mass_height
+from vsr2.effects import Effect, effect, in_order, library, with_effects
+from vsr2.effects.standing import mass_height
 from vsr2.errors import GeometryError, MotionError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.scene.rotation import matrix_from_quaternion
-from vsr2.simulation import Trial
-from vsr2.simulation.bench import EffectBench, trial_of
-from vsr2.simulation.effects import setup_of, with_effects
+from vsr2.simulation.bench import EffectBench, with_tail
+from vsr2.trial import Trial
 
 EFFECTS = in_order(library())
 SLOPE = {"angle": 1.0, "azimuth": 30.0}
@@ -34,13 +34,13 @@ def moderate(one: Effect) -> dict[str, float]:
     }
 
 
-def changed(setup: Setup, *given: tuple[str, dict[str, float]]) -> Setup:
+def changed(trial: Trial, *given: tuple[str, dict[str, float]]) -> Trial:
     effects = [(effect(name), effect(name).complete(values)) for name, values in given]
-    return setup_of(with_effects([trial_of(setup)] * 2, effects, orders=[0.0, 1.0])[1])
+    return with_effects([trial] * 2, effects, orders=[0.0, 1.0])[1]
 
 
 def test_every_pair_builds_a_trial_on_the_block() -> None:
-    trials = [trial_of(EffectBench("auto").block())] * 2
+    trials = [EffectBench("auto").block()] * 2
     pairs = list(itertools.combinations(EFFECTS, 2))
     assert len(pairs) == 378
     for one, other in pairs:
@@ -58,24 +58,24 @@ def test_every_pair_builds_a_trial_on_the_block() -> None:
     ],
 )
 def test_on_a_slope_trials_run(given: tuple[str, dict[str, float]]) -> None:
-    setup = replace(EffectBench("auto").block(), motion=EffectBench().pulse(3.6, 2.0))
+    block = replace(EffectBench("auto").block(), motion=EffectBench().pulse(3.6, 2.0))
     names = {"base_slope": SLOPE, given[0]: given[1]}
-    result = run_batch(apply_effects([trial_of(setup, tail=0.5)] * 2, names), threads=1)
+    result = run_batch(apply_effects([with_tail(block, 0.5)] * 2, names), threads=1)
     assert set(result["status"]) <= {"ok", "tail_timeout"}
 
 
 def test_a_slope_leaves_the_frame_of_the_top_as_it_was() -> None:
-    setup = EffectBench().block()
-    tilted = changed(setup, ("base_slope", SLOPE))
-    assert mass_height(tilted) == pytest.approx(mass_height(setup), abs=1e-12)
-    assert half_widths(tilted) == pytest.approx(half_widths(setup), abs=1e-12)
+    block = EffectBench().block()
+    tilted = changed(block, ("base_slope", SLOPE))
+    assert mass_height(tilted) == pytest.approx(mass_height(block), abs=1e-12)
+    assert half_widths(tilted) == pytest.approx(half_widths(block), abs=1e-12)
     # Slenderness is told in that frame too: before and after the slope is the same.
     lean = ("slenderness", {"change": 0.05})
-    first = changed(changed(setup, lean), ("base_slope", SLOPE))
+    first = changed(changed(block, lean), ("base_slope", SLOPE))
     last = changed(tilted, lean)
     centres = [
-        matrix_from_quaternion(s.start.orientation) @ s.rock.mass.mass_center
-        + np.asarray(s.start.position)
+        matrix_from_quaternion(s.start_pose.orientation) @ s.scene.rock.mass.mass_center
+        + np.asarray(s.start_pose.position)
         for s in (first, last)
     ]
     np.testing.assert_allclose(centres[0], centres[1], atol=1e-12)
@@ -83,23 +83,25 @@ def test_a_slope_leaves_the_frame_of_the_top_as_it_was() -> None:
 
 def test_slopes_add_up_to_what_a_rock_cannot_stand_on() -> None:
     # tan(alpha) = 1/3, 18.4 degrees: 10 and 10 is too much, 10 uphill after 10 downhill is level.
-    setup = EffectBench().block()
+    block = EffectBench().block()
     ten = {"angle": 10.0, "azimuth": 180.0}
-    tilted = changed(setup, ("base_slope", ten))
+    tilted = changed(block, ("base_slope", ten))
     with pytest.raises(GeometryError, match=r"effects\.base_slope\.angle"):
         changed(tilted, ("base_slope", ten))
     level = changed(tilted, ("base_slope", ten | {"azimuth": 0.0}))
-    np.testing.assert_allclose(level.start.orientation, setup.start.orientation, atol=1e-12)
-    np.testing.assert_allclose(level.start.position, setup.start.position, atol=1e-12)
+    np.testing.assert_allclose(
+        level.start_pose.orientation, block.start_pose.orientation, atol=1e-12
+    )
+    np.testing.assert_allclose(level.start_pose.position, block.start_pose.position, atol=1e-12)
 
 
 def test_the_joint_of_a_sloping_pedestal_stays_below_the_rock() -> None:
-    setup = EffectBench().block()
+    block = EffectBench().block()
     pitch = ("table_pitch", {"compliance": 0.005, "depth": 0.4})
-    level = changed(setup, pitch).pedestal.pitch_pivot
-    assert level == pytest.approx(setup.pedestal.top - 0.4)
-    sloping = changed(setup, ("base_slope", SLOPE), pitch).pedestal
-    assert sloping.top > setup.pedestal.top + 0.1
+    level = changed(block, pitch).scene.pedestal.pitch_pivot
+    assert level == pytest.approx(block.scene.pedestal.top - 0.4)
+    sloping = changed(block, ("base_slope", SLOPE), pitch).scene.pedestal
+    assert sloping.top > block.scene.pedestal.top + 0.1
     assert sloping.pitch_pivot == level
 
 
@@ -111,7 +113,7 @@ def recorded() -> Motion:
 
 
 def shaken(motion: Motion) -> Trial:
-    return trial_of(replace(EffectBench().block(), motion=motion))
+    return replace(EffectBench().block(), motion=motion)
 
 
 @pytest.mark.parametrize("channel", ["displacement", "acceleration"])

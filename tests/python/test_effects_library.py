@@ -13,11 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from effect_checks import engines_differ
+from effect_closed_forms import closed_forms
 
-from vsr2.effects import Circumstances, Effect, Parameter, Setup, in_order, library
+from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.scene import Hull
 from vsr2.simulation import run_batch
 from vsr2.simulation.effect_checks import ROCKS, EffectChecker, Rock, beside_null, ensemble
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = {
@@ -80,19 +83,19 @@ class PerturbedHull(Effect):
     )
     stage = "geometry"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         rng = np.random.default_rng([7, int(values["seed"])])
         parts = tuple(
             Hull(part.points + values["size"] * rng.standard_normal(part.points.shape))
             if isinstance(part, Hull)
             else part
-            for part in setup.rock.parts
+            for part in trial.scene.rock.parts
         )
-        return dataclasses.replace(setup, rock=dataclasses.replace(setup.rock, parts=parts))
+        return trial.with_scene(rock=dataclasses.replace(trial.scene.rock, parts=parts))
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-7, 1e-5])
-def test_a_hull_perturbed_anew_is_not_alive(size: float, checker: EffectChecker) -> None:
+def test_a_hull_perturbed_again_is_not_alive(size: float, checker: EffectChecker) -> None:
     for seed in (0.0, 1.0):
         found = checker.alive(PerturbedHull(), "scan", {"size": size, "seed": seed})
         assert not found.good, found
@@ -100,8 +103,8 @@ def test_a_hull_perturbed_anew_is_not_alive(size: float, checker: EffectChecker)
 
 @pytest.mark.parametrize("rock", ROCKS)
 def test_trials_of_the_checks_end_at_rest(rock: Rock, checker: EffectChecker) -> None:
-    setup = checker.bench.block() if rock == "block" else checker.bench.scan()
-    trials = ensemble(setup, checker.motions(rock), 0.0, 1)
+    standing = checker.bench.block() if rock == "block" else checker.bench.scan()
+    trials = ensemble(standing, checker.motions(rock), 0.0, 1)
     quick = [trials[0], trials[-1]]
     assert all(status == "ok" for status in run_batch(quick, threads=1)["status"])
 
@@ -111,12 +114,12 @@ def test_exact_and_fast_agree(effect: Effect, checker: EffectChecker) -> None:
     # By rounding, over the first swing; a rounded edge lies flat on facets, which adds some, and
     # under the hardest pulse, of 4 g, grows within it.
     seconds = 0.25 if effect.name == "edge_rounding" else 0.3
-    assert checker.engines_differ(effect, "block", seconds) < 2e-6
+    assert engines_differ(checker, effect, "block", seconds) < 2e-6
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
 def test_right(effect: Effect, checker: EffectChecker) -> None:
-    checks = effect.verify(checker.bench)
+    checks = closed_forms(effect, checker.bench)
     assert checks
     for check in checks:
         assert check.good, check
@@ -124,16 +127,21 @@ def test_right(effect: Effect, checker: EffectChecker) -> None:
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
-def test_null_values_give_the_setup_back(effect: Effect, checker: EffectChecker) -> None:
-    setup = checker.bench.block()
-    there = Circumstances(1.0, "b", ("a", "b"), np.random.default_rng(0))
-    assert effect.apply(setup, effect.null(), there) is setup
+def test_null_values_give_the_trial_back(effect: Effect, checker: EffectChecker) -> None:
+    trials = [checker.bench.block()] * 2
+
+    def last(values: dict[str, float]) -> Trial:
+        return with_effects(trials, [(effect, values)], sessions=["a", "b"])[1]
+
+    assert last(effect.null()) is trials[1]
+    changed = last(effect.extreme())
+    assert [one.effect for one in changed.effects] == [effect]
     if effect.stage != "outcome":
-        assert effect.apply(setup, effect.extreme(), there) is not setup
+        assert changed.sha256 != dataclasses.replace(trials[1], effects=changed.effects).sha256
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
-def test_descriptions_are_whole(effect: Effect) -> None:
+def test_descriptions_are_complete(effect: Effect) -> None:
     assert set(effect.confounded_with) <= NAMES
     assert effect.meaning
     assert effect.source

@@ -12,8 +12,8 @@ from vsr2.config import study_from_mapping
 from vsr2.effects import in_order, library
 from vsr2.errors import ResultError
 from vsr2.results import prepare_folder
-from vsr2.simulation import Shard, Trial, merge_shards, run_shard, study_trials
-from vsr2.simulation.trial import plan_sha256
+from vsr2.simulation import Shard, merge_shards, plan_sha256, run_shard, study_trials
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 SEVERAL = {

@@ -120,7 +120,8 @@ def test_a_target_pga_replaces_the_scale_but_its_sign():
     record = Record("r", 1 / RATE, displacement=X)
     plain = build_recorded_motion(record, STEP)
     for scale in (1.0, 5.0, -5.0):
-        motion = build_recorded_motion(record, STEP, scale=scale, target_pga=4.0)
+        motion = build_recorded_motion(record, STEP, scale=scale)
+        motion = motion.scaled_to_pga(4.0, name=motion.name)
         assert motion.pga == pytest.approx(4.0, rel=1e-12)
         assert motion.name == "r"
         np.testing.assert_allclose(

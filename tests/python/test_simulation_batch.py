@@ -19,8 +19,9 @@ from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_recorded_motion, cosine_motion, read_record
 from vsr2.results import BatchResult
 from vsr2.scene import Pose
-from vsr2.simulation import Simulation, Trial, run_batch, study_trials
+from vsr2.simulation import Simulation, run_batch, study_trials
 from vsr2.simulation.native_trials import run_native
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -21,12 +21,11 @@ import yaml
 from vsr2 import _native
 from vsr2.cli.main import main
 from vsr2.config.study import Outcome, Output, Study
+from vsr2.effects import apply_effects
 from vsr2.errors import ResultError, SimulationError
 from vsr2.results import JOURNAL_FILE, BatchResult, load_result, load_trial_log, prepare_folder
 from vsr2.simulation import (
     Shard,
-    Trial,
-    apply_effects,
     connect,
     merge_shards,
     run_batch,
@@ -34,6 +33,7 @@ from vsr2.simulation import (
     study_trials,
 )
 from vsr2.simulation.distributed import MAX_CHUNK_BYTES, _chunks
+from vsr2.trial import Trial
 
 # Not the fastest engine, so that there is time to interfere.
 STUDY = """
@@ -242,7 +242,7 @@ def test_meshes_and_motions_travel_once(
         return submit(function, *arguments, key=key, **options)
 
     monkeypatch.setattr(client, "submit", counted)
-    monkeypatch.setattr("vsr2.simulation.distributed._contents", {})  # meshes of earlier tests
+    monkeypatch.setattr("vsr2.simulation.distributed._held", {})  # meshes of earlier tests
     result = run_batch(batch, client=client)
     assert set(result["status"]) == {"ok"}
     contents = [key for key, _ in sent if not key.startswith("vsr2-trials-")]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -17,12 +16,10 @@ from vsr2.errors import ResultError, SimulationError
 from vsr2.motion import Motion, SideMotion
 from vsr2.results import load_trial_log, save_trial_log
 from vsr2.results.result import rotate
-from vsr2.scene import Mechanisms, PedestalBody, RockBody, build_pedestal, build_rock
-from vsr2.simulation import Simulation, Trial, make_scene, run_batch
+from vsr2.scene import Mechanisms, PedestalBody, RockBody, Scene, build_pedestal, build_rock
+from vsr2.simulation import Simulation, native_scene, plan_sha256, run_batch
 from vsr2.simulation.bench import EffectBench
-from vsr2.simulation.orders import Cargo, _motion, _scene
-from vsr2.simulation.scene import Scene
-from vsr2.simulation.trial import plan_sha256
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 SCAN = ROOT / "models" / "pbr_scan.obj"
@@ -54,7 +51,7 @@ def bodies(of: Study) -> tuple[RockBody, PedestalBody]:
 
 
 def scene(of: Study, mechanisms: Mechanisms | None = None) -> Scene:
-    return make_scene(*bodies(of), of.engine, of.contact, mechanisms)
+    return Scene(*bodies(of), of.engine, of.contact, mechanisms or Mechanisms())
 
 
 def pulse(size: float = 0.12, frequency: float = 1.2, sides: tuple[str, ...] = ()) -> Motion:
@@ -91,7 +88,7 @@ def test_each_is_alive(rock: dict[str, Any], mode: str) -> None:
 
 def test_values_without_meaning_are_refused() -> None:
     with pytest.raises(SimulationError, match="friction_ratio must be finite and at least 1"):
-        scene(study(BOX), Mechanisms(friction_ratio=0.9))
+        native_scene(scene(study(BOX), Mechanisms(friction_ratio=0.9)))
 
 
 def test_hashes_know_what_acts_and_only_that() -> None:
@@ -101,7 +98,7 @@ def test_hashes_know_what_acts_and_only_that() -> None:
     assert scene(given, Mechanisms(friction_speed=0.5)).sha256 == plain
     hashes = {scene(given, mechanisms).sha256 for mechanisms in EACH.values()}
     assert len(hashes | {plain}) == len(EACH) + 1
-    pivoted = make_scene(rock, replace(pedestal, pitch_pivot=0.0), given.engine, given.contact)
+    pivoted = Scene(rock, replace(pedestal, pitch_pivot=0.0), given.engine, given.contact)
     assert pivoted.sha256 != plain
     plans = {
         plan_sha256([Trial(scene(given, m), pulse(sides=sides))])
@@ -109,17 +106,6 @@ def test_hashes_know_what_acts_and_only_that() -> None:
         for sides in ((), ("pitch",), ("vertical",))
     }
     assert len(plans) == 6
-
-
-def test_orders_carry_mechanisms_and_side_motions() -> None:
-    trial = Trial(scene(study(BOX), EACH["adhesion"]), pulse(sides=("transverse", "pitch")))
-    cargo = Cargo([trial])
-    (order,) = pickle.loads(cargo.orders([0]))
-    content = {key: cargo.content(key) for key in cargo.keys(0)}
-    there = _scene(order.scene, content)
-    assert there.mechanisms.key == trial.scene.mechanisms.key
-    assert there.sha256 == trial.scene.sha256
-    assert _motion(order.motion, content[order.motion.samples]).sha256 == trial.motion.sha256
 
 
 def test_side_motions_need_the_prescribed_drive() -> None:
@@ -151,7 +137,7 @@ def test_logs_are_relative_to_the_pedestal(tmp_path: Path) -> None:
     """A wide block goes along with a pedestal that pitches about an axis far below it."""
     given = study({"shape": "box", "size": [0.8, 0.8, 0.3], "density": 2700.0})
     rock, pedestal = bodies(given)
-    of = make_scene(rock, replace(pedestal, pitch_pivot=0.5), given.engine, given.contact)
+    of = Scene(rock, replace(pedestal, pitch_pivot=0.5), given.engine, given.contact)
     motion = pulse(0.1, 0.5, ("transverse", "vertical", "pitch"))
     half = motion.displacement.size // 2  # ends away from its start
     motion = replace(
@@ -216,7 +202,7 @@ def energies(ratio: float, azimuth: float) -> NDArray[np.float64]:
         conjugate = state.body_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
         w = rotate(conjugate, state.angular_velocity)
         kinetic = 0.5 * state.velocity @ state.velocity
-        kinetic += 0.5 * w @ (of.rock_inertia * w) / of.rock.mass.mass
+        kinetic += 0.5 * w @ (native_scene(of).rock_inertia * w) / of.rock.mass.mass
         out.append(kinetic / 9.81 + state.position[2] - rest)
     return np.array(out)
 
@@ -242,10 +228,10 @@ def peaks(tilt: NDArray[np.float64], least: float) -> NDArray[np.float64]:
 @pytest.mark.parametrize("ratio", [0.65, 1.0, 1.1])
 def test_low_swings_keep_their_energy_too(ratio: float, mode: Literal["exact", "fast"]) -> None:
     bench = EffectBench(mode)
-    setup = replace(bench.block(), mechanisms=Mechanisms(impact_energy_ratio=ratio))
+    trial = bench.block().with_scene(mechanisms=Mechanisms(impact_energy_ratio=ratio))
     alpha = math.atan2(0.2, 0.6)
     share = ratio * (1 - 1.5 * math.sin(alpha) ** 2) ** 2
-    tilts = peaks(bench.release(setup, 0.7 * alpha, 3.0).tilt, 0.01)
+    tilts = peaks(bench.release(trial, 0.7 * alpha, 3.0).tilt, 0.01)
     energy = np.cos(alpha - tilts) - math.cos(alpha)
     assert len(energy) >= 4
     # A step of 1 ms leaves open when an impact is, by up to 1 % of the speed at 0.01 rad.

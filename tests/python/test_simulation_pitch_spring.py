@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vsr2.effects import effect
+from vsr2.effects import apply_effects, effect
 from vsr2.effects.oscillator import respond
 from vsr2.errors import ConfigError, MotionError, SimulationError
 from vsr2.motion import (
@@ -23,10 +23,9 @@ from vsr2.motion import (
     read_record,
 )
 from vsr2.scene import PitchSpring
-from vsr2.simulation import Simulation, Trial, apply_effects, run_batch
-from vsr2.simulation.bench import EffectBench, trial_of
-from vsr2.simulation.orders import Cargo, _scene
-from vsr2.simulation.scene import make_scene
+from vsr2.simulation import Simulation, native_scene, run_batch
+from vsr2.simulation.bench import EffectBench
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = 1e12
@@ -36,7 +35,7 @@ SPRING = PitchSpring(frequency=8.0, damping=0.1, compliance=5e-4, inertia=400.0)
 
 def still(motion: Motion, mode: Literal["exact", "fast"] = "fast") -> Trial:
     """The bench's block under a motion."""
-    return trial_of(replace(EffectBench(mode).block(), motion=motion))
+    return replace(EffectBench(mode).block(), motion=motion)
 
 
 def pitch_of(trial: Trial) -> NDArray[np.float64]:
@@ -76,7 +75,7 @@ def test_a_stiff_joint_is_a_rigid_table() -> None:
     given = replace(SPRING, frequency=10.0, compliance=0.0, inertia=500.0)
     scene = shaken.scene
     pedestal = replace(scene.pedestal, pitch_spring=given, pitch_pivot=scene.pedestal.top - 0.5)
-    free = replace(shaken, scene=make_scene(scene.rock, pedestal, scene.engine, scene.contact))
+    free = shaken.with_scene(pedestal=pedestal)
     peaks = run_batch([shaken, *changed, free], threads=1)["peak_tilt"].astype(float)
     plain, stiff, soft, turning = (float(peak) for peak in peaks)
     assert plain > 0.02
@@ -115,24 +114,10 @@ def test_equal_springs_share_a_scene() -> None:
     assert len({plain.sha256, one.scene.sha256, other.scene.sha256}) == 3
 
 
-def test_a_worker_builds_the_same_scene() -> None:
-    trial = apply_effects(
-        [still(EffectBench().pulse(1.0, 2.0))], {"table_pitch": {"compliance": 0.01}}
-    )[0]
-    cargo = Cargo([trial])
-    content = {key: cargo.content(key) for key in cargo.keys(0)}
-    rebuilt = _scene(cargo._orders[0].scene, content)
-    assert rebuilt.pedestal.pitch_spring == trial.scene.pedestal.pitch_spring
-    there = pitch_of(replace(trial, scene=rebuilt))
-    np.testing.assert_array_equal(there, pitch_of(trial))
-
-
 def test_a_simulation_pitches_by_itself() -> None:
-    setup = EffectBench().block()
-    pedestal = replace(setup.pedestal, pitch_spring=SPRING, pitch_pivot=setup.pedestal.top - 0.5)
-    scene = make_scene(
-        replace(setup.rock, start=setup.start), pedestal, setup.engine, setup.contact
-    )
+    block = EffectBench().block().scene
+    pedestal = replace(block.pedestal, pitch_spring=SPRING, pitch_pivot=block.pedestal.top - 0.5)
+    scene = replace(block, pedestal=pedestal)
     simulation = Simulation(scene)
     assert simulation.drive == "prescribed_spatial"
     simulation.settle()
@@ -161,14 +146,13 @@ def test_what_cannot_be_is_refused() -> None:
         run_batch([replace(changed, drive="motor")], threads=1)
     # 778 kg, 1.1 m over the joint: 8.4 kN m against 100 kg m g / 0.2.
     one = effect("table_pitch")
-    setup = EffectBench().block()
+    block = EffectBench().block()
     weak = one.complete({"compliance": 0.2, "moment": 100.0})
     with pytest.raises(ConfigError, match=r"effects\.table_pitch\.moment: .* raise it"):
-        one.change(setup, weak)
-    coarse = replace(setup, engine=setup.engine.model_copy(update={"time_step": 0.002}))
+        one.change(block, weak)
+    coarse = block.with_scene(engine=block.scene.engine.model_copy(update={"time_step": 0.002}))
     with pytest.raises(ConfigError, match=r"effects\.table_pitch\.frequency: .* lower it"):
         one.change(coarse, one.complete({"compliance": 0.01, "frequency": 125.0}))
     bad = replace(shaken.scene.pedestal, pitch_spring=replace(SPRING, inertia=-1.0))
-    scene = shaken.scene
     with pytest.raises(SimulationError, match="pitch_spring: inertia must be positive"):
-        make_scene(scene.rock, bad, scene.engine, scene.contact)
+        native_scene(shaken.with_scene(pedestal=bad).scene)

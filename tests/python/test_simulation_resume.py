@@ -20,7 +20,8 @@ from vsr2.config.study import Output, Study
 from vsr2.errors import ResultError
 from vsr2.motion import Motion
 from vsr2.results import JOURNAL_FILE, BatchResult, Journal, load_trial_log, prepare_folder
-from vsr2.simulation import Trial, run_batch, study_trials
+from vsr2.simulation import run_batch, study_trials
+from vsr2.trial import Trial
 
 STUDY = """
 name: killed

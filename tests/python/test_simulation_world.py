@@ -9,9 +9,9 @@ import pytest
 
 from vsr2.config.study import Material, Study
 from vsr2.errors import SimulationError
+from vsr2.scene import build_scene
 from vsr2.simulation import (
     Simulation,
-    build_scene,
     contact_softness,
     effective_pair,
     inverse_mass_along,

@@ -21,13 +21,14 @@ from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
 from vsr2.config.motion_source import AllRecordings
 from vsr2.config.study import Study
+from vsr2.effects import apply_effects
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, channel_noise
 from vsr2.results import has_journal, prepare_folder
-from vsr2.scene import PedestalBody, RockBody, build_pedestal, build_rock
+from vsr2.scene import PedestalBody, RockBody, Scene, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
-from vsr2.simulation import Trial, apply_effects, make_scene, run_batch
-from vsr2.simulation.trial import plan_sha256
+from vsr2.simulation import plan_sha256, run_batch
+from vsr2.trial import Trial
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which a trial's outcome is known."""
@@ -199,7 +200,7 @@ class Evaluator:
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def _trials(self, study: Study, bodies: tuple[RockBody, PedestalBody]) -> list[Trial]:
-        scene = make_scene(*bodies, study.engine, study.contact)
+        scene = Scene(*bodies, study.engine, study.contact)
         output = study.output.model_copy(
             update={"log_every": 0, "log_settling": False, "contacts_every": 0, "npy": False}
         )

@@ -38,7 +38,7 @@ class Evaluation:
         predicted: of each trial 1 (overturned), 0, or NaN (failed), shape (trials,).
         known: whether it was simulated, shape (trials,); None: all were. Where it was not,
             `predicted` is NaN in the store, and an assumption in a screened search.
-        plan: hash of all that the predictions depend on (:func:`vsr2.simulation.trial.plan_sha256`
+        plan: hash of all that the predictions depend on (:func:`vsr2.simulation.plan_sha256`
             over the trials).
         seconds: wall time of its simulation [s].
     """

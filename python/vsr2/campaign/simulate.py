@@ -23,7 +23,7 @@ from vsr2.campaign.campaign import (
     Specimen,
 )
 from vsr2.config.study import MeshRock, Study
-from vsr2.effects import chosen
+from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
 from vsr2.results import BatchResult, TrialLog, load_trial_log, quaternion_product
@@ -31,7 +31,7 @@ from vsr2.results import BatchResult, TrialLog, load_trial_log, quaternion_produ
 if TYPE_CHECKING:
     import distributed
 
-    from vsr2.simulation import Trial
+    from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -108,7 +108,7 @@ def simulate_campaign(
             runs.
         ResultError: the checkpoint cannot be used, or belongs to other trials.
     """
-    from vsr2.simulation import apply_effects, run_batch, study_trials
+    from vsr2.simulation import run_batch, study_trials
 
     wanted = dict(effects or {})
     if isinstance(study, Study):
@@ -242,7 +242,7 @@ def _generator(seed: int, trial: int, stream: int) -> np.random.Generator:
 
 def _digest(trials: Sequence[Trial], noise: MeasurementNoise, seed: int) -> str:
     """Of everything that decides what a trial gives."""
-    from vsr2.simulation.trial import plan_sha256
+    from vsr2.simulation import plan_sha256
 
     content = [plan_sha256(trials), asdict(noise), seed]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -166,9 +166,11 @@ def _print(report: EffectReport) -> None:
     else:
         print("  continuous: not told, the null value has no value beside it")
     print(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
-    if not report.right:
+    if report.right is None:
+        print("  right: not told here, VSR2's own tests hold its closed forms")
+    elif not report.right:
         print("  right: NO, its `verify` gives no check")
-    for check in report.right:
+    for check in report.right or ():
         print(
             f"  right: {'yes' if check.good else 'NO'}, {check.what}: {check.measured:.5g}, "
             f"expected {check.expected:.5g} +- {check.tolerance:.2g}"

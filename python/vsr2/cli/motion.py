@@ -164,10 +164,9 @@ def _convert(options: argparse.Namespace) -> int:
         baseline=options.baseline,
         filter=_filter(options),
         scale=1.0 if options.scale is None else options.scale,
-        target_pga=(
-            None if options.scale_to_pga is None else options.scale_to_pga * STANDARD_GRAVITY
-        ),
     )
+    if options.scale_to_pga is not None:
+        motion = motion.scaled_to_pga(options.scale_to_pga * STANDARD_GRAVITY, name=motion.name)
     write_record(motion, options.target, note=motion.source)
     print(f"{options.target}: PGA {motion.pga / STANDARD_GRAVITY:.4g} g, PGV {motion.pgv:.4g} m/s")
     return 0

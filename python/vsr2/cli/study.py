@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from vsr2.config import Study
     from vsr2.results import BatchResult
-    from vsr2.simulation import Trial
+    from vsr2.trial import Trial
 
 
 def add_verbs(verbs: Any) -> None:
@@ -101,7 +101,7 @@ def _run_all(
         save_models,
         save_result,
     )
-    from vsr2.simulation import merge_shards, run_batch
+    from vsr2.simulation import merge_shards, native_scene, run_batch
 
     scene = trials[0].scene
     facts: dict[str, Any] = {"study": study.model_dump(mode="json")}
@@ -113,7 +113,7 @@ def _run_all(
         print(
             f"{study.name}: {len(trials)} trials, {Path(scene.rock.source).name} "
             f"({scene.rock.mass.mass:.4g} kg) on {Path(scene.pedestal.source).name}, engine "
-            f"{scene.engine_name}"
+            f"{native_scene(scene).engine}"
         )
         for note in scene.rock.notes:
             print(f"note: {note}")

@@ -1,6 +1,7 @@
 """Effects that a simulation may lack: the library, and how users add their own."""
 
-from vsr2.effects.effect import STAGES, Applied, Bench, Check, Effect, Response
+from vsr2.effects.apply import apply_effects, with_effects
+from vsr2.effects.effect import STAGES, Bench, Check, Circumstances, Effect, Response
 from vsr2.effects.parameter import EffectRangeWarning, EffectWarning, Parameter
 from vsr2.effects.registry import (
     check_study_effects,
@@ -11,21 +12,19 @@ from vsr2.effects.registry import (
     module_effects,
     register,
 )
-from vsr2.effects.setup import Circumstances, Observation, Setup, restand
+from vsr2.effects.standing import restand
 
 __all__ = [
     "STAGES",
-    "Applied",
     "Bench",
     "Check",
     "Circumstances",
     "Effect",
     "EffectRangeWarning",
     "EffectWarning",
-    "Observation",
     "Parameter",
     "Response",
-    "Setup",
+    "apply_effects",
     "check_study_effects",
     "chosen",
     "effect",
@@ -34,4 +33,5 @@ __all__ = [
     "module_effects",
     "register",
     "restand",
+    "with_effects",
 ]

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vsr2.config.motion_source import Filter
-from vsr2.effects.effect import Bench, Check, Effect
-from vsr2.effects.geometry import mass_height, uplift_acceleration
+from vsr2.effects.effect import Effect
 from vsr2.effects.oscillator import (
     Array,
     Path,
@@ -21,29 +20,31 @@ from vsr2.effects.oscillator import (
     ringing_samples,
 )
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.setup import Setup
+from vsr2.effects.standing import mass_height
 from vsr2.errors import ConfigError, MotionError, SimulationError
-from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass, build_recorded_motion
+from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass
 from vsr2.motion.motion import SIDES
 from vsr2.motion.processing import differentiate
 from vsr2.motion.resample import resample
 from vsr2.scene import PitchSpring
 from vsr2.scene.rotation import IDENTITY
+from vsr2.trial import Trial
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
 """Of the actuator's low-pass: Butterworth's."""
 LOOP_FREQUENCY = 3.0
 """At which a saturated table comes back to its command [Hz]."""
 FILTER_ORDER = 3
+_INPUT = "effects.input_filter.input"
 
 
 def _path(motion: Motion) -> Path:
     return Path(motion.displacement, motion.velocity, motion.acceleration)
 
 
-def _driven(setup: Setup, path: Path, note: str, **sides: SideMotion | None) -> Setup:
-    """The setup under another path, all directions brought to rest at the last sample."""
-    motion = setup.motion
+def _driven(trial: Trial, path: Path, note: str, **sides: SideMotion | None) -> Trial:
+    """The trial under another path, all directions brought to rest at the last sample."""
+    motion = trial.motion
     samples = [path.displacement - path.displacement[0], path.velocity, path.acceleration]
     beside = {name: sides.get(name, getattr(motion, name)) for name in SIDES}
     moving = any(signal[-1] != 0 for signal in samples[1:])
@@ -54,7 +55,7 @@ def _driven(setup: Setup, path: Path, note: str, **sides: SideMotion | None) -> 
         for name, side in beside.items()
     }
     return replace(
-        setup,
+        trial,
         motion=replace(
             motion,
             displacement=_held(samples[0], size),
@@ -62,7 +63,7 @@ def _driven(setup: Setup, path: Path, note: str, **sides: SideMotion | None) -> 
             acceleration=_held(samples[2], size, 0.0),
             source=f"{motion.source}; {note}",
             # From here on the record no longer tells the motion.
-            recording=None,
+            recorded=None,
             **kept,
         ),
     )
@@ -95,8 +96,8 @@ class TimeScale(Effect):
     stage = "actuation"
     rank = 1
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        motion, factor = setup.motion, 1.0 + values["change"]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        motion, factor = trial.motion, 1.0 + values["change"]
         step = motion.time_step
 
         def stretched(signal: Any) -> Any:
@@ -110,19 +111,7 @@ class TimeScale(Effect):
                 sides[name] = SideMotion(slow.displacement, slow.velocity)
         slow = stretched(motion.displacement)
         path = Path(slow.displacement, slow.velocity, slow.acceleration)
-        return _driven(setup, path, f"time times {factor:.12g}", **sides)
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = replace(bench.block(), motion=bench.pulse(2.0, 2.0))
-        slow = self.change(setup, {"change": 0.03}).motion
-        return [
-            Check("PGV of a pulse, over 1.03 [m/s]", slow.pgv, setup.motion.pgv / 1.03, 1e-4),
-            Check(
-                "PGA inside the pulse, over 1.03^2 [m/s^2]",
-                float(np.abs(slow.acceleration[100:-100]).max()), 2.0 / 1.03**2, 2e-3,
-            ),
-            Check("duration, times 1.03 [s]", slow.duration, 0.5 * 1.03, 2e-3),
-        ]  # fmt: skip
+        return _driven(trial, path, f"time times {factor:.12g}", **sides)
 
 
 class InputFilter(Effect):
@@ -157,13 +146,13 @@ class InputFilter(Effect):
     stage = "actuation"
     rank = 0
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         if values["input"] != 0:
-            setup = self._from_channel(setup, int(values["input"]))
-        corner, motion = values["corner"], setup.motion
+            trial = self._from_channel(trial, int(values["input"]))
+        corner, motion = values["corner"], trial.motion
         # What lies beyond half the sampling rate passes everything.
         if corner >= 0.5 / motion.time_step:
-            return setup
+            return trial
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(2.0 / corner / motion.time_step)
         amid = np.concatenate(
@@ -182,70 +171,32 @@ class InputFilter(Effect):
             for name in SIDES
             for side in (getattr(motion, name),)
         }  # fmt: skip
-        return _driven(setup, path, f"low-pass {corner:g} Hz", **sides)
+        return _driven(trial, path, f"low-pass {corner:g} Hz", **sides)
 
-    def _from_channel(self, setup: Setup, choice: int) -> Setup:
-        motion = setup.motion
+    def _from_channel(self, trial: Trial, choice: int) -> Trial:
+        motion, recorded = trial.motion, trial.motion.recorded
         channel: Any = self.parameter("input").choices[choice]
-        recording = motion.recording
-        if recording is None:
+        if recorded is None:
             raise MotionError(
-                f"effects.input_filter.input: {channel} needs a recorded motion that no effect has "
-                f"changed yet, and {motion.name!r} is none; leave it at `study`, or apply it "
-                "together with the other effects"
+                f"{channel} needs a recorded motion that no effect has changed yet, and "
+                f"{motion.name!r} is none; leave it at `study`, or apply it together with the "
+                "other effects",
+                key=_INPUT,
             )
-        needed = ("displacement", "acceleration") if channel == "fused" else (channel,)
-        missing = [name for name in needed if getattr(recording.record, name) is None]
+        missing = recorded.record.lacking(channel)
         if missing:
             raise MotionError(
-                f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
-                f"{recording.record.label} has no {missing[0]} channel; set "
-                "effects.input_filter.input to a channel of the record, or to `study`"
+                f"{channel} cannot be built for {motion.name!r}: {recorded.record.label} has no "
+                f"{missing} channel; set it to a channel of the record, or to `study`",
+                key=_INPUT,
             )
         try:
-            built = build_recorded_motion(
-                recording.record,
-                motion.time_step,
-                channel=channel,
-                baseline=recording.baseline,
-                filter=recording.filter or (Filter() if channel == "acceleration" else None),
-                scale=recording.scale,
-                name=motion.name,
-            )
+            built = recorded.through(channel).motion(motion.time_step, name=motion.name)
         except MotionError as error:
             raise MotionError(
-                f"effects.input_filter.input: {channel} cannot be built for {motion.name!r}: "
-                f"{error}"
+                f"{channel} cannot be built for {motion.name!r}: {error}", key=_INPUT
             ) from error
-        return replace(setup, motion=built)
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        corner = 5.0
-        setup = bench.block()
-        step = setup.engine.time_step
-        checks = []
-        for frequency in (2.0, 5.0, 8.0):
-            time = np.arange(round(6.0 / step)) * step
-            envelope = np.sin(np.pi * time / time[-1]) ** 2
-            x = 0.01 * envelope * np.sin(2 * np.pi * frequency * time)
-            found = differentiate(x, step)
-            motion = replace(
-                setup.motion, displacement=x - x[0], velocity=found.velocity,
-                acceleration=found.acceleration,
-            )  # fmt: skip
-            passed = self.change(
-                replace(setup, motion=motion), {"corner": corner, "input": 0.0}
-            ).motion
-            expected = 1 / (1 + (frequency / corner) ** (2 * FILTER_ORDER))
-            checks.append(
-                Check(
-                    f"gain at {frequency:g} Hz, 1 / (1 + (f / fc)^6) [1]",
-                    float(np.abs(passed.displacement).max() / np.abs(x).max()),
-                    expected,
-                    0.02,
-                )
-            )
-        return checks
+        return replace(trial, motion=built)
 
 
 class TableGain(Effect):
@@ -268,24 +219,9 @@ class TableGain(Effect):
     stage = "actuation"
     rank = 2
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        motion = setup.motion
-        return replace(setup, motion=motion.scaled(1.0 + values["change"], name=motion.name))
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        from vsr2.effects.geometry import half_widths
-
-        setup, change = bench.block(), 0.15
-        _, b = half_widths(setup)
-        expected = setup.engine.gravity * b / mass_height(setup) / (1 + change)
-        return [
-            Check(
-                "uplift at a commanded a = g b / h / (1 + change) [m/s^2]",
-                uplift_acceleration(bench, setup, self, {"change": change}, expected),
-                expected,
-                0.01 * expected,
-            )
-        ]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        motion = trial.motion
+        return replace(trial, motion=motion.scaled(1.0 + values["change"], name=motion.name))
 
 
 class TableBandwidth(Effect):
@@ -312,8 +248,8 @@ class TableBandwidth(Effect):
     stage = "actuation"
     rank = 3
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        motion, corner = setup.motion, values["corner"]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        motion, corner = trial.motion, values["corner"]
         step = motion.time_step
         path = _path(motion)
         late = round(values["delay"] / step)
@@ -332,52 +268,11 @@ class TableBandwidth(Effect):
             for name in SIDES
             if (side := getattr(motion, name)) is not None
         }
-        return _driven(setup, path, f"low-pass {corner:g} Hz, {late} samples late", **sides)
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        corner = 3.0
-        gain = 1 / math.sqrt(2)
-        return [
-            _sine_check(self, bench, {"corner": corner, "delay": 0.0}, corner, gain),
-            _sine_check(
-                self, bench, {"corner": corner, "delay": 0.0}, 6.0, 1 / math.sqrt(1 + 2.0**4)
-            ),
-            self._late(bench),
-        ]
-
-    def _late(self, bench: Bench) -> Check:
-        setup = replace(bench.block(), motion=bench.pulse(2.0, 2.0))
-        late = self.change(setup, {"corner": math.inf, "delay": 0.02}).motion
-        off = np.abs(late.displacement[20 : 20 + 400] - setup.motion.displacement[:400]).max()
-        return Check("delay of 20 ms at 1 kHz, difference after 20 samples [m]", float(off), 0, 0)
+        return _driven(trial, path, f"low-pass {corner:g} Hz, {late} samples late", **sides)
 
 
 def _signals(path: Path) -> tuple[Any, Any, Any]:
     return path.displacement, path.velocity, path.acceleration
-
-
-def _sine_check(
-    effect: Effect, bench: Bench, values: Mapping[str, float], frequency: float, expected: float
-) -> Check:
-    """Steady gain for a sine against the transfer function's."""
-    setup = bench.block()
-    step = setup.engine.time_step
-    time = np.arange(round(4.0 / step)) * step
-    omega = 2 * math.pi * frequency
-    blend = np.clip(time, 0, 1) ** 2 * (3 - 2 * np.clip(time, 0, 1))
-    x = 0.01 * blend * np.sin(omega * time)
-    found = differentiate(x, step)
-    motion = replace(
-        setup.motion, displacement=x, velocity=found.velocity, acceleration=found.acceleration
-    )
-    driven = effect.change(replace(setup, motion=motion), values).motion
-    steady = slice(round(2.5 / step), round(3.9 / step))
-    return Check(
-        f"gain of a sine of {frequency:g} Hz, from the transfer function [1]",
-        float(np.abs(driven.displacement[steady]).max() / 0.01),
-        expected,
-        0.01 * expected,
-    )
 
 
 class TableSaturation(Effect):
@@ -405,36 +300,16 @@ class TableSaturation(Effect):
     stage = "actuation"
     rank = 4
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        motion = setup.motion
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        motion = trial.motion
         velocity, acceleration = values["velocity"], values["acceleration"]
         if motion.pgv <= velocity and motion.pga <= acceleration:
-            return setup
+            return trial
         rest = round(2.0 / motion.time_step)
         path = limited(
             _path(motion).held(rest), velocity, acceleration, motion.time_step, loop=LOOP_FREQUENCY
         )
-        return _driven(setup, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = replace(bench.block(), motion=bench.pulse(3.0, 1.0))
-        cap, most = 0.3, 2.0
-        driven = self.change(setup, {"velocity": cap, "acceleration": most}).motion
-        v, step = driven.velocity, driven.time_step
-        return [
-            Check("greatest speed [m/s]", float(np.abs(v).max()), cap, 1e-9),
-            Check("greatest acceleration [m/s^2]", driven.pga, most, 1e-9),
-            Check(
-                "where it ends, against the command [m]",
-                float(driven.displacement[-1]), float(setup.motion.displacement[-1]), 1e-4,
-            ),
-            Check(
-                "displacement against the integral of the speed [m]",
-                float(np.abs(
-                    np.cumsum(0.5 * (v[1:] + v[:-1])) * step - driven.displacement[1:]
-                ).max()), 0.0, 1e-4,
-            ),
-        ]  # fmt: skip
+        return _driven(trial, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
 
 
 class TableResonance(Effect):
@@ -465,26 +340,13 @@ class TableResonance(Effect):
     stage = "actuation"
     rank = 5
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        motion, frequency = setup.motion, values["frequency"]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        motion, frequency = trial.motion, values["frequency"]
         ratio = 0.5 / math.sqrt(values["amplification"] ** 2 - 1)
         step = motion.time_step
         path = _path(motion).held(ringing_samples(frequency, ratio, step))
         path = base_excited(path, frequency, ratio, step)
-        return _driven(setup, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        values = {"frequency": 12.0, "amplification": 2.0}
-        zeta = 0.5 / math.sqrt(3.0)
-
-        def gain(r: float) -> float:
-            a = (2 * zeta * r) ** 2
-            return math.sqrt((1 + a) / ((1 - r**2) ** 2 + a))
-
-        return [
-            _sine_check(self, bench, values, frequency, gain(frequency / 12.0))
-            for frequency in (4.0, 12.0, 24.0)
-        ]
+        return _driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
 
 
 class OffAxisMotion(Effect):
@@ -506,22 +368,8 @@ class OffAxisMotion(Effect):
     stage = "actuation"
     rank = 6
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _beside(setup, self.name, "transverse", values["share"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        from vsr2.effects.geometry import half_widths
-
-        setup, share = bench.block(), 0.75
-        _, b = half_widths(setup)
-        # Stiff friction and no slip: the mass centre is carried along y as along x.
-        held = replace(
-            setup, motion=bench.push(0.5 * setup.engine.gravity * b / mass_height(setup))
-        )
-        response = bench.run(held, self, {"share": share})
-        moved = response.position[-1] - response.position[0]
-        expected = share * float(response.pedestal[-1])
-        return [Check("travel of a rock that stands, across [m]", float(moved[1]), expected, 1e-3)]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _beside(trial, "transverse", values["share"])
 
 
 class VerticalMotion(Effect):
@@ -544,51 +392,34 @@ class VerticalMotion(Effect):
     stage = "actuation"
     rank = 7
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _beside(setup, self.name, "vertical", values["share"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        from vsr2.effects.geometry import half_widths
-
-        setup, share = bench.block(), 0.5
-        _, b = half_widths(setup)
-        slope = b / mass_height(setup)
-        # a h = (g + share a) b at uplift.
-        expected = setup.engine.gravity * slope / (1 - share * slope)
-        return [
-            Check(
-                "uplift at a = g (b / h) / (1 - share b / h) [m/s^2]",
-                uplift_acceleration(bench, setup, self, {"share": share}, expected),
-                expected,
-                0.01 * expected,
-            )
-        ]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _beside(trial, "vertical", values["share"])
 
 
-def _beside(setup: Setup, effect: str, name: str, share: float) -> Setup:
-    _assert_prescribed(setup, effect)
-    motion = setup.motion
+def _beside(trial: Trial, name: str, share: float) -> Trial:
+    _assert_prescribed(trial)
+    motion = trial.motion
     side: SideMotion | None = getattr(motion, name)
     displacement, velocity = share * motion.displacement, share * motion.velocity
     if side is not None:
         displacement, velocity = displacement + side.displacement, velocity + side.velocity
     sides: dict[str, Any] = {name: SideMotion(displacement, velocity)}
     return replace(
-        setup,
+        trial,
         motion=replace(
             motion,
             source=f"{motion.source}; {name} {share:.12g} of it",
-            recording=None,
+            recorded=None,
             **sides,
         ),
     )
 
 
-def _assert_prescribed(setup: Setup, effect: str) -> None:
-    if setup.drive != "prescribed":
+def _assert_prescribed(trial: Trial) -> None:
+    if trial.drive != "prescribed":
         raise SimulationError(
-            f"effects.{effect}: moves the pedestal beside x, which motion.drive: {setup.drive} "
-            "cannot follow; set motion.drive to prescribed, or leave the effect out"
+            f"moves the pedestal beside x, which motion.drive: {trial.drive} cannot follow; set "
+            "motion.drive to prescribed, or leave the effect out"
         )
 
 
@@ -641,31 +472,31 @@ class TablePitch(Effect):
     stage = "actuation"
     rank = 8
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        _assert_prescribed(setup, self.name)
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        _assert_prescribed(trial)
         frequency, compliance = values["frequency"], values["compliance"]
-        if setup.motion.pitch is not None:
+        if trial.motion.pitch is not None:
             raise MotionError(
-                f"effects.table_pitch: motion {setup.motion.name!r} pitches already; leave its "
-                "pitch out, or the effect"
+                f"motion {trial.motion.name!r} pitches already; leave its pitch out, or the effect"
             )
-        fastest = 0.25 * setup.engine.substeps / setup.engine.time_step
+        fastest = 0.25 * trial.scene.engine.substeps / trial.scene.engine.time_step
         if frequency >= fastest:
             raise ConfigError(
-                f"effects.table_pitch.frequency: {frequency:g} Hz is not below a quarter of the "
-                f"solver's steps in a second, {fastest:g} Hz; lower it, or engine.time_step"
+                f"{frequency:g} Hz is not below a quarter of the solver's steps in a second, "
+                f"{fastest:g} Hz; lower it, or engine.time_step",
+                key="effects.table_pitch.frequency",
             )
         stiffness = values["moment"] * STANDARD_GRAVITY / abs(compliance)
-        weight = setup.rock.mass.mass * setup.engine.gravity
-        burden = weight * (mass_height(setup) + values["depth"])
+        weight = trial.scene.rock.mass.mass * trial.scene.engine.gravity
+        burden = weight * (mass_height(trial) + values["depth"])
         if burden >= stiffness:
             raise ConfigError(
-                f"effects.table_pitch.moment: {values['moment']:g} kg m makes a joint of "
-                f"{stiffness:.3g} N m/rad, which does not carry the rock, m g h = {burden:.3g} "
-                "N m; raise it, or lower compliance"
+                f"{values['moment']:g} kg m makes a joint of {stiffness:.3g} N m/rad, which does "
+                f"not carry the rock, m g h = {burden:.3g} N m; raise it, or lower compliance",
+                key="effects.table_pitch.moment",
             )
         # A slope raises one rim of the top; the joint stays below where the rock stands.
-        pedestal = setup.pedestal
+        pedestal = trial.scene.pedestal
         level = pedestal.top
         if pedestal.slope != IDENTITY and pedestal.pitch_pivot is not None:
             level = pedestal.pitch_pivot
@@ -675,68 +506,8 @@ class TablePitch(Effect):
             compliance=compliance / STANDARD_GRAVITY,
             inertia=stiffness / (2 * math.pi * frequency) ** 2,
         )
-        return replace(
-            setup,
-            pedestal=replace(
-                pedestal,
-                pitch_pivot=level - values["depth"],
-                pitch_spring=spring,
-            ),
-        )
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        compliance, zeta, frequency, depth = 0.02, 0.1, 10.0, 0.5
-        light = {
-            "compliance": compliance, "frequency": frequency, "damping": zeta, "depth": depth,
-            "moment": 1e12,
-        }  # fmt: skip
-        heavy = light | {"moment": 1000.0}
-        setup = bench.block()
-        rock, gravity = setup.rock.mass, setup.engine.gravity
-        pushed = bench.run(replace(setup, motion=bench.push(1.0, duration=2.0)), self, light)
-        steady = (pushed.time > 1.5) & (pushed.time < 2.0)
-        stiffness = heavy["moment"] * STANDARD_GRAVITY / compliance
-        inertia = stiffness / (2 * math.pi * frequency) ** 2
-        height = mass_height(setup) + depth
-        swinging = inertia + rock.principal_inertia[1] + rock.mass * height**2
-        loaded = math.sqrt((stiffness - rock.mass * gravity * height) / swinging)
-        share = zeta * 2 * math.pi * frequency * inertia / (swinging * loaded)
-        slow = loaded * math.sqrt(1 - share**2) / (2 * math.pi)
-        own = frequency * math.sqrt(1 - zeta**2)
-        return [
-            Check(
-                "pitch under a constant acceleration, -compliance a / g [rad]",
-                float(pushed.pitch[steady].mean()), -compliance / STANDARD_GRAVITY, 1e-5,
-            ),
-            Check(
-                "frequency of free pitching of a table far heavier than the rock [Hz]",
-                self._ringing(bench, light), own, 0.01 * own,
-            ),
-            Check(
-                "the same with a block that stands, sqrt((k - m g h) / (I + I_O)) / 2 pi [Hz]",
-                self._ringing(bench, heavy), slow, 0.01 * slow,
-            ),
-            self._carried(bench, heavy),
-        ]  # fmt: skip
-
-    def _ringing(self, bench: Bench, values: Mapping[str, float]) -> float:
-        setup = replace(bench.block(), motion=bench.pulse(0.3, 4.0))
-        outcome = setup.outcome.model_copy(update={"stop_early": False})
-        response = bench.run(replace(setup, outcome=outcome), self, values, tail=1.5)
-        free = response.pitch[response.time > setup.motion.times[-1]]
-        before = np.flatnonzero(np.diff(np.sign(free)) != 0)[:9]
-        crossings = before + free[before] / (free[before] - free[before + 1])
-        return 1 / (2 * float(np.diff(crossings).mean()) * setup.motion.time_step)
-
-    def _carried(self, bench: Bench, values: Mapping[str, float]) -> Check:
-        # A rock that stands turns with the pedestal: its turn is the integral of its rate.
-        motion = bench.push(1.0, duration=2.0)
-        response = bench.run(replace(bench.block(), motion=motion), self, values)
-        pushed = response.time < motion.times[-1] - 0.3
-        turn = float(response.angular_velocity[pushed, 1].sum()) * motion.time_step
-        lean = float(response.pitch[pushed][-1] - response.pitch[0])
-        return Check(
-            "turn about y of a rock that stands on the pitched pedestal [rad]", turn, lean, 1e-4
+        return trial.with_scene(
+            pedestal=replace(pedestal, pitch_pivot=level - values["depth"], pitch_spring=spring)
         )
 
 

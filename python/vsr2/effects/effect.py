@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.effects.parameter import Parameter, near
-from vsr2.effects.setup import Circumstances, Observation, Setup
 from vsr2.errors import ConfigError
 from vsr2.motion import Motion
+from vsr2.trial import Observation, Trial
 
 Array = NDArray[np.float64]
 Stage = Literal[
@@ -26,49 +26,38 @@ STAGES: tuple[Stage, ...] = (
 Channel = Literal["motion", "tilt", "yaw", "slip", "rest pose", "label"]
 
 
-class Response(Protocol):
-    """What a bench measures in a trial; rows in time, from the start of the motion."""
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What a bench measures in a trial; rows in time, from the start of the motion.
 
-    @property
-    def time(self) -> Array:
-        """Shape (n,) [s]."""
+    Attributes:
+        time: shape (n,) [s].
+        tilt: away from the settled pose, relative to the pedestal, shape (n,) [rad].
+        position: mass centre p_WB, shape (n, 3) [m].
+        velocity: of the mass centre, shape (n, 3) [m/s].
+        angular_velocity: in the world, shape (n, 3) [rad/s].
+        pedestal: its displacement along x, shape (n,) [m].
+        pitch: turn of the pedestal about y, shape (n,) [rad].
+        observation: what is written down, after effects on the outcome.
+    """
 
-    @property
-    def tilt(self) -> Array:
-        """Away from the settled pose, relative to the pedestal, shape (n,) [rad]."""
-
-    @property
-    def position(self) -> Array:
-        """Mass centre p_WB, shape (n, 3) [m]."""
-
-    @property
-    def velocity(self) -> Array:
-        """Of the mass centre, shape (n, 3) [m/s]."""
-
-    @property
-    def angular_velocity(self) -> Array:
-        """In the world, shape (n, 3) [rad/s]."""
-
-    @property
-    def pedestal(self) -> Array:
-        """Displacement of the pedestal along x, shape (n,) [m]."""
-
-    @property
-    def pitch(self) -> Array:
-        """Turn of the pedestal about y, shape (n,) [rad]."""
-
-    @property
-    def observation(self) -> Observation:
-        """What is written down, after effects on the outcome."""
+    time: Array
+    tilt: Array
+    position: Array
+    velocity: Array
+    angular_velocity: Array
+    pedestal: Array
+    pitch: Array
+    observation: Observation
 
 
 class Bench(Protocol):
     """Where effects are checked: a nominal block and a scan-like rock, and a way to run them."""
 
-    def block(self) -> Setup:
+    def block(self) -> Trial:
         """A homogeneous block, 0.4 m x 0.6 m x 1.2 m, on an even pedestal, at rest."""
 
-    def scan(self) -> Setup:
+    def scan(self) -> Trial:
         """A rock with the irregular hull of a scan."""
 
     def push(self, acceleration: float, *, duration: float = 0.2) -> Motion:
@@ -79,19 +68,36 @@ class Bench(Protocol):
 
     def run(
         self,
-        setup: Setup,
+        trial: Trial,
         effect: Effect | None = None,
         values: Mapping[str, float] | None = None,
         *,
         tail: float = 0.0,
     ) -> Response:
-        """One trial of `setup` with the effect, settled first; `tail` [s] after the motion."""
+        """One trial of `trial` with the effect, settled first; `tail` [s] after the motion."""
 
-    def release(self, setup: Setup, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
+    def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
         """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
 
         The spin is about the vertical [rad/s]; tilts are told from upright.
         """
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """Of one trial in its campaign.
+
+    Attributes:
+        order: 0 at the first trial, 1 at the last.
+        session: of the trial.
+        sessions: all of the campaign, in order of execution.
+        rng: for this trial and effect, from seeds alone: common random numbers.
+    """
+
+    order: float
+    session: str
+    sessions: tuple[str, ...]
+    rng: np.random.Generator
 
 
 @dataclass(frozen=True)
@@ -142,13 +148,14 @@ class Effect:
     rank: ClassVar[int] = 0
     jump: ClassVar[str] = ""
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        """The setup with the effect. Called only where `values` are not null.
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        """The trial with the effect. Called only where `values` are not null.
 
-        A function of its arguments alone: equal setups and values share one result. In the stages
-        before "actuation" it must look at neither motion nor outcome.
+        A function of its arguments alone, which may change scene, motion, drive, start, outcome and
+        settling, and looks at nothing else. In the stages before "actuation" it neither looks at
+        nor changes motion and drive, so that trials share what it makes.
         """
-        return setup
+        return trial
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
         """The values in force in one trial: where order, session or chance come in."""
@@ -165,13 +172,6 @@ class Effect:
         """Closed forms, conservation laws or independent computations that it must meet."""
         return ()
 
-    def apply(
-        self, setup: Setup, values: Mapping[str, float], circumstances: Circumstances
-    ) -> Setup:
-        """The setup of one trial with the effect; itself (`is`) where the values are null."""
-        here = self.at(self.complete(values), circumstances)
-        return setup if self.is_null(here) else self.change(setup, here)
-
     def parameter(self, name: str) -> Parameter:
         """One of its parameters.
 
@@ -182,7 +182,9 @@ class Effect:
             if parameter.name == name:
                 return parameter
         known = [parameter.name for parameter in self.parameters]
-        raise ConfigError(f"effects.{self.name}: has no parameter {name!r}; {near(name, known)}")
+        raise ConfigError(
+            f"has no parameter {name!r}; {near(name, known)}", key=f"effects.{self.name}"
+        )
 
     def with_prior(self, name: str, lower: float, upper: float) -> Self:
         """The same effect with other ends of a parameter's prior.
@@ -194,13 +196,14 @@ class Effect:
         low, high = old.limits or (old.lower, old.upper)
         if not low <= lower <= upper <= high:
             raise ConfigError(
-                f"effects.{self.name}.{name}: a prior from {lower:g} to {upper:g}; it can be "
-                f"simulated from {low:g} to {high:g}"
+                f"a prior from {lower:g} to {upper:g}; it can be simulated from {low:g} to "
+                f"{high:g}",
+                key=f"effects.{self.name}.{name}",
             )
         try:
             wide = replace(old, lower=lower, upper=upper, limits=(low, high))
         except ConfigError as error:
-            raise ConfigError(f"effects.{self.name}.{name}: {error}") from None
+            raise ConfigError(error.message, key=f"effects.{self.name}.{name}") from None
         made = copy(self)
         vars(made)["parameters"] = tuple(wide if p.name == name else p for p in self.parameters)
         return made
@@ -239,34 +242,10 @@ class Effect:
             key = f"effects.{self.name}" + (f".{next(iter(given))}" if given else "")
             own = " or ".join(f"`{p.name}`" for p in self.parameters if not p.secondary)
             what = "does nothing on its own" if given else "without parameters does nothing"
-            raise ConfigError(f"{key}: {what}; give {own} too, or leave the effect out")
+            raise ConfigError(f"{what}; give {own} too, or leave the effect out", key=key)
         return {
             parameter.name: parameter.accept(
                 given.get(parameter.name, parameter.null), f"effects.{self.name}.{parameter.name}"
             )
             for parameter in self.parameters
         }
-
-
-@dataclass(frozen=True)
-class Applied:
-    """An effect as it is in one trial.
-
-    Attributes:
-        effect: of the library.
-        given: values as asked for, the same in all trials.
-        values: in force in the trial.
-    """
-
-    effect: Effect
-    given: tuple[tuple[str, float], ...]
-    values: tuple[tuple[str, float], ...]
-
-    @property
-    def key(self) -> str:
-        """Text that tells it from others."""
-        return f"{self.effect.name}{self.values!r}"
-
-    def observe(self, observation: Observation) -> Observation:
-        """What is written down of the trial."""
-        return self.effect.observe(observation, dict(self.values))

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.effects.effect import Bench, Check, Effect
+from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.rounding import rounded_hull
-from vsr2.effects.setup import Setup, restand, settle_at
-from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull, PedestalBody, Pose, Support, Triangles, start_support
+from vsr2.effects.standing import assert_stands, mass_height, restand, settle_at, support_of
+from vsr2.scene import Box, Hull, PedestalBody, Pose, Triangles
 from vsr2.scene.rotation import (
     matrix_from_quaternion,
     multiply,
@@ -22,6 +21,7 @@ from vsr2.scene.rotation import (
     yaw_quaternion,
 )
 from vsr2.scene.shapes import box_corners, part_points
+from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -40,14 +40,14 @@ def direction(azimuth: float) -> Array:
     return np.array([math.cos(math.radians(azimuth)), math.sin(math.radians(azimuth)), 0.0])
 
 
-def with_mass_center(setup: Setup, shift: Array) -> Setup:
-    """The setup with the rock's mass centre moved by `shift`, in the world at the start [m]."""
-    rock = setup.rock
-    rotation = matrix_from_quaternion(setup.start.orientation)
+def with_mass_center(trial: Trial, shift: Array) -> Trial:
+    """The trial with the rock's mass centre moved by `shift`, in the world at the start [m]."""
+    rock = trial.scene.rock
+    rotation = matrix_from_quaternion(trial.start_pose.orientation)
     moved = rotation.T @ shift
     if not rock.inertia_from_aabb:
         mass = replace(rock.mass, mass_center=rock.mass.mass_center + moved)
-        return replace(setup, rock=replace(rock, mass=mass))
+        return trial.with_scene(rock=replace(rock, mass=mass))
     # Here the mass centre is the model's origin, so the shape moves the other way.
     parts = tuple(
         Hull(part.points - moved)
@@ -55,83 +55,19 @@ def with_mass_center(setup: Setup, shift: Array) -> Setup:
         else replace(part, center=_triple(np.asarray(part.center) - moved))
         for part in rock.parts
     )
-    start = Pose(_triple(np.asarray(setup.start.position) + shift), setup.start.orientation)
+    old = trial.start_pose
+    start = Pose(_triple(np.asarray(old.position) + shift), old.orientation)
     surface = rock.surface
     if surface is not None:
         surface = Triangles(surface.vertices - moved, surface.faces)
-    return replace(setup, rock=replace(rock, parts=parts, surface=surface), start=start)
+    moved_rock = replace(rock, parts=parts, surface=surface)
+    return replace(trial.with_scene(rock=moved_rock), start=start)
 
 
-def support_of(setup: Setup) -> Support:
-    """What the rock stands on, in the frame of the pedestal's top, which may slope."""
-    x, y, z, w = setup.pedestal.slope
-    level = multiply((-x, -y, -z, w), setup.start.orientation)
-    return start_support(replace(setup.rock, start=Pose(setup.start.position, level)))
-
-
-def mass_height(setup: Setup) -> float:
-    """Height of the mass centre above the support at the start, along the top's normal [m]."""
-    return support_of(setup).height
-
-
-def half_widths(setup: Setup) -> tuple[float, float]:
-    """Distances along x from the mass centre to the ends of the support, towards -x and +x [m].
-
-    Along the top where it slopes.
-    """
-    polygon = support_of(setup).polygon
-    return float(-polygon[:, 0].min()), float(polygon[:, 0].max())
-
-
-def assert_stands(setup: Setup, shift: Array, slope: Array, where: str) -> None:
-    """Refuse to take the mass centre beyond a rock's support: it would fall while it settles.
-
-    Starts in which a rock does not stand anyway are left to the settling.
-
-    Args:
-        setup: before the change.
-        shift: by which the mass centre moves over the base, along the top, shape (2,) [m].
-        slope: rotation of the top from level after the change, shape (3, 3).
-        where: what does it, in front of the error.
-
-    Raises:
-        GeometryError: the vertical through the mass centre leaves the support.
-    """
-    try:
-        support = support_of(setup)
-    except GeometryError:
-        return
-    plumb = -slope[2]  # In the frame of the top.
-    drop = shift - support.height * plumb[:2] / plumb[2]
-    following = np.roll(support.polygon, -1, axis=0) - support.polygon
-    normal = np.column_stack([following[:, 1], -following[:, 0]])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    beyond = float((normal @ drop - (normal * support.polygon).sum(axis=1)).max())
-    if support.margin > 0 and beyond > -1e-9:
-        raise GeometryError(
-            f"{where} takes the mass centre beyond the rock's support, so that it falls before the "
-            "motion begins; make it smaller"
-        )
-
-
-def uplift_acceleration(
-    bench: Bench, setup: Setup, effect: Effect | None, values: Mapping[str, float], guess: float
-) -> float:
-    """Least constant acceleration of the pedestal that tips a block, by bisection [m/s^2].
-
-    Tipped: the tilt passes 1e-3 rad while the push lasts. The bracket shrinks to 1 % of the guess;
-    its middle is told. Just above the threshold a tilt grows by about g alpha p^2 t^2 / 2 times the
-    relative excess, so a push of 0.6 s tells an excess of 0.3 %.
-    """
-    low, high = 0.75 * guess, 1.25 * guess
-    while high - low > 0.01 * guess:
-        middle = 0.5 * (low + high)
-        response = bench.run(replace(setup, motion=bench.push(middle)), effect, values)
-        if float(response.tilt.max()) > 1e-3:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)
+def _standing(trial: Trial, parts: tuple[Hull | Box, ...]) -> Trial:
+    """The trial with other collision parts of the rock, as high above the pedestal as before."""
+    rock = replace(trial.scene.rock, parts=parts)
+    return replace(trial.with_scene(rock=rock), start=restand(trial, parts))
 
 
 def _triple(vector: Array) -> tuple[float, float, float]:
@@ -163,25 +99,11 @@ class Slenderness(Effect):
     source = "Housner (1963), Bull. Seismol. Soc. Am. 53(2)"
     stage = "geometry"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        height = mass_height(setup)
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        height = mass_height(trial)
         lift = height / (1.0 + values["change"]) - height
-        up = matrix_from_quaternion(setup.pedestal.slope) @ np.array([0.0, 0.0, 1.0])
-        return with_mass_center(setup, lift * up)
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = bench.block()
-        change = 0.06
-        _, b = half_widths(setup)
-        expected = setup.engine.gravity * b / mass_height(setup) * (1 + change)
-        return [
-            Check(
-                "uplift at a = g (1 + change) b / h [m/s^2]",
-                uplift_acceleration(bench, setup, self, {"change": change}, expected),
-                expected,
-                0.01 * expected,
-            )
-        ]
+        up = matrix_from_quaternion(trial.scene.pedestal.slope) @ np.array([0.0, 0.0, 1.0])
+        return with_mass_center(trial, lift * up)
 
 
 class ComOffset(Effect):
@@ -204,27 +126,17 @@ class ComOffset(Effect):
     source = "statics of a block; Purvance, Anooshehpoor & Brune (2008), EESD 37(7)"
     stage = "geometry"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         shift = values["distance"] * direction(values["azimuth"])
-        slope = matrix_from_quaternion(setup.pedestal.slope)
-        where = f"effects.com_offset.distance: {values['distance']:g} m"
-        assert_stands(setup, shift[:2], slope, where)
-        return with_mass_center(setup, slope @ shift)
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, distance = bench.block(), 0.015
-        b, _ = half_widths(setup)
-        expected = setup.engine.gravity * (b - distance) / mass_height(setup)
-        return [
-            Check(
-                "uplift towards the shift at a = g (b - d) / h [m/s^2]",
-                uplift_acceleration(
-                    bench, setup, self, {"distance": distance, "azimuth": 180.0}, expected
-                ),
-                expected,
-                0.01 * expected,
-            )
-        ]
+        slope = matrix_from_quaternion(trial.scene.pedestal.slope)
+        assert_stands(
+            trial,
+            shift[:2],
+            slope,
+            key="effects.com_offset.distance",
+            what=f"{values['distance']:g} m",
+        )
+        return with_mass_center(trial, slope @ shift)
 
 
 class EdgeRounding(Effect):
@@ -261,15 +173,16 @@ class EdgeRounding(Effect):
     rank = 1
     jump = "a box becomes a hull, whose contacts are found one by one, however small the radius"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        rotation = matrix_from_quaternion(setup.start.orientation)
-        down = -rotation.T @ matrix_from_quaternion(setup.pedestal.slope)[:, 2]
-        radius, margin = values["radius"], setup.engine.collision_margin
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        rotation = matrix_from_quaternion(trial.start_pose.orientation)
+        down = -rotation.T @ matrix_from_quaternion(trial.scene.pedestal.slope)[:, 2]
+        radius, margin = values["radius"], trial.scene.engine.collision_margin
         parts: list[Hull | Box] = []
-        for part, points in zip(setup.rock.parts, part_points(setup.rock.parts), strict=True):
+        rock = trial.scene.rock
+        for part, points in zip(rock.parts, part_points(rock.parts), strict=True):
             # The engine's margin lies inside a box and around a hull.
             if isinstance(part, Box) and radius < margin:
-                hull = box_with_margin(part, setup, radius)
+                hull = box_with_margin(part, trial, radius)
             elif isinstance(part, Box):
                 hull = rounded_hull(points, radius, down, ball=radius - margin)
             elif radius < LEAST_RADIUS:
@@ -278,51 +191,9 @@ class EdgeRounding(Effect):
                 hull = rounded_hull(points, radius, down)
             parts.append(Hull(hull))
         kept = tuple(parts)
-        if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in setup.rock.parts):
-            setup = settle_at(setup, SETTLING_FACTOR)
-        return replace(setup, rock=replace(setup.rock, parts=kept), start=restand(setup, kept))
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, radius = bench.block(), 0.015
-        _, b = half_widths(setup)
-        expected = setup.engine.gravity * (b - radius) / mass_height(setup)
-        return [
-            Check(
-                "uplift at a = g (b - r) / h [m/s^2]",
-                uplift_acceleration(bench, setup, self, {"radius": radius}, expected),
-                expected,
-                0.01 * expected,
-            ),
-            self._rolling(bench, radius),
-        ]
-
-    def _rolling(self, bench: Bench, radius: float) -> Check:
-        setup = bench.block()
-        _, b = half_widths(setup)
-        h = mass_height(setup)
-        tilt = 0.15
-        started = self.change(setup, {"radius": radius})
-        response = bench.release(started, tilt, 0.15)
-        mass, inertia = setup.rock.mass.mass, float(setup.rock.mass.principal_inertia[1])
-        # Rolling on the arc about its centre, r above the ground and b - r beside the mass
-        # centre: potential energy m g (h cos t + (b - r) sin t + r (1 - cos t)).
-        g = setup.engine.gravity
-        last = int(np.flatnonzero(response.tilt > 0.03)[-1])
-        kinetic = 0.5 * mass * float((response.velocity[last] ** 2).sum()) + 0.5 * inertia * float(
-            (response.angular_velocity[last] ** 2).sum()
-        )
-
-        def potential(t: float) -> float:
-            raised = h * math.cos(t) + (b - radius) * math.sin(t) + radius * (1 - math.cos(t))
-            return mass * g * raised
-
-        expected = potential(tilt) - potential(float(response.tilt[last]))
-        return Check(
-            "kinetic energy of free rolling on the round edge from 0.15 rad, by conservation [J]",
-            kinetic,
-            expected,
-            0.03 * expected,
-        )
+        if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in rock.parts):
+            trial = settle_at(trial, SETTLING_FACTOR)
+        return _standing(trial, kept)
 
 
 class BaseAsperity(Effect):
@@ -363,75 +234,35 @@ class BaseAsperity(Effect):
     rank = 2
     jump = "an impact on bumps has three parts however low they are; and a box becomes a hull"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         # In the frame of the pedestal's top.
-        slope = matrix_from_quaternion(setup.pedestal.slope)
-        rotation = slope.T @ matrix_from_quaternion(setup.start.orientation)
-        support = support_of(setup)
+        slope = matrix_from_quaternion(trial.scene.pedestal.slope)
+        rotation = slope.T @ matrix_from_quaternion(trial.start_pose.orientation)
+        support, rock = support_of(trial), trial.scene.rock
         tips = np.column_stack(
             [
                 values["reach"] * bump_places(support.polygon),
                 np.full(4, -support.height - values["height"]),
             ]
         )
-        in_model = tips @ rotation + setup.rock.mass.mass_center
-        points = part_points(setup.rock.parts)
+        in_model = tips @ rotation + rock.mass.mass_center
+        points = part_points(rock.parts)
         parts: tuple[Hull | Box, ...]
-        if len(setup.rock.parts) == 1:
+        if len(rock.parts) == 1:
             # On an even top a body touches with its convex hull only.
-            old = setup.rock.parts[0]
-            corners = points[0] if isinstance(old, Hull) else box_with_margin(old, setup)
-            parts = (Hull(np.vstack([corners, in_model + self._lift(old, setup, rotation)])),)
+            old = rock.parts[0]
+            corners = points[0] if isinstance(old, Hull) else box_with_margin(old, trial)
+            parts = (Hull(np.vstack([corners, in_model + self._lift(old, trial, rotation)])),)
         else:
             up = rotation[2]
-            parts = setup.rock.parts + tuple(_bump(tip, up, values["height"]) for tip in in_model)
-        return replace(setup, rock=replace(setup.rock, parts=parts), start=restand(setup, parts))
+            parts = rock.parts + tuple(_bump(tip, up, values["height"]) for tip in in_model)
+        return _standing(trial, parts)
 
     @staticmethod
-    def _lift(part: Hull | Box, setup: Setup, rotation: Array) -> Array:
-        margin = setup.engine.collision_margin if isinstance(part, Box) else 0.0
+    def _lift(part: Hull | Box, trial: Trial, rotation: Array) -> Array:
+        margin = trial.scene.engine.collision_margin if isinstance(part, Box) else 0.0
         lift: Array = margin * rotation[2]
         return lift
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, values = bench.block(), {"height": 0.002, "reach": 0.7}
-        support = support_of(setup)
-        reach = 0.7 * float(bump_places(support.polygon)[:, 0].max())
-        expected = setup.engine.gravity * reach / (support.height + 0.002)
-        return [
-            Check(
-                "uplift about the bumps at a = g x / (h + height) [m/s^2]",
-                uplift_acceleration(bench, setup, self, values, expected),
-                expected,
-                0.03 * expected,
-            ),
-            self._impact(bench),
-        ]
-
-    def _impact(self, bench: Bench) -> Check:
-        setup, tilt, values = bench.block(), 0.1, {"height": 1e-4, "reach": 0.7}
-        support = support_of(setup)
-        edge, h = half_widths(setup)[1], support.height
-        tip = values["reach"] * float(bump_places(support.polygon)[:, 0].max())
-        per_mass = float(setup.rock.mass.principal_inertia[1]) / setup.rock.mass.mass + h * h
-        # Angular momentum about the new foot is kept: Housner's impact, three times.
-        expected = 1.0
-        for old, new in ((edge, tip), (tip, -tip), (-tip, -edge)):
-            expected *= (per_mass + old * new) ** 2
-            expected /= (per_mass + old * old) * (per_mass + new * new)
-        response = bench.release(self.change(setup, values), tilt, 0.6)
-        landed = int(np.argmin(response.tilt))
-        alpha = math.atan2(edge, h)
-
-        def potential(t: float) -> float:
-            return math.cos(alpha - t) - math.cos(alpha)
-
-        return Check(
-            "energy left by an impact on low bumps, Housner's from edge to tip to tip to edge [1]",
-            potential(float(response.tilt[landed:].max())) / potential(tilt),
-            expected,
-            0.02,
-        )
 
 
 def bump_places(polygon: Array) -> Array:
@@ -448,17 +279,17 @@ def bump_places(polygon: Array) -> Array:
     return np.asarray(places)
 
 
-def box_with_margin(box: Box, setup: Setup, radius: float = 0.0) -> Array:
+def box_with_margin(box: Box, trial: Trial, radius: float = 0.0) -> Array:
     """Corners of a hull that stands, with the engine's margin around it, on a box's base.
 
     Args:
         box: part of the rock.
-        setup: with the start that tells which faces are base and top.
+        trial: with the start that tells which faces are base and top.
         radius: by which the base is narrower on each side, up to the margin [m].
     """
-    margin = setup.engine.collision_margin
-    start = matrix_from_quaternion(setup.start.orientation)
-    slope = matrix_from_quaternion(setup.pedestal.slope)
+    margin = trial.scene.engine.collision_margin
+    start = matrix_from_quaternion(trial.start_pose.orientation)
+    slope = matrix_from_quaternion(trial.scene.pedestal.slope)
     axes = slope.T @ start @ matrix_from_quaternion(box.orientation)
     inwards = [radius, radius, radius]
     inwards[int(np.argmax(np.abs(axes[2])))] = margin
@@ -499,36 +330,26 @@ class BaseSlope(Effect):
     stage = "geometry"
     rank = 3
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         turn = slope_rotation(values["angle"], values["azimuth"])
-        before = matrix_from_quaternion(setup.pedestal.slope)
-        where = f"effects.base_slope.angle: {values['angle']:g} degree"
-        assert_stands(setup, np.zeros(2), turn @ before, where)
-        rotation = matrix_from_quaternion(setup.start.orientation)
-        position = np.asarray(setup.start.position)
-        foot = rotation @ setup.rock.mass.mass_center + position
-        foot = foot - mass_height(setup) * before[:, 2]
+        before = matrix_from_quaternion(trial.scene.pedestal.slope)
+        assert_stands(
+            trial,
+            np.zeros(2),
+            turn @ before,
+            key="effects.base_slope.angle",
+            what=f"{values['angle']:g} degree",
+        )
+        rotation = matrix_from_quaternion(trial.start_pose.orientation)
+        position = np.asarray(trial.start_pose.position)
+        foot = rotation @ trial.scene.rock.mass.mass_center + position
+        foot = foot - mass_height(trial) * before[:, 2]
         start = Pose(
             _triple(turn @ (position - foot) + foot),
-            multiply(quaternion_from_matrix(turn), setup.start.orientation),
+            multiply(quaternion_from_matrix(turn), trial.start_pose.orientation),
         )
-        return replace(setup, pedestal=_turned(setup.pedestal, turn, foot), start=start)
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, angle = bench.block(), 1.5
-        b, _ = half_widths(setup)
-        alpha = math.atan2(b, mass_height(setup))
-        expected = setup.engine.gravity * math.tan(alpha - math.radians(angle))
-        return [
-            Check(
-                "uplift downhill at a = g tan(alpha - slope) [m/s^2]",
-                uplift_acceleration(
-                    bench, setup, self, {"angle": angle, "azimuth": 180.0}, expected
-                ),
-                expected,
-                0.01 * expected,
-            )
-        ]
+        pedestal = _turned(trial.scene.pedestal, turn, foot)
+        return replace(trial.with_scene(pedestal=pedestal), start=start)
 
 
 def slope_rotation(angle: float, azimuth: float) -> Array:

@@ -3,35 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
-from vsr2.effects.contact import Friction
-from vsr2.effects.effect import Bench, Check, Effect, Response
-from vsr2.effects.geometry import half_widths, mass_height, support_of, uplift_acceleration
+from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.setup import Setup
+from vsr2.trial import Trial
 
 
-def _with(setup: Setup, **values: float) -> Setup:
-    return replace(setup, mechanisms=replace(setup.mechanisms, **values))
-
-
-def _rocking(setup: Setup) -> tuple[float, float, float]:
-    """R [m], alpha [rad] and p [rad/s] of the bench's block (Housner 1963)."""
-    _, b = half_widths(setup)
-    h = mass_height(setup)
-    radius = math.hypot(b, h)
-    mass = setup.rock.mass
-    about_edge = float(mass.principal_inertia[1]) + mass.mass * radius**2
-    p = math.sqrt(mass.mass * setup.engine.gravity * radius / about_edge)
-    return radius, math.atan2(b, h), p
-
-
-def _rate(response: Response) -> float:
-    return float(np.linalg.norm(response.angular_velocity[-1]))
+def _with(trial: Trial, **values: float) -> Trial:
+    return trial.with_scene(mechanisms=replace(trial.scene.mechanisms, **values))
 
 
 class Restitution(Effect):
@@ -57,32 +38,8 @@ class Restitution(Effect):
     source = "Housner (1963), Bull. Seismol. Soc. Am. 53(2)"
     stage = "mechanism"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _with(setup, impact_energy_ratio=values["energy_ratio"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        checks = []
-        setup = bench.block()
-        _, alpha, _ = _rocking(setup)
-        housner = (1 - 1.5 * math.sin(alpha) ** 2) ** 2
-        for ratio in (0.65, 1.0, 1.1):
-            tilt = 0.15
-            response = bench.release(self.change(setup, {"energy_ratio": ratio}), tilt, 1.2)
-            landed = int(np.flatnonzero(response.tilt < 0.01)[0])
-            peak = float(response.tilt[landed:].max())
-            measured = (math.cos(alpha - peak) - math.cos(alpha)) / (
-                math.cos(alpha - tilt) - math.cos(alpha)
-            )
-            checks.append(
-                Check(
-                    f"energy kept over the first impact at ratio {ratio:g}, times Housner's "
-                    f"{housner:.3f} [1]",
-                    measured,
-                    ratio * housner,
-                    0.03,
-                )
-            )
-        return checks
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _with(trial, impact_energy_ratio=values["energy_ratio"])
 
 
 class RockingDamping(Effect):
@@ -101,27 +58,8 @@ class RockingDamping(Effect):
     source = "viscous damping of Housner's rocking oscillator; docs/explanation/mechanisms.md"
     stage = "mechanism"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _with(setup, rocking_damping=values["ratio"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, tilt, duration, zeta = bench.block(), 0.1, 0.2, 0.05
-        _, _, p = _rocking(setup)
-        free = _rate(bench.release(setup, tilt, duration))
-        damped = _rate(bench.release(self.change(setup, {"ratio": zeta}), tilt, duration))
-        # phi = alpha - tilt follows phi'' + 2 zeta p phi' - p^2 phi = 0 from rest, so its rate is
-        # phi0 p^2 (e^(s1 t) - e^(s2 t)) / (s1 - s2), s = p (-zeta +- sqrt(1 + zeta^2)).
-        root = math.sqrt(1 + zeta**2)
-        share = math.exp(-zeta * p * duration) * math.sinh(p * root * duration) / root
-        expected = 1 - share / math.sinh(p * duration)
-        return [
-            Check(
-                "loss of rate in free rocking for 0.2 s, from phi'' + 2 zeta p phi' = p^2 phi [1]",
-                1 - damped / free,
-                expected,
-                0.1 * expected,
-            )
-        ]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _with(trial, rocking_damping=values["ratio"])
 
 
 class RollingResistance(Effect):
@@ -140,27 +78,8 @@ class RollingResistance(Effect):
     source = "Coulomb's rolling resistance; Johnson (1985), *Contact Mechanics*, chapter 9"
     stage = "mechanism"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _with(setup, rolling_resistance=values["arm"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, tilt, duration, arm = bench.block(), 0.05, 0.15, 0.010
-        radius, alpha, p = _rocking(setup)
-        free = _rate(bench.release(setup, tilt, duration))
-        slowed = _rate(bench.release(self.change(setup, {"arm": arm}), tilt, duration))
-        # The normal force is m (g - b p^2 phi) as the mass centre falls.
-        b = radius * math.sin(alpha)
-        lever = p**2 * (alpha - tilt) * math.cosh(0.5 * p * duration)
-        bearing = 1 - b * lever / setup.engine.gravity
-        expected = arm * bearing / (radius * math.sin(alpha - tilt))
-        return [
-            Check(
-                "loss of rate in free rocking, N a / (m g R sin(alpha - tilt)) [1]",
-                1 - slowed / free,
-                expected,
-                0.1 * expected,
-            )
-        ]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _with(trial, rolling_resistance=values["arm"])
 
 
 class FrictionRate(Effect):
@@ -187,29 +106,8 @@ class FrictionRate(Effect):
     source = "Stribeck-type law; docs/explanation/mechanisms.md"
     stage = "mechanism"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _with(setup, friction_ratio=values["ratio"], friction_speed=values["speed"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        factor, ratio = 0.306, 1.6
-        setup = Friction().change(bench.block(), {"factor": factor})
-        rock, pedestal = setup.contact.rock, setup.contact.pedestal
-        kinetic = rock.lateral_friction * pedestal.lateral_friction * setup.engine.gravity
-        values = {"ratio": ratio, "speed": 0.01}
-        held = bench.run(replace(setup, motion=bench.push(0.9 * ratio * kinetic)), self, values)
-        sliding = bench.run(replace(setup, motion=bench.push(1.2 * ratio * kinetic)), self, values)
-        kept = sliding.time > sliding.time[-1] - 0.3
-        slope = float(np.polyfit(sliding.time[kept], sliding.velocity[kept, 0], 1)[0])
-        travel = (held.position[:, 0] - held.pedestal) - held.position[0, 0]
-        return [
-            Check(
-                "slip at 0.9 of the static onset, above the kinetic one [m]",
-                float(np.abs(travel[held.time < 0.6]).max()), 0.0, 1e-3,
-            ),
-            Check(
-                "acceleration in sliding, mu_k g [m/s^2]", slope, kinetic, 0.03 * kinetic
-            ),
-        ]  # fmt: skip
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _with(trial, friction_ratio=values["ratio"], friction_speed=values["speed"])
 
 
 class Adhesion(Effect):
@@ -232,28 +130,8 @@ class Adhesion(Effect):
     source = "statics of a bonded block"
     stage = "mechanism"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return _with(setup, adhesion=1e3 * values["strength"])
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup, strength = bench.block(), 5.0
-        _, b = half_widths(setup)
-        polygon = support_of(setup).polygon
-        following = np.roll(polygon, -1, axis=0)
-        area = 0.5 * float(
-            (polygon[:, 0] * following[:, 1] - polygon[:, 1] * following[:, 0]).sum()
-        )
-        weight = setup.rock.mass.mass * setup.engine.gravity
-        own = setup.engine.gravity * b / mass_height(setup)
-        expected = own * (1 + 1e3 * strength * area / weight)
-        return [
-            Check(
-                "uplift at a = g b / h (1 + sigma A / (m g)) [m/s^2]",
-                uplift_acceleration(bench, setup, self, {"strength": strength}, expected),
-                expected,
-                0.02 * expected,
-            )
-        ]
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return _with(trial, adhesion=1e3 * values["strength"])
 
 
 class Catch(Effect):
@@ -279,31 +157,14 @@ class Catch(Effect):
     source = "safety straps of shaking-table tests"
     stage = "mechanism"
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         slack = math.radians(values["slack"])
-        outcome = setup.outcome
+        outcome = trial.outcome
         toppled = max(outcome.rocked_tilt, min(outcome.toppled_tilt, 0.9 * slack))
         return replace(
-            _with(setup, catch_slack=slack),
+            _with(trial, catch_slack=slack),
             outcome=outcome.model_copy(update={"toppled_tilt": toppled}),
         )
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        slack = 25.0
-        setup = replace(bench.block(), motion=bench.pulse(6.0, 1.5))
-        response = bench.run(setup, self, {"slack": slack}, tail=3.0)
-        free = bench.run(setup, tail=3.0)
-        return [
-            Check("without it the block overturns [1]", free.observation.overturned, 1.0, 0.0),
-            Check(
-                "greatest tilt, the slack and at most 0.05 rad of stretch [rad]",
-                float(response.tilt.max()), math.radians(slack) + 0.025, 0.025,
-            ),
-            Check(
-                "tilt in the end, hanging in the tether [rad]",
-                float(response.tilt[-1]), math.radians(slack), 0.005,
-            ),
-        ]  # fmt: skip
 
 
 MECHANISM: tuple[Effect, ...] = (

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
-from vsr2.effects.effect import Bench, Check, Effect
-from vsr2.effects.geometry import GEOMETRY, Slenderness, half_widths, mass_height
+from vsr2.effects.effect import Circumstances, Effect
+from vsr2.effects.geometry import GEOMETRY, Slenderness
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.setup import Circumstances, Setup
+from vsr2.trial import Trial
 
 WEAR_STEPS = 32
 """Wear advances in this many equal steps, so that trials share scenes."""
@@ -40,34 +40,8 @@ class Wear(Effect):
         worn = round(circumstances.order * WEAR_STEPS) / WEAR_STEPS
         return {"loss": values["loss"] * worn}
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        return Slenderness().change(setup, {"change": -values["loss"]})
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = bench.block()
-        _, b = half_widths(setup)
-        before = b / mass_height(setup)
-        checks = []
-        for order in (0.0, 0.5, 1.0):
-            worn = self.apply(setup, {"loss": 0.15}, circumstances_at(order))
-            checks.append(
-                Check(
-                    f"tan(alpha) at order {order:g}, 1 - loss order of the first [1]",
-                    b / mass_height(worn) / before,
-                    1 - 0.15 * order,
-                    1e-9,
-                )
-            )
-        return checks
-
-
-def circumstances_at(
-    order: float, session: str = "1", sessions: Sequence[str] = ("1",)
-) -> Circumstances:
-    """Circumstances of a trial for checks."""
-    import numpy as np
-
-    return Circumstances(order, session, tuple(sessions), np.random.default_rng(0))
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        return Slenderness().change(trial, {"change": -values["loss"]})
 
 
 def _renamed() -> tuple[Parameter, ...]:
@@ -123,33 +97,15 @@ class ChangePoint(Effect):
             after = sessions.index(circumstances.session) >= first
         return values if after else self.null()
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         for effect in sorted(GEOMETRY, key=lambda effect: effect.rank):
             own = {
                 parameter.name: values[f"{effect.name}_{parameter.name}"]
                 for parameter in effect.parameters
             }
             if not effect.is_null(own):
-                setup = effect.change(setup, own)
-        return setup
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = bench.block()
-        _, b = half_widths(setup)
-        before = b / mass_height(setup)
-        values = {"at": 0.6, "slenderness_change": -0.1}
-        checks = []
-        for session, expected in (("a", 1.0), ("b", 1.0), ("c", 1.0), ("d", 0.9), ("e", 0.9)):
-            then = self.apply(setup, values, circumstances_at(0.0, session, "abcde"))
-            checks.append(
-                Check(
-                    f"tan(alpha) in session {session} of five, over the first [1]",
-                    b / mass_height(then) / before,
-                    expected,
-                    1e-9,
-                )
-            )
-        return checks
+                trial = effect.change(trial, own)
+        return trial
 
 
 ORDER: tuple[Effect, ...] = (Wear(), ChangePoint())

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
-from vsr2.effects.effect import Bench, Check, Effect
+from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.setup import Circumstances, Observation
+from vsr2.trial import Observation
 
 
 class OutcomeRule(Effect):
@@ -56,34 +54,6 @@ class OutcomeRule(Effect):
         if overturned == observation.overturned:
             return observation
         return replace(observation, outcome="overturned" if overturned else "rocked")
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = replace(bench.block(), motion=bench.pulse(4.5, 2.0))
-        plain = bench.run(setup, tail=2.0)
-        peak = plain.observation.peak_tilt
-        flipped = 0
-        trial = Observation("rocked", 0.05, 0.0, 0.0, 0.0)
-        for i in range(2000):
-            rng = np.random.default_rng(np.random.SeedSequence(1, spawn_key=(i,)))
-            there = Circumstances(0.0, "1", ("1",), rng)
-            here = self.at({"tilt": math.pi, "flips": 0.03}, there)
-            flipped += self.observe(trial, here).overturned
-        return [
-            Check(
-                "overturned with the threshold just below the largest tilt [1]",
-                bench.run(setup, self, {"tilt": 0.99 * peak}, tail=2.0).observation.overturned,
-                1.0, 0.0,
-            ),
-            Check(
-                "overturned with the threshold just above it [1]",
-                bench.run(setup, self, {"tilt": 1.01 * peak}, tail=2.0).observation.overturned,
-                0.0, 0.0,
-            ),
-            Check(
-                "share of 2000 trials flipped, within 3 standard errors [1]",
-                flipped / 2000, 0.03, 3 * math.sqrt(0.03 * 0.97 / 2000),
-            ),
-        ]  # fmt: skip
 
 
 OUTCOME: tuple[Effect, ...] = (OutcomeRule(),)

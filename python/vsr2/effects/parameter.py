@@ -115,7 +115,7 @@ class Parameter:
 
         Args:
             value: a number, or one of the `choices`.
-            where: key in front of errors and warnings.
+            where: key of the study, for errors and warnings.
             warn: of a value outside the prior.
 
         Raises:
@@ -125,20 +125,20 @@ class Parameter:
             if value in self.choices:
                 return float(self.choices.index(value))
             wanted = f"one of {', '.join(self.choices)}" if self.choices else "a number"
-            raise ConfigError(f"{where}: must be {wanted} (is {value!r})")
+            raise ConfigError(f"must be {wanted} (is {value!r})", key=where)
         number = float(value)
         if self.is_null(number):
             return number
         low, high = self.limits or (self.lower, self.upper)
         if self.choices and number not in range(len(self.choices)):
-            raise ConfigError(f"{where}: must be one of {', '.join(self.choices)} (is {value})")
+            raise ConfigError(f"must be one of {', '.join(self.choices)} (is {value})", key=where)
         unit = "" if self.unit == "1" else f" {self.unit}"
         # Ends of priors come out of rounding functions.
         slack = 1e-9 * max(abs(low), abs(high))
         if not low - slack <= number <= high + slack:
             raise ConfigError(
-                f"{where}: {number:g}{unit} is outside {low:g} to {high:g}{unit}; "
-                "check unit and sign"
+                f"{number:g}{unit} is outside {low:g} to {high:g}{unit}; check unit and sign",
+                key=where,
             )
         slack = 1e-9 * max(abs(self.lower), abs(self.upper))
         inside = self.lower - slack <= number <= self.upper + slack

@@ -55,7 +55,7 @@ def effect(name: str) -> Effect:
     """
     known = library()
     if name not in known:
-        raise ConfigError(f"effects: there is no effect {name!r}; {near(name, list(known))}")
+        raise ConfigError(f"there is no effect {name!r}; {near(name, list(known))}", key="effects")
     return known[name]
 
 
@@ -128,29 +128,21 @@ def check_study_effects(
         try:
             one = effect(name)
         except ConfigError as error:
-            problems.append(_problem(("effects", name), error))
+            problems.append(Problem(("effects", name), error.message))
             continue
         found = len(problems)
         for key, value in values.items():
             try:
                 one.parameter(key).accept(value, f"effects.{name}.{key}", warn=False)
             except ConfigError as error:
-                problems.append(_problem(("effects", name, key), error))
+                problems.append(Problem(("effects", name, key), error.message))
         if len(problems) == found:
             try:
                 one.accept(values)
             except ConfigError as error:
-                problems.append(_problem(("effects", name, *list(values)[:1]), error))
+                problems.append(Problem(("effects", name, *list(values)[:1]), error.message))
     if problems:
         raise config_error(problems, os.fspath(label), places_in(label))
-
-
-def _problem(path: tuple[str, ...], error: ConfigError) -> Problem:
-    # The place names the key already.
-    text = str(error)
-    for length in range(len(path), 0, -1):
-        text = text.removeprefix(f"{'.'.join(path[:length])}: ")
-    return Problem(path, text)
 
 
 def in_order(effects: Mapping[str, Effect]) -> list[Effect]:

@@ -52,14 +52,14 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
     depth = float((-(normals @ center) - offsets).min())
     if depth <= radius * (1 + 1e-6):
         raise GeometryError(
-            f"edge_rounding: a ball of radius {radius:g} m does not fit into the rock (at most "
+            f"a ball of radius {radius:g} m does not fit into the rock (at most "
             f"{depth:.3g} m); lower the radius"
         )
     try:
         eroded = HalfspaceIntersection(np.column_stack([normals, offsets + radius]), center)
     except QhullError as error:
         raise GeometryError(
-            f"edge_rounding: eroding the rock by {radius:g} m fails; change the radius slightly"
+            f"eroding the rock by {radius:g} m fails; change the radius slightly"
         ) from error
     vertices = _merged(eroded.intersections)
     scale = float(np.ptp(points, axis=0).max())

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from vsr2.effects.effect import Bench, Check, Effect
+from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.setup import Circumstances, Setup, restand
+from vsr2.effects.standing import restand
 from vsr2.scene import Pose
 from vsr2.scene.rotation import IDENTITY, matrix_from_quaternion, multiply, yaw_quaternion
+from vsr2.trial import Trial
 
 
 class Placement(Effect):
@@ -47,13 +48,13 @@ class Placement(Effect):
             "azimuth": 360.0 * azimuth,
         }
 
-    def change(self, setup: Setup, values: Mapping[str, float]) -> Setup:
-        rotation = matrix_from_quaternion(setup.start.orientation)
-        position = np.asarray(setup.start.position)
-        center = position + rotation @ setup.rock.mass.mass_center
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        rotation = matrix_from_quaternion(trial.start_pose.orientation)
+        position = np.asarray(trial.start_pose.position)
+        center = position + rotation @ trial.scene.rock.mass.mass_center
         turn = yaw_quaternion(math.radians(values["yaw"]))
         # About the normal of the top and along it, where it slopes.
-        x, y, z, w = slope = setup.pedestal.slope
+        x, y, z, w = slope = trial.scene.pedestal.slope
         if slope != IDENTITY:
             turn = multiply(multiply(slope, turn), (-x, -y, -z, w))
         azimuth = math.radians(values["azimuth"])
@@ -62,26 +63,9 @@ class Placement(Effect):
         moved += matrix_from_quaternion(slope) @ shift
         start = Pose(
             (float(moved[0]), float(moved[1]), float(moved[2])),
-            multiply(turn, setup.start.orientation),
+            multiply(turn, trial.start_pose.orientation),
         )
-        return replace(setup, start=restand(setup, setup.rock.parts, start))
-
-    def verify(self, bench: Bench) -> Sequence[Check]:
-        setup = bench.block()
-        values = {"yaw": 10.0, "offset": 0.02}
-        drawn = []
-        for trial in range(200):
-            rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(trial,)))
-            drawn.append(self.at(values, Circumstances(0.0, "1", ("1",), rng)))
-        yaw = np.array([one["yaw"] for one in drawn])
-        offset = np.array([one["offset"] for one in drawn])
-        turned = self.change(setup, drawn[0]).start
-        half = math.atan2(turned.orientation[2], turned.orientation[3])
-        return [
-            Check("mean square turn, yaw^2 / 3 [degree^2]", float((yaw**2).mean()), 100 / 3, 5.0),
-            Check("mean square shift, offset^2 / 2 [m^2]", float((offset**2).mean()), 2e-4, 2e-5),
-            Check("turn of the start pose [degree]", math.degrees(2 * half), yaw[0], 1e-9),
-        ]
+        return replace(trial, start=restand(trial, trial.scene.rock.parts, start))
 
 
 START: tuple[Effect, ...] = (Placement(),)

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.effects import apply_effects
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit, fit_fragility
 from vsr2.fragility.settings import FragilitySettings, FragilityStudy
 from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
 from vsr2.motion import Motion, intensity_measures
 from vsr2.results import BatchResult
-from vsr2.simulation import Trial, apply_effects, run_batch
+from vsr2.simulation import run_batch
+from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from vsr2.config.study import YawStart
 from vsr2.errors import SimulationError
 from vsr2.fragility.settings import FragilityStudy, Jitter
 from vsr2.motion import STANDARD_GRAVITY, Motion, build_motions
-from vsr2.scene.placement import start_pose
+from vsr2.scene import build_scene, start_pose
 from vsr2.scene.rotation import multiply, normalized
-from vsr2.simulation import Trial, build_scene
+from vsr2.trial import Trial
 
 MAX_TRIALS = 1_000_000
 

@@ -1,6 +1,6 @@
 """Ground motions: one type, readers, processing, intensity measures, fusion of channels."""
 
-from vsr2.motion.build import build_motions, build_recorded_motion
+from vsr2.motion.build import Recorded, build_motions, build_recorded_motion
 from vsr2.motion.cosine import cosine_measures, cosine_motion, cosine_parameters
 from vsr2.motion.fusion import (
     ChannelNoise,
@@ -22,7 +22,7 @@ from vsr2.motion.measures import (
     pgv,
     significant_duration,
 )
-from vsr2.motion.motion import SIDES, Motion, Recording, SideMotion
+from vsr2.motion.motion import SIDES, Motion, SideMotion
 from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
@@ -44,7 +44,7 @@ __all__ = [
     "Noise",
     "Record",
     "RecordFormat",
-    "Recording",
+    "Recorded",
     "Resampled",
     "SideMotion",
     "arias_intensity",

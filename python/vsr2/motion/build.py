@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import assert_never
@@ -27,7 +28,7 @@ from vsr2.motion.cosine import (
 )
 from vsr2.motion.fusion import ChannelNoise, fuse
 from vsr2.motion.measures import Channel, missing_channel
-from vsr2.motion.motion import Array, Motion, Recording
+from vsr2.motion.motion import Array, Motion
 from vsr2.motion.processing import (
     band_pass,
     integrate_acceleration,
@@ -71,6 +72,100 @@ def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
     assert_never(source)
 
 
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A record and how it drives: the value that a recorded motion is built from.
+
+    The original drives recordings from the displacement channel after a band-pass 0.1-25 Hz of
+    order 3; that is `channel="displacement"` (or "auto") with `filter=Filter()`. The displacement
+    channel keeps its sign. The chain is that of :mod:`vsr2.motion.processing`.
+
+    Attributes:
+        record: at its own sampling interval.
+        channel: which one drives; "auto": displacement where there is one, else velocity, else
+            acceleration; "fused": displacement and acceleration together
+            (:func:`vsr2.motion.fusion.fuse`).
+        baseline: degree of a polynomial to take off the channel first; None: none.
+        filter: band-pass at the record's own sampling; None: none. A raw displacement channel
+            should have one: its noise is small, its second derivative is not.
+        scale: factor on the motion; negative mirrors it.
+        noise: of the channels, for "fused" alone; None: told from the record's rest.
+
+    Raises:
+        MotionError: a scale of 0, NaN or infinity, or `noise` with another channel than "fused".
+    """
+
+    record: Record
+    channel: Channel = "auto"
+    baseline: int | None = None
+    filter: Filter | None = None
+    scale: float = 1.0
+    noise: ChannelNoise | None = None
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.scale) or self.scale == 0:
+            raise MotionError(f"{self.record.label}: scale {self.scale} must be finite and not 0")
+        if self.noise is not None and self.used != "fused":
+            raise MotionError(
+                f"{self.record.label}: noise has no effect on the {self.used} channel; leave it out"
+            )
+
+    @property
+    def used(self) -> Channel:
+        """The channel that drives, "auto" resolved."""
+        if self.channel != "auto":
+            return self.channel
+        if self.record.displacement is not None:
+            return "displacement"
+        return "acceleration" if self.record.velocity is None else "velocity"
+
+    def through(self, channel: Channel) -> Recorded:
+        """The same record and scale through another channel.
+
+        An acceleration without a filter gets the usual one, without which its integral drifts.
+        """
+        filter = self.filter or (Filter() if channel == "acceleration" else None)
+        return replace(self, channel=channel, filter=filter, noise=None)
+
+    def motion(self, time_step: float, *, name: str | None = None) -> Motion:
+        """The motion that the record asks of the pedestal.
+
+        Args:
+            time_step: of the simulation [s].
+            name: of the motion; by default the record's.
+
+        Raises:
+            MotionError: the channel is missing, the filter does not fit the sampling, the noise of
+                the channels cannot be told, or the record cannot be resampled at `time_step`.
+        """
+        record, filter = self.record, self.filter
+        interval = record.sample_interval
+        displacement, how = _displacement(record, self.used, self.baseline, filter, self.noise)
+        driven = resample(
+            self.scale * taper_ends(displacement, interval), interval, time_step, name=record.label
+        )
+        treatment = "no filter"
+        if filter is not None:
+            treatment = f"band-pass {filter.low:g}-{filter.high:g} Hz order {filter.order}"
+        if self.baseline is not None:
+            treatment = f"baseline of degree {self.baseline}, {treatment}"
+        return Motion(
+            name=record.name if name is None else name,
+            time_step=time_step,
+            displacement=driven.displacement,
+            velocity=driven.velocity,
+            acceleration=driven.acceleration,
+            kind="recording",
+            source=(
+                f"{record.label}, sha256 {record.sha256 or 'none'}, {how}, {treatment}, "
+                f"scale {self.scale:.12g}, sampled every {interval:.9g} s"
+            ),
+            resampling_error=driven.error,
+            resampling_error_rms=driven.error_rms,
+            recorded=self,
+        )
+
+
 def build_recorded_motion(
     record: Record,
     time_step: float,
@@ -79,74 +174,15 @@ def build_recorded_motion(
     baseline: int | None = None,
     filter: Filter | None = None,
     scale: float = 1.0,
-    target_pga: float | None = None,
     noise: ChannelNoise | None = None,
     name: str | None = None,
 ) -> Motion:
-    """The motion that a record asks of the pedestal.
-
-    The original drives recordings from the displacement channel after a band-pass 0.1-25 Hz of
-    order 3; that is `channel="displacement"` (or "auto") with `filter=Filter()`. The displacement
-    channel keeps its sign. The chain is that of :mod:`vsr2.motion.processing`.
-
-    Args:
-        record: at its own sampling interval.
-        time_step: of the simulation [s].
-        channel: which one drives; "auto": displacement where there is one, else velocity, else
-            acceleration; "fused": displacement and acceleration together
-            (:func:`vsr2.motion.fusion.fuse`).
-        baseline: degree of a polynomial to take off the channel first; None: none.
-        filter: band-pass at the record's own sampling; None: none. A raw displacement channel
-            should have one: its noise is small, its second derivative is not.
-        scale: factor on the motion; negative mirrors it.
-        target_pga: PGA of the motion as driven [m/s^2], which `scale` then only signs; None: as
-            `scale` has it.
-        noise: of the channels, for "fused" alone; None: told from the record's rest.
-        name: of the motion; by default the record's.
+    """The motion that a record asks of the pedestal: :class:`Recorded` in one call.
 
     Raises:
-        MotionError: the channel is missing, the filter does not fit the sampling, the noise of the
-            channels cannot be told, or the record cannot be resampled at `time_step`.
+        MotionError: as :class:`Recorded` and its `motion`.
     """
-    if not math.isfinite(scale) or scale == 0:
-        raise MotionError(f"{record.label}: scale {scale} must be finite and not 0")
-    interval = record.sample_interval
-    used = _driving_channel(record) if channel == "auto" else channel
-    if noise is not None and used != "fused":
-        raise MotionError(
-            f"{record.label}: noise has no effect on the {used} channel; leave it out"
-        )
-    displacement, how = _displacement(record, used, baseline, filter, noise)
-    driven = resample(
-        scale * taper_ends(displacement, interval), interval, time_step, name=record.label
-    )
-    treatment = "no filter"
-    if filter is not None:
-        treatment = f"band-pass {filter.low:g}-{filter.high:g} Hz order {filter.order}"
-    if baseline is not None:
-        treatment = f"baseline of degree {baseline}, {treatment}"
-    motion = Motion(
-        name=record.name if name is None else name,
-        time_step=time_step,
-        displacement=driven.displacement,
-        velocity=driven.velocity,
-        acceleration=driven.acceleration,
-        kind="recording",
-        source=(
-            f"{record.label}, sha256 {record.sha256 or 'none'}, {how}, {treatment}, "
-            f"scale {scale:.12g}, sampled every {interval:.9g} s"
-        ),
-        resampling_error=driven.error,
-        resampling_error_rms=driven.error_rms,
-        recording=Recording(record, baseline, filter, scale),
-    )
-    return motion if target_pga is None else motion.scaled_to_pga(target_pga, name=motion.name)
-
-
-def _driving_channel(record: Record) -> Channel:
-    if record.displacement is not None:
-        return "displacement"
-    return "acceleration" if record.velocity is None else "velocity"
+    return Recorded(record, channel, baseline, filter, scale, noise).motion(time_step, name=name)
 
 
 def _displacement(

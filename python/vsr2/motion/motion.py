@@ -6,7 +6,7 @@ import hashlib
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from vsr2.errors import MotionError
 
 if TYPE_CHECKING:
-    from vsr2.config.motion_source import Filter
-    from vsr2.motion.record import Record
+    from vsr2.motion.build import Recorded
 
 Array = NDArray[np.float64]
 
@@ -34,23 +33,6 @@ class SideMotion:
 
     displacement: Array
     velocity: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """The record a motion was built from, and how.
-
-    Attributes:
-        record: at its own sampling interval.
-        baseline: degree of the polynomial taken off first, or None.
-        filter: band-pass, or None.
-        scale: factor on the motion.
-    """
-
-    record: Record
-    baseline: int | None
-    filter: Filter | None
-    scale: float
 
 
 SIDES = ("transverse", "vertical", "pitch")
@@ -75,7 +57,8 @@ class Motion:
         transverse: along y, or None.
         vertical: along z, or None.
         pitch: rotation about y on the pedestal's pitch axis, or None.
-        recording: what it was built from, where that is a record.
+        recorded: the record and the choices it was built from; None where the samples no longer
+            follow from a record.
 
     The arrays are copies and read-only.
 
@@ -96,7 +79,7 @@ class Motion:
     transverse: SideMotion | None = None
     vertical: SideMotion | None = None
     pitch: SideMotion | None = None
-    recording: Recording | None = None
+    recorded: Recorded | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.time_step) and self.time_step > 0):
@@ -116,6 +99,15 @@ class Motion:
             )
         for side in SIDES:
             object.__setattr__(self, side, self._checked_side(side))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # Pickling and copying keep the samples but not that they are read-only.
+        self.__dict__.update(state)
+        for signal in (self, *self.sides.values()):
+            if signal is not None:
+                signal.displacement.setflags(write=False)
+                signal.velocity.setflags(write=False)
+        self.acceleration.setflags(write=False)
 
     def _checked_side(self, side: str) -> SideMotion | None:
         given: SideMotion | None = getattr(self, side)
@@ -243,9 +235,9 @@ class Motion:
                 source=f"{self.source}; scaled by {factor:.12g}",
                 resampling_error=self.resampling_error * abs(factor),
                 resampling_error_rms=self.resampling_error_rms * abs(factor),
-                recording=None
-                if self.recording is None
-                else replace(self.recording, scale=self.recording.scale * factor),
+                recorded=None
+                if self.recorded is None
+                else replace(self.recorded, scale=self.recorded.scale * factor),
                 transverse=_scaled(self.transverse, factor),
                 vertical=_scaled(self.vertical, factor),
                 pitch=_scaled(self.pitch, factor),

@@ -101,6 +101,11 @@ class Record:
         """The file, or the name where there is none; for messages."""
         return self.source or f"record {self.name!r}"
 
+    def lacking(self, channel: str) -> str | None:
+        """A channel that driving by `channel` needs and the record lacks; None: it has all."""
+        needed = ("displacement", "acceleration") if channel == "fused" else (channel,)
+        return next((name for name in needed if getattr(self, name) is None), None)
+
     @property
     def size(self) -> int:
         """Number of samples."""

@@ -1,4 +1,4 @@
-"""Bodies as the native core needs them: meshes, mass properties, URDF, start poses, pedestals."""
+"""Bodies and the scene they make: meshes, mass properties, URDF, start poses, pedestals."""
 
 from vsr2.scene.body import (
     Box,
@@ -20,6 +20,7 @@ from vsr2.scene.mass import (
 from vsr2.scene.mechanisms import Mechanisms
 from vsr2.scene.mesh import LoadedMesh, load_mesh
 from vsr2.scene.placement import drop_height, height_above, start_pose
+from vsr2.scene.scene import Scene, build_scene
 from vsr2.scene.stability import (
     Slenderness,
     StablePose,
@@ -43,6 +44,7 @@ __all__ = [
     "PitchSpring",
     "Pose",
     "RockBody",
+    "Scene",
     "Slenderness",
     "StablePose",
     "Support",
@@ -52,6 +54,7 @@ __all__ = [
     "box_mass_properties",
     "build_pedestal",
     "build_rock",
+    "build_scene",
     "drop_height",
     "format_inertia",
     "height_above",

@@ -10,29 +10,25 @@ from vsr2.simulation.contact_model import (
     restitution_target,
 )
 from vsr2.simulation.distributed import connect
-from vsr2.simulation.effects import apply_effects
-from vsr2.simulation.planning import study_trials
-from vsr2.simulation.scene import Scene, build_scene, make_scene
+from vsr2.simulation.planning import check_trials, plan_sha256, study_trials
+from vsr2.simulation.scene import native_scene
 from vsr2.simulation.shards import Shard, merge_shards, run_shard
 from vsr2.simulation.simulation import Simulation, State
-from vsr2.simulation.trial import Trial
 
 __all__ = [
     "ContactPair",
-    "Scene",
     "Shard",
     "Simulation",
     "State",
-    "Trial",
-    "apply_effects",
-    "build_scene",
+    "check_trials",
     "connect",
     "contact_softness",
     "effective_pair",
     "inverse_mass_along",
-    "make_scene",
     "merge_shards",
+    "native_scene",
     "normal_impulse",
+    "plan_sha256",
     "restitution_target",
     "run_batch",
     "run_shard",

@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields
 from os import PathLike
 from pathlib import Path
 from types import FrameType
@@ -19,7 +20,6 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.config import Study, load_study
-from vsr2.effects import Observation
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion
 from vsr2.results import (
@@ -38,14 +38,16 @@ from vsr2.results import (
 )
 from vsr2.simulation.distributed import run_on_cluster
 from vsr2.simulation.native_trials import FLOAT_COLUMNS, run_native
-from vsr2.simulation.planning import study_trials
-from vsr2.simulation.trial import Trial, check_trials, plan_sha256, state_columns
+from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
+from vsr2.trial import Observation, Trial
 
 if TYPE_CHECKING:
     import distributed
 
 _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
+OBSERVED = tuple(field.name for field in fields(Observation))
+"""Columns of what is written down of a trial, which effects on the outcome change."""
 _RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "steps")
 
 
@@ -183,7 +185,10 @@ class _Collection:
                 _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
         self.pending = [i for i in self.pending if i not in journal.finished]
         remove_temporaries(folder)
-        require_space(folder, sum(_least_bytes(self._trials[i]) for i in self.pending))
+        require_space(
+            folder,
+            sum(2 * _ROW_BYTES + log_bytes(self._trials[i], least=True) for i in self.pending),
+        )
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
@@ -209,11 +214,10 @@ def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
     rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
     if not rules or row["outcome"] == "failed":
         return row
-    keys = ("outcome", "peak_tilt", "final_tilt", "final_slip", "final_yaw")
-    observation = Observation(**{key: row[key] for key in keys})
+    observation = Observation(**{key: row[key] for key in OBSERVED})
     for rule in rules:
-        observation = rule.observe(observation)
-    return {**row, **{key: getattr(observation, key) for key in keys}}
+        observation = rule.effect.observe(observation, dict(rule.values))
+    return {**row, **asdict(observation)}
 
 
 def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
@@ -230,7 +234,7 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
     columns["outcome"][:] = "failed"
     for i, trial in enumerate(trials):
         columns["trial"][i] = i
-        columns["name"][i] = trial.name or trial.motion.name
+        columns["name"][i] = trial.label
         columns["motion"][i] = trial.motion.name
         columns["motion_sha256"][i] = trial.motion.sha256
         columns["seed"][i] = trial.seed
@@ -238,14 +242,6 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
         columns["pgv"][i] = trial.motion.pgv
         columns["pgv_pga"][i] = trial.motion.pgv_pga
     return columns
-
-
-def _least_bytes(trial: Trial) -> float:
-    """What a trial takes on disk at least [byte]."""
-    size, output = 2.0 * _ROW_BYTES, trial.output
-    if output.log_every and not trial.outcome.stop_early:
-        size += trial.motion.displacement.size // output.log_every * state_columns(trial) * 8
-    return size
 
 
 def _check_out(out: Mapping[str, NDArray[Any]], count: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -17,21 +17,22 @@ from vsr2.config.study import (
     Contact,
     Engine,
     MeshRock,
-    Outcome,
     Output,
     PrismPedestal,
     YawStart,
 )
-from vsr2.effects import Effect, Observation, Setup
+from vsr2.effects import Effect, Response, with_effects
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
-from vsr2.results import STATE_COLUMNS, TrialLog
+from vsr2.results import TrialLog
 from vsr2.scene import (
     Box,
     Hull,
     MassProperties,
+    PedestalBody,
     Pose,
     RockBody,
+    Scene,
     build_pedestal,
     build_rock,
     height_above,
@@ -40,11 +41,9 @@ from vsr2.scene import (
 )
 from vsr2.scene.rotation import multiply
 from vsr2.scene.shapes import hull_surface
-from vsr2.simulation.batch import run_batch
-from vsr2.simulation.effects import with_effects
-from vsr2.simulation.scene import Scene, make_scene
+from vsr2.simulation.batch import OBSERVED, run_batch
 from vsr2.simulation.simulation import Simulation
-from vsr2.simulation.trial import Trial
+from vsr2.trial import Observation, Trial
 
 Array = NDArray[np.float64]
 
@@ -57,40 +56,14 @@ TOUCH = 1e-6
 """Gap at which a body is released [m]."""
 
 
-@dataclass(frozen=True, eq=False)
-class BenchResponse:
-    """See :class:`vsr2.effects.Response`."""
-
-    time: Array
-    tilt: Array
-    position: Array
-    velocity: Array
-    angular_velocity: Array
-    pedestal: Array
-    pitch: Array
-    observation: Observation
+def with_tail(trial: Trial, tail: float) -> Trial:
+    """The trial with another longest time after its motion, at least a step [s]."""
+    tail = max(tail, trial.scene.engine.time_step)
+    return replace(trial, outcome=trial.outcome.model_copy(update={"tail": tail}))
 
 
-def trial_of(setup: Setup, *, tail: float = 0.0, log_every: int = 1, name: str = "") -> Trial:
-    """A trial of a setup, with a native scene of its own."""
-    outcome = setup.outcome.model_copy(update={"tail": max(tail, setup.engine.time_step)})
-    scene = make_scene(
-        replace(setup.rock, start=setup.start),
-        setup.pedestal,
-        setup.engine,
-        setup.contact,
-        setup.mechanisms,
-    )
-    return Trial(
-        scene=scene,
-        motion=setup.motion,
-        drive=setup.drive,
-        start=setup.start,
-        name=name,
-        settling=setup.settling,
-        outcome=outcome,
-        output=Output(log_every=log_every),
-    )
+def _stand() -> PedestalBody:
+    return build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
 
 
 class EffectBench:
@@ -109,43 +82,35 @@ class EffectBench:
         self._engine = Engine(mode=mode, linear_damping=0.0, angular_damping=0.0)
         self._mesh = mesh
 
-    def block(self) -> Setup:
+    def block(self) -> Trial:
         """A homogeneous block, 0.4 m x 0.6 m x 1.2 m, on an even pedestal, at rest."""
         return self._block
 
     @cached_property
-    def _block(self) -> Setup:
-        pedestal = build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
-        rock = build_rock(
-            BoxRock(shape="box", size=BLOCK, density=DENSITY),
-            pedestal,
-            clearance=2.0 * self._engine.collision_margin,
-        )
-        return self._setup(rock)
+    def _block(self) -> Trial:
+        return self._standing(BoxRock(shape="box", size=BLOCK, density=DENSITY))
 
-    def scan(self) -> Setup:
+    def scan(self) -> Trial:
         """A rock with the irregular hull of a scan."""
         return self._scan
 
     @cached_property
-    def _scan(self) -> Setup:
-        clearance = 2.0 * self._engine.collision_margin
+    def _scan(self) -> Trial:
         if self._mesh is None:
-            return self._setup(boulder(clearance))
-        given = MeshRock(shape="mesh", file=self._mesh, density=DENSITY)
-        pedestal = build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
-        return self._setup(build_rock(given, pedestal, clearance=clearance))
+            return self._trial(boulder(_stand(), 2.0 * self._engine.collision_margin))
+        return self._standing(MeshRock(shape="mesh", file=self._mesh, density=DENSITY))
 
-    def _setup(self, rock: RockBody) -> Setup:
-        return Setup(
-            rock=rock,
-            pedestal=build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5))),
-            engine=self._engine,
-            contact=Contact(),
+    def _standing(self, rock: BoxRock | MeshRock) -> Trial:
+        clearance = 2.0 * self._engine.collision_margin
+        return self._trial(build_rock(rock, _stand(), clearance=clearance))
+
+    def _trial(self, rock: RockBody) -> Trial:
+        trial = Trial(
+            scene=Scene(rock, _stand(), self._engine, Contact()),
             motion=self.pulse(2.0, 2.0),
-            start=rock.start,
-            outcome=Outcome(tail=1.0),
+            output=Output(log_every=1),
         )
+        return with_tail(trial, 0.0)
 
     def push(self, acceleration: float, *, duration: float = 0.6) -> Motion:
         """A motion that reaches a constant acceleration [m/s^2] smoothly and holds it [s].
@@ -167,14 +132,14 @@ class EffectBench:
 
     def run(
         self,
-        setup: Setup,
+        trial: Trial,
         effect: Effect | None = None,
         values: Mapping[str, float] | None = None,
         *,
         tail: float = 0.0,
-    ) -> BenchResponse:
-        """One trial of `setup` with the effect, settled first; `tail` [s] after the motion."""
-        trial = trial_of(setup, tail=tail)
+    ) -> Response:
+        """One trial of `trial` with the effect, settled first; `tail` [s] after the motion."""
+        trial = with_tail(trial, tail)
         if effect is not None:
             trial = with_effects([trial], [(effect, effect.complete(values or {}))])[0]
         result = run_batch([trial], threads=1)
@@ -182,30 +147,25 @@ class EffectBench:
             raise SimulationError(f"bench: {result['status'][0]}: {result['message'][0]}")
         log = result.logs[0]
         assert log is not None
-        return _response(log, _observation(result, 0))
+        return _response(log, Observation(**{key: result[key][0] for key in OBSERVED}))
 
-    def release(
-        self, setup: Setup, tilt: float, duration: float, *, spin: float = 0.0
-    ) -> BenchResponse:
+    def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
         """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
 
         The spin is about the vertical [rad/s]; tilts are told from upright.
         """
-        margin = 0.0 if isinstance(setup.rock.parts[0], Box) else setup.engine.collision_margin
+        scene, start = trial.scene, trial.start_pose
+        margin = 0.0 if isinstance(scene.rock.parts[0], Box) else scene.engine.collision_margin
         turn = (0.0, math.sin(0.5 * tilt), 0.0, math.cos(0.5 * tilt))
-        pose = Pose(setup.start.position, multiply(turn, setup.start.orientation))
-        gap = height_above(setup.rock.parts, pose, setup.pedestal)
+        pose = Pose(start.position, multiply(turn, start.orientation))
+        gap = height_above(scene.rock.parts, pose, scene.pedestal)
         assert gap is not None
         x, y, z = pose.position
-        pose = Pose((x, y, z - gap + margin + TOUCH), pose.orientation)
-        scene = make_scene(
-            setup.rock, setup.pedestal, setup.engine, setup.contact, setup.mechanisms
-        )
         simulation = Simulation(scene, spawn=False)
-        simulation.spawn(pose)
+        simulation.spawn(Pose((x, y, z - gap + margin + TOUCH), pose.orientation))
         if spin:
             simulation.set_rock_velocity((0.0, 0.0, 0.0), (0.0, 0.0, spin))
-        upright = scene.body_pose(setup.start).orientation
+        upright = scene.body_pose(start).orientation
         rows, pitch = [], []
         for _ in range(round(duration / simulation.time_step)):
             state = simulation.step(0.0)
@@ -214,7 +174,7 @@ class EffectBench:
             pitch.append(simulation.excursion[2])
         orientation = np.array([state.body_orientation for state in rows])
         tilts = np.array([_tilt(upright, q) for q in orientation])
-        return BenchResponse(
+        return Response(
             time=np.array([state.time for state in rows]),
             tilt=tilts,
             position=np.array([state.position for state in rows]),
@@ -232,35 +192,25 @@ def _tilt(rest: Sequence[float], q: Array) -> float:
     return 2.0 * math.asin(min(1.0, math.hypot(x, y)))
 
 
-def _observation(result: object, i: int) -> Observation:
-    row = {
-        key: result[key][i]  # type: ignore[index]
-        for key in ("outcome", "peak_tilt", "final_tilt", "final_slip", "final_yaw")
-    }
-    return Observation(str(row.pop("outcome")), **{key: float(value) for key, value in row.items()})
-
-
-def _response(log: TrialLog, observation: Observation) -> BenchResponse:
+def _response(log: TrialLog, observation: Observation) -> Response:
     shaken = log.time >= 0
-    return BenchResponse(
+    return Response(
         time=log.time[shaken],
         tilt=log.tilt[shaken],
         position=log.position[shaken],
         velocity=_columns(log, "rock_v", shaken),
         angular_velocity=_columns(log, "rock_w", shaken),
-        pedestal=log.state[shaken, STATE_COLUMNS.index("pedestal_position")],
+        pedestal=log.column("pedestal_position")[shaken],
         pitch=log.excursions[shaken, 2] if len(log.excursions) else np.zeros(int(shaken.sum())),
         observation=observation,
     )
 
 
 def _columns(log: TrialLog, prefix: str, rows: NDArray[np.bool_]) -> Array:
-    places = [STATE_COLUMNS.index(f"{prefix}{axis}") for axis in "xyz"]
-    found: Array = log.state[rows][:, places]
-    return found
+    return np.column_stack([log.column(f"{prefix}{axis}")[rows] for axis in "xyz"])
 
 
-def boulder(clearance: float) -> RockBody:
+def boulder(pedestal: PedestalBody, clearance: float) -> RockBody:
     """A made rock with the irregular hull of a scan: 0.5 m wide, 1.2 m high, some 340 kg.
 
     Points of an ellipsoid at golden-section angles, their radii varied by a fixed random draw, cut
@@ -282,11 +232,5 @@ def boulder(clearance: float) -> RockBody:
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
     mass: MassProperties = mesh_mass_properties(mesh, density=DENSITY, source="boulder")
     parts = (Hull(hull.vertices),)
-    pedestal = build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
     start = start_pose(YawStart(yaw=20.0), parts, mass, pedestal, clearance=clearance)
     return RockBody(parts=parts, mass=mass, start=start, surface=hull, source="boulder")
-
-
-def fast_violation(scene: Scene) -> str:
-    """Why the engine `fast` does not take a scene; empty if it does."""
-    return str(scene.native.fast_domain_violation)

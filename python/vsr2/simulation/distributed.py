@@ -2,8 +2,8 @@
 
 A chunk of trials is a task of a few kilobytes. Meshes and motions are tasks of their own, whose
 keys are the hashes of their content and which return it: the client sends each to the scheduler
-once, a worker that needs it fetches it once, and the scheduler can hand it out anew whichever
-worker dies.
+once, a worker that needs it fetches it once, and the scheduler can hand it out again whichever
+worker dies. Dask's `scatter` would not do: what lies on a worker that dies is lost.
 
 Dask runs the chunk of a lost worker again elsewhere. A chunk that outlives no worker is taken apart
 at the end, when nothing else runs, so that only a trial that kills workers all alone is given up.
@@ -11,6 +11,7 @@ at the end, when nothing else runs, so that only a trial that kills workers all 
 
 from __future__ import annotations
 
+import pickle
 import queue
 import threading
 import time
@@ -22,10 +23,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from vsr2 import _native
 from vsr2.errors import SimulationError
-from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
-from vsr2.simulation.native_trials import CONTACTS_A_ROW, POLL, failed_row
-from vsr2.simulation.orders import Cargo, Finished, hold, run_chunk, stop
-from vsr2.simulation.trial import Trial
+from vsr2.results import TrialLog
+from vsr2.simulation.native_trials import POLL, failed_row
+from vsr2.simulation.planning import log_bytes
+from vsr2.simulation.worker import Finished, Part, pack, packed_part, run_chunk, stop
+from vsr2.trial import Trial
 
 if TYPE_CHECKING:
     import distributed
@@ -37,8 +39,8 @@ MAX_CHUNK_STEPS = 100_000
 MAX_CHUNK_BYTES = 8 * 2**20
 """Size of a chunk's logs, unless a single trial has more [byte]: bounds memory everywhere."""
 KEPT_BYTES = 2**28
-"""Meshes and motions that no trial needs any more stay on the cluster up to this size, for the next
-batch of the same client [byte]."""
+"""Meshes and motions stay on the cluster up to this size, for the next chunks and batches of the
+same client [byte]."""
 
 _STEPS_BESIDE_MOTION = 2000
 _CHUNKS_A_THREAD = 4
@@ -96,7 +98,7 @@ def run_on_cluster(
     Where no worker is connected, it waits for one.
 
     Args:
-        trials: what to run; they passed :func:`vsr2.simulation.trial.check_trials`.
+        trials: what to run; they passed :func:`vsr2.simulation.check_trials`.
         client: of the cluster.
         take: called with index, row and log of each trial as it comes back.
         stopped: asked every `POLL`; once true, workers stop, and what they have finished is still
@@ -120,76 +122,64 @@ def run_on_cluster(
     return _ClusterRun(trials, client, take, stopped).run()
 
 
-class _Content:
-    """Meshes and motions on the cluster, by the hash of their bytes."""
+class _Held:
+    """Motions and meshes on the cluster by their keys, the latest used last."""
 
     def __init__(self, client: distributed.Client) -> None:
         self.client = client
-        self._held: OrderedDict[str, tuple[Any, int]] = OrderedDict()
+        self._futures: OrderedDict[str, tuple[Any, int]] = OrderedDict()
         self._sent: Counter[str] = Counter()
+        self._bytes = 0
         self._lock = threading.Lock()
 
-    def future(self, key: str, cargo: Cargo) -> Any:
-        """The task that gives the content; sent unless it is there."""
+    def future(self, key: str, part: Part) -> Any:
+        """The task that gives a part; sent unless it is there."""
         import dask
 
         with self._lock:
-            if key in self._held:
-                future, _ = self._held[key]
+            if key in self._futures:
+                future, size = self._futures[key]
                 if future.status in ("pending", "finished"):
-                    self._held.move_to_end(key)
+                    self._futures.move_to_end(key)
                     return future
-            content = cargo.content(key)
+                self._bytes -= size
+            content = packed_part(part)
             # A number, because the scheduler may still remember how it gave up the one before.
             name = f"vsr2-{key}-{self._sent[key]}"
             self._sent[key] += 1
             # Dask warns of large tasks, since most of them are large by mistake.
             with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
-                future = self.client.submit(hold, content, key=name)
-            self._held[key] = (future, len(content))
+                future = self.client.submit(pickle.loads, content, key=name)
+            self._futures[key] = (future, len(content))
+            self._bytes += len(content)
+            # Chunks under way keep what they need, though it is let go of here.
+            while self._bytes > KEPT_BYTES and len(self._futures) > 1:
+                _, (_, size) = self._futures.popitem(last=False)
+                self._bytes -= size
             return future
 
-    def shrink(self, needed: Callable[[str], bool]) -> None:
-        """Let go of what is not needed, the longest unused first, down to `KEPT_BYTES`."""
-        with self._lock:
-            held = sum(size for _, size in self._held.values())
-            if held <= KEPT_BYTES:
-                return
-            for key in [key for key in self._held if not needed(key)]:
-                future, size = self._held.pop(key)
-                future.release()
-                held -= size
-                if held <= KEPT_BYTES:
-                    return
+
+_held: dict[str, _Held] = {}
 
 
-_contents: dict[str, _Content] = {}
-
-
-def _content_of(client: distributed.Client) -> _Content:
-    for name in [name for name, kept in _contents.items() if kept.client.status == "closed"]:
-        del _contents[name]
-    return _contents.setdefault(client.id, _Content(client))
+def _held_of(client: distributed.Client) -> _Held:
+    for name in [name for name, held in _held.items() if held.client.status == "closed"]:
+        del _held[name]
+    return _held.setdefault(client.id, _Held(client))
 
 
 def _chunks(trials: Sequence[Trial], threads: int) -> Iterable[list[int]]:
     """Positions of trials that go together, for a cluster of so many threads."""
     most = min(MAX_CHUNK_TRIALS, -(-len(trials) // (_CHUNKS_A_THREAD * max(1, threads))))
     chunk: list[int] = []
-    steps = size = 0
+    steps, size = 0, 0.0
     for i, trial in enumerate(trials):
-        samples, output = trial.motion.displacement.size, trial.output
-        own_steps = samples + _STEPS_BESIDE_MOTION
-        own_size = 0
-        if output.log_every:
-            own_size += samples // output.log_every * len(STATE_COLUMNS) * 8
-        if output.contacts_every:
-            rows = samples // output.contacts_every * CONTACTS_A_ROW
-            own_size += rows * len(CONTACT_COLUMNS) * 8
+        own_steps = trial.motion.displacement.size + _STEPS_BESIDE_MOTION
+        own_size = log_bytes(trial)
         full = len(chunk) >= most or steps + own_steps > MAX_CHUNK_STEPS
         if chunk and (full or size + own_size > MAX_CHUNK_BYTES):
             yield chunk
-            chunk, steps, size = [], 0, 0
+            chunk, steps, size = [], 0, 0.0
         chunk.append(i)
         steps += own_steps
         size += own_size
@@ -226,8 +216,7 @@ class _ClusterRun:
         self._take = take
         self._stopped = stopped
         self._name = f"{client.id}-{time.time_ns():x}"
-        self._cargo = Cargo(trials)
-        self._content = _content_of(client)
+        self._held = _held_of(client)
         self._events: _Events = queue.SimpleQueue()
         self._flying: set[_Flight] = set()
         self._started = 0
@@ -279,7 +268,6 @@ class _ClusterRun:
                     self._stop_workers()
                 for flight in self._flying:
                     flight.future.release()
-            self._content.shrink(lambda key: False)
         return {
             "scheduler": address,
             "workers": len(self._workers),
@@ -297,15 +285,15 @@ class _ClusterRun:
             ) from error
 
     def _start(self, positions: list[int], *, alone: bool = False) -> None:
-        keys = dict.fromkeys(key for i in positions for key in self._cargo.keys(i))
+        content, parts = pack([self._trials[i] for i in positions])
         flight = _Flight(positions, f"vsr2-trials-{self._name}-{self._started}", alone)
         self._started += 1
         flight.future = self._client.submit(
             run_chunk,
             self._name,
             _native.build_facts(),
-            self._cargo.orders(positions),
-            {key: self._content.future(key, self._cargo) for key in keys},
+            content,
+            {key: self._held.future(key, part) for key, part in parts.items()},
             key=flight.key,
         )
         self._flying.add(flight)
@@ -325,13 +313,9 @@ class _ClusterRun:
         else:
             self._suspects.extend(flight.positions)
             self._tries.update(flight.positions)
-            return
-        for i in flight.positions:
-            self._cargo.done(i)
-        self._content.shrink(self._cargo.needed)
 
     def _error(self, flight: _Flight, cause: BaseException) -> SimulationError:
-        names = [self._trials[i].name or self._trials[i].motion.name for i in flight.positions]
+        names = [self._trials[i].label for i in flight.positions]
         return SimulationError(
             f"the cluster cannot run trials {names[0]!r} to {names[-1]!r} "
             f"({type(cause).__name__}: {cause}); scheduler and workers need the VSR2 and Dask "

@@ -10,9 +10,10 @@ import numpy as np
 
 from vsr2 import _native
 from vsr2.motion import Motion
-from vsr2.results import CONTACT_COLUMNS, TrialLog
-from vsr2.simulation.scene import Scene
-from vsr2.simulation.trial import Trial, goes_beside_x, state_bytes
+from vsr2.results import TrialLog
+from vsr2.simulation.planning import log_bytes
+from vsr2.simulation.scene import native_scene
+from vsr2.trial import Trial
 
 POLL = 0.1
 """How often finished trials are collected and Ctrl-C is noticed [s]."""
@@ -20,8 +21,6 @@ MAX_AHEAD = 1024
 """Most trials that the core holds, waiting, running or not yet taken."""
 MAX_AHEAD_BYTES = 2**28
 """Most that their logs can take, unless two trials a thread take more [byte]."""
-CONTACTS_A_ROW = 4
-"""Contacts at one time, about: what the size of a log is reckoned with."""
 
 _KEPT_SAMPLES_BYTES = 2**28
 _KEPT_STARTS = 4096
@@ -45,11 +44,8 @@ class _Specifications:
     """
 
     def __init__(self) -> None:
-        # With what the key's `id` is of, so that no other object gets it.
-        self._samples: OrderedDict[int, tuple[Motion, dict[str, Any]]] = OrderedDict()
-        self._starts: OrderedDict[tuple[Any, ...], tuple[Scene, _native.SettledStart]] = (
-            OrderedDict()
-        )
+        self._samples: OrderedDict[str, tuple[int, dict[str, Any]]] = OrderedDict()
+        self._starts: OrderedDict[tuple[Any, ...], _native.SettledStart] = OrderedDict()
         self._bytes = 0
 
     def of(self, trial: Trial) -> _native.TrialSpec:
@@ -63,7 +59,7 @@ class _Specifications:
         )
 
     def _motion(self, motion: Motion) -> dict[str, Any]:
-        key = id(motion)
+        key = motion.sha256
         if key in self._samples:
             self._samples.move_to_end(key)
             return self._samples[key][1]
@@ -74,15 +70,16 @@ class _Specifications:
             name: None if side is None else _native.Samples(side.displacement)
             for name, side in motion.sides.items()
         }
-        self._samples[key] = motion, samples
-        self._bytes += _sample_bytes(motion)
+        size = motion.displacement.nbytes * sum(value is not None for value in samples.values())
+        self._samples[key] = size, samples
+        self._bytes += size
         while self._bytes > _KEPT_SAMPLES_BYTES and len(self._samples) > 1:
-            _, (oldest, _) = self._samples.popitem(last=False)
-            self._bytes -= _sample_bytes(oldest)
+            _, (size, _) = self._samples.popitem(last=False)
+            self._bytes -= size
         return samples
 
     def _start(self, trial: Trial) -> _native.SettledStart:
-        if goes_beside_x(trial):
+        if trial.goes_beside_x:
             drive = _native.Drive.prescribed_spatial
         elif trial.drive == "prescribed":
             drive = _native.Drive.prescribed
@@ -90,21 +87,21 @@ class _Specifications:
             drive = _native.Drive.motor_position_velocity
         else:
             drive = _native.Drive.motor_position
-        body = trial.scene.body_pose(trial.start or trial.scene.rock.start)
+        body = trial.scene.body_pose(trial.start_pose)
         log_every = trial.output.log_every if trial.output.log_settling else 0
-        key = (id(trial.scene), drive, body, trial.settling, log_every)
+        key = (trial.scene.sha256, drive, body, trial.settling, log_every)
         if key in self._starts:
             self._starts.move_to_end(key)
-            return self._starts[key][1]
+            return self._starts[key]
         start = _native.SettledStart(
-            scene=trial.scene.native,
+            scene=native_scene(trial.scene),
             drive=drive,
             position=body.position,
             orientation=body.orientation,
             log_every=log_every,
             **trial.settling.model_dump(),
         )
-        self._starts[key] = trial.scene, start
+        self._starts[key] = start
         while len(self._starts) > _KEPT_STARTS:
             self._starts.popitem(last=False)
         return start
@@ -137,7 +134,7 @@ def run_native(
     try:
         while not native.exhausted():
             while added < len(trials):
-                size = _log_bytes(trials[added])
+                size = log_bytes(trials[added])
                 full = len(sizes) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
                 if full and len(sizes) >= 2 * threads:
                     break
@@ -158,21 +155,6 @@ def run_native(
         native.join()
 
 
-def _sample_bytes(motion: Motion) -> int:
-    """Size of a motion's set-points in the core [byte]."""
-    sides = sum(side is not None for side in motion.sides.values())
-    return (2 + sides) * motion.displacement.nbytes
-
-
-def _log_bytes(trial: Trial) -> float:
-    """About the size of the longest log that a trial can give [byte]."""
-    if trial.output.contacts_every == 0:
-        return state_bytes(trial)
-    seconds = trial.motion.duration + trial.outcome.tail
-    rows = seconds / (trial.scene.engine.time_step * trial.output.contacts_every)
-    return state_bytes(trial) + rows * CONTACTS_A_ROW * len(CONTACT_COLUMNS) * 8
-
-
 def _row(result: _native.TrialResult) -> dict[str, Any]:
     row = {name: getattr(result, name) for name in (*FLOAT_COLUMNS, "message", "engine", "steps")}
     return row | {"status": result.status.name, "outcome": result.outcome.name}
@@ -180,7 +162,7 @@ def _row(result: _native.TrialResult) -> dict[str, Any]:
 
 def failed_row(trial: Trial, message: str) -> dict[str, Any]:
     """The row of a trial that could not be run to an end of its own, with status `error`."""
-    facts = {"message": message, "engine": trial.scene.engine_name, "steps": 0}
+    facts = {"message": message, "engine": native_scene(trial.scene).engine, "steps": 0}
     return dict.fromkeys(FLOAT_COLUMNS, np.nan) | facts | {"status": "error", "outcome": "failed"}
 
 

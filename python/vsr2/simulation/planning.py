@@ -1,18 +1,26 @@
-"""The trials of a study."""
+"""The trials of a study, what they depend on, how large they get, and whether they can be run."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 
 import numpy as np
 
+from vsr2 import _native
 from vsr2.config import Study
-from vsr2.effects import chosen
+from vsr2.effects import apply_effects, chosen
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_motions
-from vsr2.simulation.effects import apply_effects
-from vsr2.simulation.scene import build_scene
-from vsr2.simulation.trial import Trial
+from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
+from vsr2.scene import build_scene
+from vsr2.simulation.scene import native_scene
+from vsr2.trial import Trial
+
+MAX_LOG_BYTES = 2e9
+"""Greatest state log of one trial that is accepted."""
+CONTACTS_A_ROW = 4
+"""Contacts at one time, about: what the size of a log is reckoned with."""
 
 
 def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> list[Trial]:
@@ -55,3 +63,79 @@ def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> li
         for i, motion in enumerate(motions)
     ]
     return apply_effects(trials, study.effects, seed=study.seed)
+
+
+def plan_sha256(trials: Sequence[Trial]) -> str:
+    """Hash of all that the results of these trials depend on."""
+    digest = hashlib.sha256(str(_native.build_facts()["version"]).encode())
+    for trial in trials:
+        digest.update(trial.content)
+    return digest.hexdigest()
+
+
+def check_trials(trials: Sequence[Trial]) -> None:
+    """Refuse what cannot be run, before any trial runs.
+
+    Raises:
+        SimulationError: a scene that no engine can use, a motion of another time step than its
+            scene's, a motor asked to drive a motion beside x or a pedestal that pitches on a
+            spring, a motion that pitches such a pedestal, or a log that could outgrow memory.
+    """
+    for scene in {trial.scene.sha256: trial.scene for trial in trials}.values():
+        native_scene(scene)
+    for trial in trials:
+        scene, motion = trial.scene, trial.motion
+        if abs(motion.time_step - scene.engine.time_step) > 1e-12 * scene.engine.time_step:
+            raise SimulationError(
+                f"motion {motion.name!r} is sampled at {motion.time_step:g} s but the engine steps "
+                f"at {scene.engine.time_step:g} s; resample the motion in time"
+            )
+        if motion.is_spatial and trial.drive != "prescribed":
+            raise SimulationError(
+                f"motion {motion.name!r} goes beside x; only drive: prescribed follows it"
+            )
+        if scene.pitches and trial.drive != "prescribed":
+            raise SimulationError(
+                f"trial {trial.label!r}: the pedestal pitches on a spring; only drive: prescribed "
+                "lets it"
+            )
+        if scene.pitches and motion.pitch is not None:
+            raise SimulationError(
+                f"motion {motion.name!r} pitches, and the pedestal pitches on a spring; leave one "
+                "of them out"
+            )
+        size, every = log_bytes(trial, contacts=False), trial.output.log_every
+        if size > MAX_LOG_BYTES:
+            raise SimulationError(
+                f"trial {trial.label!r}: its log could take {size / 1e9:.3g} GB "
+                f"({_longest(trial):g} s, a row every {every * scene.engine.time_step:g} s); raise "
+                "output.log_every or shorten outcome.tail"
+            )
+
+
+def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> float:
+    """Size of a trial's log in memory [byte].
+
+    Args:
+        trial: of which the state's rows count, and contacts as `CONTACTS_A_ROW` in each row.
+        contacts: False: of the state alone.
+        least: of the shortest log of a trial that runs to its end; else of the longest.
+    """
+    output, step = trial.output, trial.scene.engine.time_step
+    seconds = _longest(trial)
+    if least:
+        seconds = 0.0 if trial.outcome.stop_early else trial.motion.duration
+    size = 0.0
+    if output.log_every:
+        columns = len(STATE_COLUMNS) + (3 if trial.goes_beside_x else 0)
+        size += seconds / (step * output.log_every) * columns * 8
+    if contacts and output.contacts_every and not least:
+        rows = (trial.motion.duration + trial.outcome.tail) / (step * output.contacts_every)
+        size += rows * CONTACTS_A_ROW * len(CONTACT_COLUMNS) * 8
+    return size
+
+
+def _longest(trial: Trial) -> float:
+    """The longest time that a trial can log [s]."""
+    seconds = trial.motion.duration + trial.outcome.tail
+    return seconds + (2 * trial.settling.timeout if trial.output.log_settling else 0.0)

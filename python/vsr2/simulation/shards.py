@@ -25,7 +25,8 @@ from vsr2.results import (
 )
 from vsr2.results.atomic import write_atomic
 from vsr2.simulation.batch import run_batch
-from vsr2.simulation.trial import Trial, plan_sha256
+from vsr2.simulation.planning import plan_sha256
+from vsr2.trial import Trial
 
 SHARD_FOLDER = "shards"
 SHARD_FILE = "shard.json"

@@ -13,8 +13,8 @@ from vsr2 import _native
 from vsr2.config import Study, load_study
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
-from vsr2.scene import Pose
-from vsr2.simulation.scene import Scene, build_scene
+from vsr2.scene import Pose, Scene, build_scene
+from vsr2.simulation.scene import native_scene
 
 Array = NDArray[np.float64]
 MAX_SET_POINT = 1e6
@@ -86,7 +86,7 @@ class Simulation:
         self._drive = getattr(_native.Drive, chosen)
         self._start = self.scene.rock.start
         try:
-            self._world = _native.World(self.scene.native, self._drive)
+            self._world = _native.World(native_scene(self.scene), self._drive)
         except _native.InvalidInput as error:
             raise SimulationError(f"drive {chosen!r}: {error}") from error
         self._steps = 0
@@ -107,7 +107,7 @@ class Simulation:
     @property
     def engine(self) -> str:
         """Engine in use, a hand-over of `fast` included."""
-        return str(self._world.engine(self.scene.native))
+        return str(self._world.engine(native_scene(self.scene)))
 
     @property
     def has_rock(self) -> bool:
@@ -141,7 +141,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Back to the start, bit for bit: a fresh world at time 0, the rock where it began."""
-        self._world = _native.World(self.scene.native, self._drive)
+        self._world = _native.World(native_scene(self.scene), self._drive)
         self._steps = 0
         self._command = (0.0, 0.0)
         self.spawn(self._start)

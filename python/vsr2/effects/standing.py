@@ -1,0 +1,96 @@
+"""What a rock stands on in a trial, and how it is set down again after a change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.config.study import Settling
+from vsr2.errors import GeometryError
+from vsr2.scene import Box, Hull, Pose, Support, height_above, start_support
+from vsr2.scene.rotation import multiply
+from vsr2.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+def support_of(trial: Trial) -> Support:
+    """What the rock stands on, in the frame of the pedestal's top, which may slope."""
+    x, y, z, w = trial.scene.pedestal.slope
+    level = multiply((-x, -y, -z, w), trial.start_pose.orientation)
+    return start_support(replace(trial.scene.rock, start=Pose(trial.start_pose.position, level)))
+
+
+def mass_height(trial: Trial) -> float:
+    """Height of the mass centre above the support at the start, along the top's normal [m]."""
+    return support_of(trial).height
+
+
+def assert_stands(trial: Trial, shift: Array, slope: Array, *, key: str, what: str) -> None:
+    """Refuse to take the mass centre beyond a rock's support: it would fall while it settles.
+
+    Starts in which a rock does not stand anyway are left to the settling.
+
+    Args:
+        trial: before the change.
+        shift: by which the mass centre moves over the base, along the top, shape (2,) [m].
+        slope: rotation of the top from level after the change, shape (3, 3).
+        key: of the study that asks for it.
+        what: its value, for the error.
+
+    Raises:
+        GeometryError: the vertical through the mass centre leaves the support.
+    """
+    try:
+        support = support_of(trial)
+    except GeometryError:
+        return
+    plumb = -slope[2]  # In the frame of the top.
+    drop = shift - support.height * plumb[:2] / plumb[2]
+    following = np.roll(support.polygon, -1, axis=0) - support.polygon
+    normal = np.column_stack([following[:, 1], -following[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    beyond = float((normal @ drop - (normal * support.polygon).sum(axis=1)).max())
+    if support.margin > 0 and beyond > -1e-9:
+        raise GeometryError(
+            f"{what} takes the mass centre beyond the rock's support, so that it falls before the "
+            "motion begins; make it smaller",
+            key=key,
+        )
+
+
+def restand(trial: Trial, parts: Sequence[Hull | Box], start: Pose | None = None) -> Pose:
+    """The start raised or lowered so that other parts keep the present gap to the pedestal.
+
+    Args:
+        trial: with the present parts and start.
+        parts: new collision parts of the rock in M.
+        start: new start, whose height is set; by default the present one.
+
+    Raises:
+        GeometryError: the pedestal is no longer under the rock.
+    """
+    scene, moved = trial.scene, start or trial.start_pose
+    before = height_above(scene.rock.parts, trial.start_pose, scene.pedestal)
+    after = height_above(parts, moved, scene.pedestal)
+    if before is None or after is None:
+        raise GeometryError("the effect leaves no pedestal under the rock; make it smaller")
+    x, y, z = moved.position
+    return Pose((x, y, z + (before - after)), moved.orientation)
+
+
+def settle_at(trial: Trial, factor: float) -> Trial:
+    """The trial at rest below `factor` times the default speeds, or below its own if greater.
+
+    Hulls may tremble on their contacts without end, by micrometres, as the engine's choice of
+    contact points changes from step to step; at the default speeds they never count as at rest.
+    """
+    own, usual = trial.settling, Settling()
+    speeds = {
+        name: max(getattr(own, name), factor * getattr(usual, name))
+        for name in ("linear_speed", "angular_speed")
+    }
+    return replace(trial, settling=own.model_copy(update=speeds))

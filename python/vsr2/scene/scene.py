@@ -1,0 +1,114 @@
+"""The scene: a rock on a pedestal with the engine's settings, as a value."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import astuple, dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from vsr2.config.study import Contact, Engine, Study
+from vsr2.scene.body import Box, Hull, PedestalBody, Pose, RockBody, Triangles
+from vsr2.scene.build import build_pedestal, build_rock
+from vsr2.scene.mechanisms import Mechanisms
+from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_from_matrix
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A rock on a pedestal with its engine settings.
+
+    It is a description: it can be copied, pickled and sent to another machine. The native core's
+    own scene is built from it where trials are run.
+
+    Attributes:
+        rock, pedestal: the bodies; `rock.start` is where trials begin that name no start.
+        engine: settings of the engine.
+        contact: materials of the two.
+        mechanisms: mechanics beyond rigid bodies with Coulomb friction.
+    """
+
+    rock: RockBody
+    pedestal: PedestalBody
+    engine: Engine
+    contact: Contact
+    mechanisms: Mechanisms = field(default_factory=Mechanisms)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of everything the physics depends on, the start pose aside."""
+        digest = hashlib.sha256()
+        for section in (self.engine, self.contact):
+            digest.update(section.model_dump_json().encode())
+        rock, pedestal, mass = self.rock, self.pedestal, self.rock.mass
+        for values in (
+            [mass.mass, float(rock.inertia_from_aabb)],
+            mass.mass_center,
+            mass.principal_inertia,
+            mass.principal_axes,
+            pedestal.origin,
+            [pedestal.top, pedestal.mass],
+            pedestal.base_size,
+        ):
+            digest.update(np.asarray(values, dtype=np.float64).tobytes())
+        for part in (*rock.parts, *pedestal.parts):
+            match part:
+                case Hull():
+                    digest.update(b"hull" + part.points.tobytes())
+                case Box():
+                    pose = (*part.size, *part.center, *part.orientation)
+                    digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
+                case Triangles():
+                    digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
+        # What is not used adds nothing, so that it does not tell scenes apart.
+        digest.update(self.mechanisms.key.encode())
+        if pedestal.pitch_pivot is not None:
+            digest.update(b"pivot" + np.float64(pedestal.pitch_pivot).tobytes())
+        if pedestal.pitch_spring is not None:
+            digest.update(b"spring" + np.array(astuple(pedestal.pitch_spring)).tobytes())
+        return digest.hexdigest()
+
+    @cached_property
+    def body_frame(self) -> Pose:
+        """X_MB: the body frame (mass centre, principal axes) in the model frame."""
+        x, y, z = (float(value) for value in self.rock.mass.mass_center)
+        return Pose((x, y, z), quaternion_from_matrix(self.rock.mass.principal_axes))
+
+    @property
+    def pitches(self) -> bool:
+        """Whether the pedestal pitches on a spring, whatever the motion."""
+        return self.pedestal.pitch_spring is not None
+
+    @property
+    def pitch_pivot(self) -> float:
+        """Height in the world, at the start, of the pedestal's pitch axis [m]."""
+        pivot = self.pedestal.pitch_pivot
+        return self.pedestal.top if pivot is None else pivot
+
+    @property
+    def pedestal_surface(self) -> Triangles | None:
+        """The pedestal's display mesh in the world, at its start."""
+        surface = self.pedestal.surface
+        if surface is None:
+            return None
+        return Triangles(surface.vertices + np.asarray(self.pedestal.origin), surface.faces)
+
+    def body_pose(self, start: Pose) -> Pose:
+        """X_WB of a model-frame pose X_WM."""
+        frame = self.body_frame
+        rotation = matrix_from_quaternion(start.orientation)
+        center = rotation @ np.asarray(frame.position) + np.asarray(start.position)
+        x, y, z = (float(value) for value in center)
+        return Pose((x, y, z), multiply(start.orientation, frame.orientation))
+
+
+def build_scene(study: Study) -> Scene:
+    """The scene of a study: reads its meshes and places the rock.
+
+    Raises:
+        GeometryError: a mesh, URDF or start pose that cannot be used.
+    """
+    pedestal = build_pedestal(study.pedestal)
+    rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
+    return Scene(rock, pedestal, study.engine, study.contact)

@@ -1,0 +1,5 @@
+"""A trial: what is run, as a value that effects change and simulations take."""
+
+from vsr2.trial.trial import Applied, Observation, Trial
+
+__all__ = ["Applied", "Observation", "Trial"]

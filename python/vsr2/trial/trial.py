@@ -1,0 +1,147 @@
+"""One trial: scene, motion, start, and how its end is told."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal, Protocol
+
+from vsr2.config.study import Outcome, Output, Settling
+from vsr2.motion import Motion
+from vsr2.scene import Pose, RockBody, Scene
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What is written down of a trial.
+
+    Attributes:
+        outcome: stable, rocked, slid, rotated, overturned.
+        peak_tilt, final_tilt: [rad].
+        final_slip: [m].
+        final_yaw: [rad].
+    """
+
+    outcome: str
+    peak_tilt: float
+    final_tilt: float
+    final_slip: float
+    final_yaw: float
+
+    @property
+    def overturned(self) -> bool:
+        """Whether the trial counts as overturned."""
+        return self.outcome == "overturned"
+
+
+class ActingEffect(Protocol):
+    """What a trial needs of an effect that is in it: a :class:`vsr2.effects.Effect`."""
+
+    @property
+    def name(self) -> str:
+        """As a study writes it."""
+
+    @property
+    def stage(self) -> str:
+        """What it changes."""
+
+    def observe(self, observation: Observation, values: Mapping[str, float]) -> Observation:
+        """What is written down instead."""
+
+
+@dataclass(frozen=True)
+class Applied:
+    """An effect as it is in one trial.
+
+    Attributes:
+        effect: of the library.
+        given: values as asked for, the same in all trials.
+        values: in force in the trial.
+    """
+
+    effect: ActingEffect
+    given: tuple[tuple[str, float], ...]
+    values: tuple[tuple[str, float], ...]
+
+    @property
+    def key(self) -> str:
+        """Text that tells it from others."""
+        return f"{self.effect.name}{self.values!r}"
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One run of one scene under one motion.
+
+    Attributes:
+        scene: what is shaken.
+        motion: how; its time step must be the scene's. One that goes beside x needs the drive
+            "prescribed".
+        drive: "prescribed", or "motor" (S1.3: position and velocity reference for cosine motions,
+            position only for recordings).
+        start: pose X_WM of the rock's model frame; None: the scene's.
+        name: default: the motion's.
+        seed: of whatever was drawn for this trial before dispatch; kept with the result.
+        settling, outcome, output: as in a study.
+        effects: that are in it, as `vsr2.effects.apply_effects` notes them; those on the outcome
+            are applied to the result.
+    """
+
+    scene: Scene
+    motion: Motion
+    drive: Literal["prescribed", "motor"] = "prescribed"
+    start: Pose | None = None
+    name: str = ""
+    seed: int = 0
+    settling: Settling = field(default_factory=Settling)
+    outcome: Outcome = field(default_factory=Outcome)
+    output: Output = field(default_factory=Output)
+    effects: tuple[Applied, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Its name, or the motion's."""
+        return self.name or self.motion.name
+
+    @property
+    def start_pose(self) -> Pose:
+        """Where the rock begins, X_WM."""
+        return self.start or self.scene.rock.start
+
+    @property
+    def body(self) -> RockBody:
+        """The rock with the trial's start in it, as the functions of `vsr2.scene` take it."""
+        return replace(self.scene.rock, start=self.start_pose)
+
+    @property
+    def goes_beside_x(self) -> bool:
+        """Whether the pedestal moves along y or z or pitches."""
+        return self.motion.is_spatial or self.scene.pitches
+
+    def with_scene(self, **changes: Any) -> Trial:
+        """The trial with other fields of its scene, such as `rock` or `contact`."""
+        return replace(self, scene=replace(self.scene, **changes))
+
+    @property
+    def content(self) -> bytes:
+        """Text of all that its result depends on, scene and motion by their hashes."""
+        parts = (
+            self.name,
+            self.scene.sha256,
+            self.motion.sha256,
+            self.motion.kind,
+            self.drive,
+            repr(self.start_pose),
+            str(self.seed),
+            self.settling.model_dump_json(),
+            self.outcome.model_dump_json(),
+            self.output.model_dump_json(),
+            *(applied.key for applied in self.effects),
+        )
+        return b"".join(part.encode() + b"\0" for part in parts)
+
+    @property
+    def sha256(self) -> str:
+        """Hash of all that its result depends on."""
+        return hashlib.sha256(self.content).hexdigest()
