@@ -15,7 +15,6 @@ from vsr2.campaign import (
 )
 from vsr2.config import study_from_mapping
 from vsr2.errors import CampaignError
-from vsr2.motion import Record
 from vsr2.results import JOURNAL_FILE, prepare_folder, rotate
 from vsr2.simulation import run_batch, study_trials
 
@@ -189,26 +188,20 @@ def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_pat
         simulate_campaign(**arguments, checkpoint=folder, resume=whole)
 
 
-def test_trials_of_ones_own_with_ids_and_records(study):
+def test_trials_of_ones_own_with_ids(study):
     trials = study_trials(study)[:2]
-    records = [
-        Record(name="as recorded", sample_interval=0.002, acceleration=np.sin(np.arange(50.0)))
-    ] * 2
     made = simulate_campaign(
         [trials[0], replace(trials[1], motion=trials[0].motion.scaled(2.0))],
-        name="pair",
         motion_ids=["pulse", "pulse"],
-        records=records,
-        specimen="S",
         threads=1,
     )
-    assert made.name == "pair"
+    assert made.name == "simulated"
     assert made.motion_ids.tolist() == ["pulse", "pulse"]
-    # One record serves both; intensities are the record's business, not those driven.
-    assert set(made.motions) == {"as_recorded"}
-    assert made.motions["as_recorded"].displacement is None
-    assert made.trials[0].pga is None
-    assert made.tier == "M"
+    assert len(made.motions) == 2
+    assert made.trials[1].pga == pytest.approx(2 * made.trials[0].pga)
+    one_motion = simulate_campaign([trials[0]] * 2, motion_ids=["a", "b"], threads=1)
+    assert len(one_motion.motions) == 1
+    assert one_motion.motion_ids.tolist() == ["a", "b"]
     with pytest.raises(CampaignError, match="motion_ids has 1 entries for 2 trials"):
         simulate_campaign(trials, motion_ids=["a"])
     with pytest.raises(CampaignError, match="sessions of 0 trials"):

@@ -24,6 +24,7 @@ from vsr2.config.study import Outcome, Output, Study
 from vsr2.effects import apply_effects
 from vsr2.errors import ResultError, SimulationError
 from vsr2.results import JOURNAL_FILE, BatchResult, load_result, load_trial_log, prepare_folder
+from vsr2.scene import build_scene
 from vsr2.simulation import (
     Shard,
     connect,
@@ -47,6 +48,7 @@ motion:
 output: {log_every: 10, contacts_every: 100, figures: false}
 """
 TIMEOUT = 30.0
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -231,7 +233,9 @@ def test_meshes_and_motions_travel_once(
     # Motions that no worker has seen, and twins of them, for which identity does not do.
     motions = [trial.motion.scaled(1.01) for trial in trials[:4]]
     twins = [motion.scaled(1.0, name=f"twin {i}") for i, motion in enumerate(motions)]
-    light = replace(trials[0], output=Output(log_every=0))
+    scan = {"shape": "mesh", "file": str(ROOT / "models/pbr_scan.obj"), "density": 2650.0}
+    scene = build_scene(Study.model_validate(yaml.safe_load(STUDY) | {"rock": scan}))
+    light = replace(trials[0], scene=scene, output=Output(log_every=0))
     batch = [replace(light, motion=(motions * 10 + twins)[i], seed=i) for i in range(44)]
     sent: list[tuple[str, int]] = []
     submit = client.submit
@@ -247,7 +251,7 @@ def test_meshes_and_motions_travel_once(
     assert set(result["status"]) == {"ok"}
     contents = [key for key, _ in sent if not key.startswith("vsr2-trials-")]
     assert len([key for key in contents if key.startswith("vsr2-motion-")]) == 4
-    assert len([key for key in contents if key.startswith("vsr2-mesh-")]) == 2
+    assert len([key for key in contents if key.startswith("vsr2-mesh-")]) == 1
     chunks = [size for key, size in sent if key.startswith("vsr2-trials-")]
     assert len(chunks) >= 8
     assert max(chunks) < 4000 < trials[0].motion.displacement.nbytes

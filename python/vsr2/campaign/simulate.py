@@ -10,7 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,35 +37,38 @@ Array = NDArray[np.float64]
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which a trial's outcome is known."""
+SPECIMEN = "rock"
+"""Id of the specimen of a simulated campaign."""
 UNFINISHED = ("cancelled", "not_run")
 """Statuses of trials that an interruption left; resuming runs them."""
+
+
+class RunOptions(TypedDict, total=False):
+    """How trials are run, as :func:`vsr2.simulation.run_batch` takes it."""
+
+    threads: int | None
+    progress: bool
+    checkpoint: str | os.PathLike[str] | None
+    client: distributed.Client | None
 
 
 def simulate_campaign(
     study: Study | Sequence[Trial],
     *,
-    motions: Sequence[Motion] | None = None,
     effects: Mapping[str, Mapping[str, float | str]] | None = None,
-    name: str | None = None,
-    description: str = "",
-    specimen: str = "rock",
     motion_ids: Sequence[str] | None = None,
-    records: Sequence[Record] | None = None,
     sessions: Sequence[str] | int | None = None,
     noise: MeasurementNoise | None = None,
     seed: int = 0,
     series_every: int = 0,
-    threads: int | None = None,
-    progress: bool = False,
     resume: Campaign | None = None,
-    checkpoint: str | os.PathLike[str] | None = None,
-    client: distributed.Client | None = None,
+    **run: Unpack[RunOptions],
 ) -> Campaign:
     """Run trials and write down what an experimenter would have measured.
 
     The motion drives the rock as it is; noise is added to what is written. It is normal, white in
     time, independent between trials and channels, and drawn for each trial from `seed` and the
-    trial's place alone, so that leaving trials out changes none of the others. Noise of the
+    trial's index alone, so that leaving trials out changes none of the others. Noise of the
     largest tilt is cut at 0 and pi; noise of the orientation is a small rotation about a random
     axis. Trials are run in the order given, which is their `order`.
 
@@ -73,29 +76,21 @@ def simulate_campaign(
     the study asks for, as an experimenter who does not know of the effect would have them.
 
     Args:
-        study: a study, or trials made before, whose scenes and settings may differ.
-        motions: with a study: drive these instead of its own.
+        study: a study, or trials made before, whose scenes and settings may differ. The campaign
+            has the study's name, else "simulated".
         effects: to add, by name, each with its parameters; an effect of the study's own that is
             named here is replaced. Order and sessions are the campaign's.
-        name: of the campaign; by default the study's, else "simulated".
-        description: of the campaign.
-        specimen: id of the rock.
         motion_ids: ground motion of each trial; by default the name of its motion. Give it where
             several trials are scalings of one motion.
-        records: what the table's instruments recorded in each trial, before noise; by default
-            displacement and acceleration as driven without effects.
         sessions: of each trial, or how many trials make a session; by default all are of session
             "1".
         noise: standard errors; None, and channels not stated: none.
         seed: of the noise and of what effects draw.
         series_every: keep a row of the series every so many time steps; 0: no series.
-        threads: as in :func:`vsr2.simulation.run_batch`.
-        progress: show a progress bar on standard error.
         resume: a campaign of the same call that was interrupted; only trials that it lacks are run.
-        checkpoint: a folder in which finished trials are kept, as in
-            :func:`vsr2.simulation.run_batch`: a call that was killed, made again, runs only the
-            others and gives the same campaign. Not together with `resume`.
-        client: of a Dask distributed cluster, as in :func:`vsr2.simulation.run_batch`.
+        run: threads, progress, checkpoint and client of :func:`vsr2.simulation.run_batch`. With a
+            checkpoint a call that was killed, made again, runs only the other trials and gives the
+            same campaign. Not together with `resume`.
 
     Returns:
         The campaign. Trials whose outcome cannot be trusted (failed, interrupted) have no outcome
@@ -108,85 +103,41 @@ def simulate_campaign(
             runs.
         ResultError: the checkpoint cannot be used, or belongs to other trials.
     """
-    from vsr2.simulation import run_batch, study_trials
-
-    wanted = dict(effects or {})
-    if isinstance(study, Study):
-        wanted = {**study.effects, **wanted}
-        chosen(wanted)
-        trials = study_trials(study.model_copy(update={"effects": {}}), motions=motions)
-    elif motions is None:
-        trials = list(study)
-    else:
-        raise CampaignError("motions can be given only together with a study")
-    if not trials:
-        raise CampaignError("no trials to simulate: give at least one")
-    noise = MeasurementNoise() if noise is None else noise
-    if sessions is None or isinstance(sessions, int):
-        size = len(trials) if sessions is None else sessions
-        if size < 1:
-            raise CampaignError(f"sessions of {size} trials; give 1 or more")
-        sessions = [str(i // size + 1) for i in range(len(trials))]
-    for label, given in (("motion_ids", motion_ids), ("records", records), ("sessions", sessions)):
-        if given is not None and len(given) != len(trials):
-            raise CampaignError(f"{label} has {len(given)} entries for {len(trials)} trials")
-    if resume is not None and checkpoint is not None:
+    if resume is not None and run.get("checkpoint") is not None:
         raise CampaignError("give either resume or checkpoint, not both")
     if series_every < 0 or seed < 0:
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
-    output = {
-        "log_every": series_every,
-        "log_settling": False,
-        "contacts_every": 0,
-        "contact_trials": None,
-        "npy": False,
-    }
-    trials = [replace(trial, output=trial.output.model_copy(update=output)) for trial in trials]
-    asked = trials
-    trials = apply_effects(trials, wanted, sessions=sessions, seed=seed)
+    noise = noise or MeasurementNoise()
+    asked, wanted = _asked(study, dict(effects or {}), series_every)
+    held = _sessions(sessions, len(asked))
+    for label, given in (("motion_ids", motion_ids), ("sessions", held)):
+        if given is not None and len(given) != len(asked):
+            raise CampaignError(f"{label} has {len(given)} entries for {len(asked)} trials")
+    trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
     ids = [f"T{i + 1:0{max(3, len(str(len(trials))))}d}" for i in range(len(trials))]
     kept = _finished(resume, digest)
     pending = [i for i, trial in enumerate(ids) if trial not in kept]
-    result: BatchResult | None = None
-    series: dict[int, Series] = {}
-
-    def keep(index: int, log: TrialLog | None) -> None:
-        if log is not None:
-            i = pending[index]
-            one = _series(log, noise, _generator(seed, i, 2))
-            if one is not None:
-                series[i] = one
-
-    if pending:
-        result = run_batch(
-            [trials[i] for i in pending],
-            threads=threads,
-            progress=progress,
-            keep_logs=False,
-            on_trial=keep,
-            checkpoint=checkpoint,
-            client=client,
-        )
-        if checkpoint is not None and series_every:
-            # Of trials that were finished before; there is no resumed campaign then.
-            for i in range(len(trials)):
-                if i not in series and result["status"][i] in JUDGED:
-                    keep(i, load_trial_log(checkpoint, i))
-    files, written = _records(asked, ids, records, noise, seed)
+    result, series = _run(trials, pending, noise, seed, run)
+    row_of = {i: k for k, i in enumerate(pending)}
+    files, written = _records(asked, ids, noise, seed)
     rows: list[CampaignTrial] = []
     for i, trial in enumerate(asked):
         row = CampaignTrial(
             trial=ids[i],
             motion=trial.motion.name if motion_ids is None else motion_ids[i],
-            session=sessions[i],
+            session=held[i],
             order=i + 1,
-            specimen=specimen,
+            specimen=SPECIMEN,
             motion_file=files[i],
-            pga=trial.motion.pga if records is None else None,
-            pgv_pga=trial.motion.pgv_pga if records is None else None,
+            pga=trial.motion.pga,
+            pgv_pga=trial.motion.pgv_pga,
         )
-        if ids[i] in kept:
+        if i in row_of:
+            assert result is not None
+            rng = _generator(seed, i, 1)
+            row = _judged(row, result, row_of[i], noise, rng, series.get(i))
+        else:
             old = kept[ids[i]]
             row = replace(
                 row,
@@ -195,37 +146,91 @@ def simulate_campaign(
                 note=old.note,
                 series=old.series,
             )
-        elif result is not None:
-            at = pending.index(i) if len(pending) < len(trials) else i
-            row = _judged(row, result, at, noise, _generator(seed, i, 1), series.get(i))
         rows.append(row)
-    rock = asked[0].scene.rock
-    provenance: dict[str, Any] = {
-        "digest": digest,
-        "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
-        "seed": seed,
-        "noise": asdict(noise),
-        "series_every": series_every,
-        "effects": {name: _finite(values) for name, values in wanted.items()},
-    }
+    provenance = dict(resume.provenance) if resume is not None else {}
     if result is not None:
-        facts = result.provenance.items()
-        provenance |= {key: value for key, value in facts if key not in ("study", "effects")}
-    elif resume is not None:
-        provenance = dict(resume.provenance)
+        provenance = {
+            "digest": digest,
+            "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+            "seed": seed,
+            "noise": asdict(noise),
+            "series_every": series_every,
+            "effects": {name: _finite(values) for name, values in wanted.items()},
+        } | {k: v for k, v in result.provenance.items() if k not in ("study", "effects")}
+    mass = asked[0].scene.rock.mass.mass
     return Campaign(
-        name=name or (study.name if isinstance(study, Study) else "simulated"),
-        description=description,
+        name=study.name if isinstance(study, Study) else "simulated",
+        description="",
         trials=tuple(rows),
         motions=written,
-        specimens={
-            specimen: Specimen(
-                description="simulated", mass=rock.mass.mass, model_file=_model(study)
-            )
-        },
+        specimens={SPECIMEN: Specimen("simulated", mass=mass, model_file=_model(study))},
         noise=noise,
         provenance=json.loads(json.dumps(provenance, default=str)),
     )
+
+
+def _asked(
+    study: Study | Sequence[Trial], effects: dict[str, Any], series_every: int
+) -> tuple[list[Trial], dict[str, Mapping[str, float | str]]]:
+    """Trials without the effects, logging what the campaign keeps, and all effects to add."""
+    from vsr2.simulation import study_trials
+
+    if isinstance(study, Study):
+        effects = {**study.effects, **effects}
+        chosen(effects)  # refused before any mesh is read
+        trials = study_trials(study.model_copy(update={"effects": {}}))
+    else:
+        trials = list(study)
+    if not trials:
+        raise CampaignError("no trials to simulate: give at least one")
+    output = {
+        "log_every": series_every,
+        "log_settling": False,
+        "contacts_every": 0,
+        "contact_trials": None,
+        "npy": False,
+    }
+    logging = [trial.output.model_copy(update=output) for trial in trials]
+    return [replace(t, output=own) for t, own in zip(trials, logging, strict=True)], effects
+
+
+def _sessions(sessions: Sequence[str] | int | None, count: int) -> Sequence[str]:
+    if sessions is not None and not isinstance(sessions, int):
+        return sessions
+    size = count if sessions is None else sessions
+    if size < 1:
+        raise CampaignError(f"sessions of {size} trials; give 1 or more")
+    return [str(i // size + 1) for i in range(count)]
+
+
+def _run(
+    trials: Sequence[Trial],
+    pending: Sequence[int],
+    noise: MeasurementNoise,
+    seed: int,
+    options: RunOptions,
+) -> tuple[BatchResult | None, dict[int, Series]]:
+    """Results of the trials that are pending, in their order, and series by index of all trials."""
+    from vsr2.simulation import run_batch
+
+    series: dict[int, Series] = {}
+
+    def keep(index: int, log: TrialLog | None) -> None:
+        i = pending[index]
+        one = None if log is None else _series(log, noise, _generator(seed, i, 2))
+        if one is not None:
+            series[i] = one
+
+    if not pending:
+        return None, series
+    result = run_batch([trials[i] for i in pending], keep_logs=False, on_trial=keep, **options)
+    checkpoint = options.get("checkpoint")
+    if checkpoint is not None and trials[0].output.log_every:
+        # Of trials that were finished before.
+        for k, i in enumerate(pending):
+            if i not in series and result["status"][k] in JUDGED:
+                keep(k, load_trial_log(checkpoint, k))
+    return result, series
 
 
 def _finite(values: Mapping[str, float | str]) -> dict[str, float | str | None]:
@@ -314,54 +319,36 @@ def _series(log: TrialLog, noise: MeasurementNoise, rng: np.random.Generator) ->
 
 
 def _records(
-    trials: Sequence[Trial],
-    ids: Sequence[str],
-    given: Sequence[Record] | None,
-    noise: MeasurementNoise,
-    seed: int,
+    trials: Sequence[Trial], ids: Sequence[str], noise: MeasurementNoise, seed: int
 ) -> tuple[list[str], dict[str, Record]]:
-    """Names of the trials' motion files, and the files: shared where nothing tells them apart."""
+    """Names of the trials' motion files, and the files; equal motions have one, unless noisy."""
     noisy = bool(noise.displacement or noise.acceleration)
     files: list[str] = []
     out: dict[str, Record] = {}
-    shared: dict[str | int, str] = {}
+    known: dict[str, str] = {}
     for i, trial in enumerate(trials):
-        source: str | int = trial.motion.sha256 if given is None else id(given[i])
-        if not noisy and source in shared:
-            files.append(shared[source])
+        motion = trial.motion
+        if not noisy and motion.sha256 in known:
+            files.append(known[motion.sha256])
             continue
-        if given is None:
-            motion = trial.motion
-            record = Record(
-                name=motion.name,
-                sample_interval=motion.time_step,
-                displacement=motion.displacement,
-                acceleration=motion.acceleration,
-            )
-        else:
-            record = given[i]
-        file = ids[i] if noisy else _file_name(record.name, out)
-        shared[source] = file
+        file = ids[i] if noisy else _file_name(motion.name, out)
+        known[motion.sha256] = file
         files.append(file)
-        out[file] = _recorded(record, file, noise, _generator(seed, i, 0))
+        out[file] = _recorded(motion, file, noise, _generator(seed, i, 0))
     return files, out
 
 
 def _recorded(
-    record: Record, name: str, noise: MeasurementNoise, rng: np.random.Generator
+    motion: Motion, name: str, noise: MeasurementNoise, rng: np.random.Generator
 ) -> Record:
-    draws = rng.standard_normal((2, record.size))
-    displacement, acceleration = record.displacement, record.acceleration
-    if displacement is not None and noise.displacement:
+    """What the table's instruments record of a motion."""
+    draws = rng.standard_normal((2, motion.displacement.size))
+    displacement, acceleration = motion.displacement, motion.acceleration
+    if noise.displacement:
         displacement = displacement + noise.displacement * draws[0]
-    if acceleration is not None and noise.acceleration:
+    if noise.acceleration:
         acceleration = acceleration + noise.acceleration * draws[1]
-    return Record(
-        name=name,
-        sample_interval=record.sample_interval,
-        displacement=displacement,
-        acceleration=acceleration,
-    )
+    return Record(name, motion.time_step, displacement=displacement, acceleration=acceleration)
 
 
 def _file_name(name: str, taken: dict[str, Record]) -> str:

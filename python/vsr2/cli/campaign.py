@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -233,7 +234,6 @@ def _simulate(options: argparse.Namespace) -> int:
             client = stack.enter_context(connect(options.scheduler))
         campaign = simulate_campaign(
             study,
-            name=options.name,
             sessions=options.session_size,
             noise=noise,
             seed=options.seed,
@@ -244,6 +244,7 @@ def _simulate(options: argparse.Namespace) -> int:
             checkpoint=checkpoint if resume is None else None,
             client=client,
         )
+    campaign = replace(campaign, name=options.name or campaign.name)
     save_campaign(campaign, options.dest, overwrite=options.overwrite or options.resume)
     if not campaign.provenance.get("interrupted"):
         remove_result(checkpoint)

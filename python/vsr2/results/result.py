@@ -184,6 +184,12 @@ class TrialLog:
             raise ResultError(f"no column {name!r}; known: {', '.join(STATE_COLUMNS)}")
         return self.state[:, STATE_COLUMNS.index(name)]
 
+    def __setstate__(self, state: dict[str, Array]) -> None:
+        # Pickling and copying keep the arrays but not that they are read-only.
+        self.__dict__.update(state)
+        for array in state.values():
+            array.setflags(write=False)
+
     @property
     def time(self) -> Array:
         """Time from the start of the motion, shape (n,) [s]."""

@@ -81,18 +81,18 @@ def _key(part: Part) -> str:
 
 def pack(trials: Sequence[Trial]) -> tuple[bytes, dict[str, Part]]:
     """Trials for :func:`run_chunk`, and the parts that travel apart by their keys."""
-    scenes: dict[int, Scene] = {}
+    scenes: dict[str, Scene] = {}
     bare = []
     for trial in trials:
         scene = trial.scene
-        if id(scene) not in scenes:
-            scenes[id(scene)] = replace(
+        if scene.sha256 not in scenes:
+            scenes[scene.sha256] = replace(
                 scene,
                 rock=replace(scene.rock, surface=None, source="", sha256="", notes=()),
                 pedestal=replace(scene.pedestal, surface=None, source="", sha256=""),
             )
         bare.append(
-            replace(trial, scene=scenes[id(scene)], start=trial.start_pose, name="", effects=())
+            replace(trial, scene=scenes[scene.sha256], start=trial.start_pose, name="", effects=())
         )
     buffer = io.BytesIO()
     pickler = _Pickler(buffer)

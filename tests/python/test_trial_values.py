@@ -1,0 +1,170 @@
+"""Scene, trial and result as values: copied, pickled, hashed; the native scene behind a scene."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vsr2.config.study import Output, Study
+from vsr2.effects import EffectRangeWarning, apply_effects
+from vsr2.errors import GeometryError
+from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
+from vsr2.results import BatchResult
+from vsr2.scene import Mechanisms, Scene, build_scene
+from vsr2.simulation import native_scene, plan_sha256, run_batch
+from vsr2.simulation import scene as module
+from vsr2.simulation.worker import _Unpickler, pack, packed_part
+from vsr2.trial import Trial
+
+ROOT = Path(__file__).resolve().parents[2]
+BOX = {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0}
+SCAN = {"shape": "mesh", "file": str(ROOT / "models" / "pbr_scan.obj"), "density": 2650.0}
+EFFECTS = {
+    "edge_rounding": {"radius": 0.006},
+    "restitution": {"energy_ratio": 0.8},
+    "table_pitch": {"compliance": 0.005},
+    "off_axis_motion": {"share": 0.1},
+    "placement": {"yaw": 5.0},
+    "outcome_rule": {"tilt": 0.1},
+}
+
+Copy = Callable[[Any], Any]
+
+
+def pickled(value: Any) -> Any:
+    return pickle.loads(pickle.dumps(value))
+
+
+def through_a_worker(trial: Trial) -> Trial:
+    content, parts = pack([trial])
+    there = {key: pickle.loads(packed_part(part)) for key, part in parts.items()}
+    [back] = _Unpickler(content, there).load()
+    assert isinstance(back, Trial)
+    return back
+
+
+def scene_of(rock: dict[str, Any]) -> Scene:
+    motion = {"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1}
+    return build_scene(Study.model_validate({"rock": rock, "motion": motion}))
+
+
+def recorded() -> Motion:
+    time = np.arange(400) * 0.002
+    x = 0.05 * np.sin(np.pi * time / time[-1]) ** 4 * np.sin(5 * np.pi * time)
+    motion = build_recorded_motion(Record("r", 0.002, displacement=x), 0.001)
+    side = SideMotion(0.1 * motion.displacement, 0.1 * motion.velocity)
+    return replace(motion, vertical=side)
+
+
+@pytest.fixture(scope="module", params=["box", "scan"])
+def trial(request: pytest.FixtureRequest) -> Trial:
+    scene = scene_of(BOX if request.param == "box" else SCAN)
+    plain = Trial(scene, recorded(), output=Output(log_every=5), seed=7)
+    return apply_effects([plain], EFFECTS)[0]
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, pickled])
+def test_a_copy_is_equal_and_runs_to_the_same_bits(trial: Trial, duplicate: Copy) -> None:
+    other = duplicate(trial)
+    assert other.scene is not trial.scene
+    assert other.scene.sha256 == trial.scene.sha256
+    assert other.motion.sha256 == trial.motion.sha256
+    assert other.sha256 == trial.sha256
+    assert plan_sha256([other]) == plan_sha256([trial])
+    assert not other.motion.acceleration.flags.writeable
+    assert not other.motion.vertical.velocity.flags.writeable
+    # The hash told beforehand is that of the content.
+    assert replace(other.scene).sha256 == trial.scene.sha256
+    first, second = run_batch([trial], threads=1), run_batch([other], threads=1)
+    assert first.log(0).state.tobytes() == second.log(0).state.tobytes()
+    assert first.log(0).excursions.tobytes() == second.log(0).excursions.tobytes()
+    for name in first.trials:
+        np.testing.assert_array_equal(first[name], second[name])
+
+
+def test_a_trial_that_travels_runs_to_the_same_bits(trial: Trial) -> None:
+    there = through_a_worker(trial)
+    assert there.scene.sha256 == trial.scene.sha256
+    assert there.motion.sha256 == trial.motion.sha256
+    assert there.motion.recorded is None
+    assert there.start == trial.start_pose
+    here, back = run_batch([trial], threads=1), run_batch([there], threads=1)
+    assert here.log(0).state.tobytes() == back.log(0).state.tobytes()
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, pickled])
+def test_a_result_is_copied_with_its_logs(trial: Trial, duplicate: Copy) -> None:
+    result = run_batch([trial, replace(trial, output=Output(log_every=0))], threads=1)
+    other = duplicate(result)
+    assert isinstance(other, BatchResult)
+    for name in result.trials:
+        np.testing.assert_array_equal(other[name], result[name])
+    assert other.log(0).state.tobytes() == result.log(0).state.tobytes()
+    assert other.logs[1] is None
+    assert other.provenance == result.provenance
+    with pytest.raises(ValueError, match="read-only"):
+        other.log(0).state[0, 0] = 1.0
+
+
+def test_all_that_acts_is_in_the_hash(trial: Trial) -> None:
+    scene = trial.scene
+    others = [
+        replace(trial, seed=8),
+        replace(trial, drive="motor"),
+        replace(trial, name="other"),
+        replace(trial, motion=trial.motion.scaled(2.0)),
+        replace(trial, output=Output(log_every=6)),
+        replace(trial, effects=()),
+        trial.with_scene(mechanisms=Mechanisms(adhesion=5.0)),
+        trial.with_scene(engine=scene.engine.model_copy(update={"gravity": 9.7})),
+    ]
+    assert len({trial.sha256, *(other.sha256 for other in others)}) == 9
+
+
+def test_equal_scenes_share_a_native_scene_in_every_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "_kept", type(module._kept)())
+    scenes = [pickled(scene_of(BOX)) for _ in range(16)]
+    with ThreadPoolExecutor(8) as pool:
+        native = list(pool.map(native_scene, scenes))
+    assert len({id(one) for one in native}) == 1
+
+
+def test_native_scenes_are_let_go_of_the_longest_unused_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "_kept", type(module._kept)())
+    monkeypatch.setattr(module, "MAX_NATIVE_SCENES", 2)
+    plain = scene_of(BOX)
+    scenes = [replace(plain, mechanisms=Mechanisms(adhesion=float(i))) for i in range(3)]
+    first, second = native_scene(scenes[0]), native_scene(scenes[1])
+    assert native_scene(scenes[0]) is first
+    native_scene(scenes[2])
+    assert native_scene(scenes[0]) is first
+    assert native_scene(scenes[1]) is not second
+    # A batch of more scenes than are kept runs all the same.
+    trials = [Trial(scene, recorded(), output=Output(log_every=5)) for scene in scenes]
+    alone = [run_batch([one], threads=1).log(0).state for one in trials]
+    for one, log in zip(alone, run_batch(trials, threads=2).logs, strict=True):
+        assert log is not None
+        assert one.tobytes() == log.state.tobytes()
+
+
+def test_an_error_knows_the_key_of_the_study() -> None:
+    block = Trial(scene_of(BOX), recorded())
+    with pytest.warns(EffectRangeWarning), pytest.raises(GeometryError) as raised:
+        apply_effects([block], {"edge_rounding": {"radius": 0.4}})
+    assert raised.value.key == "effects.edge_rounding"
+    assert str(raised.value).startswith("effects.edge_rounding: a ball of radius 0.4 m")
+    assert raised.value.message.startswith("a ball of radius")
+    again = pickled(raised.value)
+    assert (str(again), again.key) == (str(raised.value), raised.value.key)
