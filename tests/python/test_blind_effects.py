@@ -9,8 +9,6 @@ import pytest
 
 pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
 
-from vsr2.effects.setup import Circumstances
-
 from test_blind_mujoco import (
     BLOCK,
     INTERVAL,
@@ -35,6 +33,7 @@ from vsr2.blind.mujoco import (
 from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS, _Catch, _Friction, step_actions
 from vsr2.blind.mujoco.model import build_model
+from vsr2.effects import Circumstances
 from vsr2.effects.order import ChangePoint
 
 THRESHOLD = G * math.tan(BLOCK.slenderness_angle)

@@ -39,6 +39,7 @@ JUDGED = ("ok", "tail_timeout")
 """Statuses with which a trial's outcome is known."""
 SPECIMEN = "rock"
 """Id of the specimen of a simulated campaign."""
+_OUTCOME = ("overturned", "peak_tilt", "note", "series")
 UNFINISHED = ("cancelled", "not_run")
 """Statuses of trials that an interruption left; resuming runs them."""
 
@@ -66,24 +67,19 @@ def simulate_campaign(
 ) -> Campaign:
     """Run trials and write down what an experimenter would have measured.
 
-    The motion drives the rock as it is; noise is added to what is written. It is normal, white in
-    time, independent between trials and channels, and drawn for each trial from `seed` and the
-    trial's index alone, so that leaving trials out changes none of the others. Noise of the
-    largest tilt is cut at 0 and pi; noise of the orientation is a small rotation about a random
-    axis. Trials are run in the order given, which is their `order`.
-
-    Effects act on the trials, not on what is written of their motions: the motions are those that
-    the study asks for, as an experimenter who does not know of the effect would have them.
+    The motion drives the rock as it is; :class:`MeasurementNoise` is added to what is written,
+    drawn for each trial from `seed` and its index alone. Effects act on the trials, not on what is
+    written of their motions, which an experimenter who does not know of the effect would have so.
+    Trials are run in the order given, which is their `order`.
 
     Args:
         study: a study, or trials made before, whose scenes and settings may differ. The campaign
             has the study's name, else "simulated".
         effects: to add, by name, each with its parameters; an effect of the study's own that is
             named here is replaced. Order and sessions are the campaign's.
-        motion_ids: ground motion of each trial; by default the name of its motion. Give it where
-            several trials are scalings of one motion.
-        sessions: of each trial, or how many trials make a session; by default all are of session
-            "1".
+        motion_ids: ground motion of each trial, where several are scalings of one; by default the
+            name of its motion.
+        sessions: of each trial, or how many trials make a session; by default all are of "1".
         noise: standard errors; None, and channels not stated: none.
         seed: of the noise and of what effects draw.
         series_every: keep a row of the series every so many time steps; 0: no series.
@@ -93,15 +89,12 @@ def simulate_campaign(
             same campaign. Not together with `resume`.
 
     Returns:
-        The campaign. Trials whose outcome cannot be trusted (failed, interrupted) have no outcome
-        and carry their status as note. Its provenance holds study, seed, noise and versions.
+        The campaign. Failed and interrupted trials have no outcome; their note is the status.
 
     Raises:
         CampaignError: lists of another length than the trials, or `resume` is of another call or
             given with a checkpoint.
-        ConfigError, GeometryError, MotionError, SimulationError: as `run_batch`, before any trial
-            runs.
-        ResultError: the checkpoint cannot be used, or belongs to other trials.
+        Vsr2Error: as `run_batch`.
     """
     if resume is not None and run.get("checkpoint") is not None:
         raise CampaignError("give either resume or checkpoint, not both")
@@ -109,64 +102,53 @@ def simulate_campaign(
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
     noise = noise or MeasurementNoise()
     asked, wanted = _asked(study, dict(effects or {}), series_every)
+    names = [trial.motion.name for trial in asked] if motion_ids is None else motion_ids
     held = _sessions(sessions, len(asked))
-    for label, given in (("motion_ids", motion_ids), ("sessions", held)):
-        if given is not None and len(given) != len(asked):
-            raise CampaignError(f"{label} has {len(given)} entries for {len(asked)} trials")
+    if len(names) != len(asked):
+        raise CampaignError(f"motion_ids has {len(names)} entries for {len(asked)} trials")
     trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
-    ids = [f"T{i + 1:0{max(3, len(str(len(trials))))}d}" for i in range(len(trials))]
+    rows, written = _unjudged(asked, names, held, noise, seed)
     kept = _finished(resume, digest)
-    pending = [i for i, trial in enumerate(ids) if trial not in kept]
+    pending = [i for i, row in enumerate(rows) if row.trial not in kept]
     result, series = _run(trials, pending, noise, seed, run)
-    row_of = {i: k for k, i in enumerate(pending)}
-    files, written = _records(asked, ids, noise, seed)
-    rows: list[CampaignTrial] = []
-    for i, trial in enumerate(asked):
-        row = CampaignTrial(
-            trial=ids[i],
-            motion=trial.motion.name if motion_ids is None else motion_ids[i],
-            session=held[i],
-            order=i + 1,
-            specimen=SPECIMEN,
-            motion_file=files[i],
-            pga=trial.motion.pga,
-            pgv_pga=trial.motion.pgv_pga,
-        )
-        if i in row_of:
-            assert result is not None
+    position = {i: k for k, i in enumerate(pending)}
+    for i, row in enumerate(rows):
+        if result is not None and i in position:
             rng = _generator(seed, i, 1)
-            row = _judged(row, result, row_of[i], noise, rng, series.get(i))
+            rows[i] = _judged(row, result, position[i], noise, rng, series.get(i))
         else:
-            old = kept[ids[i]]
-            row = replace(
-                row,
-                overturned=old.overturned,
-                peak_tilt=old.peak_tilt,
-                note=old.note,
-                series=old.series,
-            )
-        rows.append(row)
-    provenance = dict(resume.provenance) if resume is not None else {}
+            rows[i] = replace(row, **{name: getattr(kept[row.trial], name) for name in _OUTCOME})
+    provenance: Mapping[str, Any] = resume.provenance if resume is not None else {}
     if result is not None:
-        provenance = {
-            "digest": digest,
-            "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
-            "seed": seed,
-            "noise": asdict(noise),
-            "series_every": series_every,
-            "effects": {name: _finite(values) for name, values in wanted.items()},
-        } | {k: v for k, v in result.provenance.items() if k not in ("study", "effects")}
-    mass = asked[0].scene.rock.mass.mass
+        own = _provenance(study, wanted, noise, seed, series_every)
+        provenance = {"digest": digest} | own | dict(result.provenance) | own
+    rock = Specimen("simulated", asked[0].scene.rock.mass.mass, _model(study))
     return Campaign(
         name=study.name if isinstance(study, Study) else "simulated",
         description="",
         trials=tuple(rows),
         motions=written,
-        specimens={SPECIMEN: Specimen("simulated", mass=mass, model_file=_model(study))},
+        specimens={SPECIMEN: rock},
         noise=noise,
         provenance=json.loads(json.dumps(provenance, default=str)),
     )
+
+
+def _provenance(
+    study: Study | Sequence[Trial],
+    effects: Mapping[str, Mapping[str, float | str]],
+    noise: MeasurementNoise,
+    seed: int,
+    series_every: int,
+) -> dict[str, Any]:
+    return {
+        "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+        "seed": seed,
+        "noise": asdict(noise),
+        "series_every": series_every,
+        "effects": {name: _finite(values) for name, values in effects.items()},
+    }
 
 
 def _asked(
@@ -196,6 +178,8 @@ def _asked(
 
 def _sessions(sessions: Sequence[str] | int | None, count: int) -> Sequence[str]:
     if sessions is not None and not isinstance(sessions, int):
+        if len(sessions) != count:
+            raise CampaignError(f"sessions has {len(sessions)} entries for {count} trials")
         return sessions
     size = count if sessions is None else sessions
     if size < 1:
@@ -318,24 +302,39 @@ def _series(log: TrialLog, noise: MeasurementNoise, rng: np.random.Generator) ->
     )
 
 
-def _records(
-    trials: Sequence[Trial], ids: Sequence[str], noise: MeasurementNoise, seed: int
-) -> tuple[list[str], dict[str, Record]]:
-    """Names of the trials' motion files, and the files; equal motions have one, unless noisy."""
+def _unjudged(
+    trials: Sequence[Trial],
+    motions: Sequence[str],
+    sessions: Sequence[str],
+    noise: MeasurementNoise,
+    seed: int,
+) -> tuple[list[CampaignTrial], dict[str, Record]]:
+    """Rows without outcomes, and the motion files: equal motions have one, unless noisy."""
     noisy = bool(noise.displacement or noise.acceleration)
-    files: list[str] = []
-    out: dict[str, Record] = {}
-    known: dict[str, str] = {}
+    digits = max(3, len(str(len(trials))))
+    rows: list[CampaignTrial] = []
+    files: dict[str, Record] = {}
+    file_of: dict[str, str] = {}
     for i, trial in enumerate(trials):
-        motion = trial.motion
-        if not noisy and motion.sha256 in known:
-            files.append(known[motion.sha256])
-            continue
-        file = ids[i] if noisy else _file_name(motion.name, out)
-        known[motion.sha256] = file
-        files.append(file)
-        out[file] = _recorded(motion, file, noise, _generator(seed, i, 0))
-    return files, out
+        motion, name = trial.motion, f"T{i + 1:0{digits}d}"
+        file = None if noisy else file_of.get(motion.sha256)
+        if file is None:
+            file = name if noisy else _file_name(motion.name, files)
+            file_of[motion.sha256] = file
+            files[file] = _recorded(motion, file, noise, _generator(seed, i, 0))
+        rows.append(
+            CampaignTrial(
+                trial=name,
+                motion=motions[i],
+                session=sessions[i],
+                order=i + 1,
+                specimen=SPECIMEN,
+                motion_file=file,
+                pga=motion.pga,
+                pgv_pga=motion.pgv_pga,
+            )
+        )
+    return rows, files
 
 
 def _recorded(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -20,14 +20,10 @@ from vsr2.effects.oscillator import (
     ringing_samples,
 )
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.standing import mass_height
-from vsr2.errors import ConfigError, MotionError, SimulationError
-from vsr2.motion import STANDARD_GRAVITY, Motion, SideMotion, band_pass
-from vsr2.motion.motion import SIDES
+from vsr2.errors import MotionError
+from vsr2.motion import Motion, SideMotion, band_pass
 from vsr2.motion.processing import differentiate
-from vsr2.motion.resample import resample
-from vsr2.scene import PitchSpring
-from vsr2.scene.rotation import IDENTITY
+from vsr2.motion.resample import Resampled, resample
 from vsr2.trial import Trial
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
@@ -42,17 +38,29 @@ def _path(motion: Motion) -> Path:
     return Path(motion.displacement, motion.velocity, motion.acceleration)
 
 
-def _driven(trial: Trial, path: Path, note: str, **sides: SideMotion | None) -> Trial:
-    """The trial under another path, all directions brought to rest at the last sample."""
+def _driven(
+    trial: Trial,
+    path: Path,
+    note: str,
+    beside: Callable[[SideMotion], SideMotion] = lambda side: side,
+) -> Trial:
+    """The trial under another path, all directions brought to rest at the last sample.
+
+    Args:
+        trial: to change.
+        path: along x, in place of the motion's.
+        note: what was done, for the motion's source.
+        beside: what is done to the motions beside x.
+    """
     motion = trial.motion
     samples = [path.displacement - path.displacement[0], path.velocity, path.acceleration]
-    beside = {name: sides.get(name, getattr(motion, name)) for name in SIDES}
+    sides = {name: beside(side) for name, side in motion.sides.items() if side is not None}
     moving = any(signal[-1] != 0 for signal in samples[1:])
-    moving |= any(side is not None and side.velocity[-1] != 0 for side in beside.values())
+    moving |= any(side.velocity[-1] != 0 for side in sides.values())
     size = samples[0].size + moving
     kept: dict[str, Any] = {
-        name: side and SideMotion(_held(side.displacement, size), _held(side.velocity, size, 0.0))
-        for name, side in beside.items()
+        name: SideMotion(_held(side.displacement, size), _held(side.velocity, size, 0.0))
+        for name, side in sides.items()
     }
     return replace(
         trial,
@@ -73,6 +81,11 @@ def _held(signal: Array, size: int, value: float | None = None) -> Array:
     """The signal continued to `size` samples by a value, by default its last."""
     rest = np.full(size - signal.size, signal[-1] if value is None else value)
     return np.concatenate([signal, rest])
+
+
+def _late(signal: Array, count: int) -> Array:
+    """The signal after `count` samples of rest at 0."""
+    return np.concatenate([np.zeros(count), signal])
 
 
 class TimeScale(Effect):
@@ -100,18 +113,16 @@ class TimeScale(Effect):
         motion, factor = trial.motion, 1.0 + values["change"]
         step = motion.time_step
 
-        def stretched(signal: Any) -> Any:
+        def stretched(signal: Array) -> Resampled:
             return resample(signal, step * factor, step, name=motion.name)
 
-        sides = {}
-        for name in SIDES:
-            side = getattr(motion, name)
-            if side is not None:
-                slow = stretched(side.displacement)
-                sides[name] = SideMotion(slow.displacement, slow.velocity)
+        def beside(side: SideMotion) -> SideMotion:
+            slow = stretched(side.displacement)
+            return SideMotion(slow.displacement, slow.velocity)
+
         slow = stretched(motion.displacement)
         path = Path(slow.displacement, slow.velocity, slow.acceleration)
-        return _driven(trial, path, f"time times {factor:.12g}", **sides)
+        return _driven(trial, path, f"time times {factor:.12g}", beside)
 
 
 class InputFilter(Effect):
@@ -155,23 +166,19 @@ class InputFilter(Effect):
             return trial
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(2.0 / corner / motion.time_step)
-        amid = np.concatenate(
-            [np.zeros(pad), motion.displacement, np.full(pad, motion.displacement[-1])]
-        )
+        size = motion.displacement.size + 2 * pad
+
+        def beside(side: SideMotion) -> SideMotion:
+            return SideMotion(
+                _held(_late(side.displacement, pad), size),
+                _held(_late(side.velocity, pad), size, 0.0),
+            )
+
+        amid = _held(_late(motion.displacement, pad), size)
         smooth = band_pass(amid, motion.time_step, Filter(low=0.0, high=corner, order=FILTER_ORDER))
         found = differentiate(smooth, motion.time_step)
         path = Path(found.displacement, found.velocity, found.acceleration)
-        sides = {
-            name: None if side is None else SideMotion(
-                np.concatenate(
-                    [np.zeros(pad), side.displacement, np.full(pad, side.displacement[-1])]
-                ),
-                np.concatenate([np.zeros(pad), side.velocity, np.zeros(pad)]),
-            )
-            for name in SIDES
-            for side in (getattr(motion, name),)
-        }  # fmt: skip
-        return _driven(trial, path, f"low-pass {corner:g} Hz", **sides)
+        return _driven(trial, path, f"low-pass {corner:g} Hz", beside)
 
     def _from_channel(self, trial: Trial, choice: int) -> Trial:
         motion, recorded = trial.motion, trial.motion.recorded
@@ -253,26 +260,21 @@ class TableBandwidth(Effect):
         step = motion.time_step
         path = _path(motion)
         late = round(values["delay"] / step)
-        if late:
-            path = Path(*(np.concatenate([np.zeros(late), signal]) for signal in _signals(path)))
+
+        def beside(side: SideMotion) -> SideMotion:
+            return SideMotion(_late(side.displacement, late), _late(side.velocity, late))
+
+        path = Path(
+            _late(path.displacement, late),
+            _late(path.velocity, late),
+            _late(path.acceleration, late),
+        )
         if math.isfinite(corner):
             path = low_passed(
                 path.held(ringing_samples(corner, LOW_PASS_DAMPING, step)),
                 corner, LOW_PASS_DAMPING, step,
             )  # fmt: skip
-        sides = {
-            name: SideMotion(
-                np.concatenate([np.zeros(late), side.displacement]),
-                np.concatenate([np.zeros(late), side.velocity]),
-            )
-            for name in SIDES
-            if (side := getattr(motion, name)) is not None
-        }
-        return _driven(trial, path, f"low-pass {corner:g} Hz, {late} samples late", **sides)
-
-
-def _signals(path: Path) -> tuple[Any, Any, Any]:
-    return path.displacement, path.velocity, path.acceleration
+        return _driven(trial, path, f"low-pass {corner:g} Hz, {late} samples late", beside)
 
 
 class TableSaturation(Effect):
@@ -349,169 +351,6 @@ class TableResonance(Effect):
         return _driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
 
 
-class OffAxisMotion(Effect):
-    """The table moves across its axis, too.
-
-    The same displacement along y, times the share.
-    """
-
-    name = "off_axis_motion"
-    meaning = "The table moves across the shaking in proportion to it"
-    parameters = (
-        Parameter(
-            "share", "1", 0.0, 0.0, 0.20, "uniform", "of the motion along x", limits=(-2.0, 2.0)
-        ),
-    )
-    channels = ("motion", "yaw", "tilt")
-    confounded_with = ("spin_friction", "placement")
-    source = "cross-coupling of a table's axes"
-    stage = "actuation"
-    rank = 6
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _beside(trial, "transverse", values["share"])
-
-
-class VerticalMotion(Effect):
-    """The table moves up and down, too.
-
-    The same displacement along z, times the share. Uplift begins at a = g (b / h) / (1 - share b /
-    h).
-    """
-
-    name = "vertical_motion"
-    meaning = "The table moves vertically in proportion to the motion along x"
-    parameters = (
-        Parameter(
-            "share", "1", 0.0, 0.0, 0.5, "uniform", "of the motion along x", limits=(-2.0, 2.0)
-        ),
-    )
-    channels = ("motion", "tilt", "slip")
-    confounded_with = ()
-    source = "statics under g plus the vertical acceleration"
-    stage = "actuation"
-    rank = 7
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _beside(trial, "vertical", values["share"])
-
-
-def _beside(trial: Trial, name: str, share: float) -> Trial:
-    _assert_prescribed(trial)
-    motion = trial.motion
-    side: SideMotion | None = getattr(motion, name)
-    displacement, velocity = share * motion.displacement, share * motion.velocity
-    if side is not None:
-        displacement, velocity = displacement + side.displacement, velocity + side.velocity
-    sides: dict[str, Any] = {name: SideMotion(displacement, velocity)}
-    return replace(
-        trial,
-        motion=replace(
-            motion,
-            source=f"{motion.source}; {name} {share:.12g} of it",
-            recorded=None,
-            **sides,
-        ),
-    )
-
-
-def _assert_prescribed(trial: Trial) -> None:
-    if trial.drive != "prescribed":
-        raise SimulationError(
-            f"moves the pedestal beside x, which motion.drive: {trial.drive} cannot follow; set "
-            "motion.drive to prescribed, or leave the effect out"
-        )
-
-
-class TablePitch(Effect):
-    """A table that pitches.
-
-    A joint about y, `depth` below the pedestal's top, on a spring and a dashpot. The table's
-    acceleration drives it, and the rock pushes back: its contacts and the joint are solved together
-    in every step. Under a sine, and a rock far lighter than the table, it acts like a gain of 1 +
-    compliance (1 + w^2 / p^2 + w^2 depth / g), p being the rock's frequency parameter.
-
-    How far the joint gives way to the rock follows from what drives it: a table of mass m, its
-    centre h above the joint, leans by m h g / k under 1 g. So the stiffness is k = moment g /
-    compliance with moment = m h, and the table's inertia about the joint k / w^2. As the compliance
-    goes to 0 the table becomes rigid. With a given inertia it would not: that table gives way to
-    every impact of the rock, whatever drives it.
-    """
-
-    name = "table_pitch"
-    meaning = (
-        "A sprung joint under the pedestal lets it pitch: an oscillator driven by the table's "
-        "acceleration, leaning back as the table accelerates, and by the rock"
-    )
-    parameters = (
-        Parameter(
-            "compliance", "rad/g", 0.0, 0.0, 0.02, "uniform",
-            "pitch under a constant acceleration, without a rock", limits=(-0.2, 0.2),
-        ),
-        Parameter(
-            "frequency", "Hz", 10.0, 5.0, 20.0, "uniform", "of the pitching, without a rock",
-            limits=(1.0, 200.0), secondary=True,
-        ),
-        Parameter(
-            "damping", "1", 0.1, 0.02, 1.0, "fixed", "damping ratio of the pitching",
-            limits=(0.001, 10.0), secondary=True,
-        ),
-        Parameter(
-            "depth", "m", 0.5, 0.0, 2.0, "fixed", "of the joint below the pedestal's top",
-            limits=(0.0, 20.0), secondary=True,
-        ),
-        Parameter(
-            "moment", "kg m", 1000.0, 200.0, 1e4, "fixed",
-            "mass of the table times the height of its centre over the joint: 2 t at 0.5 m; the "
-            "greater, the less the rock pushes back", limits=(1.0, 1e12), secondary=True,
-        ),
-    )  # fmt: skip
-    channels = ("motion", "tilt", "slip")
-    confounded_with = ("table_gain",)
-    source = "pitch'' + 2 zeta w pitch' + w^2 pitch = -w^2 compliance a / g + M_rock / inertia"
-    stage = "actuation"
-    rank = 8
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        _assert_prescribed(trial)
-        frequency, compliance = values["frequency"], values["compliance"]
-        if trial.motion.pitch is not None:
-            raise MotionError(
-                f"motion {trial.motion.name!r} pitches already; leave its pitch out, or the effect"
-            )
-        fastest = 0.25 * trial.scene.engine.substeps / trial.scene.engine.time_step
-        if frequency >= fastest:
-            raise ConfigError(
-                f"{frequency:g} Hz is not below a quarter of the solver's steps in a second, "
-                f"{fastest:g} Hz; lower it, or engine.time_step",
-                key="effects.table_pitch.frequency",
-            )
-        stiffness = values["moment"] * STANDARD_GRAVITY / abs(compliance)
-        weight = trial.scene.rock.mass.mass * trial.scene.engine.gravity
-        burden = weight * (mass_height(trial) + values["depth"])
-        if burden >= stiffness:
-            raise ConfigError(
-                f"{values['moment']:g} kg m makes a joint of {stiffness:.3g} N m/rad, which does "
-                f"not carry the rock, m g h = {burden:.3g} N m; raise it, or lower compliance",
-                key="effects.table_pitch.moment",
-            )
-        # A slope raises one rim of the top; the joint stays below where the rock stands.
-        pedestal = trial.scene.pedestal
-        level = pedestal.top
-        if pedestal.slope != IDENTITY and pedestal.pitch_pivot is not None:
-            level = pedestal.pitch_pivot
-        spring = PitchSpring(
-            frequency=frequency,
-            damping=values["damping"],
-            compliance=compliance / STANDARD_GRAVITY,
-            inertia=stiffness / (2 * math.pi * frequency) ** 2,
-        )
-        return trial.with_scene(
-            pedestal=replace(pedestal, pitch_pivot=level - values["depth"], pitch_spring=spring)
-        )
-
-
 ACTUATION: tuple[Effect, ...] = (
     TimeScale(), InputFilter(), TableGain(), TableBandwidth(), TableSaturation(), TableResonance(),
-    OffAxisMotion(), VerticalMotion(), TablePitch(),
 )  # fmt: skip

@@ -16,6 +16,7 @@ from typing import get_args
 from vsr2.config.load import places_in
 from vsr2.config.problems import Problem, config_error
 from vsr2.effects.actuation import ACTUATION
+from vsr2.effects.beside import BESIDE
 from vsr2.effects.contact import CONTACT
 from vsr2.effects.effect import STAGES, Channel, Effect
 from vsr2.effects.geometry import GEOMETRY
@@ -35,6 +36,7 @@ BUILT_IN: tuple[Effect, ...] = (
     *CONTACT,
     *MECHANISM,
     *ACTUATION,
+    *BESIDE,
     *START,
     *ORDER,
     *OUTCOME,

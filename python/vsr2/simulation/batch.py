@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.config import Study, load_study
 from vsr2.errors import SimulationError
-from vsr2.motion import Motion
 from vsr2.results import (
     INTEGER_COLUMNS,
     STATE_COLUMNS,
@@ -54,7 +53,6 @@ _RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "st
 def run_batch(
     trials: Study | str | PathLike[str] | Sequence[Trial],
     *,
-    motions: Sequence[Motion] | None = None,
     threads: int | None = None,
     progress: bool = False,
     out: Mapping[str, NDArray[Any]] | None = None,
@@ -71,7 +69,6 @@ def run_batch(
 
     Args:
         trials: a study, the path of one, or trials made before.
-        motions: with a study: drive these instead of its own.
         threads: default: one per processor this process may use.
         progress: show a progress bar on standard error, where that is a terminal.
         out: arrays to fill: "state" of shape (trials, steps, 18), rows after a trial's end
@@ -96,27 +93,12 @@ def run_batch(
             process, or there is no room for the result.
     """
     started = time.time()
-    study: Study | None = None
-    if isinstance(trials, (str, PathLike)):
-        trials = load_study(trials)
-    if isinstance(trials, Study):
-        study = trials
-        trials = study_trials(study, motions=motions)
-    elif motions is not None:
-        raise SimulationError("motions can be given only together with a study")
+    study = load_study(trials) if isinstance(trials, (str, PathLike)) else trials
+    trials = study_trials(study) if isinstance(study, Study) else study
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
     check_trials(trials)
-    if threads is None:
-        threads = len(os.sched_getaffinity(0))
-    elif client is not None:
-        raise SimulationError(
-            "threads does not apply with a client: the workers' own threads run the trials"
-        )
-    if not 1 <= threads <= 1024:
-        raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
-    if out is not None:
-        _check_out(out, len(trials))
+    count = _threads(threads, client)
     collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
     with contextlib.ExitStack() as stack:
         if checkpoint is not None:
@@ -125,6 +107,7 @@ def run_batch(
                 Path(checkpoint),
             )
         pending = collection.pending
+        waiting = [trials[i] for i in pending]
         interrupt = stack.enter_context(_InterruptFlag())
         bar = stack.enter_context(_bar(len(trials), len(pending), progress))
 
@@ -132,23 +115,31 @@ def run_batch(
             collection.take(pending[position], row, log)
             bar.update()
 
-        waiting = [trials[i] for i in pending]
+        facts: dict[str, Any] = {"threads": count}
         if client is None:
-            run_native(waiting, threads, take=take, stopped=lambda: interrupt.raised)
-            place: dict[str, Any] = {"threads": threads}
+            run_native(waiting, count, take=take, stopped=interrupt.is_raised)
         else:
-            place = run_on_cluster(waiting, client, take=take, stopped=lambda: interrupt.raised)
+            facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
     provenance = base_provenance(_native.build_facts()) | {
-        "study": None if study is None else study.model_dump(mode="json"),
-        **place,
-        "interrupted": interrupt.raised,
+        "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+        **facts,
+        "interrupted": interrupt.is_raised(),
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
         "effects": _effects_given(trials),
     }
-    return BatchResult(
-        trials=collection.columns, logs=tuple(collection.logs), provenance=provenance
-    )
+    return BatchResult(collection.columns, tuple(collection.logs), provenance)
+
+
+def _threads(threads: int | None, client: distributed.Client | None) -> int:
+    if threads is not None and client is not None:
+        raise SimulationError(
+            "threads does not apply with a client: the workers' own threads run the trials"
+        )
+    count = len(os.sched_getaffinity(0)) if threads is None else threads
+    if not 1 <= count <= 1024:
+        raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
+    return count
 
 
 class _Collection:
@@ -168,6 +159,7 @@ class _Collection:
         self._trials = trials
         self._out = out or {}
         self._keep_logs = keep_logs
+        _check_out(self._out, len(trials))
         self._on_trial = on_trial
         self._journal: Journal | None = None
         self._folder = Path()
@@ -281,8 +273,12 @@ class _InterruptFlag:
     """
 
     def __init__(self) -> None:
-        self.raised = False
+        self._raised = False
         self._previous: Any = None
+
+    def is_raised(self) -> bool:
+        """Whether Ctrl-C was pressed."""
+        return self._raised
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
@@ -290,9 +286,9 @@ class _InterruptFlag:
         return self
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.raised:
+        if self._raised:
             raise KeyboardInterrupt
-        self.raised = True
+        self._raised = True
 
     def __exit__(self, *exception: object) -> None:
         if self._previous is not None:
