@@ -16,7 +16,7 @@ import numpy as np
 from vsr2.config.study import Contact
 from vsr2.effects import Bench, Check, Circumstances, Effect, Response, library, with_effects
 from vsr2.effects.actuation import FILTER_ORDER
-from vsr2.effects.geometry import bump_places
+from vsr2.effects.geometry import bump_positions
 from vsr2.effects.standing import mass_height, support_of
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.motion.processing import differentiate
@@ -460,7 +460,7 @@ def _rolling(effect: Effect, bench: Bench, radius: float) -> Check:
 def base_asperity(effect: Effect, bench: Bench) -> list[Check]:
     trial, values = bench.block(), {"height": 0.002, "reach": 0.7}
     support = support_of(trial)
-    reach = 0.7 * float(bump_places(support.polygon)[:, 0].max())
+    reach = 0.7 * float(bump_positions(support.polygon)[:, 0].max())
     expected = trial.scene.engine.gravity * reach / (support.height + 0.002)
     return [
         Check(
@@ -477,7 +477,7 @@ def _impact(effect: Effect, bench: Bench) -> Check:
     trial, tilt, values = bench.block(), 0.1, {"height": 1e-4, "reach": 0.7}
     support = support_of(trial)
     edge, h = half_widths(trial)[1], support.height
-    tip = values["reach"] * float(bump_places(support.polygon)[:, 0].max())
+    tip = values["reach"] * float(bump_positions(support.polygon)[:, 0].max())
     mass = trial.scene.rock.mass
     per_mass = float(mass.principal_inertia[1]) / mass.mass + h * h
     # Angular momentum about the new foot is kept: Housner's impact, three times.

@@ -207,7 +207,7 @@ class InputFilter(Effect):
 
 
 class TableGain(Effect):
-    """A table that does more or less than it is told.
+    """A table that does more or less than its command.
 
     Every sample of every direction is multiplied.
     """

@@ -79,7 +79,7 @@ class Bench(Protocol):
     def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
         """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
 
-        The spin is about the vertical [rad/s]; tilts are told from upright.
+        The spin is about the vertical [rad/s]; tilts count from upright.
         """
 
 

@@ -241,7 +241,7 @@ class BaseAsperity(Effect):
         support, rock = support_of(trial), trial.scene.rock
         tips = np.column_stack(
             [
-                values["reach"] * bump_places(support.polygon),
+                values["reach"] * bump_positions(support.polygon),
                 np.full(4, -support.height - values["height"]),
             ]
         )
@@ -265,18 +265,18 @@ class BaseAsperity(Effect):
         return lift
 
 
-def bump_places(polygon: Array) -> Array:
+def bump_positions(polygon: Array) -> Array:
     """Where diagonals in plan leave a polygon around the origin, shape (4, 2) [m]."""
     half = np.ptp(polygon, axis=0)
-    places = []
+    found = []
     for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
         along = np.array([x * half[0], y * half[1]]) / float(np.hypot(*half))
         following = np.roll(polygon, -1, axis=0) - polygon
         normal = np.column_stack([following[:, 1], -following[:, 0]])
         offset, slope = (normal * polygon).sum(axis=1), normal @ along
         ahead = slope > 1e-12
-        places.append(along * float((offset[ahead] / slope[ahead]).min()))
-    return np.asarray(places)
+        found.append(along * float((offset[ahead] / slope[ahead]).min()))
+    return np.asarray(found)
 
 
 def box_with_margin(box: Box, trial: Trial, radius: float = 0.0) -> Array:

@@ -38,7 +38,7 @@ class OutcomeRule(Effect):
     confounded_with = ("catch",)
     source = "rules of overturning differ between laboratories (0.1 rad to resting on another face)"
     stage = "outcome"
-    jump = "any threshold of the largest tilt takes the place of the study's rule, told at the end"
+    jump = "any threshold of the largest tilt replaces the study's rule, which looks at the end"
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
         # Drawn even where none flips, so that the draw of a trial does not depend on the share.

@@ -38,7 +38,7 @@ class Parameter:
         limits: range in which it can be simulated; by default the prior's. Outside the prior a
             study is warned, outside the limits refused.
         secondary: without effect on its own (an azimuth, a frequency); whether an effect is null
-            is told by the others.
+            is decided by the others.
         choices: words a study may write, in the order of their values 0, 1, 2, ...
     """
 

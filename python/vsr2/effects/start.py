@@ -17,7 +17,7 @@ from vsr2.trial import Trial
 
 
 class Placement(Effect):
-    """The rock set down anew before each trial.
+    """The rock set down again before each trial.
 
     A shift alone does not change the response on an even top.
     """

@@ -120,10 +120,10 @@ def _with_effects(
     """
     changed = list(trials)
     for replicate in sorted({one.replicate for one in planned}):
-        places = [i for i, one in enumerate(planned) if one.replicate == replicate]
+        chosen = [i for i, one in enumerate(planned) if one.replicate == replicate]
         seed = effect_seed(study.study.seed, replicate)
-        some = apply_effects([trials[i] for i in places], study.study.effects, seed=seed)
-        for i, trial in zip(places, some, strict=True):
+        some = apply_effects([trials[i] for i in chosen], study.study.effects, seed=seed)
+        for i, trial in zip(chosen, some, strict=True):
             changed[i] = trial
     return changed
 

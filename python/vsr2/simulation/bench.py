@@ -152,7 +152,7 @@ class EffectBench:
     def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
         """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
 
-        The spin is about the vertical [rad/s]; tilts are told from upright.
+        The spin is about the vertical [rad/s]; tilts count from upright.
         """
         scene, start = trial.scene, trial.start_pose
         margin = 0.0 if isinstance(scene.rock.parts[0], Box) else scene.engine.collision_margin

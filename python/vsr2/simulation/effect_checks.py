@@ -65,7 +65,7 @@ TAIL = 30.0
 """Of these trials [s]; rocks are at rest before, so that no trial ends at another phase."""
 ALIVE = 3.0
 """Times the floor by which responses must change under one of the motions; a test holds rocks whose
-hulls alone are perturbed anew below it."""
+hulls alone are perturbed again below it."""
 CONTINUOUS = 2.0
 """Times the floor that a small step from null may reach."""
 STEP = 1e-8

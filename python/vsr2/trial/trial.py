@@ -1,4 +1,4 @@
-"""One trial: scene, motion, start, and how its end is told."""
+"""One trial: scene, motion, start, and how its end is judged."""
 
 from __future__ import annotations
 
