@@ -28,10 +28,8 @@ from vsr2.results import has_journal, prepare_folder
 from vsr2.scene import PedestalBody, RockBody, Scene, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
 from vsr2.simulation import plan_sha256, run_batch
-from vsr2.trial import Trial
+from vsr2.trial import Trial, rows_only
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which a trial's outcome is known."""
 MAX_SAMPLES_HELD = 100_000_000
 """Samples of motions kept between evaluations: 2.4 GB."""
 RUNNING = "running"
@@ -201,9 +199,6 @@ class Evaluator:
 
     def _trials(self, study: Study, bodies: tuple[RockBody, PedestalBody]) -> list[Trial]:
         scene = Scene(*bodies, study.engine, study.contact)
-        output = study.output.model_copy(
-            update={"log_every": 0, "log_settling": False, "contacts_every": 0, "npy": False}
-        )
         motions = self._driven(study)
         trials = [
             Trial(
@@ -213,7 +208,7 @@ class Evaluator:
                 name=trial.trial,
                 settling=study.settling,
                 outcome=study.outcome,
-                output=output,
+                output=rows_only(study.output),
             )
             for trial in self._campaign.trials
         ]
@@ -296,5 +291,6 @@ class Evaluator:
         result = run_batch(trials, threads=self._threads, keep_logs=False, checkpoint=checkpoint)
         if result.provenance["interrupted"]:
             raise CalibrationInterrupted
-        judged = np.isin(result["status"], JUDGED) & (result["outcome"] != "failed")
-        return np.where(judged, (result["outcome"] == "overturned").astype(np.float64), np.nan)
+        return np.where(
+            result.judged, (result["outcome"] == "overturned").astype(np.float64), np.nan
+        )

@@ -26,7 +26,8 @@ from vsr2.config.study import MeshRock, Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
-from vsr2.results import BatchResult, TrialLog, load_trial_log, quaternion_product
+from vsr2.results import JUDGED, BatchResult, TrialLog, load_trial_log, quaternion_product
+from vsr2.trial import rows_only
 
 if TYPE_CHECKING:
     import distributed
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which a trial's outcome is known."""
 SPECIMEN = "rock"
 """Id of the specimen of a simulated campaign."""
 _OUTCOME = ("overturned", "peak_tilt", "note", "series")
@@ -165,15 +164,7 @@ def _asked(
         trials = list(study)
     if not trials:
         raise CampaignError("no trials to simulate: give at least one")
-    output = {
-        "log_every": series_every,
-        "log_settling": False,
-        "contacts_every": 0,
-        "contact_trials": None,
-        "npy": False,
-    }
-    logging = [trial.output.model_copy(update=output) for trial in trials]
-    return [replace(t, output=own) for t, own in zip(trials, logging, strict=True)], effects
+    return [replace(one, output=rows_only(one.output, series_every)) for one in trials], effects
 
 
 def _sessions(sessions: Sequence[str] | int | None, count: int) -> Sequence[str]:

@@ -22,9 +22,6 @@ from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which a trial's outcome is known."""
-
 
 @dataclass(frozen=True, eq=False)
 class FragilityResult:
@@ -141,7 +138,7 @@ def fragility_result(
     """
     settings = study.own.fragility
     measures = _measures(motions)
-    used = np.isin(batch["status"], JUDGED) & (batch["outcome"] != "failed")
+    used = batch.judged.copy()
     for name in settings.measures:
         used &= measures[name] > 0
     if not used.any():

@@ -15,7 +15,7 @@ from vsr2.fragility.settings import FragilityStudy, Jitter
 from vsr2.motion import STANDARD_GRAVITY, Motion, build_motions
 from vsr2.scene import build_scene, start_pose
 from vsr2.scene.rotation import multiply, normalized
-from vsr2.trial import Trial
+from vsr2.trial import Trial, rows_only
 
 MAX_TRIALS = 1_000_000
 
@@ -71,9 +71,6 @@ def fragility_trials(study: FragilityStudy) -> tuple[list[Trial], list[PlannedTr
         )
     scene = build_scene(base)
     clearance = 2.0 * base.engine.collision_margin
-    output = base.output.model_copy(
-        update={"log_every": 0, "log_settling": False, "contacts_every": 0, "npy": False}
-    )
     trials: list[Trial] = []
     planned: list[PlannedTrial] = []
     perturbed = own.azimuths is not None or own.jitter.any
@@ -106,7 +103,7 @@ def fragility_trials(study: FragilityStudy) -> tuple[list[Trial], list[PlannedTr
                         seed=one.seed,
                         settling=base.settling,
                         outcome=base.outcome,
-                        output=output,
+                        output=rows_only(base.output),
                     )
                 )
                 planned.append(one)

@@ -27,6 +27,7 @@ from vsr2.results.provenance import base_provenance, sha256_of_file
 from vsr2.results.result import (
     CONTACT_COLUMNS,
     INTEGER_COLUMNS,
+    JUDGED,
     OUTCOMES,
     STATE_COLUMNS,
     STATUSES,
@@ -42,6 +43,7 @@ __all__ = [
     "CONTACT_COLUMNS",
     "INTEGER_COLUMNS",
     "JOURNAL_FILE",
+    "JUDGED",
     "NPY_COLUMNS",
     "OUTCOMES",
     "STATE_COLUMNS",

@@ -76,6 +76,9 @@ STATUSES = (
 )
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
 
+JUDGED = ("ok", "tail_timeout")
+"""Statuses with which a trial's outcome is known."""
+
 OUTCOMES = ("stable", "rocked", "slid", "rotated", "overturned", "failed")
 """What the rock did, the gravest that applies; `failed`: there is no outcome, see the status."""
 
@@ -364,6 +367,12 @@ class BatchResult:
         if column not in self.trials:
             raise ResultError(f"no column {column!r}; known: {', '.join(TRIAL_COLUMNS)}")
         return self.trials[column]
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Trials that have an outcome, shape (trials,)."""
+        judged: NDArray[np.bool_] = np.isin(self["status"], JUDGED) & (self["outcome"] != "failed")
+        return judged
 
     def log(self, trial: int) -> TrialLog:
         """The log of one trial.

@@ -24,7 +24,7 @@ from vsr2.config.study import (
 from vsr2.effects import Effect, Response, with_effects
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
-from vsr2.results import TrialLog
+from vsr2.results import JUDGED, TrialLog
 from vsr2.scene import (
     Box,
     Hull,
@@ -143,7 +143,7 @@ class EffectBench:
         if effect is not None:
             trial = with_effects([trial], [(effect, effect.complete(values or {}))])[0]
         result = run_batch([trial], threads=1)
-        if str(result["status"][0]) not in ("ok", "tail_timeout"):
+        if str(result["status"][0]) not in JUDGED:
             raise SimulationError(f"bench: {result['status'][0]}: {result['message'][0]}")
         log = result.logs[0]
         assert log is not None

@@ -28,7 +28,7 @@ from vsr2.effects.registry import BUILT_IN
 from vsr2.effects.standing import settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
-from vsr2.results import BatchResult
+from vsr2.results import JUDGED, BatchResult
 from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import run_batch
@@ -54,9 +54,6 @@ HALVINGS = 8
 """Of the logarithm of its PGA."""
 JURY = 5
 """Draws of which most must overturn."""
-SETTLED = ("ok", "tail_timeout")
-"""Of a trial that may be compared: of a rock that trembles on its contacts without end, 30 s are
-long enough."""
 DRAWS: dict[Rock, int] = {"block": 3, "scan": 32}
 """Perturbed starts, and hulls, under each motion; the block's response is hardly chaotic."""
 FEWEST = 3
@@ -366,7 +363,7 @@ def _draws(trial: Trial, turn: float, count: int) -> list[Trial]:
             start=perturbed_start(trial.start_pose, turn, seed),
             output=Output(log_every=0),
         )
-        if str(run_batch([drawn], threads=1)["status"][0]) in SETTLED:
+        if str(run_batch([drawn], threads=1)["status"][0]) in JUDGED:
             found.append(drawn)
         if len(found) == count:
             return found
@@ -423,7 +420,7 @@ def _features(result: BatchResult) -> Array:
     Raises:
         SimulationError: most did not.
     """
-    settled = np.isin(result["status"], SETTLED)
+    settled = np.isin(result["status"], JUDGED)
     if 2 * int(settled.sum()) < settled.size:
         bad = str(result["status"][int(np.argmin(settled))])
         raise SimulationError(

@@ -12,6 +12,19 @@ from vsr2.motion import Motion
 from vsr2.scene import Pose, RockBody, Scene
 
 
+def rows_only(output: Output, log_every: int = 0) -> Output:
+    """The output that keeps a row of the state every so many time steps of shaking, and no more."""
+    return output.model_copy(
+        update={
+            "log_every": log_every,
+            "log_settling": False,
+            "contacts_every": 0,
+            "contact_trials": None,
+            "npy": False,
+        }
+    )
+
+
 @dataclass(frozen=True)
 class Observation:
     """What is written down of a trial.

@@ -159,19 +159,11 @@ class BulletEngine:
         self, shakes: Sequence[Shake], nuisances: Nuisances, series_interval: float
     ) -> list[Trial]:
         from vsr2.scene import build_scene
-        from vsr2.trial import Trial
+        from vsr2.trial import Trial, rows_only
 
         scene = build_scene(self._nominal(nuisances))
         step = scene.engine.time_step
-        output = self._study.output.model_copy(
-            update={
-                "log_every": max(1, round(series_interval / step)),
-                "log_settling": False,
-                "contacts_every": 0,
-                "contact_trials": None,
-                "npy": False,
-            }
-        )
+        output = rows_only(self._study.output, max(1, round(series_interval / step)))
         outcome = self._study.outcome
         outcome = outcome.model_copy(update={"overturned_tilt": max(STOP, outcome.overturned_tilt)})
         return [

@@ -393,18 +393,11 @@ def _variant(study: Study, replicate: int) -> Study:
 def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Trial]:
     """Trials without effects; `row`: between rows of the series [s], None: no series."""
     from vsr2.scene import build_scene
-    from vsr2.trial import Trial
+    from vsr2.trial import Trial, rows_only
 
     scene = build_scene(study)
-    output = study.output.model_copy(
-        update={
-            "log_every": 0 if row is None else max(1, round(row / study.engine.time_step)),
-            "log_settling": False,
-            "contacts_every": 0,
-            "contact_trials": None,
-            "npy": False,
-        }
-    )
+    every = 0 if row is None else max(1, round(row / study.engine.time_step))
+    output = rows_only(study.output, every)
     motions: dict[str, Motion] = {}
     trials = []
     for trial in campaign.trials:
