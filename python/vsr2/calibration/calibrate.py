@@ -202,9 +202,8 @@ def calibrate(
 ) -> CalibrationResult:
     """Calibrate a study against its campaign.
 
-    Every evaluation is on disk in `folder` as soon as it is finished, and an evaluation under way
-    keeps the trials it has finished; the same call in the same folder goes on from there and gives
-    what an uninterrupted call would have given.
+    What is finished is kept in `folder`, of an evaluation under way its trials; the same call in
+    the same folder goes on from there and gives what an uninterrupted call would have given.
 
     Args:
         study: what is calibrated.
@@ -223,114 +222,143 @@ def calibrate(
     observed = campaign.overturned == 1
     if observed.all() or not observed.any():
         raise CampaignError(
-            f"campaign {campaign.name!r}: all {len(campaign)} usable trials ended alike, so "
-            "nothing can be told from them"
+            f"campaign {campaign.name!r}: all {len(campaign)} usable trials ended alike: no fit"
         )
-    seed = study.study.seed
-    settings = study.own
-    fold = np.full(len(campaign), -1)
-    if settings.folds:
-        fold = motion_folds(campaign, settings.folds, seed)
+    seed, settings = study.study.seed, study.own
+    count = len(campaign)
+    fold = motion_folds(campaign, settings.folds, seed) if settings.folds else np.full(count, -1)
     digest = campaign_sha256(campaign)
-    with EvaluationStore(folder, digest, len(campaign)) as store:
+    with EvaluationStore(folder, digest, count) as store:
         evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
-        method = settings.method
-        screened = method.screen if isinstance(method, Joint) else 0
-        evaluate = _Remembered(evaluator, on_evaluation, screened, len(campaign))
-        search = _search(study, evaluate, seed)
-        steps = search(lambda one: objective_of(observed, one.predicted), 0)
-        searched = best_step(steps)
-        folds = cross_validate(search, observed, fold) if settings.folds else []
-        if isinstance(method, Joint):
-            for values in profile_values(
-                settings.parameters, searched.evaluation.values, method.profile_points
-            ):
-                evaluate(values)
-        everything = list(evaluate.seen.values())
-        looked_at = {id(step.evaluation) for step in steps}
-        extra = tuple(one for one in everything if id(one) not in looked_at)
-        beyond = [Step(0, "extra", one, objective_of(observed, one.predicted)) for one in extra]
-        best = best_step([searched, *beyond])
-
-        def judge(one: Evaluation, among: Mask) -> Array:
-            if not screened and not settings.judged_with:
-                return one.predicted
-            found = evaluator(one.values, among=among, keys=settings.judged_with)
-            if on_evaluation is not None:
-                on_evaluation(found)
-            return np.where(among, found.predicted, one.predicted)
-
-        whole = np.ones(len(campaign), dtype=np.bool_)
-        final = judge(searched.evaluation, whole)
-        in_sample = final if best is searched else judge(best.evaluation, whole)
-        by_id = {id(one.predicted): one for one in everything}
-        folds = [
-            replace(
-                one,
-                predicted=(predicted := judge(by_id[id(one.predicted)], one.held_out)),
-                judged=objective_of(observed, predicted, one.held_out),
-            )
-            for one in folds
-        ]
-        simulated = evaluator.simulated
+        found = _evaluated(study, evaluator, observed, fold, on_evaluation)
     resamples = motion_resamples(campaign.motion_ids, settings.replicates, seed)
-    out_of_fold = np.full(len(campaign), np.nan)
-    for one in folds:
+    out_of_fold = np.full(count, np.nan)
+    for one in found.folds:
         out_of_fold[one.held_out] = one.predicted[one.held_out]
-    chosen = {"in sample": final}
-    if folds:
-        chosen = {"out of fold": out_of_fold} | chosen
-    if best is not searched:
-        chosen["in sample, best of all sets"] = in_sample
+    chosen = {"out of fold": out_of_fold} if found.folds else {}
+    chosen["in sample"] = found.final
+    if found.best is not found.searched:
+        chosen["in sample, best of all sets"] = found.in_sample
     scores, notes = _compare(campaign, settings, seed, chosen)
-    screen = None
-    if screened:
-        # A fold that chose the same values checks nothing anew.
-        others = [one for one in folds if one.values != best.evaluation.values]
-        checks = [(evaluate.certain, in_sample)]
-        checks += [(evaluate.certain & one.held_out, one.predicted) for one in others]
-        screen = Screen(
-            certain=evaluate.certain,
-            checked=int(sum(among.sum() for among, _ in checks)),
-            wrong=int(sum((among & (p != evaluate.assumed)).sum() for among, p in checks)),
-        )
+    everything = list(found.evaluate.seen.values())
+    best, cells = found.best.evaluation.values, _cells(settings)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.study.model_dump(mode="json"),
         "calibration": settings.model_dump(mode="json"),
         "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
         "seed": seed,
         "evaluations": len(everything),
-        "simulated_in_this_run": simulated,
+        "simulated_in_this_run": evaluator.simulated,
         "seconds_of_simulation": sum(one.seconds for one in everything),
         "wall_time_s": time.time() - started,
     }
     return CalibrationResult(
         campaign=campaign,
         settings=settings,
-        steps=tuple(steps),
-        extra=extra,
-        searched=searched,
-        best=best,
-        start=evaluate.seen.get(_as_key(start_values(study))),
-        folds=tuple(folds),
+        steps=tuple(found.steps),
+        extra=found.extra,
+        searched=found.searched,
+        best=found.best,
+        start=found.evaluate.seen.get(_as_key(start_values(study))),
+        folds=tuple(found.folds),
         fold=fold,
         out_of_fold=out_of_fold,
-        searched_in_sample=objective_of(observed, final),
-        in_sample=in_sample,
-        screen=screen,
+        searched_in_sample=objective_of(observed, found.final),
+        in_sample=found.in_sample,
+        screen=_screen(found),
         scores=tuple(scores),
         profiles=tuple(
-            profiles(
-                settings.parameters,
-                everything,
-                observed,
-                resamples,
-                best.evaluation.values,
-                cells=_cells(settings),
-            )
+            profiles(settings.parameters, everything, observed, resamples, best, cells=cells)
         ),
         notes=tuple(notes),
         provenance=provenance,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What the evaluations of a calibration gave.
+
+    Attributes:
+        evaluate: with all evaluations it has seen.
+        steps: of the search; the best of them is `searched`.
+        extra: evaluations beside the search.
+        best: of all.
+        folds: judged on what they held out.
+        final, in_sample: predictions of `searched` and `best`, as they are judged, shape (trials,).
+    """
+
+    evaluate: _Remembered
+    steps: list[Step]
+    extra: tuple[Evaluation, ...]
+    searched: Step
+    best: Step
+    folds: list[Fold]
+    final: Array
+    in_sample: Array
+
+
+def _evaluated(
+    study: CalibrationStudy,
+    evaluator: Evaluator,
+    observed: Mask,
+    fold: NDArray[np.int64],
+    on_evaluation: Callable[[Evaluation], None] | None,
+) -> _Found:
+    """Search, cross-validate, and judge what was chosen."""
+    settings, method = study.own, study.own.method
+    screened = method.screen if isinstance(method, Joint) else 0
+    evaluate = _Remembered(evaluator, on_evaluation, screened, len(observed))
+    search = _search(study, evaluate, study.study.seed)
+    steps = search(lambda one: objective_of(observed, one.predicted), 0)
+    searched = best_step(steps)
+    folds = cross_validate(search, observed, fold) if settings.folds else []
+    if isinstance(method, Joint):
+        chosen = searched.evaluation.values
+        for values in profile_values(settings.parameters, chosen, method.profile_points):
+            evaluate(values)
+    everything = list(evaluate.seen.values())
+    looked_at = {id(step.evaluation) for step in steps}
+    extra = tuple(one for one in everything if id(one) not in looked_at)
+    beyond = [Step(0, "extra", one, objective_of(observed, one.predicted)) for one in extra]
+    best = best_step([searched, *beyond])
+
+    def judge(one: Evaluation, among: Mask) -> Array:
+        if not screened and not settings.judged_with:
+            return one.predicted
+        found = evaluator(one.values, among=among, keys=settings.judged_with)
+        if on_evaluation is not None:
+            on_evaluation(found)
+        return np.where(among, found.predicted, one.predicted)
+
+    every = np.ones(len(observed), dtype=np.bool_)
+    final = judge(searched.evaluation, every)
+    in_sample = final if best is searched else judge(best.evaluation, every)
+    by_id = {id(one.predicted): one for one in everything}
+    folds = [
+        replace(
+            one,
+            predicted=(predicted := judge(by_id[id(one.predicted)], one.held_out)),
+            judged=objective_of(observed, predicted, one.held_out),
+        )
+        for one in folds
+    ]
+    return _Found(evaluate, steps, extra, searched, best, folds, final, in_sample)
+
+
+def _screen(found: _Found) -> Screen | None:
+    """How often the screen was wrong where it was checked; None: nothing was screened."""
+    evaluate = found.evaluate
+    if not evaluate.screen:
+        return None
+    # A fold that chose the same values is no further check.
+    others = [one for one in found.folds if one.values != found.best.evaluation.values]
+    checks = [(evaluate.certain, found.in_sample)]
+    checks += [(evaluate.certain & one.held_out, one.predicted) for one in others]
+    return Screen(
+        certain=evaluate.certain,
+        checked=int(sum(among.sum() for among, _ in checks)),
+        wrong=int(sum((among & (p != evaluate.assumed)).sum() for among, p in checks)),
     )
 
 
@@ -362,7 +390,7 @@ class _Remembered:
         self.assumed = np.full(trials, np.nan)
         self._evaluate = evaluate
         self._on_evaluation = on_evaluation
-        self._screen = screen
+        self.screen = screen
 
     def __call__(self, values: Mapping[str, Plain]) -> Evaluation:
         key = _as_key(values)
@@ -371,7 +399,7 @@ class _Remembered:
             # Also where an earlier run knows better: a resumed search must see the same.
             predicted = np.where(self.certain, self.assumed, found.predicted)
             self.seen[key] = replace(found, predicted=predicted)
-            if len(self.seen) == self._screen:
+            if len(self.seen) == self.screen:
                 self._settle()
             if self._on_evaluation is not None:
                 self._on_evaluation(self.seen[key])

@@ -286,13 +286,7 @@ def fit_fragility(
         ResultError: shapes that do not fit, no trials, or a measure that is not above 0.
     """
     values = _checked(measures, len(names))
-    truth = np.asarray(overturned)
-    member = np.unique(np.asarray(groups), return_inverse=True)[1]
-    if truth.dtype != np.bool_ or not len(values) == truth.size == member.size or not truth.size:
-        raise ResultError(
-            f"{len(values)} intensities, {truth.size} outcomes ({truth.dtype}) and {member.size} "
-            "groups; give one each, outcomes as booleans"
-        )
+    truth, member = _outcomes(overturned, groups, len(values))
     if not 0 < level < 1:
         raise ResultError(f"level {level} must lie between 0 and 1")
     logs = np.log(values)
@@ -346,6 +340,20 @@ def fit_fragility(
                 f"{FALL:g}: see whether the trials do, or set `surface: linear`",
             )  # fmt: skip
     return fit
+
+
+def _outcomes(
+    overturned: ArrayLike, groups: ArrayLike, count: int
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Outcomes, and the number of each trial's group."""
+    truth = np.asarray(overturned)
+    member = np.unique(np.asarray(groups), return_inverse=True)[1]
+    if truth.dtype != np.bool_ or not count == truth.size == member.size or not truth.size:
+        raise ResultError(
+            f"{count} intensities, {truth.size} outcomes ({truth.dtype}) and {member.size} "
+            "groups; give one each, outcomes as booleans"
+        )
+    return truth, member
 
 
 def _falling(fit: FragilityFit) -> list[str]:
