@@ -5,12 +5,6 @@
 
 #include "hull_scan.hpp"
 
-#if defined(__GNUC__)
-#define VSR2_INLINE __attribute__((always_inline)) inline
-#else
-#define VSR2_INLINE inline
-#endif
-
 namespace vsr2 {
 namespace {
 
@@ -22,8 +16,6 @@ struct Pattern {
   std::array<bool, 4> slides{};
   bool motor_bounded = false;
   bool turning = false;  ///< a sliding contact changed its direction too fast to linearise
-
-  bool operator==(const Pattern&) const = default;
 };
 
 // Greatest change of direction of a sliding contact that a jump is tried after, in a sweep, and
@@ -31,122 +23,205 @@ struct Pattern {
 constexpr double kMostTurnBefore = 1e-6;
 constexpr double kMostTurn = 1e-5;
 
-// One sweep over all rows; returns the greatest change of a row's speed.
-template <bool kMotor, bool kSprung>
-double sweep(ContactProblem& p, Pattern& pattern) {
-  VelocityChange c = p.change;
-  double greatest = 0.0;
-  const auto note = [&greatest](double speed) { greatest = std::max(greatest, std::fabs(speed)); };
-  if constexpr (kMotor) {
-    const double sum = p.motor_impulse + (p.motor_rhs - c.support) / p.motor_inverse_mass;
-    const double bounded = std::clamp(sum, -p.motor_limit, p.motor_limit);
-    const double delta = bounded - p.motor_impulse;
-    pattern.motor_bounded = bounded != sum;
-    p.motor_impulse = bounded;
-    p.motor_change = delta;
-    c.support += p.motor_inverse_mass * delta;
-    note(delta * p.motor_inverse_mass);
-  }
-  pattern.turning = false;
+// One sweep over all rows, in Bullet's order: of numbers, with `Rows` the bounds and their pattern,
+// or of linear forms within a pattern. `Rows` holds the impulses and says what becomes of those
+// that the rows demand:
+//   drive(v)               takes the motor's row
+//   takes_normal(i, next)  bounds `next`, the impulse demanded; false: the row does nothing
+//   has_spin(i), bound_spin(i, next); has_lateral(i), bound_lateral(i, next_1, next_2)
+//   note_...(i, change)    is told what was applied
+template <Joint kJoint, typename Scalar, typename Rows>
+VSR2_INLINE void sweep(const ContactProblem& p, Rows& rows, VelocityChange<Scalar>& v) {
+  if constexpr (kJoint == Joint::motor) rows.drive(v);
   const auto count = static_cast<std::size_t>(p.count);
   for (std::size_t i = 0; i < count; ++i) {
-    ContactRows& r = p.rows[i];
-    double along = (r.nj0 * c.w0 + r.nj1 * c.w1) + r.njz * c.z;
-    if constexpr (kSprung) along += r.njs * c.support;
-    const double sum = (r.n * r.nkeep + r.nrhs) - along;
-    r.n_sum = sum;
-    pattern.closed[i] = sum > 0.0;
-    r.dn = 0.0;
-    if (!(sum > 0.0) && r.n == 0.0) continue;
-    const double bounded = std::min(std::max(sum, 0.0), kGreatestImpulse);
-    const double delta = bounded - r.n;
-    r.n = bounded;
-    r.dn = delta;
-    c.w0 += r.nd0 * delta;
-    c.w1 += r.nd1 * delta;
-    c.w2 += r.nd2 * delta;
-    c.z += p.inverse_mass * delta;
-    if constexpr (kSprung) c.support += r.nds * delta;
-    note(delta * r.nk);
-  }
-  bool stopped = false;
-  for (std::size_t i = 0; i < count; ++i) {
-    ContactRows& r = p.rows[i];
-    r.ds = 0.0;
-    if (!(r.n > 0.0)) continue;
-    const double limit = p.spinning_friction * r.n;
-    // A free row stops the spin, which leaves nothing to do for a free one after it.
-    if (stopped && std::fabs(r.s) <= limit) {
-      pattern.spin[i] = Pattern::free;
-      continue;
-    }
-    double turn = r.sj * c.w2;
-    if constexpr (kSprung) turn += r.sjs * c.support;
-    const double sum = (r.s + r.srhs) - turn;
-    const double bounded = std::min(std::max(sum, -limit), limit);
-    const double delta = bounded - r.s;
-    pattern.spin[i] = sum > limit ? Pattern::upper : sum < -limit ? Pattern::lower : Pattern::free;
-    stopped = pattern.spin[i] == Pattern::free;
-    r.s_sum = sum;
-    r.s = bounded;
-    r.ds = delta;
-    c.w0 += r.sd0 * delta;
-    c.w1 += r.sd1 * delta;
-    c.w2 += r.sd2 * delta;
-    if constexpr (kSprung) c.support += r.sds * delta;
-    note(delta * r.sk);
+    const NormalRow& row = p.rows[i].normal;
+    Scalar next = row.demanded<kJoint>(rows.normal(i), v);
+    if (!rows.takes_normal(i, next)) continue;
+    const Scalar change = next - rows.normal(i);
+    rows.normal(i) = next;
+    row.apply<kJoint>(change, v);
+    rows.note_normal(i, change);
   }
   for (std::size_t i = 0; i < count; ++i) {
-    ContactRows& r = p.rows[i];
-    r.da = r.db = 0.0;
-    if (!(r.n > 0.0) && r.a == 0.0 && r.b == 0.0) continue;
-    const double limit = r.friction * r.n;
-    double across = (r.aj0 * c.w0 + r.aj2 * c.w2) + r.ajy * c.y;
-    if constexpr (kSprung) across += r.ajs * c.support;
-    double a = (r.a + r.arhs) - across;
-    double along = (r.bj1 * c.w1 + r.bj2 * c.w2) + r.bjx * c.x;
-    if constexpr (kMotor || kSprung) along += r.bjs * c.support;
-    double b = (r.b + r.brhs) - along;
-    const double square = a * a + b * b;
-    const double cross = a * r.b_sum - b * r.a_sum;
-    r.a_sum = a;
-    r.b_sum = b;
-    const bool slid = pattern.slides[i];
-    pattern.slides[i] = square >= limit * limit;
-    if (square >= limit * limit) {
-      if (limit > 0.0 && !(slid && std::fabs(cross) <= kMostTurnBefore * square))
-        pattern.turning = true;
-      const double scale = limit > 0.0 ? limit / std::sqrt(square) : 0.0;
-      a *= scale;
-      b *= scale;
-    }
-    const double da = a - r.a;
-    const double db = b - r.b;
-    r.a = a;
-    r.b = b;
-    r.da = da;
-    r.db = db;
-    c.w0 += r.ad0 * da + r.bd0 * db;
-    c.w1 += r.ad1 * da + r.bd1 * db;
-    c.w2 += r.ad2 * da + r.bd2 * db;
-    c.y -= p.inverse_mass * da;
-    c.x += p.inverse_mass * db;
-    if constexpr (kMotor) c.support -= p.motor_inverse_mass * db;
-    if constexpr (kSprung) c.support += r.ads * da + r.bds * db;
-    note(da * r.ak + db * r.bk);
+    if (!rows.has_spin(i)) continue;
+    const SpinningRow& row = p.rows[i].spin;
+    Scalar next = row.demanded<kJoint>(rows.spin(i), v);
+    rows.bound_spin(i, next);
+    const Scalar change = next - rows.spin(i);
+    rows.spin(i) = next;
+    row.apply<kJoint>(change, v);
+    rows.note_spin(i, change);
   }
-  p.change = c;
-  return greatest;
+  for (std::size_t i = 0; i < count; ++i) {
+    if (!rows.has_lateral(i)) continue;
+    const Lateral1Row& row_1 = p.rows[i].lateral_1;
+    const Lateral2Row& row_2 = p.rows[i].lateral_2;
+    Scalar next_1 = row_1.demanded<kJoint>(rows.lateral_1(i), v);
+    Scalar next_2 = row_2.demanded<kJoint>(rows.lateral_2(i), v);
+    rows.bound_lateral(i, next_1, next_2);
+    const Scalar change_1 = next_1 - rows.lateral_1(i);
+    const Scalar change_2 = next_2 - rows.lateral_2(i);
+    rows.lateral_1(i) = next_1;
+    rows.lateral_2(i) = next_2;
+    apply_pair<kJoint>(row_1, change_1, row_2, change_2, v);
+    rows.note_lateral(i, change_1, change_2);
+  }
 }
 
-double sweep(ContactProblem& p, Pattern& pattern) {
-  if (p.sprung) return sweep<false, true>(p, pattern);
-  return p.motor_inverse_mass > 0 ? sweep<true, false>(p, pattern) : sweep<false, false>(p, pattern);
+// Rows of numbers: bounds them, notes the pattern and the greatest change of a row's speed.
+class NumberRows {
+ public:
+  NumberRows(ContactProblem& problem, Pattern& pattern) : p_(problem), pattern_(pattern) {
+    pattern_.turning = false;
+  }
+  double greatest() const { return greatest_; }
+
+  double& normal(std::size_t i) { return p_.rows[i].normal.impulse; }
+  double& spin(std::size_t i) { return p_.rows[i].spin.impulse; }
+  double& lateral_1(std::size_t i) { return p_.rows[i].lateral_1.impulse; }
+  double& lateral_2(std::size_t i) { return p_.rows[i].lateral_2.impulse; }
+
+  VSR2_INLINE void drive(VelocityChange<double>& v) {
+    MotorRow& motor = p_.motor;
+    const double sum = motor.impulse + (motor.wanted - v.joint) / motor.inverse_mass;
+    const double bounded = std::clamp(sum, -motor.limit, motor.limit);
+    motor.change = bounded - motor.impulse;
+    pattern_.motor_bounded = bounded != sum;
+    motor.impulse = bounded;
+    v.joint += motor.inverse_mass * motor.change;
+    note(motor.change * motor.inverse_mass);
+  }
+
+  VSR2_INLINE bool takes_normal(std::size_t i, double& next) {
+    NormalRow& row = p_.rows[i].normal;
+    row.unbounded = next;
+    row.change = 0.0;
+    pattern_.closed[i] = next > 0.0;
+    if (!(next > 0.0) && row.impulse == 0.0) return false;
+    next = std::min(std::max(next, 0.0), kGreatestImpulse);
+    return true;
+  }
+  VSR2_INLINE void note_normal(std::size_t i, double change) { note(p_.rows[i].normal, change); }
+
+  VSR2_INLINE bool has_spin(std::size_t i) {
+    SpinningRow& row = p_.rows[i].spin;
+    row.change = 0.0;
+    if (!(normal(i) > 0.0)) return false;
+    // A free row stops the spin, which leaves nothing to do for a free one after it.
+    if (!stopped_ || !(std::fabs(row.impulse) <= p_.spinning_friction * normal(i))) return true;
+    pattern_.spin[i] = Pattern::free;
+    return false;
+  }
+  VSR2_INLINE void bound_spin(std::size_t i, double& next) {
+    const double limit = p_.spinning_friction * normal(i);
+    p_.rows[i].spin.unbounded = next;
+    pattern_.spin[i] = next > limit ? Pattern::upper : next < -limit ? Pattern::lower : Pattern::free;
+    stopped_ = pattern_.spin[i] == Pattern::free;
+    next = std::min(std::max(next, -limit), limit);
+  }
+  VSR2_INLINE void note_spin(std::size_t i, double change) { note(p_.rows[i].spin, change); }
+
+  VSR2_INLINE bool has_lateral(std::size_t i) {
+    p_.rows[i].lateral_1.change = p_.rows[i].lateral_2.change = 0.0;
+    return normal(i) > 0.0 || lateral_1(i) != 0.0 || lateral_2(i) != 0.0;
+  }
+  VSR2_INLINE void bound_lateral(std::size_t i, double& next_1, double& next_2) {
+    ContactRows& rows = p_.rows[i];
+    const double limit = rows.friction * normal(i);
+    const double square = next_1 * next_1 + next_2 * next_2;
+    const double cross = next_1 * rows.lateral_2.unbounded - next_2 * rows.lateral_1.unbounded;
+    rows.lateral_1.unbounded = next_1;
+    rows.lateral_2.unbounded = next_2;
+    const bool slid = pattern_.slides[i];
+    pattern_.slides[i] = square >= limit * limit;
+    if (!pattern_.slides[i]) return;
+    if (limit > 0.0 && !(slid && std::fabs(cross) <= kMostTurnBefore * square))
+      pattern_.turning = true;
+    const double scale = limit > 0.0 ? limit / std::sqrt(square) : 0.0;
+    next_1 *= scale;
+    next_2 *= scale;
+  }
+  VSR2_INLINE void note_lateral(std::size_t i, double change_1, double change_2) {
+    ContactRows& rows = p_.rows[i];
+    rows.lateral_1.change = change_1;
+    rows.lateral_2.change = change_2;
+    note(change_1 * rows.lateral_1.inverse_mass + change_2 * rows.lateral_2.inverse_mass);
+  }
+
+ private:
+  VSR2_INLINE void note(double speed) { greatest_ = std::max(greatest_, std::fabs(speed)); }
+  template <typename Row>
+  VSR2_INLINE void note(Row& row, double change) {
+    row.change = change;
+    note(change * row.inverse_mass);
+  }
+
+  ContactProblem& p_;
+  Pattern& pattern_;
+  bool stopped_ = false;
+  double greatest_ = 0.0;
+};
+
+// One sweep; returns the greatest change of a row's speed.
+template <Joint kJoint>
+double sweep_numbers(ContactProblem& p, Pattern& pattern) {
+  NumberRows rows(p, pattern);
+  VelocityChange<double> v = p.change;
+  sweep<kJoint>(p, rows, v);
+  p.change = v;
+  return rows.greatest();
+}
+
+double sweep_numbers(ContactProblem& p, Pattern& pattern) {
+  switch (p.joint) {
+    case Joint::pitch: return sweep_numbers<Joint::pitch>(p, pattern);
+    case Joint::motor: return sweep_numbers<Joint::motor>(p, pattern);
+    default: return sweep_numbers<Joint::none>(p, pattern);
+  }
 }
 
 // Four doubles that the compiler maps on what vector registers there are; every lane rounds as a
 // scalar does.
 typedef double Lanes __attribute__((vector_size(4 * sizeof(double)), may_alias));
+
+// All of these are inlined: no vector passes between functions.
+#pragma GCC diagnostic ignored "-Wpsabi"
+
+// A linear form of the variables but the first: their weights, in groups of four.
+template <int kGroups>
+struct Form {
+  Lanes group[kGroups]{};
+
+  VSR2_INLINE void set(int q, double weight) { reinterpret_cast<double*>(group)[q] = weight; }
+  VSR2_INLINE double of(const double* variables) const {
+    Lanes sum = group[0] * reinterpret_cast<const Lanes*>(variables)[0];
+    for (int w = 1; w < kGroups; ++w)
+      sum += group[w] * reinterpret_cast<const Lanes*>(variables)[w];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+  }
+
+  friend VSR2_INLINE Form operator*(double a, const Form& b) {
+    Form out;
+    for (int w = 0; w < kGroups; ++w) out.group[w] = a * b.group[w];
+    return out;
+  }
+  friend VSR2_INLINE Form operator+(const Form& a, const Form& b) {
+    Form out;
+    for (int w = 0; w < kGroups; ++w) out.group[w] = a.group[w] + b.group[w];
+    return out;
+  }
+  friend VSR2_INLINE Form operator-(const Form& a, const Form& b) {
+    Form out;
+    for (int w = 0; w < kGroups; ++w) out.group[w] = a.group[w] - b.group[w];
+    return out;
+  }
+  VSR2_INLINE void operator+=(const Form& b) {
+    for (int w = 0; w < kGroups; ++w) group[w] += b.group[w];
+  }
+  // See contact_rows.hpp.
+  friend VSR2_INLINE const Form& with_constant(const Form& linear, double) { return linear; }
+};
 
 // Motor, 4 normal, 4 spinning and 8 lateral rows.
 constexpr int kMostVariables = 17;
@@ -166,7 +241,7 @@ struct Variables {
     spin.fill(-1);
     lateral.fill(-1);
     const auto contacts = static_cast<std::size_t>(p.count);
-    if (p.motor_inverse_mass > 0) ++count;
+    if (p.joint == Joint::motor) ++count;
     for (std::size_t i = 0; i < contacts; ++i)
       if (pattern.closed[i]) normal[i] = count++;
     if (p.spinning_friction > 0) {
@@ -186,12 +261,14 @@ struct Variables {
   }
 };
 
-VSR2_INLINE void transpose(const Lanes& a, const Lanes& b, const Lanes& c, const Lanes& d,
-                           Lanes& p, Lanes& q, Lanes& r, Lanes& s) {
-  const Lanes ab_low = __builtin_shufflevector(a, b, 0, 4, 2, 6);
-  const Lanes ab_high = __builtin_shufflevector(a, b, 1, 5, 3, 7);
-  const Lanes cd_low = __builtin_shufflevector(c, d, 0, 4, 2, 6);
-  const Lanes cd_high = __builtin_shufflevector(c, d, 1, 5, 3, 7);
+// Four forms' weights in group `w`, by variable.
+template <int kGroups>
+VSR2_INLINE void transpose(const Form<kGroups> rows[4], int w, Lanes& p, Lanes& q, Lanes& r,
+                           Lanes& s) {
+  const Lanes ab_low = __builtin_shufflevector(rows[0].group[w], rows[1].group[w], 0, 4, 2, 6);
+  const Lanes ab_high = __builtin_shufflevector(rows[0].group[w], rows[1].group[w], 1, 5, 3, 7);
+  const Lanes cd_low = __builtin_shufflevector(rows[2].group[w], rows[3].group[w], 0, 4, 2, 6);
+  const Lanes cd_high = __builtin_shufflevector(rows[2].group[w], rows[3].group[w], 1, 5, 3, 7);
   p = __builtin_shufflevector(ab_low, cd_low, 0, 1, 4, 5);
   q = __builtin_shufflevector(ab_high, cd_high, 0, 1, 4, 5);
   r = __builtin_shufflevector(ab_low, cd_low, 2, 3, 6, 7);
@@ -208,7 +285,11 @@ class Jump {
  public:
   VSR2_INLINE Jump(const ContactProblem& p, const Pattern& pattern, const Variables& variables)
       : p_(p), pattern_(pattern), v_(variables), count_(variables.count) {
-    p.sprung ? linearise<true>() : linearise<false>();
+    switch (p.joint) {
+      case Joint::pitch: linearise<Joint::pitch>(); break;
+      case Joint::motor: linearise<Joint::motor>(); break;
+      default: linearise<Joint::none>();
+    }
   }
 
   // Sweeps jumped, at most `most`; `e` then holds the change of every variable.
@@ -257,6 +338,7 @@ class Jump {
     VSR2_INLINE double operator[](int r) const {
       return reinterpret_cast<const double*>(group)[r];
     }
+    VSR2_INLINE void set(int r, double value) { reinterpret_cast<double*>(group)[r] = value; }
   };
   struct Power {
     State column[4 * kIn];  // the q-th: what a unit of variable q + 1 becomes
@@ -302,185 +384,151 @@ class Jump {
     }
   }
 
-  // A linear function of the variables but the first, its weights in their order.
-  struct Linear {
-    Lanes group[kIn];
-    VSR2_INLINE double of(const double* columns) const {
-      Lanes sum = group[0] * reinterpret_cast<const Lanes*>(columns)[0];
-      for (int w = 1; w < kIn; ++w)
-        sum += group[w] * reinterpret_cast<const Lanes*>(columns)[w];
-      return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+  using Linear = Form<kIn>;
+
+  // A sliding contact's impulse is mu n u / |u|, with u the pair before its bound.
+  struct Slide {
+    double cosine, sine;  // of u
+    double turn;          // mu n / |u|
+    explicit Slide(const ContactRows& rows) {
+      const double u_1 = rows.lateral_1.unbounded;
+      const double u_2 = rows.lateral_2.unbounded;
+      const double length = std::sqrt(u_1 * u_1 + u_2 * u_2);
+      cosine = u_1 / length;
+      sine = u_2 / length;
+      turn = rows.friction * rows.normal.impulse / length;
     }
-    VSR2_INLINE void set(int q, double weight) { reinterpret_cast<double*>(group)[q] = weight; }
+    Slide() = default;
   };
 
-  template <bool kSprung>
-  VSR2_INLINE void subtract_normal(const ContactRows& r, const Linear& w0, const Linear& w1,
-                                   const Linear& vz, const Linear& support, int w,
-                                   Lanes& from) const {
-    Lanes speed = (r.nj0 * w0.group[w] + r.nj1 * w1.group[w]) + r.njz * vz.group[w];
-    if constexpr (kSprung) speed += r.njs * support.group[w];
-    from -= speed;
-  }
+  // Rows of linear forms, within the pattern.
+  class FormRows {
+   public:
+    VSR2_INLINE explicit FormRows(Jump& jump) : jump_(jump) {
+      for (int q = 1; q < jump.count_; ++q) variable_[q].set(q - 1, 1.0);
+    }
+
+    VSR2_INLINE Linear& normal(std::size_t i) {
+      const int q = jump_.v_.normal[i];
+      return q < 0 ? open_[i] : variable_[q];
+    }
+    VSR2_INLINE Linear& spin(std::size_t i) { return variable_[jump_.v_.spin[i]]; }
+    VSR2_INLINE Linear& lateral_1(std::size_t i) { return variable_[jump_.v_.lateral[i]]; }
+    VSR2_INLINE Linear& lateral_2(std::size_t i) { return variable_[jump_.v_.lateral[i] + 1]; }
+
+    VSR2_INLINE void drive(VelocityChange<Linear>& v) {
+      for (int w = 0; w < kIn; ++w)
+        variable_[0].group[w] = -v.joint.group[w] / jump_.p_.motor.inverse_mass;
+      v.joint = {};
+    }
+
+    // What an open row would take is noted, and nothing of it applied.
+    VSR2_INLINE bool takes_normal(std::size_t i, const Linear& next) {
+      if (jump_.v_.normal[i] >= 0) return true;
+      open_[i] = next;
+      return false;
+    }
+    VSR2_INLINE bool has_spin(std::size_t i) const { return jump_.v_.spin[i] >= 0; }
+    VSR2_INLINE void bound_spin(std::size_t i, Linear& next) {
+      const Pattern::Spin at = jump_.pattern_.spin[i];
+      if (at == Pattern::free) return;
+      jump_.spin_unbounded_[i] = next;
+      const double sign = at == Pattern::upper ? 1.0 : -1.0;
+      next = (sign * jump_.p_.spinning_friction) * normal(i);
+    }
+    VSR2_INLINE bool has_lateral(std::size_t i) const { return jump_.v_.lateral[i] >= 0; }
+    VSR2_INLINE void bound_lateral(std::size_t i, Linear& next_1, Linear& next_2) {
+      if (!jump_.pattern_.slides[i]) return;
+      jump_.lateral_unbounded_1_[i] = next_1;
+      jump_.lateral_unbounded_2_[i] = next_2;
+      const Slide& slide = jump_.slide_[i];
+      const Linear radial = jump_.p_.rows[i].friction * normal(i);
+      const Linear across = slide.turn * (slide.cosine * next_2 - slide.sine * next_1);
+      next_1 = slide.cosine * radial - slide.sine * across;
+      next_2 = slide.sine * radial + slide.cosine * across;
+    }
+    VSR2_INLINE void note_normal(std::size_t, const Linear&) {}
+    VSR2_INLINE void note_spin(std::size_t, const Linear&) {}
+    VSR2_INLINE void note_lateral(std::size_t, const Linear&, const Linear&) {}
+
+    // Writes the variables' forms, and the open rows', as columns of the map.
+    VSR2_INLINE void put() const {
+      State* column = jump_.power_[0].column;
+      Lanes* open = jump_.open_;
+      for (int w = 0; w < kIn; ++w) {
+        for (int o = 0; o < kOut; ++o)
+          transpose(&variable_[4 * o], w, column[4 * w].group[o], column[4 * w + 1].group[o],
+                    column[4 * w + 2].group[o], column[4 * w + 3].group[o]);
+        if (jump_.any_open_)
+          transpose(open_, w, open[4 * w], open[4 * w + 1], open[4 * w + 2], open[4 * w + 3]);
+      }
+    }
+
+   private:
+    Jump& jump_;
+    Linear variable_[4 * kOut];
+    Linear open_[4];
+  };
 
   // One sweep of the linear parts, as functions of the variables before it.
-  template <bool kSprung>
+  template <Joint kJoint>
   VSR2_INLINE void linearise() {
-    Linear x[4 * kOut] = {};  // the variables
-    Linear w0{}, w1{}, w2{}, vx{}, vy{}, vz{}, support{};  // the speeds
-    Linear open[4] = {};
-    double d[4 * kOut] = {};
+    VelocityChange<Linear> v;  // by a unit of each variable but the first
+    change_ = {};
     const auto contacts = static_cast<std::size_t>(p_.count);
-    const bool motor = p_.motor_inverse_mass > 0;
-    for (int q = 1; q < count_; ++q) x[q].set(q - 1, 1.0);
     double greatest = 0.0;
-    const ContactRows* first = nullptr;
+    const NormalRow* first = nullptr;
     for (std::size_t i = 0; i < contacts; ++i) {
-      const ContactRows& r = p_.rows[i];
+      const ContactRows& rows = p_.rows[i];
       if (const int q = v_.normal[i]; q >= 0) {
-        if (q == 0) {
-          first = &r;
-        } else {
-          w0.set(q - 1, r.nd0);
-          w1.set(q - 1, r.nd1);
-          w2.set(q - 1, r.nd2);
-          vz.set(q - 1, p_.inverse_mass);
-          if constexpr (kSprung) support.set(q - 1, r.nds);
-        }
-        d[q] = r.dn;
-        greatest = std::max(greatest, r.n);
+        if (q == 0) first = &rows.normal;
+        take<kJoint>(rows.normal, q, v);
+        greatest = std::max(greatest, rows.normal.impulse);
       }
-      if (const int q = v_.spin[i]; q >= 0) {
-        w0.set(q - 1, r.sd0);
-        w1.set(q - 1, r.sd1);
-        w2.set(q - 1, r.sd2);
-        if constexpr (kSprung) support.set(q - 1, r.sds);
-        d[q] = r.ds;
-      }
+      if (const int q = v_.spin[i]; q >= 0) take<kJoint>(rows.spin, q, v);
       if (const int q = v_.lateral[i]; q >= 0) {
-        w0.set(q - 1, r.ad0);
-        w1.set(q - 1, r.ad1);
-        w2.set(q - 1, r.ad2);
-        vy.set(q - 1, -p_.inverse_mass);
-        w0.set(q, r.bd0);
-        w1.set(q, r.bd1);
-        w2.set(q, r.bd2);
-        vx.set(q, p_.inverse_mass);
-        support.set(q, r.bds);
-        if constexpr (kSprung) support.set(q - 1, r.ads);
-        d[q] = r.da;
-        d[q + 1] = r.db;
+        if (pattern_.slides[i]) slide_[i] = Slide(rows);
+        take<kJoint>(rows.lateral_1, q, v);
+        take<kJoint>(rows.lateral_2, q + 1, v);
       }
     }
-    if (motor) {
-      d[0] = p_.motor_change;
-      greatest = std::max(greatest, std::fabs(p_.motor_impulse));
-      for (int w = 0; w < kIn; ++w) {
-        x[0].group[w] = -support.group[w] / p_.motor_inverse_mass;
-        support.group[w] = Lanes{};
-      }
+    if constexpr (kJoint == Joint::motor) {
+      change_.set(0, p_.motor.change);
+      greatest = std::max(greatest, std::fabs(p_.motor.impulse));
     }
     rounding_ = kRounding * greatest;
-    std::copy(d, d + 4 * kOut, reinterpret_cast<double*>(change_.group));
     for (std::size_t i = 0; i < contacts; ++i) {
-      const ContactRows& r = p_.rows[i];
-      const int q = v_.normal[i];
       before_first_[i] = 0.0;
-      if (q < 0) {
-        any_open_ = true;
-        for (int w = 0; w < kIn; ++w)
-          subtract_normal<kSprung>(r, w0, w1, vz, support, w, open[i].group[w]);
-        // Before the first variable's turn its old value still counts.
-        if (first != nullptr)
-          before_first_[i] = -((r.nj0 * first->nd0 + r.nj1 * first->nd1) + r.njz * p_.inverse_mass +
-                               (kSprung ? r.njs * first->nds : 0.0));
-        continue;
-      }
-      if (q == 0) first = nullptr;
-      for (int w = 0; w < kIn; ++w) {
-        Lanes next = x[q].group[w] * r.nkeep;
-        subtract_normal<kSprung>(r, w0, w1, vz, support, w, next);
-        const Lanes delta = next - x[q].group[w];
-        x[q].group[w] = next;
-        w0.group[w] += r.nd0 * delta;
-        w1.group[w] += r.nd1 * delta;
-        w2.group[w] += r.nd2 * delta;
-        vz.group[w] += p_.inverse_mass * delta;
-        if constexpr (kSprung) support.group[w] += r.nds * delta;
-      }
+      if (v_.normal[i] == 0) first = nullptr;
+      if (v_.normal[i] >= 0) continue;
+      any_open_ = true;
+      // Before the first variable's turn its old value still counts.
+      if (first == nullptr) continue;
+      VelocityChange<double> unit;
+      first->template apply<kJoint>(1.0, unit);
+      before_first_[i] = -p_.rows[i].normal.template speed<kJoint>(unit);
     }
-    for (std::size_t i = 0; i < contacts; ++i) {
-      const ContactRows& r = p_.rows[i];
-      const int q = v_.spin[i];
-      if (q < 0) continue;
-      const double sign = pattern_.spin[i] == Pattern::upper ? 1.0 : -1.0;
-      for (int w = 0; w < kIn; ++w) {
-        Lanes next = x[q].group[w] - r.sj * w2.group[w];
-        if constexpr (kSprung) next -= r.sjs * support.group[w];
-        if (pattern_.spin[i] != Pattern::free) {
-          spin_sum_[i].group[w] = next;
-          next = (sign * p_.spinning_friction) * x[v_.normal[i]].group[w];
-        }
-        const Lanes delta = next - x[q].group[w];
-        x[q].group[w] = next;
-        w0.group[w] += r.sd0 * delta;
-        w1.group[w] += r.sd1 * delta;
-        w2.group[w] += r.sd2 * delta;
-        if constexpr (kSprung) support.group[w] += r.sds * delta;
-      }
-    }
-    for (std::size_t i = 0; i < contacts; ++i) {
-      const ContactRows& r = p_.rows[i];
-      const int q = v_.lateral[i];
-      if (q < 0) continue;
-      for (int w = 0; w < kIn; ++w) {
-        Lanes a = x[q].group[w] -
-                  ((r.aj0 * w0.group[w] + r.aj2 * w2.group[w]) + r.ajy * vy.group[w]);
-        if constexpr (kSprung) a -= r.ajs * support.group[w];
-        Lanes along = (r.bj1 * w1.group[w] + r.bj2 * w2.group[w]) + r.bjx * vx.group[w];
-        if (motor || kSprung) along += r.bjs * support.group[w];
-        Lanes b = x[q + 1].group[w] - along;
-        if (pattern_.slides[i]) {
-          a_sum_[i].group[w] = a;
-          b_sum_[i].group[w] = b;
-          // The impulse is mu n u / |u| with u = (a, b) before the bound.
-          const double length = std::sqrt(r.a_sum * r.a_sum + r.b_sum * r.b_sum);
-          const double ua = r.a_sum / length;
-          const double ub = r.b_sum / length;
-          const double turn = r.friction * r.n / length;
-          const Lanes normal = r.friction * x[v_.normal[i]].group[w];
-          const Lanes across = turn * (ua * b - ub * a);
-          a = ua * normal - ub * across;
-          b = ub * normal + ua * across;
-        }
-        const Lanes da = a - x[q].group[w];
-        const Lanes db = b - x[q + 1].group[w];
-        x[q].group[w] = a;
-        x[q + 1].group[w] = b;
-        w0.group[w] += r.ad0 * da + r.bd0 * db;
-        w1.group[w] += r.ad1 * da + r.bd1 * db;
-        w2.group[w] += r.ad2 * da + r.bd2 * db;
-        vy.group[w] -= p_.inverse_mass * da;
-        vx.group[w] += p_.inverse_mass * db;
-        if (motor) support.group[w] -= p_.motor_inverse_mass * db;
-        if constexpr (kSprung) support.group[w] += r.ads * da + r.bds * db;
-      }
-    }
-    State* column = power_[0].column;
-    for (int w = 0; w < kIn; ++w) {
-      for (int o = 0; o < kOut; ++o)
-        transpose(x[4 * o].group[w], x[4 * o + 1].group[w], x[4 * o + 2].group[w],
-                  x[4 * o + 3].group[w], column[4 * w].group[o], column[4 * w + 1].group[o],
-                  column[4 * w + 2].group[o], column[4 * w + 3].group[o]);
-      if (any_open_)
-        transpose(open[0].group[w], open[1].group[w], open[2].group[w], open[3].group[w],
-                  open_[4 * w], open_[4 * w + 1], open_[4 * w + 2], open_[4 * w + 3]);
-    }
-    if (!any_open_) return;
+    FormRows rows(*this);
+    sweep<kJoint>(p_, rows, v);
+    rows.put();
+    if (any_open_) find_open_base();
+  }
+
+  // Takes a row as variable `q`: its latest change, and the velocities by a unit of it.
+  template <Joint kJoint, typename Row>
+  VSR2_INLINE void take(const Row& row, int q, VelocityChange<Linear>& v) {
+    change_.set(q, row.change);
+    if (q == 0) return;
+    for (int k = 0; k < 3; ++k) v.angular[k].set(q - 1, row.angular_response[k]);
+    if constexpr (Row::kAxis >= 0) v.linear[Row::kAxis].set(q - 1, row.linear_response);
+    if constexpr (Row::feels(kJoint)) v.joint.set(q - 1, row.joint_response);
+  }
+
+  VSR2_INLINE void find_open_base() {
     // Of closed contacts they stay at -1.
     open_base_ = Lanes{-1.0, -1.0, -1.0, -1.0};
-    for (std::size_t i = 0; i < contacts; ++i)
-      if (v_.normal[i] < 0) open_base_[i] = p_.rows[i].n_sum;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(p_.count); ++i)
+      if (v_.normal[i] < 0) open_base_[i] = p_.rows[i].normal.unbounded;
     for (int q = 0; q < count_ - 1; ++q) open_base_ += change_[q + 1] * open_[q];
     for (int i = 0; i < 4; ++i) open_first_[i] = i < p_.count ? before_first_[i] : 0.0;
     open_base_ += change_[0] * open_first_;
@@ -489,7 +537,7 @@ class Jump {
   // Whether the pattern is that of the state `e` further on, and of the unbounded values in the
   // sweep after it.
   VSR2_INLINE bool holds(const State& e) const {
-    if (p_.motor_inverse_mass > 0 && !(std::fabs(p_.motor_impulse + e[0]) < p_.motor_limit))
+    if (p_.joint == Joint::motor && !(std::fabs(p_.motor.impulse + e[0]) < p_.motor.limit))
       return false;
     if (any_open_) {
       Lanes open = open_base_ + e[0] * open_first_;
@@ -500,17 +548,17 @@ class Jump {
       const auto i = static_cast<std::size_t>(k);
       if (v_.normal[i] < 0) continue;
       const ContactRows& r = p_.rows[i];
-      const double n = r.n + e[v_.normal[i]];
+      const double n = r.normal.impulse + e[v_.normal[i]];
       if (!(n > 0.0 && n < kGreatestImpulse)) return false;
       if (pattern_.spin[i] == Pattern::free) {
-        const double s = v_.spin[i] < 0 ? r.s : r.s + e[v_.spin[i]];
+        const double s = v_.spin[i] < 0 ? r.spin.impulse : r.spin.impulse + e[v_.spin[i]];
         if (!(std::fabs(s) <= p_.spinning_friction * n)) return false;
       }
       const int q = v_.lateral[i];
       if (q >= 0 && !pattern_.slides[i]) {
         const double limit = r.friction * n;
-        const double a = r.a + e[q];
-        const double b = r.b + e[q + 1];
+        const double a = r.lateral_1.impulse + e[q];
+        const double b = r.lateral_2.impulse + e[q + 1];
         if (!(a * a + b * b < limit * limit)) return false;
       }
       if ((v_.spin[i] >= 0 && pattern_.spin[i] != Pattern::free) ||
@@ -525,19 +573,21 @@ class Jump {
     const ContactRows& r = p_.rows[i];
     alignas(32) double next[4 * kIn] = {};
     for (int q = 0; q < count_ - 1; ++q) next[q] = e[q + 1] + change_[q + 1];
-    double n = r.n;
+    double n = r.normal.impulse;
     for (int q = 0; q < count_ - 1; ++q) n += next[q] * power_[0].column[q][v_.normal[i]];
     if (v_.spin[i] >= 0 && pattern_.spin[i] != Pattern::free) {
-      const double s = r.s_sum + spin_sum_[i].of(next);
+      const double s = r.spin.unbounded + spin_unbounded_[i].of(next);
       if (!((pattern_.spin[i] == Pattern::upper ? s : -s) > p_.spinning_friction * n)) return false;
     }
     if (v_.lateral[i] < 0 || !pattern_.slides[i]) return true;
     const double limit = r.friction * n;
-    const double a = r.a_sum + a_sum_[i].of(next);
-    const double b = r.b_sum + b_sum_[i].of(next);
+    const double a = r.lateral_1.unbounded + lateral_unbounded_1_[i].of(next);
+    const double b = r.lateral_2.unbounded + lateral_unbounded_2_[i].of(next);
+    const double u_1 = r.lateral_1.unbounded;
+    const double u_2 = r.lateral_2.unbounded;
     return a * a + b * b >= limit * limit &&
-           std::fabs(a * r.b_sum - b * r.a_sum) <=
-               kMostTurn * (r.a_sum * r.a_sum + r.b_sum * r.b_sum);
+           std::fabs(a * u_2 - b * u_1) <=
+               kMostTurn * (u_1 * u_1 + u_2 * u_2);
   }
 
   const ContactProblem& p_;
@@ -552,9 +602,10 @@ class Jump {
   Lanes open_base_;
   Lanes open_first_;
   double before_first_[4];
-  Linear spin_sum_[4];
-  Linear a_sum_[4];
-  Linear b_sum_[4];
+  Slide slide_[4];
+  Linear spin_unbounded_[4];
+  Linear lateral_unbounded_1_[4];
+  Linear lateral_unbounded_2_[4];
   Power power_[kMostPowers];
 };
 
@@ -586,6 +637,29 @@ __attribute__((target("avx2"))) int jump_avx2(const ContactProblem& p, const Pat
 }
 #endif
 
+// Adds the changes `e` of the variables to the impulses and velocities.
+template <Joint kJoint>
+void add(ContactProblem& p, const Variables& v, const double* e) {
+  if constexpr (kJoint == Joint::motor) {
+    p.motor.impulse += e[0];
+    p.change.joint += p.motor.inverse_mass * e[0];
+  }
+  const auto add_to = [&](auto& row, double amount) {
+    row.impulse += amount;
+    row.template apply<kJoint>(amount, p.change);
+  };
+  for (std::size_t i = 0; i < static_cast<std::size_t>(p.count); ++i) {
+    ContactRows& rows = p.rows[i];
+    if (v.normal[i] >= 0) add_to(rows.normal, e[v.normal[i]]);
+    if (v.spin[i] >= 0) add_to(rows.spin, e[v.spin[i]]);
+    if (const int q = v.lateral[i]; q >= 0) {
+      rows.lateral_1.impulse += e[q];
+      rows.lateral_2.impulse += e[q + 1];
+      apply_pair<kJoint>(rows.lateral_1, e[q], rows.lateral_2, e[q + 1], p.change);
+    }
+  }
+}
+
 // Takes the problem through up to `most` sweeps that all have the pattern of the latest; returns
 // how many.
 int jump(ContactProblem& p, const Pattern& pattern, int most) {
@@ -593,7 +667,8 @@ int jump(ContactProblem& p, const Pattern& pattern, int most) {
   for (std::size_t i = 0; i < static_cast<std::size_t>(p.count); ++i) {
     // A contact that has just opened: its last impulses are no variables of the map.
     const ContactRows& r = p.rows[i];
-    if (!pattern.closed[i] && (r.dn != 0.0 || r.da != 0.0 || r.db != 0.0)) return 0;
+    if (!pattern.closed[i] &&
+        (r.normal.change != 0.0 || r.lateral_1.change != 0.0 || r.lateral_2.change != 0.0)) return 0;
   }
   const Variables v(p, pattern);
   if (v.count == 0) return 0;
@@ -605,44 +680,10 @@ int jump(ContactProblem& p, const Pattern& pattern, int most) {
   const int done = jump_portable(p, pattern, v, most, e);
 #endif
   if (done == 0) return 0;
-  VelocityChange& c = p.change;
-  if (p.motor_inverse_mass > 0) {
-    p.motor_impulse += e[0];
-    c.support += p.motor_inverse_mass * e[0];
-  }
-  for (int k = 0; k < p.count; ++k) {
-    const auto i = static_cast<std::size_t>(k);
-    ContactRows& r = p.rows[i];
-    if (v.normal[i] >= 0) {
-      const double n = e[v.normal[i]];
-      r.n += n;
-      c.w0 += r.nd0 * n;
-      c.w1 += r.nd1 * n;
-      c.w2 += r.nd2 * n;
-      c.z += p.inverse_mass * n;
-      if (p.sprung) c.support += r.nds * n;
-    }
-    if (v.spin[i] >= 0) {
-      const double s = e[v.spin[i]];
-      r.s += s;
-      c.w0 += r.sd0 * s;
-      c.w1 += r.sd1 * s;
-      c.w2 += r.sd2 * s;
-      if (p.sprung) c.support += r.sds * s;
-    }
-    if (v.lateral[i] >= 0) {
-      const double a = e[v.lateral[i]];
-      const double b = e[v.lateral[i] + 1];
-      r.a += a;
-      r.b += b;
-      c.w0 += r.ad0 * a + r.bd0 * b;
-      c.w1 += r.ad1 * a + r.bd1 * b;
-      c.w2 += r.ad2 * a + r.bd2 * b;
-      c.y -= p.inverse_mass * a;
-      c.x += p.inverse_mass * b;
-      c.support += r.bds * b;
-      if (p.sprung) c.support += r.ads * a;
-    }
+  switch (p.joint) {
+    case Joint::pitch: add<Joint::pitch>(p, v, e); break;
+    case Joint::motor: add<Joint::motor>(p, v, e); break;
+    default: add<Joint::none>(p, v, e);
   }
   return done;
 }
@@ -654,7 +695,7 @@ int solve(ContactProblem& problem, int sweeps, double threshold) {
   int single = 0;
   int wait = 1;
   for (int left = sweeps; left > 0;) {
-    const double residual = sweep(problem, pattern);
+    const double residual = sweep_numbers(problem, pattern);
     ++single;
     --left;
     if (threshold > 0.0) {

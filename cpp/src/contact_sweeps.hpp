@@ -4,47 +4,37 @@
 
 #include <array>
 
+#include "contact_rows.hpp"
+
 namespace vsr2 {
 
 constexpr double kGreatestImpulse = 1e10F;  ///< Bullet's bound on a normal impulse [N s]
 
-/// One contact's rows. A row's change of impulse is rhs - cfm applied - j . velocity change, all
-/// scaled by its effective mass; only entries that are not 0 on a support with normal z are kept.
+/// Rows of one contact.
 struct ContactRows {
-  // normal: along z
-  double nj0, nj1, njz, nd0, nd1, nd2, nrhs, nkeep, nk;
-  // spinning: about z
-  double sj, sd0, sd1, sd2, srhs, sk;
-  double friction;  ///< of the lateral rows
-  // lateral 1: along -y
-  double aj0, aj2, ajy, ad0, ad1, ad2, arhs, ak;
-  // lateral 2: along x
-  double bj1, bj2, bjx, bd0, bd1, bd2, brhs, bk;
-  // Of the support's joint: j and d of each. A motor is in the last one alone.
-  double njs, nds, sjs, sds, ajs, ads, bjs, bds;
-  // Of the latest sweep: impulses, their changes, and what they were before their bounds.
-  double n = 0, s = 0, a = 0, b = 0;
-  double dn = 0, ds = 0, da = 0, db = 0;
-  double n_sum = 0, s_sum = 0, a_sum = 0, b_sum = 0;
+  NormalRow normal;
+  SpinningRow spin;
+  Lateral1Row lateral_1;
+  Lateral2Row lateral_2;
+  double friction;  ///< coefficient of the lateral rows [1]
 };
 
-/// Of the rock's velocities along the support's axes, and of the support's joint.
-struct VelocityChange {
-  double w0 = 0, w1 = 0, w2 = 0, x = 0, y = 0, z = 0, support = 0;
+/// A joint motor along x: a row of its own on the support alone.
+struct MotorRow {
+  double inverse_mass = 0.0;  ///< of the support; 0: no motor [1/kg]
+  double wanted = 0.0;        ///< change of the joint's speed [m/s]
+  double limit = 0.0;         ///< of the impulse [N s]
+  double impulse = 0.0;       ///< [N s]
+  double change = 0.0;        ///< of the impulse in the latest sweep [N s]
 };
 
 struct ContactProblem {
   std::array<ContactRows, 4> rows;
   int count = 0;
-  double inverse_mass = 0;
-  double spinning_friction = 0;
-  bool sprung = false;            ///< the support turns on a spring; then it has no motor
-  double motor_inverse_mass = 0;  ///< 0: no motor
-  double motor_rhs = 0;
-  double motor_limit = 0;
-  double motor_impulse = 0;
-  double motor_change = 0;  ///< of the motor's impulse in the latest sweep
-  VelocityChange change;
+  double spinning_friction = 0.0;  ///< bound of a spinning impulse per normal impulse [m]
+  Joint joint = Joint::none;
+  MotorRow motor;
+  VelocityChange<double> change;  ///< by all impulses so far
 };
 
 /// Takes a problem from zero impulses through `sweeps` sweeps; returns how many were done one by

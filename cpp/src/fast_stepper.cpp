@@ -433,30 +433,30 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       support_v = R_PW * support.v_WP;
       support_w = R_PW * support.w_WP;
     }
-    const Matrix3d K = R * m.inverse_inertia.asDiagonal() * R.transpose();
-    const double inverse_mass = 1.0 / m.mass;
     const double denominator =
         std::max(dt * m.stiffness + m.damping, std::numeric_limits<double>::epsilon());
     const double cfm = 1.0 / denominator / dt;
     const double erp = dt * m.stiffness / denominator;
+    const RockResponse rock{1.0 / m.mass,
+                            R * m.inverse_inertia.asDiagonal() * R.transpose()};
     ContactProblem problem;
     problem.count = count_;
-    problem.inverse_mass = inverse_mass;
     problem.spinning_friction = m.spinning_friction;
-    problem.motor_inverse_mass = motor.inverse_mass;
-    problem.motor_rhs = motor.target_velocity - support_v.x();
-    problem.motor_limit = motor.maximum_impulse;
-    problem.sprung = motor.pitch_response > 0;
+    problem.motor = {motor.inverse_mass, motor.target_velocity - support_v.x(),
+                     motor.maximum_impulse};
     Vector3d pitch_P = Vector3d::Zero();
     Vector3d axis_P = Vector3d::Zero();
-    if (problem.sprung) {
+    if (motor.inverse_mass > 0) problem.joint = Joint::motor;
+    if (motor.pitch_response > 0) {
+      problem.joint = Joint::pitch;
       pitch_P = support.R_WP.row(1).transpose();
       axis_P = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
     }
-    for (int i = 0; i < count_; ++i) {
-      const Contact& c = contacts_[static_cast<std::size_t>(i)];
-      ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
-      row.friction = m.lateral_friction * friction_scale[static_cast<std::size_t>(i)];
+    const bool sprung = problem.joint == Joint::pitch;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+      const Contact& c = contacts_[i];
+      ContactRows& rows = problem.rows[i];
+      rows.friction = m.lateral_friction * friction_scale[i];
       const Vector3d& r = c.r_P;
       const Vector3d rock_speed = v_P + w_P.cross(r);
       Vector3d support_speed = support_v;
@@ -464,91 +464,38 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       const Vector3d slip = rock_speed - support_speed;
       // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.
       Vector3d lever = Vector3d::Zero();
-      if (problem.sprung) lever = -pitch_P.cross(c.s_P - axis_P);
+      if (sprung) lever = -pitch_P.cross(c.s_P - axis_P);
       const Vector3d yield = motor.pitch_response * lever;
-      {
-        const double j0 = r.y();
-        const double j1 = -r.x();
-        row.nd0 = K(0, 0) * j0 + K(0, 1) * j1;
-        row.nd1 = K(1, 0) * j0 + K(1, 1) * j1;
-        row.nd2 = K(2, 0) * j0 + K(2, 1) * j1;
-        row.nds = yield.z();
-        row.nk = (j0 * row.nd0 + j1 * row.nd1 + inverse_mass) + cfm + lever.z() * row.nds;
-        const double effective = 1.0 / row.nk;
-        row.nj0 = j0 * effective;
-        row.nj1 = j1 * effective;
-        row.njz = effective;
-        row.njs = lever.z() * effective;
-        const double speed = slip.z();
-        double rebound = 0.0;
-        if (std::fabs(speed) >= m.restitution_threshold)
-          rebound = std::max(0.0, m.restitution * -speed);
-        double goal = rebound - speed;
-        const double distance = c.distance + kLinearSlop;
-        goal += distance > 0 ? -distance / dt : -distance * erp / dt;
-        row.nrhs = goal * effective;
-        row.nkeep = 1.0 - cfm * effective;
-      }
-      {
-        row.sd0 = K(0, 2);
-        row.sd1 = K(1, 2);
-        row.sd2 = K(2, 2);
-        row.sds = -motor.pitch_response * pitch_P.z();
-        row.sk = K(2, 2) - pitch_P.z() * row.sds;
-        row.sj = 1.0 / row.sk;
-        row.sjs = -pitch_P.z() * row.sj;
-        row.srhs = -(support.level ? w_P.z() : w_P.z() - support_w.z()) * row.sj;
-      }
-      {
-        const double j0 = r.z();
-        const double j2 = -r.x();
-        row.ad0 = K(0, 0) * j0 + K(0, 2) * j2;
-        row.ad1 = K(1, 0) * j0 + K(1, 2) * j2;
-        row.ad2 = K(2, 0) * j0 + K(2, 2) * j2;
-        row.ads = -yield.y();
-        row.ak = j0 * row.ad0 + j2 * row.ad2 + inverse_mass - lever.y() * row.ads;
-        const double effective = 1.0 / row.ak;
-        row.aj0 = j0 * effective;
-        row.aj2 = j2 * effective;
-        row.ajy = -effective;
-        row.ajs = -lever.y() * effective;
-        row.arhs = slip.y() * effective;
-      }
-      {
-        const double j1 = r.z();
-        const double j2 = -r.y();
-        row.bd0 = K(0, 1) * j1 + K(0, 2) * j2;
-        row.bd1 = K(1, 1) * j1 + K(1, 2) * j2;
-        row.bd2 = K(2, 1) * j1 + K(2, 2) * j2;
-        row.bds = problem.sprung ? yield.x() : -motor.inverse_mass;
-        row.bk = j1 * row.bd1 + j2 * row.bd2 + inverse_mass + motor.inverse_mass +
-                 lever.x() * row.bds;
-        const double effective = 1.0 / row.bk;
-        row.bj1 = j1 * effective;
-        row.bj2 = j2 * effective;
-        row.bjx = effective;
-        row.bjs = problem.sprung ? lever.x() * effective : -effective;
-        row.brhs = -slip.x() * effective;
-      }
+      const double approach = slip.z();
+      double wanted = -approach;
+      if (std::fabs(approach) >= m.restitution_threshold)
+        wanted = std::max(0.0, m.restitution * -approach) - approach;
+      const double distance = c.distance + kLinearSlop;
+      wanted += distance > 0 ? -distance / dt : -distance * erp / dt;
+      rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()}, wanted, cfm);
+      const double spin = support.level ? w_P.z() : w_P.z() - support_w.z();
+      rows.spin.fill(rock, {0, 0, 1}, 0.0, {-pitch_P.z(), -motor.pitch_response * pitch_P.z()}, -spin);
+      rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {-lever.y(), -yield.y()}, slip.y());
+      rows.lateral_2.fill(rock, {0, r.z(), -r.y()}, 1.0,
+                          sprung ? JointResponse{lever.x(), yield.x()}
+                                 : JointResponse{-1.0, -motor.inverse_mass},
+                          -slip.x());
     }
 
     iterations_ = solve(problem, m.iterations, residual_threshold_);
-    const VelocityChange& change = problem.change;
-    Vector3d dw(change.w0, change.w1, change.w2);
-    Vector3d dv(change.x, change.y, change.z);
+    Vector3d dw(problem.change.angular);
+    Vector3d dv(problem.change.linear);
     if (!support.level) {
       dw = support.R_WP * dw;
       dv = support.R_WP * dv;
     }
     w = bounded_velocity(Vector3d(w + dw));
     v = bounded_velocity(Vector3d(v + dv));
-    motor.velocity_change = change.support;
-    for (int i = 0; i < count_; ++i) {
-      Contact& c = contacts_[static_cast<std::size_t>(i)];
-      const ContactRows& row = problem.rows[static_cast<std::size_t>(i)];
-      c.normal_impulse = row.n;
-      c.lateral_impulse_1 = row.a;
-      c.lateral_impulse_2 = row.b;
+    motor.velocity_change = problem.change.joint;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+      contacts_[i].normal_impulse = problem.rows[i].normal.impulse;
+      contacts_[i].lateral_impulse_1 = problem.rows[i].lateral_1.impulse;
+      contacts_[i].lateral_impulse_2 = problem.rows[i].lateral_2.impulse;
     }
   }
 

@@ -1,0 +1,146 @@
+#pragma once
+// The rows of a contact between a rock and a flat support, and the one algebra that sweeps over
+// numbers and over linear forms share; private to the core.
+//
+// A row i demands a relative velocity in one direction. With v = (w, u, q) the changes of the rock's
+// angular velocity w [rad/s] and linear velocity u [m/s] along the support's axes and of the
+// support's joint rate q [rad/s or m/s], lambda_i its impulse [N s; N m s for spinning], J_i its
+// Jacobian and M the masses, projected Gauss-Seidel makes each row in turn
+//
+//   lambda_i <- project(lambda_i + k_i^-1 (b_i - c_i lambda_i - J_i v)),    k_i = J_i M^-1 J_i^T + c_i,
+//   v <- v + M^-1 J_i^T (change of lambda_i),
+//
+// with b_i the velocity wanted less the one without impulses [m/s or rad/s] and c_i the softness over
+// the time step [1/kg] of normal rows (supplement S2.2). The method is the sequential impulse of
+// Catto, "Iterative Dynamics with Temporal Coherence" (2005); rows, bounds and order are those of
+// Bullet's btMultiBodyConstraintSolver (normal rows, spinning rows, then pairs of lateral rows, each
+// pair projected onto the disc of radius mu lambda_n).
+
+#include <algorithm>
+
+#include <Eigen/Dense>
+
+#include "always_inline.hpp"
+
+namespace vsr2 {
+
+/// What of the support yields to the contacts: nothing, a motor along x, or a sprung pitch about y.
+enum class Joint { none, motor, pitch };
+
+/// Changes of velocity along the support's axes: numbers, or linear forms in each entry.
+template <typename Scalar>
+struct VelocityChange {
+  Scalar angular[3]{};  ///< of the rock [rad/s]
+  Scalar linear[3]{};   ///< of the rock [m/s]
+  Scalar joint{};       ///< of the support's joint [rad/s or m/s]
+};
+
+/// Adds the constant part of an affine function. A linear form has none: constants drop out of the
+/// changes between sweeps.
+inline double with_constant(double linear, double constant) { return linear + constant; }
+
+/// Response of the rock to unit impulses.
+struct RockResponse {
+  double inverse_mass;              ///< [1/kg]
+  Eigen::Matrix3d inverse_inertia;  ///< along the support's axes [1/(kg m^2)]
+};
+/// The joint's part in a row: its speed in the row by a unit rate, its rate by a unit impulse of it.
+struct JointResponse {
+  double jacobian = 0.0;
+  double response = 0.0;
+};
+
+/// A row, with the entries of its Jacobian that are not 0 on a support whose normal is z: about the
+/// axes kFirst and kSecond, and along kLinear (-1: none).
+template <int kFirst, int kSecond, int kLinear>
+struct ContactRow {
+  static constexpr int kAxis = kLinear;
+  // J_i / k_i: from velocities to impulses.
+  double first, second, along, joint;
+  // M^-1 J_i^T: change of the velocities by a unit impulse.
+  double angular_response[3], linear_response, joint_response;
+  double target;              ///< b_i / k_i [N s]
+  double keep;                ///< 1 - c_i / k_i: share of the impulse that softness leaves [1]
+  double inverse_mass;        ///< k_i [1/kg; 1/(kg m^2) for spinning]
+  double impulse = 0.0;       ///< lambda_i [N s]
+  double change = 0.0;        ///< of the impulse in the latest sweep [N s]
+  double unbounded = 0.0;     ///< the impulse of the latest sweep before its projection [N s]
+
+  /// `lever`: the row's direction about the mass centre, whose entries kFirst and kSecond count [m;
+  /// 1 for spinning]; `sense`: its sign along kLinear; `wanted`: b_i; `softness`: c_i.
+  void fill(const RockResponse& rock, const Eigen::Vector3d& lever, double sense,
+            const JointResponse& yields, double wanted, double softness = 0.0) {
+    const auto& K = rock.inverse_inertia;
+    const double a = lever[kFirst];
+    double mass = 0.0;
+    if constexpr (kSecond < 0) {
+      for (int i = 0; i < 3; ++i) angular_response[i] = K(i, kFirst) * a;
+      mass = a * angular_response[kFirst];
+    } else {
+      const double b = lever[kSecond];
+      for (int i = 0; i < 3; ++i) angular_response[i] = K(i, kFirst) * a + K(i, kSecond) * b;
+      mass = a * angular_response[kFirst] + b * angular_response[kSecond] + rock.inverse_mass;
+    }
+    linear_response = sense * rock.inverse_mass;
+    joint_response = yields.response;
+    inverse_mass = (mass + softness) + yields.jacobian * yields.response;
+    const double effective = 1.0 / inverse_mass;
+    first = a * effective;
+    if constexpr (kSecond >= 0) second = lever[kSecond] * effective;
+    along = sense * effective;
+    joint = yields.jacobian * effective;
+    target = wanted * effective;
+    keep = 1.0 - softness * effective;
+  }
+
+  /// Whether the row feels the joint: a motor moves along x only.
+  static constexpr bool feels(Joint kind) {
+    return kind == Joint::pitch || (kind == Joint::motor && kLinear == 0);
+  }
+
+  /// J_i v / k_i: the impulse that would undo the row's share of the velocity [N s].
+  template <Joint kJoint, typename Scalar>
+  VSR2_INLINE Scalar speed(const VelocityChange<Scalar>& v) const {
+    Scalar sum = first * v.angular[kFirst];
+    if constexpr (kSecond >= 0) sum = (sum + second * v.angular[kSecond]) + along * v.linear[kLinear];
+    if constexpr (feels(kJoint)) sum += joint * v.joint;
+    return sum;
+  }
+
+  /// The impulse that meets the row's demand, whatever its bounds; `present`: the one it has [N s].
+  template <Joint kJoint, typename Scalar>
+  VSR2_INLINE Scalar demanded(const Scalar& present, const VelocityChange<Scalar>& v) const {
+    // Only the normal row is soft.
+    if constexpr (kLinear == 2) return with_constant(keep * present, target) - speed<kJoint>(v);
+    return with_constant(present, target) - speed<kJoint>(v);
+  }
+
+  /// Adds what a change of the impulse does to the velocities.
+  template <Joint kJoint, typename Scalar>
+  VSR2_INLINE void apply(const Scalar& amount, VelocityChange<Scalar>& v) const {
+    for (int i = 0; i < 3; ++i) v.angular[i] += angular_response[i] * amount;
+    if constexpr (kLinear >= 0) v.linear[kLinear] += linear_response * amount;
+    if constexpr (feels(kJoint)) v.joint += joint_response * amount;
+  }
+};
+
+using NormalRow = ContactRow<0, 1, 2>;    // along z
+using SpinningRow = ContactRow<2, -1, -1>;  // about z
+using Lateral1Row = ContactRow<0, 2, 1>;  // along -y
+using Lateral2Row = ContactRow<1, 2, 0>;  // along x
+
+/// As apply() of both rows of a lateral pair, whose effects are added before they are taken in.
+template <Joint kJoint, typename Scalar>
+VSR2_INLINE void apply_pair(const Lateral1Row& row_1, const Scalar& amount_1,
+                            const Lateral2Row& row_2, const Scalar& amount_2,
+                            VelocityChange<Scalar>& v) {
+  for (int i = 0; i < 3; ++i)
+    v.angular[i] += row_1.angular_response[i] * amount_1 + row_2.angular_response[i] * amount_2;
+  v.linear[1] += row_1.linear_response * amount_1;
+  v.linear[0] += row_2.linear_response * amount_2;
+  if constexpr (kJoint == Joint::motor) v.joint += row_2.joint_response * amount_2;
+  if constexpr (kJoint == Joint::pitch)
+    v.joint += row_1.joint_response * amount_1 + row_2.joint_response * amount_2;
+}
+
+}  // namespace vsr2
