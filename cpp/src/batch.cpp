@@ -1,6 +1,7 @@
 #include "vsr2/batch.hpp"
 
 #include <chrono>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -52,10 +53,13 @@ void Batch::work() {
       return !waiting_.empty() || closed_ || cancel_.load(std::memory_order_relaxed);
     });
     if (waiting_.empty() || cancel_.load(std::memory_order_relaxed)) break;
-    const auto [index, trial] = std::move(waiting_.front());
+    const std::size_t index = waiting_.front().first;
+    std::optional<TrialSpec> trial = std::move(waiting_.front().second);
     waiting_.pop_front();
     lock.unlock();
-    TrialResult result = run_trial(trial, cancel_);
+    TrialResult result = run_trial(*trial, cancel_);
+    // What it borrowed may be Python's: it goes before the lock, which Python's threads wait for.
+    trial.reset();
     lock.lock();
     results_.emplace(index, std::move(result));
     ready_.push_back(index);

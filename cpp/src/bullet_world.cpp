@@ -21,6 +21,7 @@
 #include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
 
 #include "bullet_world.hpp"
+#include "drive_law.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/contact_model.hpp"
 #include "vsr2/world.hpp"
@@ -30,15 +31,8 @@ static_assert(sizeof(btScalar) == 8, "link Bullet's double-precision (-float64) 
 namespace vsr2 {
 namespace {
 
-// PyBullet's motor: gains of setJointMotorControl2 and the original's force and speed bounds.
-constexpr double kMotorPositionGain = 0.1;
-constexpr double kMotorVelocityGain = 1.0;
-constexpr double kMotorMaximumForce = 5e8;   // [N]
-constexpr double kMotorSpeedClamp = 200.0;   // [m/s]
 // A prescribed pedestal carries this mass [kg]: no impulse of a rock changes a bit of its speed.
 constexpr double kPrescribedMass = 1e30;
-// The original's start orientation has five digits and is used as it stands.
-constexpr double kQuaternionTolerance = 1e-3;
 constexpr int kStaticGroup = btBroadphaseProxy::StaticFilter;
 constexpr int kDefaultGroup = btBroadphaseProxy::DefaultFilter;
 
@@ -117,10 +111,6 @@ class DynamicsWorld final : public btMultiBodyDynamicsWorld {
   }
 };
 
-bool prescribes(Drive drive) {
-  return drive == Drive::prescribed || drive == Drive::prescribed_spatial;
-}
-
 // Joints of a pedestal that moves in space: x, y and z of P's origin, then the turn about it. With
 // the turn about the mass centre the joints do not act on one another.
 constexpr int kSpatialJoints = 4;
@@ -190,10 +180,8 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   void take_rock(const Pose& X_WB) override {
-    if (rock_.multibody) throw InvalidInput("there is a rock already; delete it first");
-    if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
-        std::abs(X_WB.orientation.norm() - 1.0) > kQuaternionTolerance)
-      throw InvalidInput("the rock's start pose is not finite or its quaternion is not of norm 1");
+    require_no_rock(has_rock());
+    check_start(X_WB);
     const Scene::Shapes& shapes = scene_->shapes();
     const EngineSettings& engine = scene_->engine();
     rock_.multibody = std::make_unique<btMultiBody>(0, scene_->rock().mass, shapes.rock_inertia,
@@ -218,7 +206,7 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   void delete_rock() override {
-    if (!rock_.multibody) throw InvalidInput("there is no rock to delete");
+    require_rock(has_rock());
     mechanics_.reset();
     remove(rock_);
   }
@@ -226,7 +214,7 @@ class BulletWorld final : public BulletWorldBase {
   bool has_rock() const override { return rock_.multibody != nullptr; }
 
   void set_rock_velocity(const Eigen::Vector3d& v_WB, const Eigen::Vector3d& w_WB) override {
-    if (!rock_.multibody) throw InvalidInput("there is no rock");
+    require_rock(has_rock());
     rock_.multibody->setBaseVel(to_bullet(v_WB));
     rock_.multibody->setBaseOmega(to_bullet(w_WB));
   }
@@ -235,22 +223,18 @@ class BulletWorld final : public BulletWorldBase {
     check_target(scene_->pedestal(), drive_, target);
     const EngineSettings& engine = scene_->engine();
     const double dt = engine.time_step / engine.substeps;
-    btMultiBody& robot = *robot_.multibody;
-    if (drive_ == Drive::prescribed_spatial) {
-      step_spatial(target, dt);
-    } else if (drive_ == Drive::prescribed) {
-      const double start = robot.getJointPos(0);
-      for (int i = 0; i < engine.substeps; ++i) {
-        const double goal = start + (target.position - start) * (i + 1) / engine.substeps;
-        robot.setJointVel(0, (goal - robot.getJointPos(0)) / dt);
-        advance(dt);
+    const PedestalState start = pedestal();
+    for (int i = 1; i <= engine.substeps; ++i) {
+      if (drive_ == Drive::prescribed_spatial) turn_normals();
+      push_rock(dt);
+      if (prescribes(drive_)) {
+        prescribe(on_the_way(start, pedestal(), target, i, engine.substeps, dt), dt);
+      } else {
+        motor_->setVelocityTarget(MotorLaw::velocity_reference(drive_, target), MotorLaw::velocity_gain);
+        motor_->setPositionTarget(target.position, MotorLaw::position_gain);
+        motor_->setMaxAppliedImpulse(MotorLaw::maximum_impulse(engine));
       }
-    } else {
-      motor_->setVelocityTarget(drive_ == Drive::motor_position_velocity ? target.velocity : 0.0,
-                                kMotorVelocityGain);
-      motor_->setPositionTarget(target.position, kMotorPositionGain);
-      motor_->setMaxAppliedImpulse(kMotorMaximumForce * engine.time_step);
-      for (int i = 0; i < engine.substeps; ++i) advance(dt);
+      solve(dt);
     }
   }
 
@@ -324,7 +308,7 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   RockState rock() const override {
-    if (!rock_.multibody) throw InvalidInput("there is no rock");
+    require_rock(has_rock());
     const btMultiBody& body = *rock_.multibody;
     // Through a transform, as PyBullet reads an orientation out.
     const btQuaternion orientation = btTransform(body.getWorldToBaseRot().inverse()).getRotation();
@@ -434,8 +418,8 @@ class BulletWorld final : public BulletWorldBase {
     if (!prescribed) {
       motor_ = std::make_unique<btMultiBodyJointMotor>(&body, 0, 0, 0.0, 1.0);
       motor_->setPositionTarget(0, 0);
-      motor_->setVelocityTarget(0, kMotorVelocityGain);
-      motor_->setRhsClamp(kMotorSpeedClamp);
+      motor_->setVelocityTarget(0, MotorLaw::velocity_gain);
+      motor_->setRhsClamp(MotorLaw::speed_limit);
       motor_->finalizeMultiDof();
       world_.addMultiBodyConstraint(motor_.get());
     }
@@ -463,25 +447,19 @@ class BulletWorld final : public BulletWorldBase {
     return {p.x(), p.y(), p.z(), state.excursion.pitch};
   }
 
-  void step_spatial(const DriveTarget& target, double dt) {
-    const EngineSettings& engine = scene_->engine();
+  // Gives the pedestal the velocity that takes it to `next` in a solver step.
+  void prescribe(PedestalState next, double dt) {
     btMultiBody& robot = *robot_.multibody;
-    const PedestalState start = spatial_;
-    for (int i = 0; i < engine.substeps; ++i) {
-      turn_normals();
-      push_rock(dt);
-      PedestalState next = on_the_way(start, spatial_, target, i + 1, engine.substeps, dt);
-      if (joint_) next.excursion.pitch = spatial_.excursion.pitch;
-      const auto goal = spatial_joints(next);
-      for (int j = 0; j < kSpatialJoints; ++j) {
-        robot.setJointVel(j, (goal[static_cast<std::size_t>(j)] - robot.getJointPos(j)) / dt);
-        // Bullet adds the weight of every link when it steps.
-        robot.addLinkForce(j, -world_.getGravity() * robot.getLinkMass(j));
-      }
-      if (joint_) robot.setJointVel(3, joint_->blow(next.velocity - spatial_.velocity));
-      spatial_ = next;
-      solve(dt);
+    if (drive_ != Drive::prescribed_spatial) return robot.setJointVel(0, next.velocity);
+    if (joint_) next.excursion.pitch = spatial_.excursion.pitch;
+    const auto goal = spatial_joints(next);
+    for (int j = 0; j < kSpatialJoints; ++j) {
+      robot.setJointVel(j, (goal[static_cast<std::size_t>(j)] - robot.getJointPos(j)) / dt);
+      // Bullet adds the weight of every link when it steps.
+      robot.addLinkForce(j, -world_.getGravity() * robot.getLinkMass(j));
     }
+    if (joint_) robot.setJointVel(3, joint_->blow(next.velocity - spatial_.velocity));
+    spatial_ = next;
   }
 
   // Bullet keeps a contact's normal in the world as it was found; the top that it belongs to turns.
@@ -493,12 +471,6 @@ class BulletWorld final : public BulletWorldBase {
     each_pedestal_contact([&](btManifoldPoint& point, bool) {
       point.m_normalWorldOnB = rotation * point.m_normalWorldOnB;
     });
-  }
-
-  // One solver step.
-  void advance(double dt) {
-    push_rock(dt);
-    solve(dt);
   }
 
   void push_rock(double dt) {

@@ -12,6 +12,7 @@
 #include "contact_sweeps.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/contact_model.hpp"
+#include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
@@ -31,7 +32,8 @@ constexpr double kFlatVolume = 1e-8;
 
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
-// sin(h) / h and cos(h) without the maths library, whose last bit depends on the machine.
+// sin(h) / h and cos(h): series near 0, where every rock but a tumbling one is and where the last
+// bit of the maths library would depend on the machine; the library beyond.
 void half_turn(double h, double& sinc, double& cosine) {
   if (h < 0.05) {
     const double q = h * h;
@@ -50,25 +52,25 @@ Vector3d bounded_velocity(const Vector3d& v) {
 
 }  // namespace
 
-std::string fast_model_violation(const Scene& scene) {
+FastRefusal fast_refusal(const Scene& scene) {
   const RockSpec& rock = scene.rock();
   const PedestalSpec& pedestal = scene.pedestal();
-  if (rock.parts.size() != 1)
-    return "the rock has " + std::to_string(rock.parts.size()) + " convex parts; one is needed";
+  if (rock.parts.size() != 1) return FastRefusal::several_parts;
   if (pedestal.parts.size() != 1 || !std::holds_alternative<BoxPart>(only_part(pedestal.parts)))
-    return "the pedestal is not one box";
-  if (!scene.engine().cone_friction) return "friction is not bounded by a cone";
+    return FastRefusal::pedestal_not_a_box;
+  if (!scene.engine().cone_friction) return FastRefusal::no_friction_cone;
   if (rock.material.rolling_friction > 0 || pedestal.material.rolling_friction > 0)
-    return "there is rolling friction";
+    return FastRefusal::rolling_friction;
   if (!(scene.engine().collision_margin > 0) &&
       std::holds_alternative<HullPart>(only_part(rock.parts)))
-    return "the collision margin is 0";
-  return {};
+    return FastRefusal::no_margin;
+  return FastRefusal::none;
 }
 
 FastModel::FastModel(const Scene& scene) {
-  const std::string violation = fast_model_violation(scene);
-  if (!violation.empty()) throw InvalidInput("the fast engine does not apply: " + violation);
+  if (const FastRefusal refusal = fast_refusal(scene); refusal != FastRefusal::none)
+    throw InvalidInput("the fast engine does not apply: " + describe(refusal),
+                       InputFault::engine_domain);
   const EngineSettings& engine = scene.engine();
   const RockSpec& rock = scene.rock();
   const Scene::Shapes& shapes = scene.shapes();
@@ -89,7 +91,8 @@ FastModel::FastModel(const Scene& scene) {
     shape = compound->getChildShape(0);
     X_BS = compound->getChildTransform(0);
   }
-  X_BC = {to_eigen(X_BS.getOrigin()), to_eigen(X_BS.getRotation())};
+  p_BC = to_eigen(X_BS.getOrigin());
+  R_BC = to_eigen(X_BS.getRotation()).toRotationMatrix();
   btVector3 lower;
   btVector3 upper;
   shape->getAabb(btTransform::getIdentity(), lower, upper);
@@ -335,14 +338,14 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
   const auto near_top = [&] {
     // Bullet leaves a wrapped part alone, and forgets its contacts, while the boxes around it and
     // the support are apart.
-    const Matrix3d R_PC = R_PB * m.X_BC.orientation.toRotationMatrix();
+    const Matrix3d R_PC = R_PB * m.R_BC;
     const double centre =
-        p_PB.z() + R_PB.row(2).dot(m.X_BC.position) + R_PC.row(2).dot(m.bounds_centre);
+        p_PB.z() + R_PB.row(2).dot(m.p_BC) + R_PC.row(2).dot(m.bounds_centre);
     return centre - R_PC.row(2).cwiseAbs().dot(m.bounds_half) <= top;
   };
   if (m.is_box) {
-    const Matrix3d R_PC = R_PB * m.X_BC.orientation.toRotationMatrix();
-    const Vector3d p_PC = p_PB + R_PB * m.X_BC.position;
+    const Matrix3d R_PC = R_PB * m.R_BC;
+    const Vector3d p_PC = p_PB + R_PB * m.p_BC;
     const Vector3d nr = R_PC.row(2).transpose();
     const double lowest = p_PC.z() - nr.cwiseAbs().dot(m.box_half);
     const double depth = top - lowest;
@@ -355,13 +358,12 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
     std::array<Vector3d, 4> corner_B;
     std::array<Vector3d, 4> corner_P;
     constexpr double signs[4][2] = {{-1, -1}, {-1, 1}, {1, 1}, {1, -1}};
-    const Matrix3d R_BC = m.X_BC.orientation.toRotationMatrix();
     for (std::size_t k = 0; k < 4; ++k) {
       Vector3d corner;
       corner[axis] = nr[axis] < 0 ? m.box_half[axis] : -m.box_half[axis];
       corner[a1] = signs[k][0] * m.box_half[a1];
       corner[a2] = signs[k][1] * m.box_half[a2];
-      corner_B[k] = m.X_BC.position + R_BC * corner;
+      corner_B[k] = m.p_BC + m.R_BC * corner;
       corner_P[k] = p_PB + R_PB * corner_B[k];
       if (!inside(corner_P[k], depth)) return Verdict::off_the_top;
     }

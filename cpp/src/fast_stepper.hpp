@@ -24,7 +24,8 @@ struct FastModel {
   PointColumns vertices;  ///< of a hull, in B [m]
   double radius = 0.0;    ///< of the vertices about B's origin [m]
   Eigen::Vector3d box_half = Eigen::Vector3d::Zero();
-  Pose X_BC;  ///< of the box
+  Eigen::Vector3d p_BC = Eigen::Vector3d::Zero();  ///< of the part [m]
+  Eigen::Matrix3d R_BC = Eigen::Matrix3d::Identity();
   /// Vertices this near the lowest are as low in Bullet's search for the closest points, which is
   /// asked then [m].
   double same_height = 0.0;
@@ -59,9 +60,6 @@ struct FastModel {
   double restitution_threshold = 0.0;
   int iterations = 0;
 };
-
-/// Why a scene has no FastModel; empty if it has one.
-std::string fast_model_violation(const Scene& scene);
 
 /// Rigid motion of the support at the start of a step.
 struct Support {

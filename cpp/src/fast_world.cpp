@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "bullet_world.hpp"
+#include "drive_law.hpp"
 #include "exact_solver.hpp"
 #include "fast_stepper.hpp"
 #include "vsr2/contact_model.hpp"
@@ -14,13 +15,6 @@
 
 namespace vsr2 {
 namespace {
-
-// PyBullet's motor, as in the parity engine.
-constexpr double kMotorPositionGain = 0.1;
-constexpr double kMotorVelocityGain = 1.0;
-constexpr double kMotorMaximumForce = 5e8;  // [N]
-constexpr double kMotorSpeedClamp = 200.0;  // [m/s]
-constexpr double kQuaternionTolerance = 1e-3;
 
 class FastWorldOnBullet final : public FastWorld {
  public:
@@ -43,10 +37,8 @@ class FastWorldOnBullet final : public FastWorld {
   }
 
   void spawn_rock(const Pose& X_WB) override {
-    if (has_rock_) throw InvalidInput("there is a rock already; delete it first");
-    if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
-        std::abs(X_WB.orientation.norm() - 1.0) > kQuaternionTolerance)
-      throw InvalidInput("the rock's start pose is not finite or its quaternion is not of norm 1");
+    require_no_rock(has_rock_);
+    check_start(X_WB);
     const RockState rock{X_WB.position, X_WB.orientation.normalized(), Eigen::Vector3d::Zero(),
                          Eigen::Vector3d::Zero()};
     if (joint_) {
@@ -63,7 +55,7 @@ class FastWorldOnBullet final : public FastWorld {
   }
 
   void delete_rock() override {
-    if (!has_rock_) throw InvalidInput("there is no rock to delete");
+    require_rock(has_rock_);
     has_rock_ = false;
     diverged_ = false;
     mechanics_.reset();
@@ -77,7 +69,7 @@ class FastWorldOnBullet final : public FastWorld {
   bool has_rock() const override { return has_rock_; }
 
   void set_rock_velocity(const Eigen::Vector3d& v_WB, const Eigen::Vector3d& w_WB) override {
-    if (!has_rock_) throw InvalidInput("there is no rock");
+    require_rock(has_rock_);
     if (bullet_) {
       bullet_->set_rock_velocity(v_WB, w_WB);
     } else {
@@ -100,10 +92,10 @@ class FastWorldOnBullet final : public FastWorld {
       mechanics_before = mechanics_;
       joint_before = joint_;
     }
-    for (int i = 0; i < engine.substeps; ++i) {
+    for (int i = 1; i <= engine.substeps; ++i) {
       if (substep(target, dt, start, i)) continue;
       // Bullet takes whole steps, so this one is its from the start.
-      if (i > 0) {
+      if (i > 1) {
         stepper_.restore(before);
         mechanics_ = mechanics_before;
         joint_ = joint_before;
@@ -116,7 +108,7 @@ class FastWorldOnBullet final : public FastWorld {
   PedestalState pedestal() const override { return bullet_ ? bullet_->pedestal() : pedestal_; }
 
   RockState rock() const override {
-    if (!has_rock_) throw InvalidInput("there is no rock");
+    require_rock(has_rock_);
     if (bullet_) return bullet_->rock();
     RockState state = stepper_.state;
     // The sign Bullet's conversion from a matrix gives: w positive if it is large, else the largest
@@ -164,9 +156,46 @@ class FastWorldOnBullet final : public FastWorld {
   int iterations() const override { return bullet_ ? 0 : stepper_.iterations(); }
 
  private:
-  // False: the contact geometry does not hold, and nothing was done.
+  bool moves() const { return has_rock_ && !diverged_; }
+
+  // Solver step `i`, from 1; false: the contact geometry does not hold, and nothing was done.
   bool substep(const DriveTarget& target, double dt, const PedestalState& start, int i) {
-    const EngineSettings& engine = scene_->engine();
+    Support support = support_now();
+    handover_ = find_contacts(support);
+    if (handover_ != Handover::none) return false;
+    if (moves()) push_rock(dt);
+    PedestalState next = pedestal_;
+    if (prescribes(drive_))
+      next = on_the_way(start, pedestal_, target, i, scene_->engine().substeps, dt);
+    SupportMotor motor = drive(target, dt, next, support);
+    last_support_ = support.p_WP;
+    last_turn_ = support.R_WP;
+    if (moves()) {
+      last_rock_ = stepper_.state.p_WB;
+      if (mechanics_ && scene_->mechanisms().sets_friction()) set_friction();
+      stepper_.advance(support, motor, dt);
+    } else if (motor.inverse_mass > 0) {
+      motor.velocity_change =
+          std::clamp((motor.target_velocity - next.velocity) / motor.inverse_mass,
+                     -motor.maximum_impulse, motor.maximum_impulse) *
+          motor.inverse_mass;
+    }
+    if (joint_) {
+      next.excursion_rate.pitch = support.w_WP.y() + motor.velocity_change;
+      joint_->finish(next.excursion_rate.pitch);
+      next.excursion.pitch = joint_->pitch();
+    }
+    if (drive_ != Drive::prescribed_spatial) {
+      next.velocity += motor.velocity_change;
+      next.position = pedestal_.position + dt * next.velocity;
+    }
+    pedestal_ = next;
+    if (moves()) end_mechanics(dt);
+    return true;
+  }
+
+  // The top, where it is, without its velocity.
+  Support support_now() const {
     Support support;
     support.p_WP = scene_->pedestal().p_WP0;
     if (drive_ == Drive::prescribed_spatial) {
@@ -178,103 +207,78 @@ class FastWorldOnBullet final : public FastWorld {
       support.p_WP.x() += pedestal_.position;
       support.level = !top_is_turned_;
     }
-    const Eigen::Vector3d p_LP_W = support.R_WP * p_LP_;
-    const Eigen::Vector3d p_WL = support.p_WP;
-    support.p_WP += p_LP_W;
+    support.p_WP += Eigen::Vector3d(support.R_WP * p_LP_);
     if (top_is_turned_) support.R_WP = support.R_WP * R_LP_;
+    return support;
+  }
+
+  // What ends the stepper's domain, if anything does.
+  Handover find_contacts(const Support& support) {
+    if (!moves()) return Handover::none;
+    if (top_is_turned_ && !prescribes(drive_)) return Handover::motor_on_a_slope;
+    const FastStepper::Verdict verdict = stepper_.detect(support);
+    if (verdict == FastStepper::Verdict::in_domain) return Handover::none;
     // A state that is not a number stays as it is: Bullet would take none.
-    const bool moving_rock = has_rock_ && !diverged_;
-    if (moving_rock && top_is_turned_ && drive_ != Drive::prescribed &&
-        drive_ != Drive::prescribed_spatial) {
-      handover_ = Handover::motor_on_a_slope;
-      return false;
-    }
-    if (moving_rock) {
-      const FastStepper::Verdict verdict = stepper_.detect(support);
-      if (verdict != FastStepper::Verdict::in_domain) {
-        const RockState& rock = stepper_.state;
-        diverged_ = !rock.p_WB.allFinite() || !rock.q_WB.coeffs().allFinite() ||
-                    !rock.v_WB.allFinite() || !rock.w_WB.allFinite();
-        if (diverged_) return substep(target, dt, start, i);
-        handover_ =
-            verdict == FastStepper::Verdict::too_deep ? Handover::too_deep : Handover::off_the_top;
-        return false;
-      }
-    }
-    if (moving_rock && mechanics_) push_rock(dt);
+    const RockState& rock = stepper_.state;
+    diverged_ = !rock.p_WB.allFinite() || !rock.q_WB.coeffs().allFinite() ||
+                !rock.v_WB.allFinite() || !rock.w_WB.allFinite();
+    if (diverged_) return Handover::none;
+    return verdict == FastStepper::Verdict::too_deep ? Handover::too_deep : Handover::off_the_top;
+  }
+
+  // Gives the support its velocity over a step and returns what of it yields to the contacts.
+  SupportMotor drive(const DriveTarget& target, double dt, PedestalState& next, Support& support) {
     SupportMotor motor;
-    PedestalState next;
-    if (joint_) {
-      next = on_the_way(start, pedestal_, target, i + 1, engine.substeps, dt);
-      const double rate = joint_->blow(next.velocity - pedestal_.velocity);
-      motor.pitch_response = joint_->inverse_inertia();
-      motor.p_WA = pitch_axis(scene_->pedestal(), pedestal_);
-      support.w_WP = {0, rate, 0};
-      support.v_WP = Eigen::Vector3d(next.velocity, next.excursion_rate.transverse,
-                                     next.excursion_rate.vertical) +
-                     support.w_WP.cross(support.p_WP - motor.p_WA);
-    } else if (drive_ == Drive::prescribed_spatial) {
-      next = on_the_way(start, pedestal_, target, i + 1, engine.substeps, dt);
-      const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
-      support.w_WP = goal.w_WP;
-      support.v_WP = (goal.p_WP - p_WL) / dt + support.w_WP.cross(p_LP_W);
-    } else if (drive_ == Drive::prescribed) {
-      const double goal =
-          start.position + (target.position - start.position) * (i + 1) / engine.substeps;
-      pedestal_.velocity = (goal - pedestal_.position) / dt;
-    } else {
-      const double damping = engine.linear_damping;
-      pedestal_.velocity -=
-          dt * pedestal_.velocity * (damping + damping * std::abs(pedestal_.velocity));
-      const double reference = drive_ == Drive::motor_position_velocity ? target.velocity : 0.0;
-      motor.inverse_mass = 1.0 / scene_->pedestal().mass;
-      motor.target_velocity =
-          std::clamp(kMotorPositionGain * (target.position - pedestal_.position) / dt +
-                         pedestal_.velocity + kMotorVelocityGain * (reference - pedestal_.velocity),
-                     -kMotorSpeedClamp, kMotorSpeedClamp);
-      motor.maximum_impulse = kMotorMaximumForce * engine.time_step;
-    }
-    if (drive_ != Drive::prescribed_spatial) support.v_WP.x() = pedestal_.velocity;
-    last_support_ = support.p_WP;
-    last_turn_ = support.R_WP;
-    if (moving_rock) {
-      last_rock_ = stepper_.state.p_WB;
-      if (mechanics_ && scene_->mechanisms().sets_friction()) set_friction();
-      stepper_.advance(support, motor, dt);
-    } else if (motor.inverse_mass > 0) {
-      motor.velocity_change =
-          std::clamp((motor.target_velocity - pedestal_.velocity) / motor.inverse_mass,
-                     -motor.maximum_impulse, motor.maximum_impulse) *
-          motor.inverse_mass;
-    }
-    if (joint_) {
-      next.excursion_rate.pitch = support.w_WP.y() + motor.velocity_change;
-      joint_->finish(next.excursion_rate.pitch);
-      next.excursion.pitch = joint_->pitch();
-    }
-    if (drive_ == Drive::prescribed_spatial) {
-      pedestal_ = next;
-    } else {
-      pedestal_.velocity += motor.velocity_change;
-      pedestal_.position += dt * pedestal_.velocity;
-    }
-    if (moving_rock && mechanics_) {
-      touches_.clear();
-      for (int k = 0; k < stepper_.contact_count(); ++k) {
-        const FastStepper::Contact& c = stepper_.contact(k);
-        touches_.push_back(
-            {last_rock_ + last_turn_ * c.r_P, last_turn_.col(2), c.normal_impulse});
+    switch (drive_) {
+      case Drive::prescribed:
+        support.v_WP.x() = next.velocity;
+        break;
+      case Drive::prescribed_spatial:
+        if (joint_) {
+          const double rate = joint_->blow(next.velocity - pedestal_.velocity);
+          motor.pitch_response = joint_->inverse_inertia();
+          motor.p_WA = pitch_axis(scene_->pedestal(), pedestal_);
+          support.w_WP = {0, rate, 0};
+          support.v_WP = Eigen::Vector3d(next.velocity, next.excursion_rate.transverse,
+                                         next.excursion_rate.vertical) +
+                         support.w_WP.cross(support.p_WP - motor.p_WA);
+        } else {
+          const PedestalMotion now = pedestal_motion(scene_->pedestal(), pedestal_);
+          const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
+          support.w_WP = goal.w_WP;
+          support.v_WP = (goal.p_WP - now.p_WP) / dt +
+                         support.w_WP.cross(Eigen::Vector3d(now.R_WP * p_LP_));
+        }
+        break;
+      case Drive::motor_position:
+      case Drive::motor_position_velocity: {
+        const double damping = scene_->engine().linear_damping;
+        next.velocity -= dt * next.velocity * (damping + damping * std::abs(next.velocity));
+        motor.inverse_mass = 1.0 / scene_->pedestal().mass;
+        motor.target_velocity = MotorLaw::speed(drive_, next, target, dt);
+        motor.maximum_impulse = MotorLaw::maximum_impulse(scene_->engine());
+        support.v_WP.x() = next.velocity;
       }
-      const RockState before = stepper_.state;
-      if (mechanics_->end_step(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_),
-                               touches_, dt) &&
-          joint_)
-        joint_->react(before, stepper_.state, pedestal_);
     }
-    return true;
+    return motor;
+  }
+
+  void end_mechanics(double dt) {
+    if (!mechanics_) return;
+    touches_.clear();
+    for (int k = 0; k < stepper_.contact_count(); ++k) {
+      const FastStepper::Contact& c = stepper_.contact(k);
+      touches_.push_back({last_rock_ + last_turn_ * c.r_P, last_turn_.col(2), c.normal_impulse});
+    }
+    const RockState before = stepper_.state;
+    if (mechanics_->end_step(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_),
+                             touches_, dt) &&
+        joint_)
+      joint_->react(before, stepper_.state, pedestal_);
   }
 
   void push_rock(double dt) {
+    if (!mechanics_) return;
     const RockState before = stepper_.state;
     if (mechanics_->begin_step(stepper_.state, dt) && joint_)
       joint_->react(before, stepper_.state, pedestal_);
@@ -327,8 +331,6 @@ class FastWorldOnBullet final : public FastWorld {
 };
 
 }  // namespace
-
-std::string fast_domain_violation(const Scene& scene) { return fast_model_violation(scene); }
 
 std::unique_ptr<FastWorld> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive,
                                            const FastSettings& settings) {

@@ -8,6 +8,7 @@
 #include <BulletCollision/CollisionDispatch/btInternalEdgeUtility.h>
 
 #include "scene_shapes.hpp"
+#include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
@@ -231,7 +232,8 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechan
   } else {
     shapes_->rock_inertia = to_bullet(rock_.principal_inertia);
   }
-  if (fast_model_violation(*this).empty()) shapes_->fast_model = std::make_shared<const FastModel>(*this);
+  if (fast_refusal(*this) == FastRefusal::none)
+    shapes_->fast_model = std::make_shared<const FastModel>(*this);
 }
 
 Scene::~Scene() = default;

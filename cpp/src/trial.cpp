@@ -6,6 +6,7 @@
 #include <exception>
 #include <sstream>
 
+#include "drive_law.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -22,19 +23,9 @@ constexpr std::int64_t kLeaningWindows = 8;
 // so many times its creep over the rest of the tail leaves the outcome as it is.
 constexpr double kCreepAllowance = 2.0;
 
-std::string seconds(double value) {
-  std::ostringstream text;
-  text << value;
-  return text.str();
-}
-
 bool finite(const RockState& rock) {
   return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
          rock.w_WB.allFinite();
-}
-
-std::int64_t steps_in(double time, double time_step) {
-  return static_cast<std::int64_t>(std::llround(time / time_step));
 }
 
 // Makes room for the rows of so many time steps, so that stepping allocates nothing. Memory that is
@@ -44,55 +35,54 @@ void reserve_rows(std::vector<double>& log, std::int64_t steps, std::int64_t eve
   if (every > 0) log.reserve(log.size() + static_cast<std::size_t>((steps / every + 1) * doubles_a_row));
 }
 
-// Counts how long the rock has been slow relative to the pedestal, and a pedestal that swings on a
-// spring slow too, without a break.
-class RestClock {
- public:
-  RestClock(const RestCriterion& criterion, double time_step, bool pedestal_swings)
-      : criterion_(criterion),
-        pedestal_swings_(pedestal_swings),
-        needed_(std::max<std::int64_t>(1, std::llround(criterion.window / time_step))) {}
-  bool at_rest(const RockState& rock, const PedestalMotion& pedestal) {
-    const Eigen::Vector3d v = rock.v_WB - pedestal.velocity_at(rock.p_WB);
-    const Eigen::Vector3d w = rock.w_WB - pedestal.w_WP;
-    const bool still = !pedestal_swings_ || pedestal.w_WP.norm() < criterion_.angular_speed;
-    const bool slow =
-        still && v.norm() < criterion_.linear_speed && w.norm() < criterion_.angular_speed;
-    quiet_ = slow ? quiet_ + 1 : 0;
-    return at_rest_for(1);
+// The one text of a status. `limit`: the time-out [s]; `step`: at which the trial ended.
+std::string describe(Status status, double limit, std::int64_t step) {
+  std::ostringstream text;
+  switch (status) {
+    case Status::settling_timeout:
+      text << "the rock did not come to rest within " << limit
+           << " s before the motion; raise settling.timeout or the rest speeds, or start it nearer "
+              "to equilibrium";
+      break;
+    case Status::tail_timeout:
+      text << "the rock was still moving " << limit
+           << " s after the motion; the outcome is of that state";
+      break;
+    case Status::diverged:
+      text << "the rock's state became infinite or NaN at step " << step
+           << "; check contact stiffness, damping and the time step";
+      break;
+    case Status::cancelled: text << "cancelled"; break;
+    default: break;
   }
-  bool at_rest_for(std::int64_t windows) const { return quiet_ >= windows * needed_; }
-  std::int64_t quiet_steps() const { return quiet_; }
-
- private:
-  RestCriterion criterion_;
-  bool pedestal_swings_;
-  std::int64_t needed_;
-  std::int64_t quiet_ = 0;
-};
+  return text.str();
+}
 
 void check(const TrialSpec& spec) {
   if (!spec.start) throw InvalidInput("the trial has no start");
-  if (!spec.position || spec.position->empty()) throw InvalidInput("the motion is empty");
-  if (spec.velocity && spec.velocity->size() != spec.position->size())
+  const std::size_t size = spec.position.size();
+  if (size == 0) throw InvalidInput("the motion is empty");
+  if (spec.velocity && spec.velocity->size() != size)
     throw InvalidInput("the motion's position and velocity differ in length");
-  const auto all_finite = [](const std::vector<double>& values) {
+  const auto all_finite = [](const Samples& values) {
     return std::all_of(values.begin(), values.end(), [](double v) { return std::isfinite(v); });
   };
-  if (!all_finite(*spec.position) || (spec.velocity && !all_finite(*spec.velocity)))
+  if (!all_finite(spec.position) || (spec.velocity && !all_finite(*spec.velocity)))
     throw InvalidInput("the motion has a value that is not finite");
   for (const auto& channel : {spec.transverse, spec.vertical, spec.pitch}) {
     if (!channel) continue;
     if (spec.start->drive() != Drive::prescribed_spatial)
-      throw InvalidInput("the motion has channels besides x; they need the drive prescribed_spatial");
-    if (channel->size() != spec.position->size())
+      throw InvalidInput("the motion has channels besides x; they need the drive prescribed_spatial",
+                         InputFault::drive);
+    if (channel->size() != size)
       throw InvalidInput("the motion's channels differ in length");
     if (!all_finite(*channel)) throw InvalidInput("the motion has a value that is not finite");
   }
   check_drive(spec.start->scene()->pedestal(), spec.start->drive());
   if (spec.pitch && spec.start->scene()->pedestal().pitch_spring)
     throw InvalidInput(
-        "the motion pitches, and the pedestal pitches on a spring; leave one of them out");
+        "the motion pitches, and the pedestal pitches on a spring; leave one of them out",
+        InputFault::drive);
   if (spec.log_every < 0 || spec.contacts_every < 0)
     throw InvalidInput("log intervals must be at least 0");
   if (!(spec.tail >= 0)) throw InvalidInput("the tail must be at least 0 s");
@@ -100,7 +90,7 @@ void check(const TrialSpec& spec) {
 
 DriveTarget set_point(const TrialSpec& spec, std::size_t k, double velocity) {
   const auto at = [k](const auto& channel) { return channel ? (*channel)[k] : 0.0; };
-  return {(*spec.position)[k], velocity, {at(spec.transverse), at(spec.vertical), at(spec.pitch)}};
+  return {spec.position[k], velocity, {at(spec.transverse), at(spec.vertical), at(spec.pitch)}};
 }
 
 void append_row(std::vector<double>& log, double time, double commanded,
@@ -131,7 +121,10 @@ class Run {
   }
 
   const World& world() const { return *world_; }
-  std::string engine() const { return engine_in_use(*world_, engine_); }
+  void note_engine() const {
+    result_.engine = engine_;
+    result_.handover = world_->handover();
+  }
   const RockState& rock() const { return rock_; }
   const PedestalState& pedestal() const { return pedestal_; }
   // With v and w over the latest step.
@@ -152,16 +145,10 @@ class Run {
     ++result_.steps;
     read();
     if (!finite(rock_)) {
-      result_.status = Status::diverged;
-      result_.message = "the rock's state became infinite or NaN at step " +
-                        std::to_string(result_.steps) +
-                        "; check contact stiffness, damping and the time step";
-      return false;
+      return end(Status::diverged);
     }
     if (cancel_.load(std::memory_order_relaxed)) {
-      result_.status = Status::cancelled;
-      result_.message = "cancelled";
-      return false;
+      return end(Status::cancelled);
     }
     return true;
   }
@@ -183,13 +170,14 @@ class Run {
     result_.settling_time = static_cast<double>(result_.steps) * dt_;
     for (std::size_t row = 0; row < result_.log.size(); row += kLogColumns)
       result_.log[row + kTime] -= result_.settling_time;
-    if (!settled) {
-      result_.status = Status::settling_timeout;
-      result_.message = "the rock did not come to rest within " + seconds(timeout) +
-                        " s before the motion; raise settling.timeout or the rest speeds, or start "
-                        "it nearer to equilibrium";
-    }
-    return settled;
+    return settled || end(Status::settling_timeout, timeout);
+  }
+
+  // Notes how the trial ends; false.
+  bool end(Status status, double limit = 0.0) {
+    result_.status = status;
+    result_.message = describe(status, limit, result_.steps);
+    return false;
   }
 
   void log(double time, const DriveTarget& target) {
@@ -230,7 +218,7 @@ class Trial {
     const SettledStart& start = *spec_.start;
     const bool rests =
         run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every());
-    result_.engine = run_.engine();
+    run_.note_engine();
     if (!rests) return;
     // The shared settling came before this trial's own.
     std::vector<double> earlier = settled.log;
@@ -245,7 +233,7 @@ class Trial {
     result_.log.shrink_to_fit();
     result_.excursions.shrink_to_fit();
     result_.contacts.shrink_to_fit();
-    result_.engine = run_.engine();
+    run_.note_engine();
   }
 
  private:
@@ -260,7 +248,7 @@ class Trial {
     settled_ = run_.on_pedestal();
     result_.peak_tilt = 0.0;
     result_.peak_tracking_error = 0.0;
-    const auto steps = static_cast<std::int64_t>(spec_.position->size()) + steps_in(spec_.tail, dt_);
+    const auto steps = static_cast<std::int64_t>(spec_.position.size()) + steps_in(spec_.tail, dt_);
     reserve_rows(result_.log, steps, spec_.log_every, kLogColumns);
     if (spec_.start->drive() == Drive::prescribed_spatial)
       reserve_rows(result_.excursions, steps, spec_.log_every, kExcursionColumns);
@@ -270,7 +258,7 @@ class Trial {
   }
 
   bool shake() {
-    const std::vector<double>& x = *spec_.position;
+    const Samples& x = spec_.position;
     for (std::size_t k = 1; k < x.size(); ++k) {
       const double v = spec_.velocity ? (*spec_.velocity)[k] : (x[k] - x[k - 1]) / dt_;
       const DriveTarget target = set_point(spec_, k, v);
@@ -285,7 +273,7 @@ class Trial {
   bool come_to_rest() {
     if (overturned_ && spec_.stop_early) return true;
     const std::int64_t limit = steps_in(spec_.tail, dt_);
-    const DriveTarget hold = set_point(spec_, spec_.position->size() - 1, 0.0);
+    const DriveTarget hold = set_point(spec_, spec_.position.size() - 1, 0.0);
     bool resting = false;
     for (std::int64_t i = 0; i < limit; ++i) {
       if (!run_.advance(hold)) return false;
@@ -301,11 +289,7 @@ class Trial {
           !creeps_on(limit - i - 1))
         return true;
     }
-    if (!resting && limit > 0) {
-      result_.status = Status::tail_timeout;
-      result_.message = "the rock was still moving " + seconds(spec_.tail) +
-                        " s after the motion; the outcome is of that state";
-    }
+    if (!resting && limit > 0) run_.end(Status::tail_timeout, spec_.tail);
     return true;
   }
 
@@ -348,7 +332,7 @@ class Trial {
       return foot(run_.on_pedestal()) - foot(settled_);
     Eigen::Vector3d out =
         foot({run_.rock().p_WB, run_.rock().q_WB}) - foot(result_.X_WB_settled);
-    out.x() -= run_.pedestal().position - spec_.position->front();
+    out.x() -= run_.pedestal().position - spec_.position[0];
     return out;
   }
 
@@ -444,7 +428,7 @@ const TrialResult& SettledStart::settle(const std::atomic<bool>& cancel) {
       }
       Run run(scene_, drive_, X_WB0_, cancel, settled_);
       const bool rests = run.settle(rest_, timeout_, {}, log_every_);
-      settled_.engine = run.engine();
+      run.note_engine();
       if (!rests) return;
       settled_.X_WB_settled = {run.rock().p_WB, run.rock().q_WB};
       settled_.status = Status::ok;
@@ -465,6 +449,7 @@ TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
       result.status = settled.status;
       result.message = settled.message;
       result.engine = settled.engine;
+      result.handover = settled.handover;
       result.settling_time = settled.settling_time;
       result.log = settled.log;
     } else {

@@ -1,7 +1,11 @@
 // The Python module vsr2._native: conversions only. Python validates and allocates; the GIL is
 // released while trials run.
 
+#include <cstring>
+#include <functional>
+
 #include <pybind11/eigen.h>
+#include <pybind11/native_enum.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -10,35 +14,98 @@
 #include "vsr2/build_facts.hpp"
 #include "vsr2/contact_model.hpp"
 #include "vsr2/engines.hpp"
+#include "vsr2/recorded_world.hpp"
 
 namespace py = pybind11;
 using namespace vsr2;
 
 namespace {
 
-using Rows3 = py::array_t<double, py::array::c_style | py::array::forcecast>;
-using Faces = py::array_t<std::int32_t, py::array::c_style | py::array::forcecast>;
-using Vector4 = Eigen::Vector4d;
+using Vector4 = Eigen::Vector4d;  // a quaternion x, y, z, w
 
-/// A motion's samples, converted once and shared by all trials that use them.
-struct Samples {
-  std::shared_ptr<const std::vector<double>> values;
+/// A keyword of a record: its name, how it is reached (a member, or a function that returns a
+/// reference to part of the record), and its meaning.
+template <typename Access>
+struct Field {
+  const char* name;
+  Access access;
+  const char* meaning = "";
 };
+template <typename Access>
+Field(const char*, Access) -> Field<Access>;
+template <typename Access>
+Field(const char*, Access, const char*) -> Field<Access>;
 
-std::vector<Eigen::Vector3d> rows3(const Rows3& array, const char* what) {
+template <typename T, typename F>
+using ValueOf = std::remove_cvref_t<std::invoke_result_t<decltype(F::access), T&>>;
+
+/// Binds a struct of settings: a constructor that takes every field by its name, and no other type
+/// than the field's, and a property for each.
+template <typename T, typename... Fields>
+void bind_record(py::module_& m, const char* name, const Fields&... fields) {
+  py::class_<T> type(m, name);
+  type.def(py::init([fields...](ValueOf<T, Fields>... values) {
+             T record;
+             ((std::invoke(fields.access, record) = std::move(values)), ...);
+             return record;
+           }),
+           py::kw_only(), py::arg(fields.name).noconvert()...);
+  (type.def_property_readonly(
+       fields.name,
+       [access = fields.access](T& record) { return ValueOf<T, Fields>(std::invoke(access, record)); },
+       fields.meaning),
+   ...);
+}
+
+/// An enumeration with the names of its values.
+template <typename E>
+void bind_enum(py::module_& m, const char* name, std::initializer_list<std::pair<const char*, E>> values) {
+  py::native_enum<E> type(m, name, "enum.Enum");
+  for (const auto& [label, value] : values) type.value(label, value);
+  type.finalize();
+}
+
+/// Rows of three numbers; `kinds`: numpy's letters of the types that convert without loss.
+template <typename Scalar>
+std::vector<std::array<Scalar, 3>> rows3(const py::array& array, const char* kinds, const char* what) {
+  if (std::strchr(kinds, array.dtype().kind()) == nullptr)
+    throw py::type_error(std::string(what) + " must be of another type than " +
+                         std::string(py::str(array.dtype())));
   if (array.ndim() != 2 || array.shape(1) != 3)
     throw InvalidInput(std::string(what) + " must have shape (n, 3)");
-  std::vector<Eigen::Vector3d> out(static_cast<std::size_t>(array.shape(0)));
-  const double* data = array.data();
-  for (std::size_t i = 0; i < out.size(); ++i) out[i] = {data[3 * i], data[3 * i + 1], data[3 * i + 2]};
+  const py::array_t<Scalar, py::array::c_style | py::array::forcecast> values(array);
+  std::vector<std::array<Scalar, 3>> out(static_cast<std::size_t>(values.shape(0)));
+  std::copy_n(values.data(), 3 * out.size(), out.empty() ? nullptr : out.front().data());
+  return out;
+}
+
+std::vector<Eigen::Vector3d> points(const py::array& array, const char* what) {
+  std::vector<Eigen::Vector3d> out;
+  for (const auto& row : rows3<double>(array, "fiu", what)) out.emplace_back(row.data());
   return out;
 }
 
 Pose make_pose(const Eigen::Vector3d& position, const Vector4& xyzw) {
-  return {position, Eigen::Quaterniond(xyzw[3], xyzw[0], xyzw[1], xyzw[2])};
+  return {position, Eigen::Quaterniond(xyzw)};
 }
 
-Vector4 xyzw(const Eigen::Quaterniond& q) { return {q.x(), q.y(), q.z(), q.w()}; }
+/// Borrows the memory of a motion's channel. The array lives until the last trial that needs it is
+/// gone, on whatever thread that is, and must not be written to.
+Samples borrow(const py::array& array) {
+  if (array.ndim() != 1 || !array.dtype().equal(py::dtype::of<double>()) ||
+      (array.flags() & py::array::c_style) == 0)
+    throw py::type_error("samples must be a contiguous array of float64 of shape (n,)");
+  if (array.writeable())
+    throw InvalidInput("samples are borrowed, so their array must be read-only; call setflags(write=False)");
+  auto* kept = new py::array(array);
+  const auto give_back = [kept](const double*) {
+    if (!Py_IsInitialized()) return;
+    const py::gil_scoped_acquire gil;
+    delete kept;
+  };
+  return {std::shared_ptr<const double>(static_cast<const double*>(array.data()), give_back),
+          static_cast<std::size_t>(array.size())};
+}
 
 // Hands a vector to numpy without a copy.
 py::array_t<double> adopt(std::vector<double>&& values, py::ssize_t columns) {
@@ -68,111 +135,99 @@ py::dict contact_dict(const ContactPoint& c) {
 }
 
 void bind_scene(py::module_& m) {
-  py::class_<Material>(m, "Material")
-      .def(py::init([](double restitution, double lateral_friction, double spinning_friction,
-                       double rolling_friction, double stiffness, double damping) {
-             return Material{restitution, lateral_friction, spinning_friction, rolling_friction,
-                             stiffness, damping};
-           }),
-           py::kw_only(), py::arg("restitution"), py::arg("lateral_friction"),
-           py::arg("spinning_friction"), py::arg("rolling_friction"), py::arg("stiffness"),
-           py::arg("damping"));
-
-  py::enum_<EngineKind>(m, "EngineKind")
-      .value("auto", EngineKind::automatic)
-      .value("parity", EngineKind::parity)
-      .value("exact", EngineKind::exact)
-      .value("fast", EngineKind::fast);
-
-  py::class_<EngineSettings>(m, "EngineSettings")
-      .def(py::init([](EngineKind kind, double gravity, double time_step, int substeps, int solver_iterations,
-                       double residual_threshold, double restitution_velocity_threshold,
-                       bool cone_friction, bool deterministic_overlapping_pairs,
-                       double collision_margin, double contact_breaking_threshold,
-                       double linear_damping, double angular_damping) {
-             return EngineSettings{kind, gravity, time_step, substeps, solver_iterations,
-                                   residual_threshold, restitution_velocity_threshold,
-                                   cone_friction, deterministic_overlapping_pairs,
-                                   collision_margin, contact_breaking_threshold, linear_damping,
-                                   angular_damping};
-           }),
-           py::kw_only(), py::arg("kind"), py::arg("gravity"), py::arg("time_step"), py::arg("substeps"),
-           py::arg("solver_iterations"), py::arg("residual_threshold"),
-           py::arg("restitution_velocity_threshold"), py::arg("cone_friction"),
-           py::arg("deterministic_overlapping_pairs"), py::arg("collision_margin"),
-           py::arg("contact_breaking_threshold"), py::arg("linear_damping"),
-           py::arg("angular_damping"));
+  bind_record<Material>(m, "Material", Field{"restitution", &Material::restitution},
+                        Field{"lateral_friction", &Material::lateral_friction},
+                        Field{"spinning_friction", &Material::spinning_friction},
+                        Field{"rolling_friction", &Material::rolling_friction},
+                        Field{"stiffness", &Material::stiffness, "[N/m]"},
+                        Field{"damping", &Material::damping, "[N s/m]"});
+  bind_enum<EngineKind>(m, "EngineKind",
+                        {{"auto", EngineKind::automatic},
+                         {"parity", EngineKind::parity},
+                         {"exact", EngineKind::exact},
+                         {"fast", EngineKind::fast}});
+  bind_enum<Handover>(m, "HandOver",
+                      {{"none", Handover::none},
+                       {"off_the_top", Handover::off_the_top},
+                       {"motor_on_a_slope", Handover::motor_on_a_slope},
+                       {"too_deep", Handover::too_deep}});
+  bind_enum<FastRefusal>(m, "FastRefusal",
+                         {{"none", FastRefusal::none},
+                          {"several_parts", FastRefusal::several_parts},
+                          {"pedestal_not_a_box", FastRefusal::pedestal_not_a_box},
+                          {"no_friction_cone", FastRefusal::no_friction_cone},
+                          {"rolling_friction", FastRefusal::rolling_friction},
+                          {"no_margin", FastRefusal::no_margin}});
+  m.def("describe", py::overload_cast<FastRefusal>(&describe), py::arg("refusal"));
+  using E = EngineSettings;
+  bind_record<E>(m, "EngineSettings", Field{"kind", &E::kind}, Field{"gravity", &E::gravity, "[m/s^2]"},
+                 Field{"time_step", &E::time_step, "[s]"}, Field{"substeps", &E::substeps},
+                 Field{"solver_iterations", &E::solver_iterations},
+                 Field{"residual_threshold", &E::residual_threshold, "[(m/s)^2]"},
+                 Field{"restitution_velocity_threshold", &E::restitution_velocity_threshold, "[m/s]"},
+                 Field{"cone_friction", &E::cone_friction},
+                 Field{"deterministic_overlapping_pairs", &E::deterministic_overlapping_pairs},
+                 Field{"collision_margin", &E::collision_margin, "[m]"},
+                 Field{"contact_breaking_threshold", &E::contact_breaking_threshold},
+                 Field{"linear_damping", &E::linear_damping, "[1/s]"},
+                 Field{"angular_damping", &E::angular_damping, "[1/s]"});
 
   py::class_<HullPart>(m, "HullPart")
-      .def(py::init([](const Rows3& points) { return HullPart{rows3(points, "hull points")}; }),
-           py::arg("points"));
-  py::class_<BoxPart>(m, "BoxPart")
-      .def(py::init([](const Eigen::Vector3d& size, const Eigen::Vector3d& position,
-                       const Vector4& orientation) {
-             return BoxPart{size, make_pose(position, orientation)};
-           }),
-           py::arg("size"), py::arg("position"), py::arg("orientation"));
+      .def(py::init([](const py::array& array) { return HullPart{points(array, "hull points")}; }),
+           py::arg("points").noconvert());
+  bind_record<BoxPart>(
+      m, "BoxPart", Field{"size", &BoxPart::size, "[m]"},
+      Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }, "[m]"},
+      Field{"orientation", [](BoxPart& b) -> Vector4& { return b.pose.orientation.coeffs(); }});
   py::class_<TrianglesPart>(m, "TrianglesPart")
-      .def(py::init([](const Rows3& vertices, const Faces& faces) {
-             if (faces.ndim() != 2 || faces.shape(1) != 3)
-               throw InvalidInput("triangles must have shape (m, 3)");
-             TrianglesPart part{rows3(vertices, "vertices"), {}};
-             part.faces.resize(static_cast<std::size_t>(faces.shape(0)));
-             for (std::size_t i = 0; i < part.faces.size(); ++i)
-               for (std::size_t k = 0; k < 3; ++k) part.faces[i][k] = faces.data()[3 * i + k];
+      .def(py::init([](const py::array& vertices, const py::array& faces) {
+             TrianglesPart part{points(vertices, "vertices"), {}};
+             const auto count = static_cast<std::int64_t>(part.vertices.size());
+             for (const auto& face : rows3<std::int64_t>(faces, "iu", "faces")) {
+               for (std::int64_t corner : face)
+                 if (corner < 0 || corner >= count)
+                   throw InvalidInput("a triangle names a vertex that is not there");
+               part.faces.push_back({static_cast<std::int32_t>(face[0]),
+                                     static_cast<std::int32_t>(face[1]),
+                                     static_cast<std::int32_t>(face[2])});
+             }
              return part;
            }),
-           py::arg("vertices"), py::arg("faces"));
+           py::arg("vertices").noconvert(), py::arg("faces").noconvert());
 
-  py::class_<PitchSpring>(m, "PitchSpring")
-      .def(py::init([](double frequency, double damping, double compliance, double inertia) {
-             return PitchSpring{frequency, damping, compliance, inertia};
-           }),
-           py::kw_only(), py::arg("frequency"), py::arg("damping"), py::arg("compliance"),
-           py::arg("inertia"));
-  py::class_<PedestalSpec>(m, "PedestalSpec")
-      .def(py::init([](std::vector<Part> parts, const Eigen::Vector3d& origin, double mass,
-                       const Eigen::Vector3d& base_size, double top, const Material& material,
-                       double pitch_pivot, const std::optional<PitchSpring>& pitch_spring) {
-             return PedestalSpec{std::move(parts), origin, mass, base_size, top, material,
-                                 pitch_pivot, pitch_spring};
-           }),
-           py::kw_only(), py::arg("parts"), py::arg("origin"), py::arg("mass"),
-           py::arg("base_size"), py::arg("top"), py::arg("material"), py::arg("pitch_pivot"),
-           py::arg("pitch_spring") = std::nullopt);
-  py::class_<RockSpec>(m, "RockSpec")
-      .def(py::init([](std::vector<Part> parts, double mass, const Eigen::Vector3d& inertia,
-                       bool inertia_from_aabb, const Eigen::Vector3d& mass_center,
-                       const Vector4& principal_axes, const Material& material) {
-             return RockSpec{std::move(parts), mass, inertia, inertia_from_aabb,
-                             make_pose(mass_center, principal_axes), material};
-           }),
-           py::kw_only(), py::arg("parts"), py::arg("mass"), py::arg("principal_inertia"),
-           py::arg("inertia_from_aabb"), py::arg("mass_center"), py::arg("principal_axes"),
-           py::arg("material"));
-
-  py::class_<Mechanisms>(m, "Mechanisms")
-      .def(py::init([](double impact_energy_ratio, double rocking_damping,
-                       double rolling_resistance, double friction_ratio, double friction_speed,
-                       double adhesion, double catch_slack) {
-             return Mechanisms{impact_energy_ratio, rocking_damping, rolling_resistance,
-                               friction_ratio, friction_speed, adhesion, catch_slack};
-           }),
-           py::kw_only(), py::arg("impact_energy_ratio"), py::arg("rocking_damping"),
-           py::arg("rolling_resistance"), py::arg("friction_ratio"), py::arg("friction_speed"),
-           py::arg("adhesion"), py::arg("catch_slack"));
+  bind_record<PitchSpring>(m, "PitchSpring", Field{"frequency", &PitchSpring::frequency, "[Hz]"},
+                           Field{"damping", &PitchSpring::damping},
+                           Field{"compliance", &PitchSpring::compliance, "[rad/(m/s^2)]"},
+                           Field{"inertia", &PitchSpring::inertia, "[kg m^2]"});
+  using P = PedestalSpec;
+  bind_record<P>(m, "PedestalSpec", Field{"parts", &P::parts}, Field{"origin", &P::p_WP0, "[m]"},
+                 Field{"mass", &P::mass, "[kg]"}, Field{"base_size", &P::base_size, "[m]"},
+                 Field{"top", &P::top, "[m]"}, Field{"material", &P::material},
+                 Field{"pitch_pivot", &P::pitch_pivot, "[m]"},
+                 Field{"pitch_spring", &P::pitch_spring});
+  using R = RockSpec;
+  bind_record<R>(m, "RockSpec", Field{"parts", &R::parts}, Field{"mass", &R::mass, "[kg]"},
+                 Field{"principal_inertia", &R::principal_inertia, "[kg m^2]"},
+                 Field{"inertia_from_aabb", &R::inertia_from_aabb},
+                 Field{"mass_center", [](R& r) -> Eigen::Vector3d& { return r.X_MB.position; }, "[m]"},
+                 Field{"principal_axes", [](R& r) -> Vector4& { return r.X_MB.orientation.coeffs(); }},
+                 Field{"material", &R::material});
+  bind_record<Mechanisms>(m, "Mechanisms",
+                          Field{"impact_energy_ratio", &Mechanisms::impact_energy_ratio},
+                          Field{"rocking_damping", &Mechanisms::rocking_damping},
+                          Field{"rolling_resistance", &Mechanisms::rolling_resistance, "[m]"},
+                          Field{"friction_ratio", &Mechanisms::friction_ratio},
+                          Field{"friction_speed", &Mechanisms::friction_speed, "[m/s]"},
+                          Field{"adhesion", &Mechanisms::adhesion, "[Pa]"},
+                          Field{"catch_slack", &Mechanisms::catch_slack, "[rad]"});
 
   py::class_<Scene, std::shared_ptr<Scene>>(m, "Scene")
       .def(py::init<EngineSettings, PedestalSpec, RockSpec, Mechanisms>(), py::kw_only(),
            py::arg("engine"), py::arg("pedestal"), py::arg("rock"), py::arg("mechanisms"))
       .def_property_readonly("rock_inertia", &Scene::rock_inertia)
-      .def_property_readonly(
-          "engine", [](const Scene& scene) { return to_string(choose_engine(scene)); },
-          "Engine the scene gets.")
-      .def_property_readonly(
-          "fast_domain_violation",
-          [](const Scene& scene) { return fast_domain_violation(scene); },
-          "Why the engine `fast` does not take the scene; empty if it does.")
+      .def_property_readonly("engine", &choose_engine, "Engine the scene gets.")
+      .def_property_readonly("fast_refusal", &fast_refusal,
+                             "Why the engine `fast` does not take the scene.")
       .def_property_readonly("rock_hull_vertices", [](const Scene& scene) {
         const auto vertices = scene.rock_hull_vertices();
         py::array_t<double> out({static_cast<py::ssize_t>(vertices.size()), py::ssize_t{3}});
@@ -183,56 +238,84 @@ void bind_scene(py::module_& m) {
 }
 
 void bind_world(py::module_& m) {
-  py::enum_<Drive>(m, "Drive")
-      .value("prescribed", Drive::prescribed)
-      .value("prescribed_spatial", Drive::prescribed_spatial)
-      .value("motor_position", Drive::motor_position)
-      .value("motor_position_velocity", Drive::motor_position_velocity);
+  bind_enum<Drive>(m, "Drive",
+                   {{"prescribed", Drive::prescribed},
+                    {"prescribed_spatial", Drive::prescribed_spatial},
+                    {"motor_position", Drive::motor_position},
+                    {"motor_position_velocity", Drive::motor_position_velocity}});
+
+  py::class_<WorldState>(m, "WorldState", "State of a world, opaque; pickles and copies.")
+      .def(py::pickle(
+          [](const WorldState& state) {
+            const auto size = state.actions.size() * sizeof(WorldState::Action);
+            return py::make_tuple(
+                state.drive, py::bytes(reinterpret_cast<const char*>(state.actions.data()), size));
+          },
+          [](const py::tuple& content) {
+            const auto bytes = content[1].cast<std::string>();
+            WorldState state{content[0].cast<Drive>(), {}};
+            if (bytes.size() % sizeof(WorldState::Action) != 0)
+              throw InvalidInput("the state is not one of a world");
+            state.actions.resize(bytes.size() / sizeof(WorldState::Action));
+            if (!bytes.empty()) std::memcpy(state.actions.data(), bytes.data(), bytes.size());
+            return state;
+          }));
 
   // The world behind vsr2.Simulation.
-  py::class_<World>(m, "World")
+  py::class_<RecordedWorld>(m, "World")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive) {
-             return make_world(std::move(scene), drive);
+             return std::make_unique<RecordedWorld>(std::move(scene), drive);
            }),
            py::arg("scene"), py::arg("drive"))
       .def("spawn_rock",
-           [](World& world, const Eigen::Vector3d& position, const Vector4& orientation) {
+           [](RecordedWorld& world, const Eigen::Vector3d& position, const Vector4& orientation) {
              world.spawn_rock(make_pose(position, orientation));
            },
            py::arg("position"), py::arg("orientation"))
-      .def("delete_rock", &World::delete_rock)
-      .def_property_readonly("has_rock", &World::has_rock)
-      .def(
-          "engine",
-          [](const World& world, const Scene& scene) {
-            return engine_in_use(world, choose_engine(scene));
-          },
-          py::arg("scene"))
-      .def("set_rock_velocity", &World::set_rock_velocity, py::arg("linear"), py::arg("angular"))
+      .def("delete_rock", &RecordedWorld::delete_rock)
+      .def_property_readonly("has_rock", &RecordedWorld::has_rock)
+      .def_property_readonly("engine", &RecordedWorld::engine, "Engine it was built with.")
+      .def_property_readonly("hand_over", &RecordedWorld::handover,
+                             "Why `fast` went on with `exact`, if it did.")
+      .def("save_state", &RecordedWorld::save_state)
+      .def("restore_state", &RecordedWorld::restore_state, py::arg("state"),
+           py::call_guard<py::gil_scoped_release>())
+      .def("settle",
+           [](RecordedWorld& world, double linear_speed, double angular_speed, double window,
+              double timeout) {
+             return world.settle({.linear_speed = linear_speed,
+                                  .angular_speed = angular_speed,
+                                  .window = window},
+                                 timeout);
+           },
+           py::kw_only(), py::arg("linear_speed"), py::arg("angular_speed"), py::arg("window"),
+           py::arg("timeout"), py::call_guard<py::gil_scoped_release>(),
+           "Holds the pedestal until the rock rests: steps taken, and whether it rests.")
+      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, py::arg("linear"), py::arg("angular"))
       .def("step",
-           [](World& world, double position, double velocity, double transverse, double vertical,
+           [](RecordedWorld& world, double position, double velocity, double transverse, double vertical,
               double pitch) {
              world.step({position, velocity, {transverse, vertical, pitch}});
            },
            py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
            py::arg("vertical") = 0.0, py::arg("pitch") = 0.0)
       .def_property_readonly("pedestal",
-                             [](const World& world) {
+                             [](const RecordedWorld& world) {
                                const PedestalState s = world.pedestal();
                                return std::make_pair(s.position, s.velocity);
                              })
       .def_property_readonly("excursion",
-                             [](const World& world) {
+                             [](const RecordedWorld& world) {
                                const Excursion x = world.pedestal().excursion;
                                return std::make_tuple(x.transverse, x.vertical, x.pitch);
                              },
                              "Transverse and vertical displacement [m], pitch [rad].")
       .def_property_readonly("rock",
-                             [](const World& world) {
+                             [](const RecordedWorld& world) {
                                const RockState s = world.rock();
-                               return std::make_tuple(s.p_WB, xyzw(s.q_WB), s.v_WB, s.w_WB);
+                               return std::make_tuple(s.p_WB, Vector4(s.q_WB.coeffs()), s.v_WB, s.w_WB);
                              })
-      .def("contacts", [](const World& world) {
+      .def("contacts", [](const RecordedWorld& world) {
         std::vector<ContactPoint> points;
         world.contacts(points);
         py::list out;
@@ -241,30 +324,60 @@ void bind_world(py::module_& m) {
       });
 }
 
-void bind_trial(py::module_& m) {
-  py::enum_<Status>(m, "Status")
-      .value("ok", Status::ok)
-      .value("settling_timeout", Status::settling_timeout)
-      .value("tail_timeout", Status::tail_timeout)
-      .value("diverged", Status::diverged)
-      .value("error", Status::error)
-      .value("cancelled", Status::cancelled)
-      .value("not_run", Status::not_run);
-  py::enum_<Outcome>(m, "Outcome")
-      .value("stable", Outcome::stable)
-      .value("rocked", Outcome::rocked)
-      .value("slid", Outcome::slid)
-      .value("rotated", Outcome::rotated)
-      .value("overturned", Outcome::overturned)
-      .value("failed", Outcome::failed);
+/// The numbers of a trial's row, in the order of its columns.
+struct ResultColumn {
+  const char* name;
+  double TrialResult::* member;
+  const char* meaning;
+};
+constexpr ResultColumn kResultColumns[] = {
+    {"settling_time", &TrialResult::settling_time, "[s]"},
+    {"simulated_time", &TrialResult::simulated_time, "after settling [s]"},
+    {"overturning_time", &TrialResult::overturning_time,
+     "irreversibly overturned from [s]; empty: never"},
+    {"peak_tilt", &TrialResult::peak_tilt, "[rad]"},
+    {"final_tilt", &TrialResult::final_tilt, "[rad]"},
+    {"final_slip", &TrialResult::final_slip, "[m]"},
+    {"final_yaw", &TrialResult::final_yaw, "[rad]"},
+    {"peak_tracking_error", &TrialResult::peak_tracking_error,
+     "commanded against achieved pedestal position [m]"},
+};
 
-  py::class_<Samples>(m, "Samples")
-      .def(py::init([](py::array_t<double, py::array::c_style | py::array::forcecast> array) {
-             if (array.ndim() != 1) throw InvalidInput("samples must have shape (n,)");
-             return Samples{std::make_shared<const std::vector<double>>(
-                 array.data(), array.data() + array.size())};
-           }),
-           py::arg("values"));
+/// Names and units of a log's columns, as a tuple of pairs.
+template <std::size_t kCount>
+py::tuple column_pairs(const std::array<Column, kCount>& columns) {
+  py::list out;
+  for (const Column& column : columns) out.append(py::make_tuple(column.name, column.unit));
+  return py::tuple(out);
+}
+
+/// A batch goes with the GIL released: its threads may need it to give borrowed memory back.
+struct DeleteWithoutGil {
+  void operator()(Batch* batch) const {
+    const py::gil_scoped_release release;
+    delete batch;
+  }
+};
+
+void bind_trial(py::module_& m) {
+  bind_enum<Status>(m, "Status",
+                    {{"ok", Status::ok},
+                     {"settling_timeout", Status::settling_timeout},
+                     {"tail_timeout", Status::tail_timeout},
+                     {"diverged", Status::diverged},
+                     {"error", Status::error},
+                     {"cancelled", Status::cancelled},
+                     {"not_run", Status::not_run}});
+  bind_enum<Outcome>(m, "Outcome",
+                     {{"stable", Outcome::stable},
+                      {"rocked", Outcome::rocked},
+                      {"slid", Outcome::slid},
+                      {"rotated", Outcome::rotated},
+                      {"overturned", Outcome::overturned},
+                      {"failed", Outcome::failed}});
+
+  py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
+      .def(py::init(&borrow), py::arg("values").noconvert());
 
   py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive, const Eigen::Vector3d& position,
@@ -272,74 +385,55 @@ void bind_trial(py::module_& m) {
                        double window, double timeout, std::int64_t log_every) {
              return std::make_shared<SettledStart>(
                  std::move(scene), drive, make_pose(position, orientation),
-                 RestCriterion{linear_speed, angular_speed, window}, timeout, log_every);
+                 RestCriterion{.linear_speed = linear_speed,
+                               .angular_speed = angular_speed,
+                               .window = window}, timeout, log_every);
            }),
            py::kw_only(), py::arg("scene"), py::arg("drive"), py::arg("position"),
            py::arg("orientation"), py::arg("linear_speed"), py::arg("angular_speed"),
            py::arg("window"), py::arg("timeout"), py::arg("log_every"));
 
-  py::class_<TrialSpec>(m, "TrialSpec")
-      .def(py::init([](std::shared_ptr<SettledStart> start, const Samples& motion_position,
-                       const std::optional<Samples>& motion_velocity,
-                       const std::optional<Samples>& transverse,
-                       const std::optional<Samples>& vertical,
-                       const std::optional<Samples>& pitch, double tail,
-                       double rest_linear_speed, double rest_angular_speed, double rest_window,
-                       double overturned_tilt, double toppled_tilt, double rocked_tilt,
-                       double slid_distance, double rotated_angle, bool stop_early,
-                       std::int64_t log_every, std::int64_t contacts_every) {
-             TrialSpec spec;
-             spec.start = std::move(start);
-             spec.position = motion_position.values;
-             if (motion_velocity) spec.velocity = motion_velocity->values;
-             if (transverse) spec.transverse = transverse->values;
-             if (vertical) spec.vertical = vertical->values;
-             if (pitch) spec.pitch = pitch->values;
-             spec.tail = tail;
-             spec.tail_rest = {rest_linear_speed, rest_angular_speed, rest_window};
-             spec.outcome = {overturned_tilt, toppled_tilt, rocked_tilt, slid_distance,
-                             rotated_angle};
-             spec.stop_early = stop_early;
-             spec.log_every = log_every;
-             spec.contacts_every = contacts_every;
-             return spec;
-           }),
-           py::kw_only(), py::arg("start"), py::arg("motion_position"), py::arg("motion_velocity"),
-           py::arg("transverse"), py::arg("vertical"), py::arg("pitch"), py::arg("tail"), py::arg("rest_linear_speed"), py::arg("rest_angular_speed"),
-           py::arg("rest_window"), py::arg("overturned_tilt"), py::arg("toppled_tilt"),
-           py::arg("rocked_tilt"), py::arg("slid_distance"), py::arg("rotated_angle"),
-           py::arg("stop_early"), py::arg("log_every"), py::arg("contacts_every"));
+  using T = TrialSpec;
+  bind_record<T>(
+      m, "TrialSpec", Field{"start", &T::start}, Field{"motion_position", &T::position},
+      Field{"motion_velocity", &T::velocity}, Field{"transverse", &T::transverse},
+      Field{"vertical", &T::vertical}, Field{"pitch", &T::pitch}, Field{"tail", &T::tail, "[s]"},
+      Field{"rest_linear_speed", [](T& t) -> double& { return t.tail_rest.linear_speed; }, "[m/s]"},
+      Field{"rest_angular_speed", [](T& t) -> double& { return t.tail_rest.angular_speed; }, "[rad/s]"},
+      Field{"rest_window", [](T& t) -> double& { return t.tail_rest.window; }, "[s]"},
+      Field{"overturned_tilt", [](T& t) -> double& { return t.outcome.overturned_tilt; }, "[rad]"},
+      Field{"toppled_tilt", [](T& t) -> double& { return t.outcome.toppled_tilt; }, "[rad]"},
+      Field{"rocked_tilt", [](T& t) -> double& { return t.outcome.rocked_tilt; }, "[rad]"},
+      Field{"slid_distance", [](T& t) -> double& { return t.outcome.slid_distance; }, "[m]"},
+      Field{"rotated_angle", [](T& t) -> double& { return t.outcome.rotated_angle; }, "[rad]"},
+      Field{"stop_early", &T::stop_early}, Field{"log_every", &T::log_every, "[time steps]"},
+      Field{"contacts_every", &T::contacts_every, "[time steps]"});
 
-  py::class_<TrialResult>(m, "TrialResult")
-      .def_readonly("status", &TrialResult::status)
+  py::class_<TrialResult> result(m, "TrialResult");
+  for (const ResultColumn& column : kResultColumns)
+    result.def_readonly(column.name, column.member, column.meaning);
+  result.def_readonly("status", &TrialResult::status)
       .def_readonly("outcome", &TrialResult::outcome)
       .def_readonly("message", &TrialResult::message)
-      .def_readonly("engine", &TrialResult::engine)
-      .def_readonly("settling_time", &TrialResult::settling_time)
-      .def_readonly("simulated_time", &TrialResult::simulated_time)
-      .def_readonly("overturning_time", &TrialResult::overturning_time)
-      .def_readonly("peak_tilt", &TrialResult::peak_tilt)
-      .def_readonly("final_tilt", &TrialResult::final_tilt)
-      .def_readonly("final_slip", &TrialResult::final_slip)
-      .def_readonly("final_yaw", &TrialResult::final_yaw)
-      .def_readonly("peak_tracking_error", &TrialResult::peak_tracking_error)
+      .def_readonly("engine", &TrialResult::engine, "That started it; None where none did.")
+      .def_readonly("hand_over", &TrialResult::handover, "Why `fast` went on with `exact`.")
       .def_readonly("steps", &TrialResult::steps)
       .def_property_readonly("settled_position",
                              [](const TrialResult& r) { return r.X_WB_settled.position; })
       .def_property_readonly("settled_orientation",
-                             [](const TrialResult& r) { return xyzw(r.X_WB_settled.orientation); })
+                             [](const TrialResult& r) { return Vector4(r.X_WB_settled.orientation.coeffs()); })
       .def_readonly("foot", &TrialResult::p_B_foot)
       .def("take_log", [](TrialResult& r) { return adopt(std::move(r.log), kLogColumns); },
-           "State log, shape (n, 18); may be taken once.")
+           "State log, columns STATE_COLUMNS; may be taken once.")
       .def("take_excursions",
            [](TrialResult& r) { return adopt(std::move(r.excursions), kExcursionColumns); },
-           "Transverse, vertical and pitch of the pedestal, one row a row of the state log, or none "
-           "where it moved along x; may be taken once.")
+           "Columns EXCURSION_COLUMNS, one row a row of the state log, or none where the pedestal moved "
+           "along x; may be taken once.")
       .def("take_contacts",
            [](TrialResult& r) { return adopt(std::move(r.contacts), kContactColumns); },
-           "Contact log, shape (n, 20); may be taken once.");
+           "Contact log, columns CONTACT_COLUMNS; may be taken once.");
 
-  py::class_<Batch>(m, "Batch")
+  py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
       .def(py::init<int>(), py::arg("threads"))
       .def("add", &Batch::add, py::arg("trial"))
       .def("close", &Batch::close)
@@ -352,12 +446,11 @@ void bind_trial(py::module_& m) {
 }
 
 void bind_contact_model(py::module_& m) {
-  py::class_<ContactPair>(m, "ContactPair")
-      .def_readonly("lateral_friction", &ContactPair::lateral_friction)
-      .def_readonly("restitution", &ContactPair::restitution)
-      .def_readonly("spinning_friction", &ContactPair::spinning_friction)
-      .def_readonly("damping", &ContactPair::damping)
-      .def_readonly("stiffness", &ContactPair::stiffness);
+  using C = ContactPair;
+  bind_record<C>(m, "ContactPair", Field{"lateral_friction", &C::lateral_friction},
+                 Field{"restitution", &C::restitution},
+                 Field{"spinning_friction", &C::spinning_friction},
+                 Field{"damping", &C::damping, "[N s/m]"}, Field{"stiffness", &C::stiffness, "[N/m]"});
   m.def("combine", &combine, py::arg("a"), py::arg("b"));
   m.def("contact_softness",
         [](double stiffness, double damping, double time_step) {
@@ -385,12 +478,33 @@ void bind_contact_model(py::module_& m) {
 
 PYBIND11_MODULE(_native, m) {
   m.doc() = "Native core of VSR2.";
-  py::register_exception<InvalidInput>(m, "InvalidInput", PyExc_ValueError);
+  bind_enum<InputFault>(m, "InputFault",
+                        {{"value", InputFault::value},
+                         {"drive", InputFault::drive},
+                         {"engine_domain", InputFault::engine_domain},
+                         {"no_rock", InputFault::no_rock},
+                         {"rock_present", InputFault::rock_present}});
+  static const py::handle invalid_input =
+      py::exception<InvalidInput>(m, "InvalidInput", PyExc_ValueError).release();
+  py::register_exception_translator([](std::exception_ptr pointer) {
+    try {
+      if (pointer) std::rethrow_exception(pointer);
+    } catch (const InvalidInput& error) {
+      const py::object raised = invalid_input(error.what());
+      raised.attr("fault") = error.fault();
+      PyErr_SetObject(invalid_input.ptr(), raised.ptr());
+    }
+  });
   bind_scene(m);
   bind_world(m);
   bind_trial(m);
   bind_contact_model(m);
   m.def("build_facts", &build_facts);
-  m.attr("LOG_COLUMNS") = static_cast<int>(kLogColumns);
-  m.attr("CONTACT_COLUMNS") = kContactColumns;
+  m.attr("STATE_COLUMNS") = column_pairs(kStateLog);
+  m.attr("CONTACT_COLUMNS") = column_pairs(kContactLog);
+  m.attr("EXCURSION_COLUMNS") = column_pairs(kExcursionLog);
+  py::list columns;
+  for (const ResultColumn& column : kResultColumns)
+    columns.append(py::make_tuple(column.name, column.meaning));
+  m.attr("RESULT_COLUMNS") = py::tuple(columns);
 }

@@ -8,8 +8,6 @@
 
 namespace vsr2 {
 
-std::string to_string(EngineKind kind);
-
 /// The engine a scene gets: the one asked for; `automatic`: `fast` where it takes the scene, else
 /// `exact`. @throws InvalidInput if `fast` is asked for and does not take the scene.
 EngineKind choose_engine(const Scene& scene);
@@ -17,19 +15,8 @@ EngineKind choose_engine(const Scene& scene);
 /// A world of the engine that choose_engine() names.
 std::unique_ptr<World> make_world(std::shared_ptr<const Scene> scene, Drive drive);
 
-/// Name of the engine a world has run with so far, a hand-over included.
-std::string engine_in_use(const World& world, EngineKind chosen);
-
 /// A world with the same bits as make_bullet_world() on every step, at more than twice its speed.
 std::unique_ptr<World> make_exact_world(std::shared_ptr<const Scene> scene, Drive drive);
-
-/// Why a fast world went on with Bullet.
-enum class Handover {
-  none,
-  off_the_top,  ///< the rock's lowest point came near the edge of the pedestal's top
-  motor_on_a_slope,  ///< a motor along x drives a top that is not level
-  too_deep,     ///< the rock went deeper into the pedestal than the contact geometry holds for
-};
 
 /// A world with a stepper of its own for one convex rock on the flat top of a box pedestal.
 ///
@@ -39,7 +26,6 @@ enum class Handover {
 /// state and contacts and goes on with that.
 class FastWorld : public World {
  public:
-  virtual Handover handover() const = 0;
   /// Sweeps of the latest solver step that were done one by one; 0 after a handover.
   virtual int iterations() const = 0;
 };
@@ -51,10 +37,20 @@ struct FastSettings {
   double residual_threshold = 0.0;
 };
 
-/// Why make_fast_world() does not take a scene; empty if it does.
-std::string fast_domain_violation(const Scene& scene);
+/// Why the engine `fast` does not take a scene.
+enum class FastRefusal {
+  none,                ///< it does
+  several_parts,       ///< the rock has more than one convex part
+  pedestal_not_a_box,
+  no_friction_cone,
+  rolling_friction,
+  no_margin,           ///< a hull without collision margin
+};
+FastRefusal fast_refusal(const Scene& scene);
+/// Its one text; empty for `none`.
+std::string describe(FastRefusal refusal);
 
-/// @throws InvalidInput if fast_domain_violation() names a reason.
+/// @throws InvalidInput if fast_refusal() names a reason.
 std::unique_ptr<FastWorld> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive,
                                            const FastSettings& settings = {});
 

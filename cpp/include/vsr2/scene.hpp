@@ -22,10 +22,24 @@
 
 namespace vsr2 {
 
+/// What InvalidInput is about.
+enum class InputFault {
+  value,          ///< a value that nothing can use
+  drive,          ///< a drive or set-point that does not go with the pedestal
+  engine_domain,  ///< an engine that does not take the scene
+  no_rock,
+  rock_present,
+};
+
 /// Raised for a scene or trial that cannot be simulated; the message names the value.
 class InvalidInput : public std::invalid_argument {
  public:
-  using std::invalid_argument::invalid_argument;
+  explicit InvalidInput(const std::string& message, InputFault fault = InputFault::value)
+      : std::invalid_argument(message), fault_(fault) {}
+  InputFault fault() const { return fault_; }
+
+ private:
+  InputFault fault_;
 };
 
 /// A rigid transform: position [m] and unit orientation.

@@ -1,14 +1,17 @@
 #pragma once
 // A trial: settle, shake, let it come to rest, tell the outcome.
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <limits>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "vsr2/rest.hpp"
 #include "vsr2/world.hpp"
 
 namespace vsr2 {
@@ -32,12 +35,6 @@ enum class Outcome : std::int32_t {
   failed = 5,  ///< no outcome: status tells why
 };
 
-struct RestCriterion {
-  double linear_speed = 1e-3;   ///< relative to the pedestal [m/s]
-  double angular_speed = 2e-3;  ///< [rad/s]
-  double window = 0.25;         ///< [s]
-};
-
 struct OutcomeThresholds {
   double overturned_tilt = 1.4;  ///< irreversible [rad]
   double toppled_tilt = 0.35;    ///< at the end [rad]
@@ -48,14 +45,33 @@ struct OutcomeThresholds {
 
 class SettledStart;
 
+/// A channel's set-points in memory that its owner keeps in place, and unchanged, as long as any copy
+/// of this lives. Copies share it; the last one frees it, on whatever thread that is.
+class Samples {
+ public:
+  Samples() = default;
+  Samples(std::shared_ptr<const double> values, std::size_t count)
+      : values_(std::move(values)), count_(count) {}
+  Samples(const std::shared_ptr<const std::vector<double>>& values)
+      : values_(values, values->data()), count_(values->size()) {}
+  std::size_t size() const { return count_; }
+  const double* begin() const { return values_.get(); }
+  const double* end() const { return begin() + count_; }
+  double operator[](std::size_t k) const { return begin()[k]; }
+
+ private:
+  std::shared_ptr<const double> values_;
+  std::size_t count_ = 0;
+};
+
 struct TrialSpec {
-  std::shared_ptr<SettledStart> start;        ///< scene, drive and settled start pose
-  std::shared_ptr<const std::vector<double>> position;  ///< set-points, first at time 0 [m]
-  std::shared_ptr<const std::vector<double>> velocity;  ///< set-points [m/s]; null: differences
-  // Set-points besides x, as many as of the position; null: none. They need Drive::prescribed_spatial.
-  std::shared_ptr<const std::vector<double>> transverse;  ///< along y [m]
-  std::shared_ptr<const std::vector<double>> vertical;    ///< along z [m]
-  std::shared_ptr<const std::vector<double>> pitch;       ///< about y [rad]
+  std::shared_ptr<SettledStart> start;  ///< scene, drive and settled start pose
+  Samples position;                     ///< set-points, first at time 0 [m]
+  std::optional<Samples> velocity;      ///< set-points [m/s]; none: differences
+  // Set-points besides x, as many as of the position. They need Drive::prescribed_spatial.
+  std::optional<Samples> transverse;  ///< along y [m]
+  std::optional<Samples> vertical;    ///< along z [m]
+  std::optional<Samples> pitch;       ///< about y [rad]
   double tail = 30.0;                         ///< longest run after the motion [s]
   RestCriterion tail_rest{0.02, 0.05, 0.5};   ///< ends the tail
   OutcomeThresholds outcome;
@@ -73,32 +89,58 @@ enum LogColumn : int {
 };
 /// Columns of an excursion log row, which goes with the state log row of the same index.
 enum ExcursionColumn : int { kTransverse, kVertical, kPitch, kExcursionColumns };
-/// Columns of a contact log row: time, rock point, pedestal point, normal, distance, normal and
-/// two lateral impulses, two lateral directions.
-inline constexpr int kContactColumns = 20;
+
+/// A column of a log, for whoever reads it.
+struct Column {
+  const char* name;
+  const char* unit;
+};
+/// In the order of LogColumn; the orientation is of the body frame B.
+inline constexpr std::array<Column, kLogColumns> kStateLog{{
+    {"time", "s"}, {"commanded_position", "m"}, {"commanded_velocity", "m/s"},
+    {"pedestal_position", "m"}, {"pedestal_velocity", "m/s"},
+    {"rock_x", "m"}, {"rock_y", "m"}, {"rock_z", "m"},
+    {"rock_qx", "1"}, {"rock_qy", "1"}, {"rock_qz", "1"}, {"rock_qw", "1"},
+    {"rock_vx", "m/s"}, {"rock_vy", "m/s"}, {"rock_vz", "m/s"},
+    {"rock_wx", "rad/s"}, {"rock_wy", "rad/s"}, {"rock_wz", "rad/s"},
+}};
+inline constexpr std::array<Column, kExcursionColumns> kExcursionLog{
+    {{"transverse", "m"}, {"vertical", "m"}, {"pitch", "rad"}}};
+/// One row a contact point. The normal points from pedestal to rock, a negative distance is
+/// penetration, impulses are over one solver step.
+inline constexpr std::array<Column, 20> kContactLog{{
+    {"time", "s"}, {"rock_point_x", "m"}, {"rock_point_y", "m"}, {"rock_point_z", "m"},
+    {"pedestal_point_x", "m"}, {"pedestal_point_y", "m"}, {"pedestal_point_z", "m"},
+    {"normal_x", "1"}, {"normal_y", "1"}, {"normal_z", "1"}, {"distance", "m"},
+    {"normal_impulse", "N s"}, {"lateral_impulse_1", "N s"}, {"lateral_impulse_2", "N s"},
+    {"lateral_direction_1_x", "1"}, {"lateral_direction_1_y", "1"}, {"lateral_direction_1_z", "1"},
+    {"lateral_direction_2_x", "1"}, {"lateral_direction_2_y", "1"}, {"lateral_direction_2_z", "1"},
+}};
+inline constexpr int kContactColumns = kContactLog.size();
 
 struct TrialResult {
+  static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   Status status = Status::not_run;
   Outcome outcome = Outcome::failed;
   std::string message;
-  std::string engine;  ///< that ran it; empty where none did
-  double settling_time = std::numeric_limits<double>::quiet_NaN();   ///< shared and own [s]
-  double simulated_time = std::numeric_limits<double>::quiet_NaN();  ///< after settling [s]
-  double overturning_time = std::numeric_limits<double>::quiet_NaN();///< irreversible from [s]
-  double peak_tilt = std::numeric_limits<double>::quiet_NaN();       ///< [rad]
-  double final_tilt = std::numeric_limits<double>::quiet_NaN();      ///< [rad]
-  double final_slip = std::numeric_limits<double>::quiet_NaN();      ///< [m]
-  double final_yaw = std::numeric_limits<double>::quiet_NaN();       ///< [rad]
-  double peak_tracking_error = std::numeric_limits<double>::quiet_NaN();  ///< [m]
+  std::optional<EngineKind> engine;  ///< that started it; none where none did
+  Handover handover = Handover::none;  ///< why `fast` went on with `exact`
+  double settling_time = kNone;        ///< shared and own [s]
+  double simulated_time = kNone;       ///< after settling [s]
+  double overturning_time = kNone;     ///< irreversible from [s]
+  double peak_tilt = kNone;            ///< [rad]
+  double final_tilt = kNone;           ///< [rad]
+  double final_slip = kNone;           ///< [m]
+  double final_yaw = kNone;            ///< [rad]
+  double peak_tracking_error = kNone;  ///< [m]
   std::int64_t steps = 0;  ///< time steps of this trial, its own settling included
   /// NaN until settled.
-  Pose X_WB_settled{Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN()),
-                    Eigen::Quaterniond(Eigen::Vector4d::Constant(std::numeric_limits<double>::quiet_NaN()))};
-  Eigen::Vector3d p_B_foot = Eigen::Vector3d::Constant(
-      std::numeric_limits<double>::quiet_NaN());  ///< body point whose travel is the slip [m]
-  std::vector<double> log;       ///< rows of kLogColumns
-  std::vector<double> excursions;  ///< rows of kExcursionColumns; empty: the pedestal moved along x
-  std::vector<double> contacts;  ///< rows of kContactColumns
+  Pose X_WB_settled{Eigen::Vector3d::Constant(kNone),
+                    Eigen::Quaterniond(Eigen::Vector4d::Constant(kNone))};
+  Eigen::Vector3d p_B_foot = Eigen::Vector3d::Constant(kNone);  ///< whose travel is the slip [m]
+  std::vector<double> log;       ///< rows of kStateLog
+  std::vector<double> excursions;  ///< rows of kExcursionLog; empty: the pedestal moved along x
+  std::vector<double> contacts;  ///< rows of kContactLog
 };
 
 /// Where a rock comes to rest from a start pose. Trials that share one settle it once, in a world of

@@ -48,14 +48,6 @@ struct PedestalMotion {
   /// Velocity of the pedestal's material at a point of the world [m/s].
   Eigen::Vector3d velocity_at(const Eigen::Vector3d& p_W) const { return v_WP + w_WP.cross(p_W - p_WP); }
 };
-/// Where a prescribed pedestal is at the end of solver step `i` of `n`, counted from 1, that take it
-/// from `start` to the set-point; its rates are over that step of `dt` [s] from `now`.
-PedestalState on_the_way(const PedestalState& start, const PedestalState& now,
-                         const DriveTarget& target, int i, int n, double dt);
-/// @throws InvalidInput for a drive that does not let the pedestal pitch on its spring.
-void check_drive(const PedestalSpec& pedestal, Drive drive);
-/// @throws InvalidInput for an excursion that the drive does not follow, or pitch on a spring.
-void check_target(const PedestalSpec& pedestal, Drive drive, const DriveTarget& target);
 /// Point of the pitch axis in W, over the start of P's origin but for the displacement [m].
 Eigen::Vector3d pitch_axis(const PedestalSpec& pedestal, const PedestalState& state);
 /// The pedestal turns about its pitch axis, which itself moves along x, y and z.
@@ -87,6 +79,20 @@ struct ContactPoint {
   double damping;
 };
 
+/// Why a world of the engine `fast` went on with Bullet.
+enum class Handover {
+  none,
+  off_the_top,       ///< the rock's lowest point came near the edge of the pedestal's top
+  motor_on_a_slope,  ///< a motor along x drives a top that is not level
+  too_deep,          ///< the rock went deeper into the pedestal than the contact geometry holds for
+};
+
+/// @throws InvalidInput if there is no rock, or if there is one.
+void require_rock(bool has_rock);
+void require_no_rock(bool has_rock);
+/// @throws InvalidInput for a pose that no rock can start from.
+void check_start(const Pose& X_WB);
+
 /// A world owns its state and shares the scene. One thread at a time.
 class World {
  public:
@@ -104,6 +110,8 @@ class World {
   virtual RockState rock() const = 0;
   /// Replaces `out` by the current contacts of the rock.
   virtual void contacts(std::vector<ContactPoint>& out) const = 0;
+  /// Since the rock was spawned.
+  virtual Handover handover() const { return Handover::none; }
 };
 
 /// A world that steps exactly as PyBullet does.

@@ -1,0 +1,45 @@
+#include "vsr2/world.hpp"
+
+#include <cmath>
+
+namespace vsr2 {
+
+Eigen::Vector3d pitch_axis(const PedestalSpec& pedestal, const PedestalState& state) {
+  return {pedestal.p_WP0.x() + state.position, pedestal.p_WP0.y() + state.excursion.transverse,
+          pedestal.pitch_pivot + state.excursion.vertical};
+}
+
+PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState& state) {
+  // P's origin lies by this over the pitch axis.
+  const double arm = pedestal.p_WP0.z() - pedestal.pitch_pivot;
+  const Excursion& x = state.excursion;
+  const Excursion& rate = state.excursion_rate;
+  const double sine = std::sin(x.pitch);
+  const double cosine = std::cos(x.pitch);
+  PedestalMotion motion;
+  motion.p_WP = pedestal.p_WP0 + Eigen::Vector3d(state.position + arm * sine, x.transverse,
+                                                 x.vertical + arm * (cosine - 1.0));
+  motion.R_WP << cosine, 0, sine, 0, 1, 0, -sine, 0, cosine;
+  motion.v_WP = {state.velocity + arm * cosine * rate.pitch, rate.transverse,
+                 rate.vertical - arm * sine * rate.pitch};
+  motion.w_WP = {0, rate.pitch, 0};
+  return motion;
+}
+
+void require_rock(bool has_rock) {
+  if (!has_rock) throw InvalidInput("there is no rock", InputFault::no_rock);
+}
+
+void require_no_rock(bool has_rock) {
+  if (has_rock) throw InvalidInput("there is a rock already; delete it first", InputFault::rock_present);
+}
+
+void check_start(const Pose& X_WB) {
+  // The original's start orientation has five digits and is used as it stands.
+  constexpr double tolerance = 1e-3;
+  if (!X_WB.position.allFinite() || !X_WB.orientation.coeffs().allFinite() ||
+      std::abs(X_WB.orientation.norm() - 1.0) > tolerance)
+    throw InvalidInput("the rock's start pose is not finite or its quaternion is not of norm 1");
+}
+
+}  // namespace vsr2
