@@ -343,12 +343,15 @@ constexpr ResultColumn kResultColumns[] = {
      "commanded against achieved pedestal position [m]"},
 };
 
-/// Names and units of a log's columns, as a tuple of pairs.
+/// Names of columns with their units or meanings.
+using NamedColumns = std::vector<std::pair<std::string, std::string>>;
 template <std::size_t kCount>
-py::tuple column_pairs(const std::array<Column, kCount>& columns) {
-  py::list out;
-  for (const Column& column : columns) out.append(py::make_tuple(column.name, column.unit));
-  return py::tuple(out);
+void bind_columns(py::module_& m, const char* name, const std::array<Column, kCount>& columns) {
+  m.def(name, [&columns] {
+    NamedColumns out;
+    for (const Column& column : columns) out.emplace_back(column.name, column.unit);
+    return out;
+  });
 }
 
 /// A batch goes with the GIL released: its threads may need it to give borrowed memory back.
@@ -424,14 +427,14 @@ void bind_trial(py::module_& m) {
                              [](const TrialResult& r) { return Vector4(r.X_WB_settled.orientation.coeffs()); })
       .def_readonly("foot", &TrialResult::p_B_foot)
       .def("take_log", [](TrialResult& r) { return adopt(std::move(r.log), kLogColumns); },
-           "State log, columns STATE_COLUMNS; may be taken once.")
+           "State log, columns state_columns(); may be taken once.")
       .def("take_excursions",
            [](TrialResult& r) { return adopt(std::move(r.excursions), kExcursionColumns); },
-           "Columns EXCURSION_COLUMNS, one row a row of the state log, or none where the pedestal moved "
+           "Columns excursion_columns(), one row a row of the state log, or none where the pedestal moved "
            "along x; may be taken once.")
       .def("take_contacts",
            [](TrialResult& r) { return adopt(std::move(r.contacts), kContactColumns); },
-           "Contact log, columns CONTACT_COLUMNS; may be taken once.");
+           "Contact log, columns contact_columns(); may be taken once.");
 
   py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
       .def(py::init<int>(), py::arg("threads"))
@@ -479,7 +482,7 @@ void bind_contact_model(py::module_& m) {
 PYBIND11_MODULE(_native, m) {
   m.doc() = "Native core of VSR2.";
   bind_enum<InputFault>(m, "InputFault",
-                        {{"value", InputFault::value},
+                        {{"bad_value", InputFault::value},
                          {"drive", InputFault::drive},
                          {"engine_domain", InputFault::engine_domain},
                          {"no_rock", InputFault::no_rock},
@@ -500,11 +503,12 @@ PYBIND11_MODULE(_native, m) {
   bind_trial(m);
   bind_contact_model(m);
   m.def("build_facts", &build_facts);
-  m.attr("STATE_COLUMNS") = column_pairs(kStateLog);
-  m.attr("CONTACT_COLUMNS") = column_pairs(kContactLog);
-  m.attr("EXCURSION_COLUMNS") = column_pairs(kExcursionLog);
-  py::list columns;
-  for (const ResultColumn& column : kResultColumns)
-    columns.append(py::make_tuple(column.name, column.meaning));
-  m.attr("RESULT_COLUMNS") = py::tuple(columns);
+  bind_columns(m, "state_columns", kStateLog);
+  bind_columns(m, "contact_columns", kContactLog);
+  bind_columns(m, "excursion_columns", kExcursionLog);
+  m.def("result_columns", [] {
+    NamedColumns out;
+    for (const ResultColumn& column : kResultColumns) out.emplace_back(column.name, column.meaning);
+    return out;
+  });
 }

@@ -2,103 +2,283 @@
 Native core of VSR2.
 """
 from __future__ import annotations
-import collections.abc
+import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'CONTACT_COLUMNS', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'HullPart', 'InvalidInput', 'LOG_COLUMNS', 'Material', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'build_facts', 'combine', 'contact_softness', 'diagonalise_inertia', 'inverse_mass_along', 'normal_impulse', 'restitution_target']
+__all__: list[str] = ['Batch', 'BoxPart', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Material', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_softness', 'describe', 'diagonalise_inertia', 'excursion_columns', 'inverse_mass_along', 'normal_impulse', 'restitution_target', 'result_columns', 'state_columns']
+class InputFault(enum.Enum):
+    bad_value: typing.ClassVar[InputFault]
+    drive: typing.ClassVar[InputFault]
+    engine_domain: typing.ClassVar[InputFault]
+    no_rock: typing.ClassVar[InputFault]
+    rock_present: typing.ClassVar[InputFault]
+    @classmethod
+    def __new__(cls, value):
+        ...
 class InvalidInput(ValueError):
     pass
 class Material:
-    def __init__(self, *, restitution: typing.SupportsFloat | typing.SupportsIndex, lateral_friction: typing.SupportsFloat | typing.SupportsIndex, spinning_friction: typing.SupportsFloat | typing.SupportsIndex, rolling_friction: typing.SupportsFloat | typing.SupportsIndex, stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def __init__(self, *, restitution: float, lateral_friction: float, spinning_friction: float, rolling_friction: float, stiffness: float, damping: float) -> None:
         ...
-class EngineKind:
-    """
-    Members:
-    
-      auto
-    
-      parity
-    
-      exact
-    
-      fast
-    """
-    __members__: typing.ClassVar[dict[str, EngineKind]]
+    @property
+    def damping(self) -> float:
+        """
+        [N s/m]
+        """
+    @property
+    def lateral_friction(self) -> float:
+        ...
+    @property
+    def restitution(self) -> float:
+        ...
+    @property
+    def rolling_friction(self) -> float:
+        ...
+    @property
+    def spinning_friction(self) -> float:
+        ...
+    @property
+    def stiffness(self) -> float:
+        """
+        [N/m]
+        """
+class EngineKind(enum.Enum):
     auto: typing.ClassVar[EngineKind]
     exact: typing.ClassVar[EngineKind]
     fast: typing.ClassVar[EngineKind]
     parity: typing.ClassVar[EngineKind]
-    @typing.overload
-    def __eq__(self, other: EngineKind) -> bool:
+    @classmethod
+    def __new__(cls, value):
         ...
-    @typing.overload
-    def __eq__(self, other: typing.Any) -> bool:
+class HandOver(enum.Enum):
+    motor_on_a_slope: typing.ClassVar[HandOver]
+    none: typing.ClassVar[HandOver]
+    off_the_top: typing.ClassVar[HandOver]
+    too_deep: typing.ClassVar[HandOver]
+    @classmethod
+    def __new__(cls, value):
         ...
-    def __getstate__(self) -> int:
-        ...
-    def __hash__(self) -> int:
-        ...
-    def __index__(self) -> int:
-        ...
-    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __int__(self) -> int:
-        ...
-    @typing.overload
-    def __ne__(self, other: EngineKind) -> bool:
-        ...
-    @typing.overload
-    def __ne__(self, other: typing.Any) -> bool:
-        ...
-    def __repr__(self) -> str:
-        ...
-    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __str__(self) -> str:
-        ...
-    @property
-    def name(self) -> str:
-        ...
-    @property
-    def value(self) -> int:
+class FastRefusal(enum.Enum):
+    no_friction_cone: typing.ClassVar[FastRefusal]
+    no_margin: typing.ClassVar[FastRefusal]
+    none: typing.ClassVar[FastRefusal]
+    pedestal_not_a_box: typing.ClassVar[FastRefusal]
+    rolling_friction: typing.ClassVar[FastRefusal]
+    several_parts: typing.ClassVar[FastRefusal]
+    @classmethod
+    def __new__(cls, value):
         ...
 class EngineSettings:
-    def __init__(self, *, kind: EngineKind, gravity: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex, substeps: typing.SupportsInt | typing.SupportsIndex, solver_iterations: typing.SupportsInt | typing.SupportsIndex, residual_threshold: typing.SupportsFloat | typing.SupportsIndex, restitution_velocity_threshold: typing.SupportsFloat | typing.SupportsIndex, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: typing.SupportsFloat | typing.SupportsIndex, contact_breaking_threshold: typing.SupportsFloat | typing.SupportsIndex, linear_damping: typing.SupportsFloat | typing.SupportsIndex, angular_damping: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
         ...
+    @property
+    def angular_damping(self) -> float:
+        """
+        [1/s]
+        """
+    @property
+    def collision_margin(self) -> float:
+        """
+        [m]
+        """
+    @property
+    def cone_friction(self) -> bool:
+        ...
+    @property
+    def contact_breaking_threshold(self) -> float:
+        ...
+    @property
+    def deterministic_overlapping_pairs(self) -> bool:
+        ...
+    @property
+    def gravity(self) -> float:
+        """
+        [m/s^2]
+        """
+    @property
+    def kind(self) -> EngineKind:
+        ...
+    @property
+    def linear_damping(self) -> float:
+        """
+        [1/s]
+        """
+    @property
+    def residual_threshold(self) -> float:
+        """
+        [(m/s)^2]
+        """
+    @property
+    def restitution_velocity_threshold(self) -> float:
+        """
+        [m/s]
+        """
+    @property
+    def solver_iterations(self) -> int:
+        ...
+    @property
+    def substeps(self) -> int:
+        ...
+    @property
+    def time_step(self) -> float:
+        """
+        [s]
+        """
 class HullPart:
-    def __init__(self, points: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> None:
+    def __init__(self, points: numpy.ndarray) -> None:
         ...
 class BoxPart:
-    def __init__(self, size: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], orientation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"]) -> None:
+    def __init__(self, *, size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]) -> None:
         ...
+    @property
+    def orientation(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
+        ...
+    @property
+    def position(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
+        """
+        [m]
+        """
+    @property
+    def size(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
+        """
+        [m]
+        """
 class TrianglesPart:
-    def __init__(self, vertices: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], faces: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> None:
+    def __init__(self, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
         ...
 class PitchSpring:
-    def __init__(self, *, frequency: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, compliance: typing.SupportsFloat | typing.SupportsIndex, inertia: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def __init__(self, *, frequency: float, damping: float, compliance: float, inertia: float) -> None:
         ...
+    @property
+    def compliance(self) -> float:
+        """
+        [rad/(m/s^2)]
+        """
+    @property
+    def damping(self) -> float:
+        ...
+    @property
+    def frequency(self) -> float:
+        """
+        [Hz]
+        """
+    @property
+    def inertia(self) -> float:
+        """
+        [kg m^2]
+        """
 class PedestalSpec:
-    def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], mass: typing.SupportsFloat | typing.SupportsIndex, base_size: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], top: typing.SupportsFloat | typing.SupportsIndex, material: Material, pitch_pivot: typing.SupportsFloat | typing.SupportsIndex, pitch_spring: PitchSpring | None = None) -> None:
+    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], mass: float, base_size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], top: float, material: Material, pitch_pivot: float, pitch_spring: PitchSpring | None) -> None:
         ...
+    @property
+    def base_size(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
+        """
+        [m]
+        """
+    @property
+    def mass(self) -> float:
+        """
+        [kg]
+        """
+    @property
+    def material(self) -> Material:
+        ...
+    @property
+    def origin(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
+        """
+        [m]
+        """
+    @property
+    def parts(self) -> list[HullPart | BoxPart | TrianglesPart]:
+        ...
+    @property
+    def pitch_pivot(self) -> float:
+        """
+        [m]
+        """
+    @property
+    def pitch_spring(self) -> PitchSpring | None:
+        ...
+    @property
+    def top(self) -> float:
+        """
+        [m]
+        """
 class RockSpec:
-    def __init__(self, *, parts: collections.abc.Sequence[HullPart | BoxPart | TrianglesPart], mass: typing.SupportsFloat | typing.SupportsIndex, principal_inertia: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"], material: Material) -> None:
+    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], mass: float, principal_inertia: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], material: Material) -> None:
         ...
+    @property
+    def inertia_from_aabb(self) -> bool:
+        ...
+    @property
+    def mass(self) -> float:
+        """
+        [kg]
+        """
+    @property
+    def mass_center(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
+        """
+        [m]
+        """
+    @property
+    def material(self) -> Material:
+        ...
+    @property
+    def parts(self) -> list[HullPart | BoxPart | TrianglesPart]:
+        ...
+    @property
+    def principal_axes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
+        ...
+    @property
+    def principal_inertia(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
+        """
+        [kg m^2]
+        """
 class Mechanisms:
-    def __init__(self, *, impact_energy_ratio: typing.SupportsFloat | typing.SupportsIndex, rocking_damping: typing.SupportsFloat | typing.SupportsIndex, rolling_resistance: typing.SupportsFloat | typing.SupportsIndex, friction_ratio: typing.SupportsFloat | typing.SupportsIndex, friction_speed: typing.SupportsFloat | typing.SupportsIndex, adhesion: typing.SupportsFloat | typing.SupportsIndex, catch_slack: typing.SupportsFloat | typing.SupportsIndex) -> None:
+    def __init__(self, *, impact_energy_ratio: float, rocking_damping: float, rolling_resistance: float, friction_ratio: float, friction_speed: float, adhesion: float, catch_slack: float) -> None:
         ...
+    @property
+    def adhesion(self) -> float:
+        """
+        [Pa]
+        """
+    @property
+    def catch_slack(self) -> float:
+        """
+        [rad]
+        """
+    @property
+    def friction_ratio(self) -> float:
+        ...
+    @property
+    def friction_speed(self) -> float:
+        """
+        [m/s]
+        """
+    @property
+    def impact_energy_ratio(self) -> float:
+        ...
+    @property
+    def rocking_damping(self) -> float:
+        ...
+    @property
+    def rolling_resistance(self) -> float:
+        """
+        [m]
+        """
 class Scene:
     def __init__(self, *, engine: EngineSettings, pedestal: PedestalSpec, rock: RockSpec, mechanisms: Mechanisms) -> None:
         ...
     @property
-    def engine(self) -> str:
+    def engine(self) -> EngineKind:
         """
         Engine the scene gets.
         """
     @property
-    def fast_domain_violation(self) -> str:
+    def fast_refusal(self) -> FastRefusal:
         """
-        Why the engine `fast` does not take the scene; empty if it does.
+        Why the engine `fast` does not take the scene.
         """
     @property
     def rock_hull_vertices(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -106,56 +286,21 @@ class Scene:
     @property
     def rock_inertia(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
         ...
-class Drive:
-    """
-    Members:
-    
-      prescribed
-    
-      prescribed_spatial
-    
-      motor_position
-    
-      motor_position_velocity
-    """
-    __members__: typing.ClassVar[dict[str, Drive]]
+class Drive(enum.Enum):
     motor_position: typing.ClassVar[Drive]
     motor_position_velocity: typing.ClassVar[Drive]
     prescribed: typing.ClassVar[Drive]
     prescribed_spatial: typing.ClassVar[Drive]
-    @typing.overload
-    def __eq__(self, other: Drive) -> bool:
+    @classmethod
+    def __new__(cls, value):
         ...
-    @typing.overload
-    def __eq__(self, other: typing.Any) -> bool:
+class WorldState:
+    """
+    State of a world, opaque; pickles and copies.
+    """
+    def __getstate__(self) -> tuple[Drive, bytes]:
         ...
-    def __getstate__(self) -> int:
-        ...
-    def __hash__(self) -> int:
-        ...
-    def __index__(self) -> int:
-        ...
-    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __int__(self) -> int:
-        ...
-    @typing.overload
-    def __ne__(self, other: Drive) -> bool:
-        ...
-    @typing.overload
-    def __ne__(self, other: typing.Any) -> bool:
-        ...
-    def __repr__(self) -> str:
-        ...
-    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __str__(self) -> str:
-        ...
-    @property
-    def name(self) -> str:
-        ...
-    @property
-    def value(self) -> int:
+    def __setstate__(self, arg0: tuple) -> None:
         ...
 class World:
     def __init__(self, scene: Scene, drive: Drive) -> None:
@@ -164,18 +309,34 @@ class World:
         ...
     def delete_rock(self) -> None:
         ...
-    def engine(self, scene: Scene) -> str:
+    def restore_state(self, state: WorldState) -> None:
+        ...
+    def save_state(self) -> WorldState:
         ...
     def set_rock_velocity(self, linear: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], angular: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"]) -> None:
         ...
+    def settle(self, *, linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex) -> tuple[int, bool]:
+        """
+        Holds the pedestal until the rock rests: steps taken, and whether it rests.
+        """
     def spawn_rock(self, position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], orientation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"]) -> None:
         ...
     def step(self, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
     @property
+    def engine(self) -> EngineKind:
+        """
+        Engine it was built with.
+        """
+    @property
     def excursion(self) -> tuple[float, float, float]:
         """
         Transverse and vertical displacement [m], pitch [rad].
+        """
+    @property
+    def hand_over(self) -> HandOver:
+        """
+        Why `fast` went on with `exact`, if it did.
         """
     @property
     def has_rock(self) -> bool:
@@ -186,25 +347,7 @@ class World:
     @property
     def rock(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]]:
         ...
-class Status:
-    """
-    Members:
-    
-      ok
-    
-      settling_timeout
-    
-      tail_timeout
-    
-      diverged
-    
-      error
-    
-      cancelled
-    
-      not_run
-    """
-    __members__: typing.ClassVar[dict[str, Status]]
+class Status(enum.Enum):
     cancelled: typing.ClassVar[Status]
     diverged: typing.ClassVar[Status]
     error: typing.ClassVar[Status]
@@ -212,134 +355,148 @@ class Status:
     ok: typing.ClassVar[Status]
     settling_timeout: typing.ClassVar[Status]
     tail_timeout: typing.ClassVar[Status]
-    @typing.overload
-    def __eq__(self, other: Status) -> bool:
+    @classmethod
+    def __new__(cls, value):
         ...
-    @typing.overload
-    def __eq__(self, other: typing.Any) -> bool:
-        ...
-    def __getstate__(self) -> int:
-        ...
-    def __hash__(self) -> int:
-        ...
-    def __index__(self) -> int:
-        ...
-    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __int__(self) -> int:
-        ...
-    @typing.overload
-    def __ne__(self, other: Status) -> bool:
-        ...
-    @typing.overload
-    def __ne__(self, other: typing.Any) -> bool:
-        ...
-    def __repr__(self) -> str:
-        ...
-    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __str__(self) -> str:
-        ...
-    @property
-    def name(self) -> str:
-        ...
-    @property
-    def value(self) -> int:
-        ...
-class Outcome:
-    """
-    Members:
-    
-      stable
-    
-      rocked
-    
-      slid
-    
-      rotated
-    
-      overturned
-    
-      failed
-    """
-    __members__: typing.ClassVar[dict[str, Outcome]]
+class Outcome(enum.Enum):
     failed: typing.ClassVar[Outcome]
     overturned: typing.ClassVar[Outcome]
     rocked: typing.ClassVar[Outcome]
     rotated: typing.ClassVar[Outcome]
     slid: typing.ClassVar[Outcome]
     stable: typing.ClassVar[Outcome]
-    @typing.overload
-    def __eq__(self, other: Outcome) -> bool:
-        ...
-    @typing.overload
-    def __eq__(self, other: typing.Any) -> bool:
-        ...
-    def __getstate__(self) -> int:
-        ...
-    def __hash__(self) -> int:
-        ...
-    def __index__(self) -> int:
-        ...
-    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __int__(self) -> int:
-        ...
-    @typing.overload
-    def __ne__(self, other: Outcome) -> bool:
-        ...
-    @typing.overload
-    def __ne__(self, other: typing.Any) -> bool:
-        ...
-    def __repr__(self) -> str:
-        ...
-    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None:
-        ...
-    def __str__(self) -> str:
-        ...
-    @property
-    def name(self) -> str:
-        ...
-    @property
-    def value(self) -> int:
+    @classmethod
+    def __new__(cls, value):
         ...
 class Samples:
-    def __init__(self, values: typing.Annotated[numpy.typing.ArrayLike, numpy.float64]) -> None:
+    """
+    Set-points in the memory of a read-only array, which it keeps.
+    """
+    def __init__(self, values: numpy.ndarray) -> None:
         ...
 class SettledStart:
     def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], orientation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 1]"], linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex, log_every: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
 class TrialSpec:
-    def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: typing.SupportsFloat | typing.SupportsIndex, rest_linear_speed: typing.SupportsFloat | typing.SupportsIndex, rest_angular_speed: typing.SupportsFloat | typing.SupportsIndex, rest_window: typing.SupportsFloat | typing.SupportsIndex, overturned_tilt: typing.SupportsFloat | typing.SupportsIndex, toppled_tilt: typing.SupportsFloat | typing.SupportsIndex, rocked_tilt: typing.SupportsFloat | typing.SupportsIndex, slid_distance: typing.SupportsFloat | typing.SupportsIndex, rotated_angle: typing.SupportsFloat | typing.SupportsIndex, stop_early: bool, log_every: typing.SupportsInt | typing.SupportsIndex, contacts_every: typing.SupportsInt | typing.SupportsIndex) -> None:
+    def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: float, rest_linear_speed: float, rest_angular_speed: float, rest_window: float, overturned_tilt: float, toppled_tilt: float, rocked_tilt: float, slid_distance: float, rotated_angle: float, stop_early: bool, log_every: int, contacts_every: int) -> None:
+        ...
+    @property
+    def contacts_every(self) -> int:
+        """
+        [time steps]
+        """
+    @property
+    def log_every(self) -> int:
+        """
+        [time steps]
+        """
+    @property
+    def motion_position(self) -> Samples:
+        ...
+    @property
+    def motion_velocity(self) -> Samples | None:
+        ...
+    @property
+    def overturned_tilt(self) -> float:
+        """
+        [rad]
+        """
+    @property
+    def pitch(self) -> Samples | None:
+        ...
+    @property
+    def rest_angular_speed(self) -> float:
+        """
+        [rad/s]
+        """
+    @property
+    def rest_linear_speed(self) -> float:
+        """
+        [m/s]
+        """
+    @property
+    def rest_window(self) -> float:
+        """
+        [s]
+        """
+    @property
+    def rocked_tilt(self) -> float:
+        """
+        [rad]
+        """
+    @property
+    def rotated_angle(self) -> float:
+        """
+        [rad]
+        """
+    @property
+    def slid_distance(self) -> float:
+        """
+        [m]
+        """
+    @property
+    def start(self) -> SettledStart:
+        ...
+    @property
+    def stop_early(self) -> bool:
+        ...
+    @property
+    def tail(self) -> float:
+        """
+        [s]
+        """
+    @property
+    def toppled_tilt(self) -> float:
+        """
+        [rad]
+        """
+    @property
+    def transverse(self) -> Samples | None:
+        ...
+    @property
+    def vertical(self) -> Samples | None:
         ...
 class TrialResult:
     def take_contacts(self) -> numpy.typing.NDArray[numpy.float64]:
         """
-        Contact log, shape (n, 20); may be taken once.
+        Contact log, columns contact_columns(); may be taken once.
         """
     def take_excursions(self) -> numpy.typing.NDArray[numpy.float64]:
         """
-        Transverse, vertical and pitch of the pedestal, one row a row of the state log, or none where it moved along x; may be taken once.
+        Columns excursion_columns(), one row a row of the state log, or none where the pedestal moved along x; may be taken once.
         """
     def take_log(self) -> numpy.typing.NDArray[numpy.float64]:
         """
-        State log, shape (n, 18); may be taken once.
+        State log, columns state_columns(); may be taken once.
         """
     @property
-    def engine(self) -> str:
-        ...
+    def engine(self) -> EngineKind | None:
+        """
+        That started it; None where none did.
+        """
     @property
     def final_slip(self) -> float:
-        ...
+        """
+        [m]
+        """
     @property
     def final_tilt(self) -> float:
-        ...
+        """
+        [rad]
+        """
     @property
     def final_yaw(self) -> float:
-        ...
+        """
+        [rad]
+        """
     @property
     def foot(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
         ...
+    @property
+    def hand_over(self) -> HandOver:
+        """
+        Why `fast` went on with `exact`.
+        """
     @property
     def message(self) -> str:
         ...
@@ -348,13 +505,19 @@ class TrialResult:
         ...
     @property
     def overturning_time(self) -> float:
-        ...
+        """
+        irreversibly overturned from [s]; empty: never
+        """
     @property
     def peak_tilt(self) -> float:
-        ...
+        """
+        [rad]
+        """
     @property
     def peak_tracking_error(self) -> float:
-        ...
+        """
+        commanded against achieved pedestal position [m]
+        """
     @property
     def settled_orientation(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
         ...
@@ -363,10 +526,14 @@ class TrialResult:
         ...
     @property
     def settling_time(self) -> float:
-        ...
+        """
+        [s]
+        """
     @property
     def simulated_time(self) -> float:
-        ...
+        """
+        after settling [s]
+        """
     @property
     def status(self) -> Status:
         ...
@@ -391,9 +558,13 @@ class Batch:
     def wait(self, timeout: typing.SupportsFloat | typing.SupportsIndex) -> list[int]:
         ...
 class ContactPair:
+    def __init__(self, *, lateral_friction: float, restitution: float, spinning_friction: float, damping: float, stiffness: float) -> None:
+        ...
     @property
     def damping(self) -> float:
-        ...
+        """
+        [N s/m]
+        """
     @property
     def lateral_friction(self) -> float:
         ...
@@ -405,14 +576,22 @@ class ContactPair:
         ...
     @property
     def stiffness(self) -> float:
-        ...
+        """
+        [N/m]
+        """
 def build_facts() -> dict[str, str]:
     ...
 def combine(a: Material, b: Material) -> ContactPair:
     ...
+def contact_columns() -> list[tuple[str, str]]:
+    ...
 def contact_softness(stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex) -> tuple[float, float]:
     ...
+def describe(refusal: FastRefusal) -> str:
+    ...
 def diagonalise_inertia(tensor: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"]) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]]:
+    ...
+def excursion_columns() -> list[tuple[str, str]]:
     ...
 def inverse_mass_along(normal: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], inverse_mass_a: typing.SupportsFloat | typing.SupportsIndex, inverse_inertia_a: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"], r_a: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"], inverse_mass_b: typing.SupportsFloat | typing.SupportsIndex, inverse_inertia_b: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"], r_b: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"]) -> float:
     ...
@@ -420,5 +599,7 @@ def normal_impulse(rebound_target: typing.SupportsFloat | typing.SupportsIndex, 
     ...
 def restitution_target(restitution: typing.SupportsFloat | typing.SupportsIndex, normal_velocity: typing.SupportsFloat | typing.SupportsIndex, velocity_threshold: typing.SupportsFloat | typing.SupportsIndex) -> float:
     ...
-CONTACT_COLUMNS: int = 20
-LOG_COLUMNS: int = 18
+def result_columns() -> list[tuple[str, str]]:
+    ...
+def state_columns() -> list[tuple[str, str]]:
+    ...

@@ -1,5 +1,6 @@
 #include <array>
 #include <limits>
+#include <set>
 #include <thread>
 #include <tuple>
 
@@ -356,41 +357,46 @@ TEST(FastWorld, LeavesAMotorOnASlopeToBullet) {
 }
 
 TEST(FastWorld, NamesWhatItDoesNotTake) {
-  const auto violation = [](const EngineSettings& engine, const PedestalSpec& pedestal,
-                            const RockSpec& rock) {
+  const auto refusal = [](const EngineSettings& engine, const PedestalSpec& pedestal,
+                          const RockSpec& rock) {
     const auto shared = std::make_shared<Scene>(engine, pedestal, rock);
-    const std::string reason = fast_domain_violation(*shared);
-    if (!reason.empty()) {
+    const FastRefusal reason = fast_refusal(*shared);
+    if (reason != FastRefusal::none) {
       EXPECT_THROW(make_fast_world(shared, Drive::prescribed), InvalidInput);
     }
     return reason;
   };
   const RockSpec hull = test::rock(RockKind::hull);
-  EXPECT_EQ(violation({}, test::pedestal(), hull), "");
-  EXPECT_EQ(violation({}, test::pedestal(), test::rock(RockKind::box_off_centre)), "");
+  EXPECT_EQ(refusal({}, test::pedestal(), hull), FastRefusal::none);
+  EXPECT_EQ(refusal({}, test::pedestal(), test::rock(RockKind::box_off_centre)), FastRefusal::none);
 
   RockSpec two = hull;
   two.parts.emplace_back(BoxPart{});
-  EXPECT_NE(violation({}, test::pedestal(), two).find("2 convex parts"), std::string::npos);
+  EXPECT_EQ(refusal({}, test::pedestal(), two), FastRefusal::several_parts);
 
   PedestalSpec surface = test::pedestal();
   TrianglesPart triangles;
   triangles.vertices = {{-5, -5, 0.2}, {5, -5, 0.2}, {0, 5, 0.2}};
   triangles.faces = {{0, 1, 2}};
   surface.parts = {triangles};
-  EXPECT_NE(violation({}, surface, hull).find("not one box"), std::string::npos);
+  EXPECT_EQ(refusal({}, surface, hull), FastRefusal::pedestal_not_a_box);
 
   EngineSettings pyramid;
   pyramid.cone_friction = false;
-  EXPECT_NE(violation(pyramid, test::pedestal(), hull).find("cone"), std::string::npos);
+  EXPECT_EQ(refusal(pyramid, test::pedestal(), hull), FastRefusal::no_friction_cone);
 
   RockSpec rolling = hull;
   rolling.material.rolling_friction = 0.1;
-  EXPECT_NE(violation({}, test::pedestal(), rolling).find("rolling"), std::string::npos);
+  EXPECT_EQ(refusal({}, test::pedestal(), rolling), FastRefusal::rolling_friction);
 
   EngineSettings bare;
   bare.collision_margin = 0;
-  EXPECT_NE(violation(bare, test::pedestal(), hull).find("margin"), std::string::npos);
+  EXPECT_EQ(refusal(bare, test::pedestal(), hull), FastRefusal::no_margin);
+  // Each has a text of its own.
+  std::set<std::string> texts;
+  for (int i = 0; i <= static_cast<int>(FastRefusal::no_margin); ++i)
+    texts.insert(describe(static_cast<FastRefusal>(i)));
+  EXPECT_EQ(texts.size(), 6U);
 }
 
 TEST(FastWorld, StepsWithoutAllocating) {

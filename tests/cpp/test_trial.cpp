@@ -51,7 +51,7 @@ TEST(Trial, SettlingTimeoutIsAStatus) {
   EXPECT_EQ(result.outcome, Outcome::failed);
   EXPECT_TRUE(std::isnan(result.peak_tilt));
   EXPECT_NE(result.message.find("settling.timeout"), std::string::npos);
-  EXPECT_EQ(result.engine, "parity");
+  EXPECT_EQ(result.engine, EngineKind::parity);
 }
 
 TEST(Trial, SettlingLogHasNegativeTimes) {
@@ -106,7 +106,7 @@ TEST(Trial, SteppingAllocatesNothing) {
       EXPECT_EQ(result.log.size(), result.log.capacity());
       EXPECT_GT(result.contacts.size() / kContactColumns, 3668U);
     }
-    EXPECT_EQ(allocations[0], allocations[1]) << to_string(kind);
+    EXPECT_EQ(allocations[0], allocations[1]) << static_cast<int>(kind);
   }
 }
 

@@ -92,6 +92,7 @@ def make_trials(count: int, **columns: object) -> dict[str, NDArray[np.generic]]
         "status": np.array(["ok"] * count, dtype=object),
         "outcome": np.array(["stable"] * count, dtype=object),
         "engine": np.array(["parity"] * count, dtype=object),
+        "hand_over": np.array(["none"] * count, dtype=object),
         "message": np.array([""] * count, dtype=object),
         "steps": np.full(count, 1000, dtype=np.int64),
         "overturning_time": np.full(count, np.nan),

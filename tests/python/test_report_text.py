@@ -32,8 +32,10 @@ def test_summary_counts_outcomes_statuses_and_time() -> None:
 
 
 def test_summary_says_which_engines_ran() -> None:
-    engines = np.array(["fast", "fast, then exact (off the top)", "fast", ""], dtype=object)
-    lines = summary_table(make_result([None] * 4, engine=engines)).splitlines()
+    engines = np.array(["fast", "fast", "fast", ""], dtype=object)
+    handed = np.array(["none", "off_the_top", "none", "none"], dtype=object)
+    result = make_result([None] * 4, engine=engines, hand_over=handed)
+    lines = summary_table(result).splitlines()
     start = lines.index("engine")
     assert lines[start + 1].split() == ["fast", "2", "50.0", "%"]
     assert lines[start + 2].startswith("  fast, then exact (off the top)")

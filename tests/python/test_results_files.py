@@ -306,8 +306,8 @@ def test_missing_and_foreign_folders(tmp_path: Path) -> None:
 
 def test_newer_formats_are_refused(tmp_path: Path) -> None:
     path = save_result(sample(), tmp_path) / "provenance.json"
-    path.write_text(path.read_text().replace('"format_version": 1', '"format_version": 2'))
-    with pytest.raises(ResultError, match="format version 2, this VSR2 reads 1"):
+    path.write_text(path.read_text().replace('"format_version": 2', '"format_version": 1'))
+    with pytest.raises(ResultError, match="format version 1, this VSR2 reads 2"):
         load_result(tmp_path)
 
 
@@ -336,7 +336,7 @@ def test_damaged_tables_name_trial_and_column(tmp_path: Path) -> None:
         good.replace(",1000,", ",many,"): "column steps: 'many'",
         good.replace(",1000,", ",9223372036854775808,"): "column steps",
         good.replace(",0.1,", ",o.1,"): "column pga: 'o.1'",
-        good.replace(",1000,", ",1000,,"): "22 values for 21 columns",
+        good.replace(",1000,", ",1000,,"): "23 values for 22 columns",
         good.replace("pga", "PGA"): "first line must name the columns",
         good.replace('"ok"', '"ok"x'): "damaged",
         "\n": "first line",

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+import gc
 import math
+import pickle
+import weakref
 
 import numpy as np
 import pytest
 
+from vsr2 import _native
 from vsr2.config.study import Material, Study
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
@@ -58,10 +63,80 @@ def test_the_engine_in_use_is_told() -> None:
     assert Simulation(study(engine={"mode": "exact"})).engine == "exact"
     simulation = Simulation(study())
     simulation.settle()
-    assert simulation.engine == "fast"
+    assert (simulation.engine, simulation.hand_over) == ("fast", "none")
     simulation.set_rock_velocity((20.0, 0.0, 0.0))
     simulation.step(0.0, steps=600)
-    assert simulation.engine == "fast, then exact (off the top)"
+    assert (simulation.engine, simulation.hand_over) == ("fast", "off_the_top")
+
+
+@pytest.mark.parametrize("mode", ["parity", "exact", "fast"])
+def test_a_restored_simulation_goes_on_with_the_same_bits(mode: str) -> None:
+    def shake(simulation: Simulation, first: int, last: int) -> bytes:
+        for k in range(first, last):
+            simulation.step(0.05 * math.sin(0.02 * k))
+        state = simulation.state
+        return state.position.tobytes() + state.body_orientation.tobytes()
+
+    with Simulation(study(engine={"mode": mode})) as simulation:
+        simulation.settle()
+        shake(simulation, 0, 150)
+        saved = pickle.loads(pickle.dumps(simulation.save_state()))
+        time, command = simulation.time, simulation.state.commanded_position
+        end = shake(simulation, 150, 300)
+        simulation.restore_state(copy.deepcopy(saved))
+        assert (simulation.time, simulation.state.commanded_position) == (time, command)
+        assert shake(simulation, 150, 300) == end
+        other = Simulation(study(engine={"mode": mode}), spawn=False)
+        other.restore_state(saved)
+        assert shake(other, 150, 300) == end
+
+
+def test_a_state_of_another_scene_or_drive_is_refused() -> None:
+    saved = Simulation(study()).save_state()
+    with pytest.raises(SimulationError, match="of scene"):
+        Simulation(study(engine={"gravity": 9.8})).restore_state(saved)
+    with pytest.raises(SimulationError, match="another drive"):
+        Simulation(study(), drive="motor_position").restore_state(saved)
+
+
+def test_the_core_refuses_what_it_would_have_to_convert() -> None:
+    corners = np.eye(3)
+    with pytest.raises(TypeError, match="float64"):
+        _native.TrianglesPart(vertices=corners, faces=np.array([[0.0, 1.0, 2.0]]))
+    with pytest.raises(_native.InvalidInput, match="not there"):
+        _native.TrianglesPart(vertices=corners, faces=np.array([[0, 1, 2**32]]))
+    with pytest.raises(TypeError):
+        _native.HullPart(points=np.array([["0", "1", "2"]]))
+    with pytest.raises(TypeError):
+        _native.PitchSpring(frequency="8", damping=0.1, compliance=0.0, inertia=1.0)
+    with pytest.raises(TypeError):
+        _native.PitchSpring(8.0, 0.1, 0.0, 1.0)
+    with pytest.raises(TypeError, match="float64"):
+        _native.Samples(np.zeros(3, dtype=np.float32))
+
+
+def test_errors_of_the_core_carry_a_code() -> None:
+    world = _native.World(Simulation(study()).scene.native, _native.Drive.prescribed)
+    with pytest.raises(_native.InvalidInput) as caught:
+        world.delete_rock()
+    assert caught.value.fault is _native.InputFault.no_rock
+
+
+def test_samples_are_borrowed_and_given_back() -> None:
+    class Lent(np.ndarray):
+        """An array that can be referred to weakly."""
+
+    values = np.zeros(1000).view(Lent)
+    with pytest.raises(_native.InvalidInput, match="read-only"):
+        _native.Samples(values)
+    values.setflags(write=False)
+    gone = weakref.ref(values)
+    samples = _native.Samples(values)
+    del values
+    assert gone() is not None
+    del samples
+    gc.collect()
+    assert gone() is None
 
 
 @pytest.mark.parametrize("position", [math.nan, math.inf])

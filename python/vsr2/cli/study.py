@@ -113,7 +113,7 @@ def _run_all(
         print(
             f"{study.name}: {len(trials)} trials, {Path(scene.rock.source).name} "
             f"({scene.rock.mass.mass:.4g} kg) on {Path(scene.pedestal.source).name}, engine "
-            f"{native_scene(scene).engine}"
+            f"{native_scene(scene).engine.name}"
         )
         for note in scene.rock.notes:
             print(f"note: {note}")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from vsr2.motion import STANDARD_GRAVITY
-from vsr2.results import OUTCOMES, STATUSES, BatchResult
+from vsr2.results import NO_HAND_OVER, OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10
 """Failures that `summary_table` shows one by one."""
@@ -59,13 +60,20 @@ def _counts(
 
 def _engines(result: BatchResult) -> list[str]:
     count = len(result)
-    names = [str(name) for name in np.unique(result["engine"].astype(str)) if name]
-    if not names:
+    used = [
+        engine
+        if hand_over == NO_HAND_OVER
+        else f"{engine}, then exact ({hand_over.replace('_', ' ')})"
+        for engine, hand_over in zip(
+            result["engine"].astype(str), result["hand_over"].astype(str), strict=True
+        )
+        if engine
+    ]
+    if not used:
         return []
-    width = max(17, *(len(name) + 1 for name in names))
+    width = max(17, *(len(name) + 1 for name in used))
     lines = ["", "engine"]
-    for name in names:
-        number = int(np.count_nonzero(result["engine"] == name))
+    for name, number in sorted(Counter(used).items()):
         lines.append(f"  {name:<{width}}{number:>7}  {100 * number / count:5.1f} %")
     return lines
 

@@ -26,8 +26,10 @@ from vsr2.results.models import load_models, save_models
 from vsr2.results.provenance import base_provenance, sha256_of_file
 from vsr2.results.result import (
     CONTACT_COLUMNS,
+    FLOAT_COLUMNS,
     INTEGER_COLUMNS,
     JUDGED,
+    NO_HAND_OVER,
     OUTCOMES,
     STATE_COLUMNS,
     STATUSES,
@@ -41,9 +43,11 @@ from vsr2.results.result import (
 
 __all__ = [
     "CONTACT_COLUMNS",
+    "FLOAT_COLUMNS",
     "INTEGER_COLUMNS",
     "JOURNAL_FILE",
     "JUDGED",
+    "NO_HAND_OVER",
     "NPY_COLUMNS",
     "OUTCOMES",
     "STATE_COLUMNS",

@@ -19,7 +19,7 @@ from vsr2.results.lines import append_line, lock_file
 
 JOURNAL_FILE = "journal.jsonl"
 _FORMAT = "vsr2 journal"
-_VERSION = 1
+_VERSION = 2
 _MAX_BYTES = 2**32
 
 

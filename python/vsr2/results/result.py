@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.errors import ResultError
 
 if TYPE_CHECKING:
@@ -16,73 +17,41 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-STATE_COLUMNS = (
-    "time",
-    "commanded_position",
-    "commanded_velocity",
-    "pedestal_position",
-    "pedestal_velocity",
-    "rock_x",
-    "rock_y",
-    "rock_z",
-    "rock_qx",
-    "rock_qy",
-    "rock_qz",
-    "rock_qw",
-    "rock_vx",
-    "rock_vy",
-    "rock_vz",
-    "rock_wx",
-    "rock_wy",
-    "rock_wz",
-)
-"""Columns of `TrialLog.state` [s, m, m/s, m, m/s, m, -, m/s, rad/s]; the orientation is of the body
+STATE_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.state_columns())
+"""Columns of `TrialLog.state`; their units: `_native.state_columns()`. The orientation is of the body
 frame B."""
 
-CONTACT_COLUMNS = (
-    "time",
-    "rock_point_x",
-    "rock_point_y",
-    "rock_point_z",
-    "pedestal_point_x",
-    "pedestal_point_y",
-    "pedestal_point_z",
-    "normal_x",
-    "normal_y",
-    "normal_z",
-    "distance",
-    "normal_impulse",
-    "lateral_impulse_1",
-    "lateral_impulse_2",
-    "lateral_direction_1_x",
-    "lateral_direction_1_y",
-    "lateral_direction_1_z",
-    "lateral_direction_2_x",
-    "lateral_direction_2_y",
-    "lateral_direction_2_z",
-)
-"""Columns of `TrialLog.contacts` [s, m, m, -, m, N s, N s, -, -]; the normal points from the
-pedestal to the rock, a negative distance is penetration, impulses are over one solver step."""
+CONTACT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.contact_columns())
+"""Columns of `TrialLog.contacts`; their units: `_native.contact_columns()`.
 
+The normal points from the pedestal to the rock, a negative distance is penetration, impulses are
+over one solver step."""
 
-STATUSES = (
-    "ok",
-    "settling_timeout",
-    "tail_timeout",
-    "diverged",
-    "error",
-    "cancelled",
-    "not_run",
-)
+STATUSES: tuple[str, ...] = tuple(_native.Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which a trial's outcome is known."""
 
-OUTCOMES = ("stable", "rocked", "slid", "rotated", "overturned", "failed")
+OUTCOMES: tuple[str, ...] = tuple(_native.Outcome.__members__)
 """What the rock did, the gravest that applies; `failed`: there is no outcome, see the status."""
 
-TEXT_COLUMNS = ("name", "motion", "motion_sha256", "status", "outcome", "engine", "message")
+NO_HAND_OVER: str = _native.HandOver.none.name
+"""The column `hand_over` of a trial that the engine it began with ran to its end."""
+
+FLOAT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.result_columns())
+"""Numbers that the core gives for a trial; NaN where a trial has no such value."""
+
+TEXT_COLUMNS = (
+    "name",
+    "motion",
+    "motion_sha256",
+    "status",
+    "outcome",
+    "engine",
+    "hand_over",
+    "message",
+)
 """Columns of `BatchResult.trials` that hold text."""
 
 INTEGER_COLUMNS = ("trial", "seed", "steps")
@@ -117,8 +86,8 @@ class TrialLog:
     """The logged response of one trial, measured or simulated.
 
     Attributes:
-        state: shape (n, 18), columns STATE_COLUMNS; settling rows have negative times.
-        contacts: shape (m, 20), columns CONTACT_COLUMNS; m = 0 when contacts were not logged.
+        state: shape (n, len(STATE_COLUMNS)); settling rows have negative times.
+        contacts: shape (m, len(CONTACT_COLUMNS)); m = 0 when contacts were not logged.
         settled_position: mass centre p_WB of the settled pose, shape (3,) [m].
         settled_orientation: q_WB of the settled pose, x, y, z, w, shape (4,).
         foot: body point (in B) under the mass centre at the support in the settled pose; its
@@ -305,21 +274,15 @@ TRIAL_COLUMNS: dict[str, str] = {
     "motion": "name of the motion",
     "motion_sha256": "hash of what was driven",
     "seed": "seed of the trial's perturbation",
-    "status": "ok, settling_timeout, tail_timeout, diverged, error, cancelled, not_run",
-    "outcome": "stable, rocked, slid, rotated, overturned, failed",
+    "status": ", ".join(STATUSES),
+    "outcome": ", ".join(OUTCOMES),
     "pga": "of the driven motion [m/s^2]",
     "pgv": "of the driven motion [m/s]",
     "pgv_pga": "of the driven motion [s]",
-    "settling_time": "[s]",
-    "simulated_time": "after settling [s]",
-    "overturning_time": "irreversibly overturned from [s]; empty: never",
-    "peak_tilt": "[rad]",
-    "final_tilt": "[rad]",
-    "final_slip": "[m]",
-    "final_yaw": "[rad]",
-    "peak_tracking_error": "commanded against achieved pedestal position [m]",
+    **dict(_native.result_columns()),
     "steps": "time steps, settling included",
-    "engine": "engine that ran it",
+    "engine": "engine that it began with: parity, exact, fast; empty: none ran",
+    "hand_over": "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
     "message": "why it failed; empty: it did not",
 }
 """Columns of `BatchResult.trials`, with their meaning and unit."""

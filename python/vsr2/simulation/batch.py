@@ -22,6 +22,7 @@ from vsr2 import _native
 from vsr2.config import Study, load_study
 from vsr2.errors import SimulationError
 from vsr2.results import (
+    FLOAT_COLUMNS,
     INTEGER_COLUMNS,
     STATE_COLUMNS,
     TEXT_COLUMNS,
@@ -36,7 +37,7 @@ from vsr2.results import (
     save_trial_log,
 )
 from vsr2.simulation.distributed import run_on_cluster
-from vsr2.simulation.native_trials import FLOAT_COLUMNS, run_native
+from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
 from vsr2.trial import Observation, Trial
 
@@ -47,7 +48,7 @@ _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
 OBSERVED = tuple(field.name for field in fields(Observation))
 """Columns of what is written down of a trial, which effects on the outcome change."""
-_RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "steps")
+_RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "hand_over", "steps")
 
 
 def run_batch(

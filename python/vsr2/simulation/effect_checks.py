@@ -22,6 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, with_effects
 from vsr2.effects.registry import BUILT_IN
@@ -221,7 +222,7 @@ class EffectChecker:
         """Why `fast` does not take the block with the effect at its prior's far end."""
         trial = replace(self.bench.block(), motion=self.bench.pulse(4.0, 2.0))
         changed = with_effects([trial], [(effect, effect.extreme())], orders=[1.0])[0]
-        return str(native_scene(changed.scene).fast_domain_violation)
+        return _native.describe(native_scene(changed.scene).fast_refusal)
 
     def standing(self, rock: Rock) -> Trial:
         """The block or the scan on the engine that studies get."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsr2 import _native
 from vsr2.motion import Motion
-from vsr2.results import TrialLog
+from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, TrialLog
 from vsr2.simulation.planning import log_bytes
 from vsr2.simulation.scene import native_scene
 from vsr2.trial import Trial
@@ -22,61 +22,27 @@ MAX_AHEAD = 1024
 MAX_AHEAD_BYTES = 2**28
 """Most that their logs can take, unless two trials a thread take more [byte]."""
 
-_KEPT_SAMPLES_BYTES = 2**28
 _KEPT_STARTS = 4096
-
-FLOAT_COLUMNS = (
-    "settling_time",
-    "simulated_time",
-    "overturning_time",
-    "peak_tilt",
-    "final_tilt",
-    "final_slip",
-    "final_yaw",
-    "peak_tracking_error",
-)
 
 
 class _Specifications:
-    """Native specifications of trials; motions are copied once, equal starts settle once.
+    """Native specifications of trials; motions are lent to the core, equal starts settle once.
 
-    What was not used for a while is let go of, so that memory does not grow with the batch.
+    Starts that were not used for a while are let go of: memory does not grow with the batch.
     """
 
     def __init__(self) -> None:
-        self._samples: OrderedDict[str, tuple[int, dict[str, Any]]] = OrderedDict()
         self._starts: OrderedDict[tuple[Any, ...], _native.SettledStart] = OrderedDict()
-        self._bytes = 0
 
     def of(self, trial: Trial) -> _native.TrialSpec:
         outcome, output = trial.outcome, trial.output
         return _native.TrialSpec(
             start=self._start(trial),
-            **self._motion(trial.motion),
+            **_lent(trial.motion),
             log_every=output.log_every,
             contacts_every=output.contacts_every,
             **outcome.model_dump(),
         )
-
-    def _motion(self, motion: Motion) -> dict[str, Any]:
-        key = motion.sha256
-        if key in self._samples:
-            self._samples.move_to_end(key)
-            return self._samples[key][1]
-        samples = {
-            "motion_position": _native.Samples(motion.displacement),
-            "motion_velocity": _native.Samples(motion.velocity),
-        } | {
-            name: None if side is None else _native.Samples(side.displacement)
-            for name, side in motion.sides.items()
-        }
-        size = motion.displacement.nbytes * sum(value is not None for value in samples.values())
-        self._samples[key] = size, samples
-        self._bytes += size
-        while self._bytes > _KEPT_SAMPLES_BYTES and len(self._samples) > 1:
-            _, (size, _) = self._samples.popitem(last=False)
-            self._bytes -= size
-        return samples
 
     def _start(self, trial: Trial) -> _native.SettledStart:
         if trial.goes_beside_x:
@@ -96,8 +62,8 @@ class _Specifications:
         start = _native.SettledStart(
             scene=native_scene(trial.scene),
             drive=drive,
-            position=body.position,
-            orientation=body.orientation,
+            position=np.asarray(body.position),
+            orientation=np.asarray(body.orientation),
             log_every=log_every,
             **trial.settling.model_dump(),
         )
@@ -155,15 +121,29 @@ def run_native(
         native.join()
 
 
+def _lent(motion: Motion) -> dict[str, Any]:
+    """A motion's channels as the core borrows them: their memory is not copied."""
+    return {
+        "motion_position": _native.Samples(motion.displacement),
+        "motion_velocity": _native.Samples(motion.velocity),
+    } | {
+        name: None if side is None else _native.Samples(side.displacement)
+        for name, side in motion.sides.items()
+    }
+
+
 def _row(result: _native.TrialResult) -> dict[str, Any]:
-    row = {name: getattr(result, name) for name in (*FLOAT_COLUMNS, "message", "engine", "steps")}
-    return row | {"status": result.status.name, "outcome": result.outcome.name}
+    row = {name: getattr(result, name) for name in (*FLOAT_COLUMNS, "message", "steps")}
+    codes = {name: getattr(result, name).name for name in ("status", "outcome", "hand_over")}
+    return row | codes | {"engine": result.engine.name if result.engine else ""}
 
 
 def failed_row(trial: Trial, message: str) -> dict[str, Any]:
     """The row of a trial that could not be run to an end of its own, with status `error`."""
-    facts = {"message": message, "engine": native_scene(trial.scene).engine, "steps": 0}
-    return dict.fromkeys(FLOAT_COLUMNS, np.nan) | facts | {"status": "error", "outcome": "failed"}
+    engine = native_scene(trial.scene).engine.name
+    facts = {"message": message, "engine": engine, "hand_over": NO_HAND_OVER}
+    codes = {"status": "error", "outcome": "failed", "steps": 0}
+    return dict.fromkeys(FLOAT_COLUMNS, np.nan) | facts | codes
 
 
 def _log(trial: Trial, result: _native.TrialResult) -> TrialLog | None:

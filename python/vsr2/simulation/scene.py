@@ -46,9 +46,9 @@ def _built(scene: Scene) -> _native.Scene:
             engine=_native_engine(engine),
             pedestal=_native.PedestalSpec(
                 parts=_native_parts(pedestal.parts),
-                origin=pedestal.origin,
+                origin=np.asarray(pedestal.origin),
                 mass=pedestal.mass,
-                base_size=pedestal.base_size,
+                base_size=np.asarray(pedestal.base_size),
                 top=pedestal.top,
                 material=_native_material(contact.pedestal),
                 pitch_pivot=scene.pitch_pivot,
@@ -57,17 +57,18 @@ def _built(scene: Scene) -> _native.Scene:
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),
                 mass=rock.mass.mass,
-                principal_inertia=rock.mass.principal_inertia,
+                principal_inertia=np.asarray(rock.mass.principal_inertia),
                 inertia_from_aabb=rock.inertia_from_aabb,
-                mass_center=frame.position,
-                principal_axes=frame.orientation,
+                mass_center=np.asarray(frame.position),
+                principal_axes=np.asarray(frame.orientation),
                 material=_native_material(contact.rock),
             ),
             mechanisms=_native.Mechanisms(**asdict(scene.mechanisms)),
         )
-        if engine.mode == "fast" and native.fast_domain_violation:
+        refusal = native.fast_refusal
+        if engine.mode == "fast" and refusal != _native.FastRefusal.none:
             raise SimulationError(
-                f"engine.mode: fast does not take this scene: {native.fast_domain_violation}; "
+                f"engine.mode: fast does not take this scene: {_native.describe(refusal)}; "
                 "choose auto or exact"
             )
     except _native.InvalidInput as error:
@@ -79,6 +80,14 @@ def _native_material(material: Material) -> _native.Material:
     return _native.Material(**material.model_dump())
 
 
+def _box(part: Box) -> _native.BoxPart:
+    return _native.BoxPart(
+        size=np.asarray(part.size),
+        position=np.asarray(part.center),
+        orientation=np.asarray(part.orientation),
+    )
+
+
 def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
     out: list[Any] = []
     for part in parts:
@@ -86,7 +95,7 @@ def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
             case Hull():
                 out.append(_native.HullPart(part.points))
             case Box():
-                out.append(_native.BoxPart(part.size, part.center, part.orientation))
+                out.append(_box(part))
             case Triangles():
                 out.append(_native.TrianglesPart(part.vertices, part.faces))
     return out

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, Literal, get_args
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,8 @@ from vsr2.simulation.scene import native_scene
 Array = NDArray[np.float64]
 MAX_SET_POINT = 1e6
 """Greatest set-point of the pedestal [m], [m/s]."""
-DriveName = Literal["prescribed", "prescribed_spatial", "motor_position", "motor_position_velocity"]
+DRIVES: tuple[str, ...] = tuple(_native.Drive.__members__)
+"""Names of the drives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +49,30 @@ class State:
     angular_velocity: Array
 
 
+@dataclass(frozen=True, eq=False)
+class SimulationState:
+    """What :meth:`Simulation.save_state` gave; it pickles.
+
+    Attributes:
+        scene_sha256: of the scene, whose simulations take the state.
+        world: the core's part, opaque.
+        start: pose that `reset` puts the rock at.
+        steps: time steps since the world was built.
+        command: last set-points of position [m] and velocity [m/s].
+    """
+
+    scene_sha256: str
+    world: _native.WorldState
+    start: Pose
+    steps: int
+    command: tuple[float, float]
+
+
 class Simulation:
     """A pedestal with or without a rock, stepped from Python; the core is that of `run_batch`.
 
-    `spawn`, `reset` and `delete` are the original's service `manage_model` (supplement S1.1).
+    `spawn`, `reset` and `delete` are the original's service `manage_model` (supplement S1.1). As a
+    context manager it lets go of its world at the end.
 
     Args:
         study: a study, or the path of one; or a scene built before.
@@ -68,20 +90,20 @@ class Simulation:
         self,
         study: Study | Scene | str | PathLike[str],
         *,
-        drive: DriveName | None = None,
+        drive: str | None = None,
         spawn: bool = True,
     ) -> None:
         if isinstance(study, Scene):
             self.scene = study
-            chosen: DriveName = drive or ("prescribed_spatial" if study.pitches else "prescribed")
+            chosen: str = drive or ("prescribed_spatial" if study.pitches else "prescribed")
         else:
             loaded = study if isinstance(study, Study) else load_study(study)
             self.scene = build_scene(loaded)
             chosen = drive or drive_name(loaded)
-        self.drive: DriveName = chosen
-        if chosen not in get_args(DriveName):
+        self.drive = chosen
+        if chosen not in DRIVES:
             raise SimulationError(
-                f"drive {chosen!r} is not known; choose one of {', '.join(get_args(DriveName))}"
+                f"drive {chosen!r} is not known; choose one of {', '.join(DRIVES)}"
             )
         self._drive = getattr(_native.Drive, chosen)
         self._start = self.scene.rock.start
@@ -106,8 +128,13 @@ class Simulation:
 
     @property
     def engine(self) -> str:
-        """Engine in use, a hand-over of `fast` included."""
-        return str(self._world.engine(native_scene(self.scene)))
+        """Engine that the world began with: parity, exact or fast."""
+        return self._world.engine.name
+
+    @property
+    def hand_over(self) -> str:
+        """Why `fast` went on with `exact` since the rock was spawned; `none`: it did not."""
+        return self._world.hand_over.name
 
     @property
     def has_rock(self) -> bool:
@@ -123,7 +150,7 @@ class Simulation:
         pose = start or self.scene.rock.start
         body = self.scene.body_pose(pose)
         try:
-            self._world.spawn_rock(body.position, body.orientation)
+            self._world.spawn_rock(np.asarray(body.position), np.asarray(body.orientation))
         except _native.InvalidInput as error:
             raise SimulationError(f"spawn: {error}") from error
         self._start = pose
@@ -145,6 +172,47 @@ class Simulation:
         self._steps = 0
         self._command = (0.0, 0.0)
         self.spawn(self._start)
+
+    def save_state(self) -> SimulationState:
+        """The present state, to go on from later with :meth:`restore_state`.
+
+        It holds what was done since the world was built: about 72 bytes for each change of the
+        set-point.
+        """
+        return SimulationState(
+            self.scene.sha256, self._world.save_state(), self._start, self._steps, self._command
+        )
+
+    def restore_state(self, state: SimulationState) -> None:
+        """Go on from a saved state with the bits of a simulation that was not interrupted.
+
+        The world is built anew and does again what led to the state, so this takes as long as
+        simulating that did.
+
+        Raises:
+            SimulationError: the state is of another scene or drive.
+        """
+        if state.scene_sha256 != self.scene.sha256:
+            raise SimulationError(
+                f"restore_state: the state is of scene {state.scene_sha256[:12]}, this is scene "
+                f"{self.scene.sha256[:12]}; restore it in a simulation of its own study"
+            )
+        try:
+            self._world.restore_state(state.world)
+        except _native.InvalidInput as error:
+            raise SimulationError(f"restore_state: {error}") from error
+        self._start, self._steps, self._command = state.start, state.steps, state.command
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        del self._world
 
     def step(
         self,
@@ -202,7 +270,7 @@ class Simulation:
         return state
 
     def settle(self, settling: Settling | None = None) -> float:
-        """Hold the pedestal until the rock rests; returns the time it took [s].
+        """Hold the pedestal until the rock rests, as a trial does; returns the time it took [s].
 
         Raises:
             SimulationError: no rock, or not at rest within `settling.timeout`.
@@ -210,22 +278,10 @@ class Simulation:
         rule = settling or Settling()
         if not self.has_rock:
             raise SimulationError("settle: there is no rock; spawn one first")
-        hold, (transverse, vertical, pitch) = self.pedestal[0], self.excursion
-        excursion = (transverse, vertical, 0.0 if self.scene.pitches else pitch)
-        needed = max(1, round(rule.window / self.time_step))
-        quiet = 0
-        for i in range(round(rule.timeout / self.time_step)):
-            self._world.step(hold, 0.0, *excursion)
-            self._steps += 1
-            _, _, velocity, angular_velocity = self._world.rock
-            relative = velocity - np.array([self._world.pedestal[1], 0.0, 0.0])
-            slow = (
-                np.linalg.norm(relative) < rule.linear_speed
-                and np.linalg.norm(angular_velocity) < rule.angular_speed
-            )
-            quiet = quiet + 1 if slow else 0
-            if quiet >= needed:
-                return (i + 1) * self.time_step
+        steps, rests = self._world.settle(**rule.model_dump())
+        self._steps += steps
+        if rests:
+            return steps * self.time_step
         raise SimulationError(
             f"settle: the rock did not come to rest within {rule.timeout:g} s; raise "
             "settling.timeout or the rest speeds, or start it nearer to equilibrium"
@@ -292,7 +348,7 @@ class Simulation:
         return list(self._world.contacts())
 
 
-def drive_name(study: Study) -> DriveName:
+def drive_name(study: Study) -> str:
     """How the study's motion drives the pedestal (supplement S1.3)."""
     if study.motion.drive == "prescribed":
         return "prescribed"

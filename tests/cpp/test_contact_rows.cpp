@@ -1,0 +1,59 @@
+#include <gtest/gtest.h>
+
+#include "contact_rows.hpp"
+
+namespace vsr2 {
+namespace {
+
+using Vector7 = Eigen::Matrix<double, 7, 1>;
+
+Vector7 flat(const VelocityChange<double>& v) {
+  Vector7 out;
+  out << Eigen::Vector3d(v.angular), Eigen::Vector3d(v.linear), v.joint;
+  return out;
+}
+
+// A row's sparse operations against the dense Jacobian of its direction: k = J M^-1 J^T + c,
+// speed = J v / k, apply = M^-1 J^T, and the joint where the row feels it.
+template <typename Row>
+void expect_dense(Row row, const Eigen::Vector3d& lever, const Eigen::Vector3d& direction,
+                  double softness, const JointResponse& joint) {
+  Eigen::Matrix3d K;
+  K << 0.3, 0.02, -0.05, 0.02, 0.4, 0.01, -0.05, 0.01, 0.2;
+  const RockResponse rock{1.0 / 350, K};
+  row.fill(rock, lever, direction.sum(), joint, 0.7, softness);
+  Vector7 J;
+  J << lever, direction, joint.jacobian;
+  Vector7 response;
+  response << K * lever, rock.inverse_mass * direction, joint.response;
+  const double k = J.dot(response) + softness;
+  EXPECT_NEAR(row.inverse_mass, k, 1e-14);
+  VelocityChange<double> v{{0.1, -0.2, 0.3}, {0.4, 0.5, -0.6}, 0.8};
+  EXPECT_NEAR(row.template speed<Joint::pitch>(v), J.dot(flat(v)) / k, 1e-12);
+  EXPECT_NEAR(row.template speed<Joint::none>(v), (J.head<6>().dot(flat(v).head<6>())) / k, 1e-12);
+  // Met in full, the demand leaves the speed that was wanted, softness aside.
+  VelocityChange<double> u;
+  row.template apply<Joint::pitch>(row.template demanded<Joint::pitch>(0.0, u), u);
+  EXPECT_LT((flat(u) - 0.7 / k * response).norm(), 1e-14);
+  EXPECT_NEAR(J.dot(flat(u)), 0.7 * (1 - softness / k), 1e-12);
+}
+
+TEST(ContactRows, AreTheirDenseJacobians) {
+  const Eigen::Vector3d r(0.2, -0.1, -0.45);
+  const JointResponse joint{0.3, 0.004};
+  for (const double softness : {0.0, 0.002})
+    expect_dense(NormalRow{}, r.cross(Eigen::Vector3d::UnitZ()), Eigen::Vector3d::UnitZ(), softness, joint);
+  expect_dense(SpinningRow{}, Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero(), 0.0, joint);
+  expect_dense(Lateral1Row{}, r.cross(-Eigen::Vector3d::UnitY()), -Eigen::Vector3d::UnitY(), 0.0, joint);
+  expect_dense(Lateral2Row{}, r.cross(Eigen::Vector3d::UnitX()), Eigen::Vector3d::UnitX(), 0.0, joint);
+}
+
+TEST(ContactRows, OnlyTheRowAlongXFeelsAMotor) {
+  EXPECT_TRUE(Lateral2Row::feels(Joint::motor));
+  EXPECT_FALSE(NormalRow::feels(Joint::motor) || SpinningRow::feels(Joint::motor) ||
+               Lateral1Row::feels(Joint::motor));
+  EXPECT_FALSE(Lateral2Row::feels(Joint::none));
+}
+
+}  // namespace
+}  // namespace vsr2
