@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2 import _native
 from vsr2.config.study import (
     BoxRock,
     Contact,
