@@ -279,9 +279,9 @@ TEST(PedestalMotion, TrialsAreRelativeToThePedestal) {
     return out;
   };
   TrialSpec spec = testing::trial_of(scene, standing(0.15), *ramp(0.2), kSpatial);
-  spec.transverse = ramp(-0.3);
-  spec.vertical = ramp(-0.4);
-  spec.pitch = ramp(0.15);
+  spec.transverse = Samples(ramp(-0.3));
+  spec.vertical = Samples(ramp(-0.4));
+  spec.pitch = Samples(ramp(0.15));
   spec.log_every = 10;
   std::atomic<bool> cancel{false};
   const TrialResult result = run_trial(spec, cancel);
