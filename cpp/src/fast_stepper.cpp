@@ -71,7 +71,7 @@ FastModel::FastModel(const Scene& scene) {
   if (const FastRefusal refusal = fast_refusal(scene); refusal != FastRefusal::none)
     throw InvalidInput("the fast engine does not apply: " + describe(refusal),
                        InputFault::engine_domain);
-  const EngineSettings& engine = scene.engine();
+  engine = scene.engine();
   const RockSpec& rock = scene.rock();
   const Scene::Shapes& shapes = scene.shapes();
   is_box = std::holds_alternative<BoxPart>(only_part(rock.parts));
@@ -127,17 +127,7 @@ FastModel::FastModel(const Scene& scene) {
   mass = rock.mass;
   inertia = scene.rock_inertia();
   inverse_inertia = inertia.cwiseInverse();
-  gravity = engine.gravity;
-  linear_damping = engine.linear_damping;
-  angular_damping = engine.angular_damping;
-  const ContactPair pair = combine(rock.material, scene.pedestal().material);
-  lateral_friction = pair.lateral_friction;
-  spinning_friction = pair.spinning_friction;
-  restitution = pair.restitution;
-  stiffness = pair.stiffness;
-  damping = pair.damping;
-  restitution_threshold = engine.restitution_velocity_threshold;
-  iterations = engine.solver_iterations;
+  pair = combine(rock.material, scene.pedestal().material);
 }
 
 FastStepper::FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold)
@@ -413,10 +403,10 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
   {
     const Vector3d w_B = R.transpose() * w;
     const Vector3d turn = -m.inverse_inertia.cwiseProduct(w_B.cross(m.inertia.cwiseProduct(w_B))) -
-                          w_B * (m.angular_damping + m.angular_damping * w_B.norm());
+                          w_B * (m.engine.angular_damping + m.engine.angular_damping * w_B.norm());
     w = bounded_velocity(Vector3d(w + dt * (R * turn)));
-    const Vector3d drag = v * (m.linear_damping + m.linear_damping * v.norm());
-    v = bounded_velocity(Vector3d(v + dt * (Vector3d(0, 0, -m.gravity) - drag)));
+    const Vector3d drag = v * (m.engine.linear_damping + m.engine.linear_damping * v.norm());
+    v = bounded_velocity(Vector3d(v + dt * (Vector3d(0, 0, -m.engine.gravity) - drag)));
   }
 
   motor.velocity_change = 0.0;
@@ -436,14 +426,14 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       support_w = R_PW * support.w_WP;
     }
     const double denominator =
-        std::max(dt * m.stiffness + m.damping, std::numeric_limits<double>::epsilon());
+        std::max(dt * m.pair.stiffness + m.pair.damping, std::numeric_limits<double>::epsilon());
     const double cfm = 1.0 / denominator / dt;
-    const double erp = dt * m.stiffness / denominator;
+    const double erp = dt * m.pair.stiffness / denominator;
     const RockResponse rock{1.0 / m.mass,
                             R * m.inverse_inertia.asDiagonal() * R.transpose()};
     ContactProblem problem;
     problem.count = count_;
-    problem.spinning_friction = m.spinning_friction;
+    problem.spinning_friction = m.pair.spinning_friction;
     problem.motor = {motor.inverse_mass, motor.target_velocity - support_v.x(),
                      motor.maximum_impulse};
     Vector3d pitch_P = Vector3d::Zero();
@@ -458,7 +448,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
       const Contact& c = contacts_[i];
       ContactRows& rows = problem.rows[i];
-      rows.friction = m.lateral_friction * friction_scale[i];
+      rows.friction = m.pair.lateral_friction * friction_scale[i];
       const Vector3d& r = c.r_P;
       const Vector3d rock_speed = v_P + w_P.cross(r);
       Vector3d support_speed = support_v;
@@ -470,8 +460,8 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       const Vector3d yield = motor.pitch_response * lever;
       const double approach = slip.z();
       double wanted = -approach;
-      if (std::fabs(approach) >= m.restitution_threshold)
-        wanted = std::max(0.0, m.restitution * -approach) - approach;
+      if (std::fabs(approach) >= m.engine.restitution_velocity_threshold)
+        wanted = std::max(0.0, m.pair.restitution * -approach) - approach;
       const double distance = c.distance + kLinearSlop;
       wanted += distance > 0 ? -distance / dt : -distance * erp / dt;
       rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()}, wanted, cfm);
@@ -484,7 +474,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
                           -slip.x());
     }
 
-    iterations_ = solve(problem, m.iterations, residual_threshold_);
+    iterations_ = solve(problem, m.engine.solver_iterations, residual_threshold_);
     Vector3d dw(problem.change.angular);
     Vector3d dv(problem.change.linear);
     if (!support.level) {

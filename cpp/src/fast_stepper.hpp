@@ -11,6 +11,7 @@
 #include <memory>
 
 #include "hull_scan.hpp"
+#include "vsr2/contact_model.hpp"
 #include "vsr2/scene.hpp"
 #include "vsr2/world.hpp"
 
@@ -49,16 +50,8 @@ struct FastModel {
   double mass = 0.0;
   Eigen::Vector3d inverse_inertia = Eigen::Vector3d::Zero();
   Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
-  double gravity = 0.0;
-  double linear_damping = 0.0;
-  double angular_damping = 0.0;
-  double lateral_friction = 0.0;
-  double spinning_friction = 0.0;
-  double restitution = 0.0;
-  double stiffness = 0.0;
-  double damping = 0.0;
-  double restitution_threshold = 0.0;
-  int iterations = 0;
+  EngineSettings engine;
+  ContactPair pair;
 };
 
 /// Rigid motion of the support at the start of a step.

@@ -10,7 +10,6 @@
 #include "drive_law.hpp"
 #include "exact_solver.hpp"
 #include "fast_stepper.hpp"
-#include "vsr2/contact_model.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -28,7 +27,6 @@ class FastWorldOnBullet final : public FastWorld {
     const EngineSettings& engine = scene_->engine();
     if (scene_->pedestal().pitch_spring)
       joint_.emplace(*scene_, engine.time_step / engine.substeps);
-    pair_ = combine(scene_->rock().material, scene_->pedestal().material);
     touches_.reserve(4);
     const Pose& X_LP = stepper_.model().X_LP;
     p_LP_ = X_LP.position;
@@ -143,11 +141,11 @@ class FastWorldOnBullet final : public FastWorld {
           .direction_1 = -last_turn_.col(1),
           .direction_2 = sign * last_turn_.col(0),
           .lateral_friction =
-              pair_.lateral_friction * stepper_.friction_scale[static_cast<std::size_t>(i)],
-          .restitution = pair_.restitution,
-          .spinning_friction = pair_.spinning_friction,
-          .stiffness = pair_.stiffness,
-          .damping = pair_.damping,
+              stepper_.model().pair.lateral_friction * stepper_.friction_scale[static_cast<std::size_t>(i)],
+          .restitution = stepper_.model().pair.restitution,
+          .spinning_friction = stepper_.model().pair.spinning_friction,
+          .stiffness = stepper_.model().pair.stiffness,
+          .damping = stepper_.model().pair.damping,
       });
     }
   }
@@ -312,7 +310,6 @@ class FastWorldOnBullet final : public FastWorld {
   std::shared_ptr<const Scene> scene_;
   Drive drive_;
   FastStepper stepper_;
-  ContactPair pair_;
   PedestalState pedestal_;
   Eigen::Vector3d last_rock_ = Eigen::Vector3d::Zero();
   Eigen::Vector3d last_support_ = Eigen::Vector3d::Zero();

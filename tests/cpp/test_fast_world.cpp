@@ -427,7 +427,7 @@ double energy(const FastModel& model, const RockState& rock) {
   const Eigen::Vector3d w_B = rock.q_WB.conjugate() * rock.w_WB;
   return 0.5 * model.mass * rock.v_WB.squaredNorm() +
          0.5 * w_B.dot(model.inertia.cwiseProduct(w_B)) +
-         model.mass * model.gravity * rock.p_WB.z();
+         model.mass * model.engine.gravity * rock.p_WB.z();
 }
 
 // On a pedestal at rest the rock only loses energy. What may come back is the work of the contacts
@@ -446,7 +446,7 @@ TEST(FastWorld, CreatesNoEnergy) {
     for (int i = 0; i < 5000; ++i) {
       fast->step({});
       const double now = energy(model, fast->rock());
-      ASSERT_LT(now, least + model.mass * model.gravity * 5e-5)
+      ASSERT_LT(now, least + model.mass * model.engine.gravity * 5e-5)
           << test::name(kind) << " step " << i;
       least = std::min(least, now);
     }
@@ -593,7 +593,7 @@ TEST(FastStepper, JumpsToWhereTheSweepsLead) {
         for (int k = 0; k < jumps.contact_count(); ++k) {
           const FastStepper::Contact& c = jumps.contact(k);
           slides |= c.normal_impulse > 0 && std::hypot(c.lateral_impulse_1, c.lateral_impulse_2) >
-                                                0.999 * model->lateral_friction * c.normal_impulse;
+                                                0.999 * model->pair.lateral_friction * c.normal_impulse;
         }
         sliding += slides;
         apart += !slides && difference > 1e-12;
