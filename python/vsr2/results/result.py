@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 STATE_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.state_columns())
-"""Columns of `TrialLog.state`; their units: `_native.state_columns()`. The orientation is of the body
-frame B."""
+"""Columns of `TrialLog.state`; their units: `_native.state_columns()`. The orientation is of the
+body frame B."""
 
 CONTACT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.contact_columns())
 """Columns of `TrialLog.contacts`; their units: `_native.contact_columns()`.
