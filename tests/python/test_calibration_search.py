@@ -19,6 +19,7 @@ from vsr2.calibration import (
     profiles,
     sequential_search,
 )
+from vsr2.calibration.calibration_study import Joint, Sequential, at_share, share_of, within
 from vsr2.calibration.scores import metrics_of, objective_of, objective_replicates
 from vsr2.calibration.search import (
     best_step,
@@ -26,7 +27,6 @@ from vsr2.calibration.search import (
     profile_values,
     spread_points,
 )
-from vsr2.calibration.settings import Joint, Sequential, at_share, share_of, within
 from vsr2.campaign import motion_resamples
 from vsr2.campaign.folds import grouped_folds
 from vsr2.config.extended import Plain

@@ -14,6 +14,13 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
 from vsr2.analysis.baseline import BaselineScore
+from vsr2.calibration.calibration_study import (
+    CalibrationSettings,
+    CalibrationStudy,
+    Joint,
+    campaign_folder,
+    start_values,
+)
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
 from vsr2.calibration.scores import as_predictions, metrics_of, objective_of
@@ -25,13 +32,6 @@ from vsr2.calibration.search import (
     joint_search,
     profile_values,
     sequential_search,
-)
-from vsr2.calibration.settings import (
-    CalibrationSettings,
-    CalibrationStudy,
-    Joint,
-    campaign_folder,
-    start_values,
 )
 from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resamples

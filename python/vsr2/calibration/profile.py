@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.calibration.calibration_study import Parameter, at_share, share_of
 from vsr2.calibration.scores import objective_of, objective_replicates
-from vsr2.calibration.settings import Parameter, at_share, share_of
 from vsr2.calibration.store import Evaluation
 from vsr2.config.extended import Plain
 

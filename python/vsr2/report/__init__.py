@@ -1,7 +1,7 @@
 """Figures and tables for people."""
 
+from vsr2.report.batch_figures import representative_trials, write_figures
 from vsr2.report.figures import overturning_diagram, time_histories, tracking_figure
-from vsr2.report.files import representative_trials, write_figures
 from vsr2.report.text import printable, summary_table, trial_table
 
 __all__ = [

@@ -23,7 +23,7 @@ from vsr2.results import (
     logged_trials,
     rotate,
 )
-from vsr2.results.files import MODEL_FOLDER
+from vsr2.results.result_folder import MODEL_FOLDER
 from vsr2.scene import Triangles, build_pedestal, build_rock
 from vsr2.scene.shapes import pedestal_surface
 

@@ -27,10 +27,10 @@ import numpy as np
 from vsr2.analysis import Classification
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
+from vsr2.calibration.calibration_study import CalibrationStudy, study_values
 from vsr2.calibration.evaluation import RUNNING
 from vsr2.calibration.scores import metrics_of, objective_of
 from vsr2.calibration.search import Step
-from vsr2.calibration.settings import CalibrationStudy, study_values
 from vsr2.calibration.store import EVALUATIONS_FILE, Evaluation
 from vsr2.config import dump_study
 from vsr2.errors import ResultError
