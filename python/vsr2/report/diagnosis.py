@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
-import re
 from collections.abc import Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
 from vsr2.diagnosis import Diagnosis
-from vsr2.diagnosis.verdict.result import PAGE_FILE, PAGE_TITLE
+from vsr2.diagnosis.verdict.result import PAGE_FILE, PAGE_TITLE, finite
 from vsr2.diagnosis.verdict.rules import NO_GAP
 from vsr2.report.diagnosis_figures import (
     bars_figure,
@@ -20,33 +19,11 @@ from vsr2.report.diagnosis_figures import (
     posterior_figure,
     reliability_figure,
 )
+from vsr2.report.pages import listed, render
+from vsr2.report.panels import svg
 from vsr2.results.atomic import write_atomic
 
 _LEVEL = 0.05
-
-_FIGURES = """
-:root{color-scheme:light;--ink:#1c2430;--soft:#5b6675;--line:#dde2e8;--a:#1f6f8b;--b:#c8553d}
-svg text{font:12px system-ui,sans-serif;fill:var(--ink)}
-svg .tick{fill:var(--soft);font-size:11px}svg .label{fill:var(--soft)}.grid{stroke:#edf0f3}
-"""
-_STYLE = """
-*{box-sizing:border-box}body{margin:0;font:16px/1.55 system-ui,sans-serif;color:var(--ink);
-background:#f6f7f9}main{max-width:1120px;margin:0 auto;padding:1.2rem}
-h1{font-size:1.15rem;color:var(--soft);font-weight:600;margin:.3rem 0}
-h2{font-size:1.15rem;margin:.1rem 0 .5rem}
-section,.verdict{background:#fff;border:1px solid var(--line);border-radius:10px;
-padding:1rem 1.2rem;margin:0 0 1rem}
-.verdict p.big{font-size:1.5rem;line-height:1.3;font-weight:650;margin:.2rem 0 .6rem}
-.two{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,430px),1fr));gap:0 1rem}
-svg{width:100%;height:auto;display:block}
-p.note{color:var(--soft);font-size:.92rem;margin:.4rem 0 0}.wide{overflow-x:auto}
-table{border-collapse:collapse;width:100%;font-size:.93rem}th,td{text-align:left;padding:.3rem .6rem
-.3rem 0;border-bottom:1px solid var(--line);vertical-align:top}th{color:var(--soft);font-weight:600}
-td.n{font-variant-numeric:tabular-nums;white-space:nowrap}li{margin:.15rem 0}
-.key span{display:inline-block;margin-right:1.1rem}.key i{display:inline-block;width:.8em;
-height:.8em;border-radius:50%;margin-right:.35em}details pre{white-space:pre-wrap;font-size:.8rem;
-overflow-wrap:anywhere}
-"""
 
 
 def verdict_sentence(content: Mapping[str, Any]) -> str:
@@ -75,11 +52,11 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
             }
             does = "cannot tell them apart" if len(groups) == 1 else "does not decide between them"
             said = (
-                f"Of the effects in the library, {_listed(names)} explains the gap ({chance} "
+                f"Of the effects in the library, {listed(names)} explains the gap ({chance} "
                 f"together; this campaign {does})"
             )
         case "pair":
-            said = f"{_listed(names, 'and').capitalize()} together explain the gap ({chance})"
+            said = f"{listed(names, 'and').capitalize()} together explain the gap ({chance})"
         case "unknown":
             return (
                 f"There is a gap; no effect of the library explains it ({chance}), and no pair of "
@@ -112,7 +89,7 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
 def _candidates(names: Sequence[str]) -> str:
     """The first four, and how many more."""
     if len(names) <= 4:
-        return _listed(names, "and")
+        return listed(names, "and")
     return f"{', '.join(names[:4])} and {len(names) - 4} more"
 
 
@@ -147,13 +124,6 @@ def _parameter(name: str, found: Mapping[str, Any]) -> str:
     return f"{name} {found['mode']:.3g}, {found['mean']:.3g} [{low:.3g}, {high:.3g}]{unit}"
 
 
-def figure_file(figure: str) -> str:
-    """A figure of the page as a file of its own: an SVG image with the page's style."""
-    opening = '<svg xmlns="http://www.w3.org/2000/svg" '
-    whole = re.sub(r"<title>.*?</title>", "", figure).replace("<svg ", opening, 1)
-    return whole.replace(">", f"><style>{_FIGURES}</style>", 1) + "\n"
-
-
 def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
     """Write the page into a folder.
 
@@ -168,80 +138,38 @@ def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
 
 def diagnosis_page(found: Diagnosis) -> str:
     """One HTML page that needs no other file and no network."""
+    from markupsafe import Markup
+
     content = found.content
-    title = f"{PAGE_TITLE} {content['campaign']['name']}"
-    campaign = content["campaign"]
-    sessions = f"{campaign['sessions']} session{'' if campaign['sessions'] == 1 else 's'}"
-    body = [
-        f"<h1>{escape(title)}: {campaign['trials']} trials of {campaign['motions']} motions in "
-        f"{sessions}, tier {campaign['tier']}</h1>",
-        _verdict(content),
-        '<div class="two">',
-        _card(
-            "Which effect",
-            posterior_figure(content),
-            "Probability of each hypothesis. Effects of one colour cannot be told apart by this "
-            "campaign; hollow bars lie outside the 90 % set.",
-        ),
-        _card(
-            "How far the gap shrinks",
-            bars_figure(content),
-            "Mean loss a trial on motions that neither fit nor choice saw, with 95 % intervals "
-            "over motions. The placebo is the best effect of a wrong class; recalibration bends "
-            "the probabilities without any physics. " + _closure_note(content),
-        ),
-        _card(
-            "Where: the conditions",
-            map_figure(found.trials),
-            "One mark a trial. Filled: overturned, ring: stood. Red: the model without effects was "
-            "surprised (loss more than 0.3 nat above the floor), grey: it was not; the larger, the "
-            "more.",
-        ),
-        _card(
-            "Where: the order of execution",
-            order_figure(found.trials),
-            "Observed minus predicted outcome of each uncertain trial, and the mean of each "
-            "session. A trend or a step speaks for wear or a change of the set-up.",
-        ),
-        _card(
-            "Where: channels and phases",
-            channels_figure(content),
-            "Mean residual over all trials of each number that the tier knows, against the model "
-            "without effects. Filled: significant once all places are accounted for. "
-            + _channels_note(content),
-        ),
-        _card(
-            "Predicted against observed",
-            reliability_figure(found.trials),
-            "Share overturned among trials with similar predictions, before and after; on the "
-            "diagonal the prediction is right.",
-        ),
-        _next(content),
-        "</div>",
-        _where_table(content["where"]),
-        _effects_table(content["effects"]),
-        _noise_floor(content["gap"]["layers"]),
-        _limits(content["limits"]),
-        _provenance(content),
-    ]
-    return (
-        '<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
-        f'content="width=device-width,initial-scale=1"><title>{escape(title)}</title><style>'
-        f"{_FIGURES}{_STYLE}</style></head><body><main>{''.join(body)}</main></body></html>\n"
+    figures = {
+        "posterior": (posterior_figure(content), "probability of each hypothesis"),
+        "bars": (bars_figure(content), "mean loss"),
+        "map": (map_figure(found.trials), "gap over conditions"),
+        "order": (order_figure(found.trials), "residuals over the order of execution"),
+        "channels": (channels_figure(content), "gap over channels and phases"),
+        "reliability": (reliability_figure(found.trials), "predicted against observed"),
+    }
+    layers = content["gap"]["layers"]
+    return render(
+        "diagnosis.html",
+        {"interval": _interval, "parameter": lambda found, name: _parameter(name, found)},
+        **{
+            **content,
+            "title": f"{PAGE_TITLE} {content['campaign']['name']}",
+            "sentence": verdict_sentence(content),
+            "reasons": content["verdict"]["reasons"],
+            "drawings": {name: Markup(svg(*figure)) for name, figure in figures.items()},
+            "closure_note": _closure_note(content),
+            "channels_note": _channels_note(content),
+            "found": [row for row in content["where"] if row["p_familywise"] <= _LEVEL],
+            "noise_floor": [
+                f"{words}: {layers[name]:.1%}"
+                for name, words in _LAYERS.items()
+                if layers.get(name) is not None
+            ],
+            "provenance": json.dumps(finite(dict(content["provenance"])), indent=1),
+        },
     )
-
-
-def _verdict(content: Mapping[str, Any]) -> str:
-    reasons = "".join(f"<li>{escape(text)}</li>" for text in content["verdict"]["reasons"])
-    names = ", ".join(content["conformal_set_90"])
-    return (
-        f'<div class="verdict"><p class="big">{escape(verdict_sentence(content))}</p>'
-        f'<ul>{reasons}</ul><p class="note">90 % set: {escape(names)}.</p></div>'
-    )
-
-
-def _card(title: str, figure: str, note: str) -> str:
-    return f'<section><h2>{escape(title)}</h2>{figure}<p class="note">{escape(note)}</p></section>'
 
 
 def _closure_note(content: Mapping[str, Any]) -> str:
@@ -281,96 +209,6 @@ def _channels_note(content: Mapping[str, Any]) -> str:
     return unseen.get(content["campaign"]["tier"], "") + table
 
 
-def _next(content: Mapping[str, Any]) -> str:
-    measure = content["next_measurement"]
-    found = [row for row in content["where"] if row["p_familywise"] <= _LEVEL]
-    if not measure and found:
-        text = f"<p>What stands out: {escape(found[0]['place'].replace('_', ' '))}.</p>"
-    elif not measure:
-        text = "<p>Nothing: there is no gap to explain.</p>"
-    else:
-        text = f"<p>{escape(measure['what'][:1].upper() + measure['what'][1:])}.</p>"
-        if measure.get("trial") and measure["splits"]:
-            repeats = measure.get("repeats")
-            often = (
-                "no number of repeats"
-                if repeats is None
-                else f"about {repeats} repeat{'' if repeats == 1 else 's'}"
-            )
-            text += (
-                f'<p class="note">Without new instruments: repeat trial {escape(measure["trial"])}'
-                f", where {escape(_listed(measure['splits'], 'and'))} differ most; {often} would "
-                "separate them.</p>"
-            )
-        text += _others(measure)
-    return f"<section><h2>What to measure next</h2>{text}</section>"
-
-
-def _others(measure: Mapping[str, Any]) -> str:
-    """What separates the leader from the further members of a class."""
-    rows = "".join(
-        f"<tr><td>{escape(row['name'].replace('_', ' '))}</td><td>{escape(row['what'])}</td>"
-        f"<td>{escape(row['trial'])}</td>"
-        f"<td>{'no number' if row['repeats'] is None else row['repeats']}</td></tr>"
-        for row in measure.get("others", ())
-    )
-    if not rows:
-        return ""
-    leader = escape(measure["splits"][0].replace("_", " "))
-    return (
-        f"<div class='wide'><table><thead><tr><th>{leader} or</th><th>measure</th>"
-        f"<th>or repeat trial</th><th>times</th></tr></thead><tbody>{rows}</tbody></table></div>"
-    )
-
-
-def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    shown = [row for row in rows if row["p_familywise"] <= _LEVEL] or list(rows[:5])
-    found = any(row["p_familywise"] <= _LEVEL for row in rows)
-    lead = (
-        "Places whose residuals are larger than chance, noise and nuisances allow, corrected for "
-        "all places that were looked at."
-        if found
-        else "No place stands out once all places that were looked at are accounted for; the five "
-        "largest are:"
-    )
-    body = "".join(
-        f"<tr><td>{escape(row['place'])}</td><td>{escape(row['axis'])}</td>"
-        f"<td>{escape(row['channel'])}, {escape(row['phase'])}</td>"
-        f'<td class="n">{row["effect_size"]:+.2f}</td><td class="n">{row["p_familywise"]:.3f}</td>'
-        "</tr>"
-        for row in shown
-    )
-    return (
-        f"<section><h2>Where: places, phases and channels</h2><p>{lead}</p>"
-        "<div class='wide'><table><tr><th>place</th><th>axis</th>"
-        "<th>channel, phase</th>"
-        "<th>effect size (above 0: more than predicted)</th>"
-        f"<th>family-wise p</th></tr>{body}</table></div></section>"
-    )
-
-
-def _effects_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    body = ""
-    for row in rows:
-        values = "<br>".join(escape(_parameter(name, p)) for name, p in row["parameters"].items())
-        body += (
-            f"<tr><td>{escape(row['name'])}</td><td class='n'>{row['probability']:.3f}</td>"
-            f"<td>{escape(row['class'])}</td><td class='n'>{values}</td>"
-            f"<td class='n'>{_interval(row['closure'])}</td></tr>"
-        )
-    return (
-        "<section><h2>All effects</h2><div class='wide'><table><tr><th>effect</th>"
-        "<th>probability</th><th>class of</th>"
-        "<th>parameters if it is the cause: most probable, mean [95 %]</th>"
-        f"<th>closure</th></tr>{body}</table></div></section>"
-    )
-
-
-def _limits(texts: Sequence[str]) -> str:
-    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
-    return f"<section><h2>What these data cannot support</h2><ul>{items}</ul></section>"
-
-
 _LAYERS = {
     "numerical": "starts moved by 1e-6 to 1e-4 m and rad",
     "time_step": "half the time step",
@@ -379,36 +217,6 @@ _LAYERS = {
     "nuisance": "fresh geometry, contact and the like",
     "physical": "repeats in the campaign",
 }
-
-
-def _noise_floor(layers: Mapping[str, Any]) -> str:
-    known = [
-        f"<li>{escape(words)}: {layers[name]:.1%}</li>"
-        for name, words in _LAYERS.items()
-        if layers.get(name) is not None
-    ]
-    return (
-        "<section><h2>Noise floor</h2><p>Share of uncertain trials' outcomes that change although "
-        f"nothing of substance does, with:</p><ul>{''.join(known)}</ul></section>"
-    )
-
-
-def _provenance(content: Mapping[str, Any]) -> str:
-    import json
-
-    from vsr2.diagnosis.verdict.result import finite
-
-    text = json.dumps(finite(dict(content["provenance"])), indent=1)
-    return (
-        "<section><details><summary>Provenance</summary>"
-        f"<pre>{escape(text)}</pre></details></section>"
-    )
-
-
-def _listed(names: Sequence[str], last: str = "or") -> str:
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def _interval(estimate: Mapping[str, Any]) -> str:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import io
+import re
 import warnings
 from collections.abc import Callable, Mapping
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+from urllib.parse import quote, unquote
 
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DOTS_PER_INCH = 200
 REPORT = "report.md"
+_SVG_METADATA = ("Creator", "Date", "Format", "Type")
+"""Left out of drawings: the time among them would change their bytes."""
 
 
 def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
@@ -43,6 +50,36 @@ def scale_axis(panel: Axes, which: Literal["x", "y"] | str) -> None:
         axis.set_major_locator(LogLocator(subs=subs))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
+
+
+def tooltip(artist: Artist, text: str) -> None:
+    """Text that a browser shows where the pointer rests on a mark of :func:`svg`."""
+    # In the drawing's code, where any text is no more than letters.
+    artist.set_gid(f"tooltip-{quote(text)}")
+
+
+def svg(figure: Figure, meaning: str) -> str:
+    """A figure as an `svg` element for a page, or a file; the same bytes for the same figure.
+
+    Args:
+        figure: what to draw; letters stay letters, in the sans-serif font of the page.
+        meaning: read by screen readers in place of the figure.
+    """
+    import matplotlib
+
+    file = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "vsr2", "svg.fonttype": "none"}):
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(_SVG_METADATA))
+    text = file.getvalue()
+    text = text[text.index("<svg ") :]
+    # Without a size of its own it is as wide as its column.
+    text = re.sub(r' (?:width|height)="[\d.]+pt"', "", text, count=2)
+    text = re.sub(
+        r'<g id="tooltip-(.*?)">', lambda m: f"<g><title>{escape(unquote(m[1]))}</title>", text
+    )
+    # Names of groups would stand twice in a page of several figures.
+    text = text.replace("<svg ", f'<svg role="img" aria-label="{escape(meaning)}" ', 1)
+    return re.sub(r'<g id="[^"]*"', "<g", text)
 
 
 def save_figure(figure: Figure, stem: Path) -> list[Path]:
