@@ -15,7 +15,7 @@ from vsr2.calibration.calibration_study import (
     load_calibration,
 )
 from vsr2.calibration.evaluation import CalibrationInterrupted, Evaluator, usable_trials
-from vsr2.calibration.profile import Profile, profiles
+from vsr2.calibration.profile import Identifiability, Profile, profiles
 from vsr2.calibration.search import Step, joint_search, sequential_search
 from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.calibration.tables import prepare_calibration_folder, save_calibration
@@ -29,6 +29,7 @@ __all__ = [
     "EvaluationStore",
     "Evaluator",
     "Fold",
+    "Identifiability",
     "Parameter",
     "Profile",
     "Screen",

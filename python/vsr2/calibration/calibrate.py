@@ -99,7 +99,7 @@ class CalibrationResult:
         in_sample: prediction of each trial with the best values (1, 0, NaN), shape (trials,).
         scores: of the calibrated simulator in sample and out of fold, then of the baselines.
         screen: None: every set was run on all trials.
-        notes: what could not be done, for people.
+        no_baselines: why the campaign gives no baselines; empty: it does.
         profiles: of each parameter.
         provenance: versions, hashes, seeds, wall time (JSON-serialisable).
     """
@@ -119,7 +119,7 @@ class CalibrationResult:
     scores: tuple[BaselineScore, ...]
     profiles: tuple[Profile, ...]
     screen: Screen | None = None
-    notes: tuple[str, ...] = ()
+    no_baselines: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -282,7 +282,7 @@ def calibrate(
         chosen = {"out of fold": out_of_fold} | chosen
     if best is not searched:
         chosen["in sample, best of all sets"] = in_sample
-    scores, notes = _compare(campaign, settings, seed, chosen)
+    scores, no_baselines = _compare(campaign, settings, seed, chosen)
     screen = None
     if screened:
         # A fold that chose the same values checks nothing anew.
@@ -329,7 +329,7 @@ def calibrate(
                 cells=_cells(settings),
             )
         ),
-        notes=tuple(notes),
+        no_baselines=no_baselines,
         provenance=provenance,
     )
 
@@ -406,8 +406,8 @@ def _compare(
     settings: CalibrationSettings,
     seed: int,
     chosen: Mapping[str, Array],
-) -> tuple[list[BaselineScore], list[str]]:
-    """The simulator's scores by how it was fitted, then the baselines' on the same folds."""
+) -> tuple[list[BaselineScore], str]:
+    """The simulator's scores by how it was fitted, then the baselines' or why there are none."""
     observed = campaign.overturned == 1
 
     def score(fitted: str, predicted: Array) -> BaselineScore:
@@ -430,6 +430,6 @@ def _compare(
         return [
             *found,
             *baseline_scores(campaign, folds=folds, seed=seed, replicates=settings.replicates),
-        ], []
+        ], ""
     except (CampaignError, ResultError) as error:
-        return found, [f"no baselines: {error}"]
+        return found, str(error)

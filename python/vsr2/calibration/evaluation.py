@@ -28,8 +28,6 @@ from vsr2.scene.placement import start_pose
 from vsr2.simulation import Trial, apply_effects, make_scene, run_batch
 from vsr2.simulation.trial import plan_sha256
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which a trial's outcome is known."""
 MAX_SAMPLES_HELD = 100_000_000
 """Samples of motions kept between evaluations: 2.4 GB."""
 RUNNING = "running"
@@ -294,5 +292,5 @@ class Evaluator:
         result = run_batch(trials, threads=self._threads, keep_logs=False, checkpoint=checkpoint)
         if result.provenance["interrupted"]:
             raise CalibrationInterrupted
-        judged = np.isin(result["status"], JUDGED) & (result["outcome"] != "failed")
-        return np.where(judged, (result["outcome"] == "overturned").astype(np.float64), np.nan)
+        overturned = (result["outcome"] == "overturned").astype(np.float64)
+        return np.where(result.judged, overturned, np.nan)

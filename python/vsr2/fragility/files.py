@@ -135,7 +135,7 @@ def lognormal_rows(result: FragilityResult) -> list[dict[str, Any]]:
             "overturned": fit.overturned,
             "motions": fit.groups,
             "separated": int(fit.separated),
-            "note": fit.note,
+            "note": fit.note or "",
         }
         rows.append(row)
     return rows

@@ -20,9 +20,6 @@ from vsr2.simulation import Trial, apply_effects, run_batch
 
 Array = NDArray[np.float64]
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which a trial's outcome is known."""
-
 
 @dataclass(frozen=True, eq=False)
 class FragilityResult:
@@ -139,7 +136,7 @@ def fragility_result(
     """
     settings = study.own.fragility
     measures = _measures(motions)
-    used = np.isin(batch["status"], JUDGED) & (batch["outcome"] != "failed")
+    used = batch.judged
     for name in settings.measures:
         used &= measures[name] > 0
     if not used.any():

@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsr2.analysis.bootstrap import SCORES
-from vsr2.calibration.calibrate import CalibrationResult, Screen
+from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import Parameter
-from vsr2.calibration.profile import Profile
+from vsr2.calibration.profile import Identifiability, Profile
 from vsr2.calibration.tables import best_of_sweeps
 from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
+from vsr2.report.messages import compatible_values
+from vsr2.report.pages import render
 from vsr2.report.panels import scale_axis, sheet, write_page
 from vsr2.report.text import markdown_table, printable
 
@@ -243,65 +245,27 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
 
 def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
     """The report as Markdown."""
-    settings, seen = result.settings, result.provenance
-    method = settings.method
-    lines = [
-        f"# Calibration against {printable(result.campaign.name)}",
-        "",
-        f"{len(result.campaign)} trials of {len(set(result.campaign.motion_ids))} ground motions, "
-        f"{int(result.observed.sum())} overturned. Method: {method.kind}, "
-        f"{seen.get('evaluations', 0)} parameter sets evaluated "
-        f"({seen.get('seconds_of_simulation', 0.0):.3g} s of simulation), seed "
-        f"{seen.get('seed', 0)}.",
-        "",
-        "## How well it predicts",
-        "",
-        _score_table(result),
-        "",
-    ]
-    if result.folds:
-        lines.append(
-            f"Optimism (objective in sample minus out of fold): {result.optimism:+.3f}. Out of "
-            "fold, every trial is predicted with values chosen without any trial of its ground "
-            "motion; judge by that line. The lines in sample are too good, the more so the more "
-            "sets were tried. Intervals are 95 %, from a bootstrap over motions, for "
-            "the predictions as they are."
-        )
-    else:
-        lines.append(
-            "The simulator's scores are in sample: the values were chosen on the trials that they "
-            "are judged on, so the scores are too good. Set `folds` to see by how much."
-        )
-    failed = int(np.isnan(result.in_sample).sum())
-    if failed:
-        lines.append(f"{failed} trials have no outcome with the best set; they count as wrong.")
-    lines += [f"Note: {printable(note)}" for note in result.notes]
-    if settings.judged_with:
-        told = ", ".join(f"`{key}: {value}`" for key, value in settings.judged_with.items())
-        lines += ["", f"The chosen sets are judged with {told}; the search ran without."]
-    if result.screen is not None:
-        lines += ["", _screen_text(result, result.screen)]
-    lines += ["", "## Values", "", _value_table(result), ""]
-    lines += _identifiability(result)
-    if result.settings.method.kind == "sequential":
-        lines += ["", "## Best of each sweep", "", _sweep_table(result), ""]
-        lines.append("`table.csv` holds every step in the columns of the supplement's Table S2.")
-    if result.folds:
-        lines += ["", "## Folds", "", _fold_table(result)]
-    lines += ["", "## Figures", ""]
-    for name, text in figures.items():
-        lines += [f"![{text}]({name})", ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _screen_text(result: CalibrationResult, screen: Screen) -> str:
-    method = result.settings.method
-    count = int(screen.certain.sum())
-    return (
-        f"Screened: {count} of {len(result.campaign)} trials ended alike in the first "
-        f"{getattr(method, 'screen', 0)} sets, and were taken to do so in the others. The chosen "
-        f"sets were run on all trials: {screen.wrong} of {screen.checked} assumptions that this "
-        "checked were wrong. Scores above assume nothing; profiles and the search do."
+    sequential = result.settings.method.kind == "sequential"
+    verdicts = {profile.name: profile.verdict for profile in result.profiles}
+    return render(
+        "calibration.md",
+        {"printable": printable},
+        campaign=result.campaign,
+        motions=len(set(result.campaign.motion_ids)),
+        overturned=int(result.observed.sum()),
+        settings=result.settings,
+        seen=result.provenance,
+        scores=_score_table(result),
+        optimism=result.optimism,
+        failed=int(np.isnan(result.in_sample).sum()),
+        no_baselines=result.no_baselines,
+        screen=result.screen,
+        values=_value_table(result),
+        untried=any(cell.sets == 0 for profile in result.profiles for cell in profile.cells),
+        not_identified=[n for n, v in verdicts.items() if v is Identifiability.NOT_IDENTIFIED],
+        sweeps=_sweep_table(result) if sequential else "",
+        folds=_fold_table(result) if result.folds else "",
+        figures=figures,
     )
 
 
@@ -330,7 +294,7 @@ def _value_table(result: CalibrationResult) -> str:
             profile.name + (f" [{parameter.unit}]" if parameter.unit else ""),
             ", ".join(f"`{key}`" for key in parameter.keys),
             _short(profile.best),
-            profile.compatible,
+            compatible_values(profile),
             profile.verdict,
         ]
         if result.folds:
@@ -345,23 +309,6 @@ def _spread(values: Sequence[Plain]) -> str:
         return f"{numbers[0]:g} to {numbers[-1]:g}"
     counts = {value: list(values).count(value) for value in values}
     return ", ".join(f"{value} ({n})" for value, n in counts.items())
-
-
-def _identifiability(result: CalibrationResult) -> list[str]:
-    untold = [p.name for p in result.profiles if p.verdict == "not identified"]
-    lines = [
-        "A value is compatible where the best set of its part of the range is not worse than the "
-        "best of all beyond the noise of the motions. Values of parameters that are not identified "
-        "are arbitrary within their range: other values predict as well."
-    ]
-    if any(cell.sets == 0 for profile in result.profiles for cell in profile.cells):
-        lines.append(
-            "Of parts of a range that no set has tried nothing is known: neither that they are "
-            "compatible nor that they are not."
-        )
-    if untold:
-        lines.append(f"Not identified by this campaign: {', '.join(untold)}.")
-    return lines
 
 
 def _sweep_table(result: CalibrationResult) -> str:

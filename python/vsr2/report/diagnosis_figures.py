@@ -63,7 +63,7 @@ def posterior_figure(content: Mapping[str, Any]) -> Figure:
     panel.invert_yaxis()
     panel.set_xlim(0.0, 1.0)
     panel.set_xlabel("probability [1]")
-    _legend(figure, {"in the 90 % set": {"facecolor": GREY}, "outside it": {"facecolor": "none"}})
+    _legend(figure, {"in the 90 % set": (GREY, GREY), "outside it": ("none", GREY)})
     return figure
 
 
@@ -169,13 +169,7 @@ def channels_figure(content: Mapping[str, Any]) -> Figure:
     reach = 1.15 * max([0.25, *(abs(row["effect_size"]) for row in rows)])
     panel.set_xlim(-reach, reach)
     panel.set_xlabel("mean residual [standard deviations]")
-    _legend(
-        figure,
-        {
-            "significant": {"facecolor": RED, "edgecolor": RED},
-            "not significant": {"facecolor": "none"},
-        },
-    )
+    _legend(figure, {"significant": (RED, RED), "not significant": ("none", GREY)})
     return figure
 
 
@@ -212,11 +206,12 @@ def _panel(size: tuple[float, float] = _SIZE) -> tuple[Figure, Axes]:
 
 
 def _legend(
-    figure: Figure, patches: Mapping[str, Mapping[str, str]] | None = None, columns: int = 3
+    figure: Figure, patches: Mapping[str, tuple[str, str]] | None = None, columns: int = 3
 ) -> None:
-    """Below the panel, of what is labelled in it or of `patches`, colours by label."""
+    """Below the panel, of what is labelled in it or of `patches`: face and edge by label."""
     from matplotlib.patches import Patch
 
-    own = [Patch(**{"edgecolor": GREY, **c}, label=label) for label, c in (patches or {}).items()]
-    handles = own or figure.axes[0].get_legend_handles_labels()[0]
+    handles = figure.axes[0].get_legend_handles_labels()[0]
+    for label, (face, edge) in (patches or {}).items():
+        handles.append(Patch(facecolor=face, edgecolor=edge, label=label))
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
+from vsr2.report.messages import fit_caveats, fit_note
+from vsr2.report.pages import render
 from vsr2.report.panels import scale_axis, sheet, write_page
 from vsr2.report.text import markdown_table
 
@@ -140,7 +142,7 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
 
 def _curve_title(fit: FragilityFit) -> str:
     if fit.lognormal is None:
-        return fit.note
+        return fit_note(fit)
     found = fit.lognormal
     unit = MEASURE_LABELS[fit.names[0]].rpartition("[")[2].rstrip("]")
     text = f"median {found.median:.3g} {unit} ({found.median_lower:.3g} to "
@@ -290,100 +292,37 @@ def _upper_limit(middle: Array, high: Array) -> float:
     return float(1.1 * min(high.max(), 3.0 * middle.max()))
 
 
-def lognormal_text(result: FragilityResult) -> str:
-    """One line a curve: median, beta and what to know of them."""
-    lines = []
-    for name, fit in result.curves.items():
-        head = f"{name}: {fit.trials} trials of {fit.groups} motions, {fit.overturned} overturned"
-        if fit.lognormal is None:
-            lines.append(f"{head}; {fit.note}")
-            continue
-        found = fit.lognormal
-        lines.append(
-            f"{head}; median {found.median:.4g} [{found.median_lower:.4g}, "
-            f"{found.median_upper:.4g}], beta {found.beta:.3g} [{found.beta_lower:.3g}, "
-            f"{found.beta_upper:.3g}]" + _caveats(fit)
-        )
-    return "\n".join(lines)
-
-
-def _caveats(fit: FragilityFit) -> str:
-    words = []
-    if fit.separated:
-        words.append("outcomes separated without error: the steepness is the prior's")
-    if fit.lognormal is not None and not fit.lognormal.fits:
-        words.append("curved: a lognormal does not fit")
-    if fit.note:
-        words.append(fit.note)
-    return "; " + "; ".join(words) if words else ""
-
-
 def fragility_page(result: FragilityResult, figures: dict[str, str]) -> str:
     """The report as Markdown."""
-    settings = result.settings
-    jitter = settings.jitter
-    left_out = int((~result.used).sum())
-    azimuths = list(dict.fromkeys(result.azimuth.tolist()))
-    lines = [
-        "# Fragility",
-        "",
-        f"{len(result.planned)} trials: {len(set(result.motion.tolist()))} ground motions, "
-        f"{len(azimuths)} azimuth{'s' * (len(azimuths) > 1)}, {settings.replicates} "
-        f"replicate{'s' * (settings.replicates > 1)}; "
-        f"{int(result.overturned[result.used].sum())} overturned."
-        + (f" {left_out} have no outcome and are left out." if left_out else ""),
-        "",
-        f"Start perturbed (standard deviations): yaw {jitter.yaw:g} deg, offset {jitter.offset:g} "
-        f"m, tilt {jitter.tilt:g} deg; seed {_seed(result)}.",
-        "",
-        "## Lognormal curves",
-        "",
-        _curve_table(result),
-        "",
-        f"Bands and intervals are {100 * settings.level:g} %, from the wider of the model's "
-        "standard error and the one clustered by ground motion; a weak prior keeps separated "
-        "outcomes finite (`docs/how-to/fragility.md`). They hold for ground motions like these, "
-        "and for the simulator as it is: its own error is not in them.",
-        "",
-    ]
-    if result.surface is not None and result.surface.note:
-        lines += [f"Surface: {result.surface.note}.", ""]
-    lines += ["## Figures", ""]
-    for name, text in figures.items():
-        lines += [f"![{text}]({name})", ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _seed(result: FragilityResult) -> Any:
     study = result.provenance.get("study") or {}
-    return study.get("seed", "unknown")
+    return render(
+        "fragility.md",
+        {"counted": lambda count, name: f"{count} {name}{'s' * (count > 1)}"},
+        settings=result.settings,
+        trials=len(result.planned),
+        motions=len(set(result.motion.tolist())),
+        azimuths=len(set(result.azimuth.tolist())),
+        overturned=int(result.overturned[result.used].sum()),
+        left_out=int((~result.used).sum()),
+        seed=study.get("seed", "unknown"),
+        curves=_curve_table(result),
+        surface_note=fit_note(result.surface) if result.surface is not None else "",
+        figures=figures,
+    )
 
 
 def _curve_table(result: FragilityResult) -> str:
-    header = ["measure", "azimuth [deg]", "trials", "overturned", "median", "beta", "note"]
     rows = []
-    for name, fit in result.curves.items():
-        curves = [("all", fit)]
-        curves += [
-            (f"{turn:g}", one)
-            for (other, turn), one in result.azimuth_curves.items()
-            if other == name
-        ]
-        for azimuth, one in curves:
-            found = one.lognormal
+    for name, pooled in result.curves.items():
+        turned = {
+            f"{t:g}": fit for (other, t), fit in result.azimuth_curves.items() if other == name
+        }
+        for azimuth, fit in {"all": pooled, **turned}.items():
             median = beta = "-"
-            if found is not None:
+            if (found := fit.lognormal) is not None:
                 median = f"{found.median:.3g} [{found.median_lower:.3g}, {found.median_upper:.3g}]"
                 beta = f"{found.beta:.2g} [{found.beta_lower:.2g}, {found.beta_upper:.2g}]"
-            rows.append(
-                [
-                    MEASURE_LABELS[name],
-                    azimuth,
-                    str(one.trials),
-                    str(one.overturned),
-                    median,
-                    beta,
-                    _caveats(one).removeprefix("; "),
-                ]
-            )
+            counts = (str(fit.trials), str(fit.overturned))
+            rows.append([MEASURE_LABELS[name], azimuth, *counts, median, beta, fit_caveats(fit)])
+    header = ["measure", "azimuth [deg]", "trials", "overturned", "median", "beta", "note"]
     return markdown_table(header, rows)

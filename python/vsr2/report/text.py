@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report.messages import STATUS_MEANING
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10
 """Failures that `summary_table` shows one by one."""
-
-_STATUS_MEANING = {
-    "ok": "finished",
-    "settling_timeout": "not at rest before the motion; no outcome",
-    "tail_timeout": "not at rest in the end; the outcome is of the last state",
-    "diverged": "the state became infinite or NaN; no outcome",
-    "error": "see the message; no outcome",
-    "cancelled": "stopped while it ran; no outcome",
-    "not_run": "not started; no outcome",
-}
 
 
 def printable(text: object) -> str:
@@ -36,23 +27,21 @@ def summary_table(result: BatchResult) -> str:
     """Counts of outcomes, statuses and engines, failures with their messages, timing."""
     count = len(result)
     lines = [f"{count} trial{'' if count == 1 else 's'}", "", "outcome"]
-    lines += _counts(result["outcome"], OUTCOMES, count, lambda outcome: "")
+    lines += _counts(result["outcome"], OUTCOMES, count, dict.fromkeys(OUTCOMES, ""))
     lines += ["", "status"]
-    lines += _counts(result["status"], STATUSES, count, lambda s: _STATUS_MEANING.get(s, ""))
+    lines += _counts(result["status"], STATUSES, count, STATUS_MEANING)
     lines += _engines(result)
     lines += _failures(result)
     lines += _timing(result)
     return "\n".join(lines)
 
 
-def _counts(
-    values: Any, order: Sequence[str], count: int, meaning: Callable[[str], str]
-) -> list[str]:
+def _counts(values: Any, order: Sequence[str], count: int, meaning: Mapping[Any, str]) -> list[str]:
     lines = []
     for name in order:
         number = int(np.count_nonzero(values == name))
         if number:
-            line = f"  {name:<17}{number:>7}  {100 * number / count:5.1f} %  {meaning(name)}"
+            line = f"  {name:<17}{number:>7}  {100 * number / count:5.1f} %  {meaning[name]}"
             lines.append(line.rstrip())
     return lines or ["  none"]
 

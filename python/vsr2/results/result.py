@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,19 +66,34 @@ CONTACT_COLUMNS = (
 pedestal to the rock, a negative distance is penetration, impulses are over one solver step."""
 
 
-STATUSES = (
-    "ok",
-    "settling_timeout",
-    "tail_timeout",
-    "diverged",
-    "error",
-    "cancelled",
-    "not_run",
-)
-"""How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
+class Status(StrEnum):
+    """How a trial ended; `report.messages` has the sentences."""
 
-OUTCOMES = ("stable", "rocked", "slid", "rotated", "overturned", "failed")
-"""What the rock did, the gravest that applies; `failed`: there is no outcome, see the status."""
+    OK = "ok"
+    SETTLING_TIMEOUT = "settling_timeout"
+    TAIL_TIMEOUT = "tail_timeout"
+    DIVERGED = "diverged"
+    ERROR = "error"
+    CANCELLED = "cancelled"
+    NOT_RUN = "not_run"
+
+
+class Outcome(StrEnum):
+    """What the rock did, the gravest that applies; FAILED: there is no outcome, see the status."""
+
+    STABLE = "stable"
+    ROCKED = "rocked"
+    SLID = "slid"
+    ROTATED = "rotated"
+    OVERTURNED = "overturned"
+    FAILED = "failed"
+
+
+STATUSES = tuple(Status)
+OUTCOMES = tuple(Outcome)
+JUDGED = (Status.OK, Status.TAIL_TIMEOUT)
+"""Statuses of trials that have an outcome other than FAILED."""
+UNFINISHED = (Status.CANCELLED, Status.NOT_RUN)
 
 TEXT_COLUMNS = ("name", "motion", "motion_sha256", "status", "outcome", "engine", "message")
 """Columns of `BatchResult.trials` that hold text."""
@@ -296,8 +312,8 @@ TRIAL_COLUMNS: dict[str, str] = {
     "motion": "name of the motion",
     "motion_sha256": "hash of what was driven",
     "seed": "seed of the trial's perturbation",
-    "status": "ok, settling_timeout, tail_timeout, diverged, error, cancelled, not_run",
-    "outcome": "stable, rocked, slid, rotated, overturned, failed",
+    "status": ", ".join(STATUSES),
+    "outcome": ", ".join(OUTCOMES),
     "pga": "of the driven motion [m/s^2]",
     "pgv": "of the driven motion [m/s]",
     "pgv_pga": "of the driven motion [s]",
@@ -358,6 +374,17 @@ class BatchResult:
         if column not in self.trials:
             raise ResultError(f"no column {column!r}; known: {', '.join(TRIAL_COLUMNS)}")
         return self.trials[column]
+
+    @property
+    def judged(self) -> NDArray[np.bool_]:
+        """Which trials have an outcome, shape (trials,)."""
+        found: NDArray[np.bool_] = self["outcome"] != Outcome.FAILED
+        return found & np.isin(self["status"], JUDGED)
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """Which trials ran to an end, that of a failure included, shape (trials,)."""
+        return ~np.isin(self["status"], UNFINISHED)
 
     def log(self, trial: int) -> TrialLog:
         """The log of one trial.
