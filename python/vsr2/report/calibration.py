@@ -22,7 +22,7 @@ from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages import compatible_values
 from vsr2.report.pages import render
-from vsr2.report.panels import scale_axis, sheet, write_page
+from vsr2.report.panels import scale_axis, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table, printable
 
 if TYPE_CHECKING:
@@ -233,9 +233,8 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     failed = known & np.isnan(predicted)
     if failed.any():
         panel.scatter(x[failed], y[failed], s=30, marker="x", color=GREY, label="failed")
-    for axis, values in (("x", x[known]), ("y", y[known])):
-        if values.max() > 5 * values.min():
-            scale_axis(panel, axis)
+    scale_where_wide(panel, "x", x[known])
+    scale_where_wide(panel, "y", y[known])
     panel.set_xlabel("PGV/PGA [s]")
     panel.set_ylabel("PGA [g]")
     panel.set_title("out of fold" if result.folds else "in sample", fontsize="small")

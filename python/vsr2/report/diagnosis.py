@@ -21,7 +21,7 @@ from vsr2.report.diagnosis_figures import (
 )
 from vsr2.report.pages import listed, render
 from vsr2.report.panels import svg
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import write_text
 
 _LEVEL = 0.05
 
@@ -131,8 +131,7 @@ def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
         ResultError: it cannot be written.
     """
     path = Path(folder) / PAGE_FILE
-    data = diagnosis_page(found).encode()
-    write_atomic(path, lambda file: file.write(data))
+    write_text(path, diagnosis_page(found))
     return path
 
 

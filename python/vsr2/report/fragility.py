@@ -16,11 +16,10 @@ from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
 from vsr2.report.messages import fit_caveats, fit_note
 from vsr2.report.pages import render
-from vsr2.report.panels import scale_axis, sheet, write_page
+from vsr2.report.panels import scale_axis, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MAX_PANELS = 12
@@ -72,8 +71,8 @@ def overturning_figure(result: FragilityResult) -> Figure:
             x, y, c=share, s=size, cmap=SHADES, vmin=0, vmax=1,
             edgecolor=BLACK, linewidth=0.3, zorder=3,
         )  # fmt: skip
-        _log_where_wide(panel, "x", x)
-        _log_where_wide(panel, "y", y)
+        scale_where_wide(panel, "x", x)
+        scale_where_wide(panel, "y", y)
         if len(azimuths) > 1:
             panel.set_title(f"azimuth {azimuth:g} deg", fontsize="small")
     for panel in axes.flat[len(azimuths) :]:
@@ -95,11 +94,6 @@ def _shares(result: FragilityResult, chosen: NDArray[np.bool_]) -> tuple[Array, 
     count = np.bincount(member, minlength=len(places))
     hits = np.bincount(member, weights=result.overturned[chosen], minlength=len(places))
     return places[:, 0], places[:, 1], hits / count
-
-
-def _log_where_wide(panel: Axes, which: str, values: Array) -> None:
-    if values.size and values.max() > 8 * values.min():
-        scale_axis(panel, which)
 
 
 def curve_figure(result: FragilityResult, name: str) -> Figure:
@@ -130,7 +124,7 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
             values[overturned == hit], np.full(int((overturned == hit).sum()), y), "|",
             color=VERMILION if hit else GREY, markersize=4, markeredgewidth=0.5,
         )  # fmt: skip
-    _log_where_wide(panel, "x", x)
+    scale_where_wide(panel, "x", x)
     panel.set_ylim(-0.06, 1.06)
     panel.set_xlabel(MEASURE_LABELS[name])
     panel.set_ylabel("probability of overturning")

@@ -9,6 +9,7 @@ import numpy as np
 
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
+from vsr2.results.atomic import make_folder
 from vsr2.results.result_folder import MODEL_FOLDER
 from vsr2.scene import Triangles
 
@@ -30,10 +31,7 @@ def save_models(
         ResultError: a file cannot be written.
     """
     path = Path(folder) / MODEL_FOLDER
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{path}: cannot be created ({error.strerror or error})") from error
+    make_folder(path)
     for name, surface in ((ROCK_FILE, rock_surface), (PEDESTAL_FILE, pedestal_surface)):
         write_arrays(
             path / name,
