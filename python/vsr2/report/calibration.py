@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -65,7 +66,7 @@ def profile_figure(result: CalibrationResult) -> Figure:
     for panel, profile in zip(axes.flat, result.profiles, strict=False):
         _profile_panel(panel, profile, result.settings.parameters[profile.name], top)
     for row in axes:
-        row[0].set_ylabel("objective")
+        row[0].set_ylabel("objective [1]")
     for panel in axes.flat[count:]:
         panel.set_visible(False)
     first = axes.flat[0]
@@ -79,51 +80,40 @@ def profile_figure(result: CalibrationResult) -> Figure:
 def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: float) -> None:
     known = [cell for cell in profile.cells if cell.sets]
     listed = parameter.values is not None
-    place: dict[Plain, float] = {}
-    if listed:
-        assert parameter.values is not None
-        place = {value: float(i) for i, value in enumerate(parameter.values)}
-    sampled = [
-        (place[value] if listed else float(value), score)
-        for value, score in profile.sampled
-        if not listed or value in place
-    ]
+    # Listed values stand side by side, those of a range where they lie.
+    place = {value: float(i) for i, value in enumerate(parameter.values or ())}
+
+    def at(value: Plain) -> float:
+        return place[value] if listed else float(value)
+
+    half = 0.4 if listed else 0.0
+    sampled = [(at(v), score) for v, score in profile.sampled if not listed or v in place]
     panel.plot(
         *np.array(sampled).T.reshape(2, -1), ".", color=GREY, markersize=3, label="evaluated set"
     )
-    for kept in (True, False):
+    for kept, color, label in (
+        (True, BLUE, "cell, compatible"),
+        (False, VERMILION, "cell, worse beyond noise"),
+    ):
         cells = [cell for cell in known if cell.compatible == kept]
+        low, high = (np.array([at(end) for end in ends]) for ends in (
+            [cell.low for cell in cells], [cell.high for cell in cells],
+        ))  # fmt: skip
         # Drawn even where there are none, for the legend.
-        ends = [
-            (place[cell.low] - 0.4, place[cell.low] + 0.4)
-            if listed
-            else (float(cell.low), float(cell.high))
-            for cell in cells
-        ]
         panel.hlines(
-            [cell.objective for cell in cells],
-            [end[0] for end in ends],
-            [end[1] for end in ends],
-            color=BLUE if kept else VERMILION,
-            linewidth=2.5,
-            label="cell, compatible" if kept else "cell, worse beyond noise",
+            [cell.objective for cell in cells], low - half, high + half,
+            color=color, linewidth=2.5, label=label,
+        )  # fmt: skip
+        panel.vlines(
+            np.sqrt(low * high) if parameter.scale == "log" else 0.5 * (low + high),
+            [top - cell.deficit_high for cell in cells],
+            [min(top - cell.deficit_low, 1.0) for cell in cells],
+            color=color,
+            linewidth=0.9,
         )
-        for cell, end in zip(cells, ends, strict=True):
-            middle = math.sqrt(end[0] * end[1]) if parameter.scale == "log" else sum(end) / 2
-            panel.vlines(
-                middle,
-                top - cell.deficit_high,
-                min(top - cell.deficit_low, 1.0),
-                color=BLUE if kept else VERMILION,
-                linewidth=0.9,
-            )
     if not listed or profile.best in place:
         panel.axvline(
-            place[profile.best] if listed else float(profile.best),
-            color=BLACK,
-            linewidth=0.9,
-            linestyle="--",
-            label="calibrated",
+            at(profile.best), color=BLACK, linewidth=0.9, linestyle="--", label="calibrated"
         )
     if listed:
         panel.set_xticks(list(place.values()), [_short(value) for value in place], fontsize="small")
@@ -164,8 +154,8 @@ def search_figure(result: CalibrationResult) -> Figure:
     )
     panel.set_ylim(None, min(panel.get_ylim()[1], 1.02))
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-    panel.set_xlabel("step of the search on all trials")
-    panel.set_ylabel("objective in sample")
+    panel.set_xlabel("step of the search on all trials [number]")
+    panel.set_ylabel("objective in sample [1]")
     _legend_below(panel)
     if result.folds:
         panel = axes[0, 1]
@@ -182,8 +172,8 @@ def search_figure(result: CalibrationResult) -> Figure:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         low, high = panel.get_ylim()
         panel.set_ylim(low, min(high, 1.02))
-        panel.set_xlabel("fold")
-        panel.set_ylabel("objective")
+        panel.set_xlabel("fold [number]")
+        panel.set_ylabel("objective [1]")
         _legend_below(panel)
     return figure
 
@@ -271,71 +261,61 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
 def _score_table(result: CalibrationResult) -> str:
     header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
     rows = [
-        [
-            printable(one.name),
-            one.fitted,
-            str(one.metrics.trials),
-            *(str(one.intervals[name]) for name in SCORES),
-        ]
-        for one in result.scores
+        [printable(s.name), s.fitted, s.metrics.trials, *(s.intervals[name] for name in SCORES)]
+        for s in result.scores
     ]
     return markdown_table(header, rows)
 
 
 def _value_table(result: CalibrationResult) -> str:
-    header = ["parameter", "keys", "best", "compatible", "verdict"]
-    if result.folds:
-        header.insert(3, "in the folds")
     rows = []
     for profile in result.profiles:
         parameter = result.settings.parameters[profile.name]
-        row = [
-            profile.name + (f" [{parameter.unit}]" if parameter.unit else ""),
-            ", ".join(f"`{key}`" for key in parameter.keys),
-            _short(profile.best),
-            compatible_values(profile),
-            profile.verdict,
-        ]
-        if result.folds:
-            row.insert(3, _spread([one.values[profile.name] for one in result.folds]))
-        rows.append(row)
-    return markdown_table(header, rows)
+        found = [one.values[profile.name] for one in result.folds]
+        rows.append(
+            [
+                profile.name + (f" [{parameter.unit}]" if parameter.unit else ""),
+                ", ".join(f"`{key}`" for key in parameter.keys),
+                _short(profile.best),
+                *([_spread(found)] if found else []),
+                compatible_values(profile),
+                profile.verdict,
+            ]
+        )
+    folds = ["in the folds"] if result.folds else []
+    return markdown_table(["parameter", "keys", "best", *folds, "compatible", "verdict"], rows)
 
 
 def _spread(values: Sequence[Plain]) -> str:
     if all(isinstance(v, (int, float)) for v in values):
         numbers = sorted(float(v) for v in values)
         return f"{numbers[0]:g} to {numbers[-1]:g}"
-    counts = {value: list(values).count(value) for value in values}
-    return ", ".join(f"{value} ({n})" for value, n in counts.items())
+    return ", ".join(f"{value} ({count})" for value, count in Counter(values).items())
 
 
 def _sweep_table(result: CalibrationResult) -> str:
-    names = list(result.settings.parameters)
-    header = ["iteration", "group", *names, "objective"]
     rows = [
         [
-            str(step.iteration),
+            step.iteration,
             step.group,
-            *(_short(step.evaluation.values[name]) for name in names),
+            *(_short(step.evaluation.values[name]) for name in result.settings.parameters),
             f"{step.score:.3f}",
         ]
         for step in best_of_sweeps(result)
     ]
-    return markdown_table(header, rows)
+    return markdown_table(["iteration", "group", *result.settings.parameters, "objective"], rows)
 
 
 def _fold_table(result: CalibrationResult) -> str:
     names = list(result.settings.parameters)
-    header = ["fold", "trials", "training", "held out", *names]
     rows = [
         [
-            str(k),
-            str(int(one.held_out.sum())),
+            k,
+            one.held_out.sum(),
             f"{one.training:.3f}",
             f"{one.judged:.3f}",
             *(_short(one.values[name]) for name in names),
         ]
         for k, one in enumerate(result.folds)
     ]
-    return markdown_table(header, rows)
+    return markdown_table(["fold", "trials", "training", "held out", *names], rows)

@@ -16,7 +16,7 @@ from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
 from vsr2.report.messages import fit_caveats, fit_note
 from vsr2.report.pages import render
-from vsr2.report.panels import scale_axis, scale_where_wide, sheet, write_page
+from vsr2.report.panels import scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def overturning_figure(result: FragilityResult) -> Figure:
     for column in range(columns):
         axes[(len(azimuths) - 1 - column) // columns, column].set_xlabel("PGV/PGA [s]")
     if marks is not None:
-        figure.colorbar(marks, ax=axes.ravel().tolist(), label="share overturned", shrink=0.8)
+        figure.colorbar(marks, ax=axes.ravel().tolist(), label="share overturned [1]", shrink=0.8)
     return figure
 
 
@@ -123,14 +123,15 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
         panel.plot(
             values[overturned == hit], np.full(int((overturned == hit).sum()), y), "|",
             color=VERMILION if hit else GREY, markersize=4, markeredgewidth=0.5,
+            label="overturned" if hit else "stood",
         )  # fmt: skip
     scale_where_wide(panel, "x", x)
     panel.set_ylim(-0.06, 1.06)
     panel.set_xlabel(MEASURE_LABELS[name])
-    panel.set_ylabel("probability of overturning")
+    panel.set_ylabel("probability of overturning [1]")
     panel.set_title(_curve_title(fit), fontsize="small")
     # Below the panel: within it a legend would hide groups and their intervals.
-    figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+    figure.legend(loc="outside lower center", ncols=5, fontsize="x-small", frameon=False)
     return figure
 
 
@@ -155,6 +156,8 @@ def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array
         Geometric mean of the measure (g,), share (g,), and the ends of Wilson's 95 % interval
         (2, g).
     """
+    from scipy.stats import binomtest
+
     # Levels that differ by rounding alone are one.
     levels, member = np.unique(np.round(np.log(values), 6), return_inverse=True)
     if levels.size <= BINS:
@@ -163,15 +166,13 @@ def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array
         order = np.argsort(values, kind="stable")
         groups = np.array_split(order, min(BINS, max(1, values.size // 5)))
     middle = np.array([math.exp(float(np.log(values[group]).mean())) for group in groups])
-    count = np.array([group.size for group in groups], dtype=np.float64)
     share = np.array([overturned[group].mean() for group in groups])
-    z2 = 1.96**2
-    center = (share + z2 / (2 * count)) / (1 + z2 / count)
-    reach = (
-        np.sqrt(z2) / (1 + z2 / count) * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
-    )
-    ends = np.stack([np.minimum(center - reach, share), np.maximum(center + reach, share)])
-    return middle, share, ends
+    hits = [int(overturned[group].sum()) for group in groups]
+    ends = [
+        binomtest(hit, group.size).proportion_ci(method="wilson")
+        for hit, group in zip(hits, groups, strict=True)
+    ]
+    return middle, share, np.array(ends).T
 
 
 def surface_figure(result: FragilityResult) -> Figure:
@@ -198,11 +199,11 @@ def surface_figure(result: FragilityResult) -> Figure:
     figure, axes = sheet(1, 2, (8.6, 3.6))
     width = upper - lower
     for panel, values, label, most in (
-        (axes[0, 0], probability, "probability of overturning", 1.0),
+        (axes[0, 0], probability, "probability of overturning [1]", 1.0),
         (
             axes[0, 1],
             width,
-            f"width of the {100 * result.settings.level:g} % band",
+            f"width of the {100 * result.settings.level:g} % band [1]",
             max(0.1, math.ceil(10 * float(width.max())) / 10),
         ),
     ):
@@ -221,10 +222,9 @@ def surface_figure(result: FragilityResult) -> Figure:
             np.stack([result.measures[fit.names[k]][result.used] for k in (across, up)], axis=1),
             axis=0,
         )
-        panel.plot(*points.T, ".", color=BLACK, markersize=2, clip_on=False)
-        for which, k in (("x", across), ("y", up)):
-            if fit.high[k] > 8 * fit.low[k]:
-                scale_axis(panel, which)
+        panel.plot(*points.T, ".", color=BLACK, markersize=2, clip_on=False, label="ground motion")
+        scale_where_wide(panel, "x", points[:, 0])
+        scale_where_wide(panel, "y", points[:, 1])
         panel.set_xlabel(MEASURE_LABELS[fit.names[across]])
         panel.set_ylabel(MEASURE_LABELS[fit.names[up]])
     panel = axes[0, 0]
@@ -241,6 +241,12 @@ def surface_figure(result: FragilityResult) -> Figure:
             panel.contour(
                 x, y, end, levels=[0.5], colors=VERMILION, linewidths=0.8, linestyles="--"
             )
+    # Contours have no entry of their own in a legend.
+    panel.plot([], [], "--", color=VERMILION, linewidth=0.8, label="an end of the band is 0.5")
+    handles, labels = panel.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=2, fontsize="small", frameon=False
+    )
     return figure
 
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages import STATUS_MEANING
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
@@ -89,55 +88,7 @@ def _timing(result: BatchResult) -> list[str]:
     return lines
 
 
-def trial_table(result: BatchResult, limit: int = 20) -> str:
-    """One line a trial: intensity, outcome, peak tilt, final slip and turn.
-
-    Args:
-        result: what to show.
-        limit: trials shown, from the first; what is left out is said.
-    """
-    header = (
-        "trial", "name", "PGA [g]", "PGV/PGA [s]", "outcome", "status",
-        "peak tilt [deg]", "slip [mm]", "turn [deg]",
-    )  # fmt: skip
-    rows = [header]
-    for i in range(min(limit, len(result))):
-        rows.append(
-            (
-                str(result["trial"][i]),
-                _shortened(printable(result["name"][i])),
-                _number(result["pga"][i] / STANDARD_GRAVITY),
-                _number(result["pgv_pga"][i]),
-                str(result["outcome"][i]),
-                str(result["status"][i]),
-                _number(np.degrees(result["peak_tilt"][i])),
-                _number(1e3 * result["final_slip"][i]),
-                _number(np.degrees(result["final_yaw"][i])),
-            )
-        )
-    widths = [max(len(row[j]) for row in rows) for j in range(len(header))]
-    left = {1, 4, 5}
-    lines = [
-        "  ".join(
-            cell.ljust(width) if j in left else cell.rjust(width)
-            for j, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-    if len(result) > limit:
-        lines.append(f"and {len(result) - limit} more")
-    return "\n".join(lines)
-
-
-def _shortened(name: str, width: int = 32) -> str:
-    return name if len(name) <= width else name[: width - 3] + "..."
-
-
-def _number(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3g}"
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
