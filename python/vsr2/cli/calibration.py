@@ -60,7 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         save_calibration,
     )
     from vsr2.report.calibration import write_calibration_report
-    from vsr2.report.messages import compatible_values
+    from vsr2.report.run_messages import compatible_values
 
     study = load_calibration(options.study, overrides=options.set)
     folder = options.out or Path("out") / study.study.name

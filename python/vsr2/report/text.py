@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.report.messages import STATUS_MEANING
+from vsr2.report.run_messages import STATUS_MEANING
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10

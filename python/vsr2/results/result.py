@@ -67,7 +67,7 @@ pedestal to the rock, a negative distance is penetration, impulses are over one 
 
 
 class Status(StrEnum):
-    """How a trial ended; `report.messages` has the sentences."""
+    """How a trial ended; `report.run_messages` has the sentences."""
 
     OK = "ok"
     SETTLING_TIMEOUT = "settling_timeout"

@@ -1,4 +1,4 @@
-"""Sentences about results, each written once, from the values that results carry."""
+"""Sentences about the results of runs: batches, fragility, calibration; each written once."""
 
 from __future__ import annotations
 
