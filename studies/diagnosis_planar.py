@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planar.simulator import PlanarSimulator
+from planted import Judged, Rehearsal, shaken_campaign
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.evidence import Data, Table, log_likelihood, posterior, tabulate
-from vsr2.diagnosis.planted import Judged, Rehearsal, shaken_campaign
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, values_at
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.which.routes import Prepared
 
 CLASSES = (

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnosis_planar import write
 
+from diagnosis_planar import write
+from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
 from vsr2.diagnosis import diagnose
-from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 from vsr2.effects import library

@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from planar.library import PLANAR_LIBRARY
+from planar.simulator import PlanarSimulator
+from planted import Rehearsal, observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, save_campaign, simulate_campaign
 from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
@@ -27,9 +30,6 @@ from vsr2.diagnosis.likelihood.equivalence import (
 )
 from vsr2.diagnosis.likelihood.evidence import Data, posterior, predict
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import Rehearsal, observe, shaken_campaign
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.diagnosis.verdict.next_measurement import next_measurement

@@ -6,6 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from planar import PLANAR_LIBRARY, PlanarSimulator
+from planted import shaken_campaign
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.diagnose import _gap_low, diagnose_with
 from vsr2.diagnosis.floor import noise_floor
@@ -15,11 +17,9 @@ from vsr2.diagnosis.how_far.shrinkage import Shrinkage, found_pair, posterior_dr
 from vsr2.diagnosis.how_far.whole import Whole
 from vsr2.diagnosis.likelihood.evidence import PREDICTED, Posterior
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.bank import Bank
 from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.library import NONE
-from vsr2.diagnosis.simulated.planar import PLANAR_LIBRARY, PlanarSimulator
 from vsr2.diagnosis.simulated.simulator import Responses
 
 TRIALS = 12

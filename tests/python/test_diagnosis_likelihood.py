@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.likelihood import equivalence
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import evened, leading_class, taken_for_same
@@ -15,7 +16,6 @@ from vsr2.diagnosis.likelihood.linear_algebra import singular_values
 from vsr2.diagnosis.likelihood.pairs import pair_posterior
 from vsr2.diagnosis.simulated.design import Design
 from vsr2.diagnosis.simulated.library import basis
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.which.routes import _closed
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from planar.library import PLANAR_LIBRARY
+from planar.simulator import PlanarSimulator
+from planted import observe, shaken_campaign
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import observe, shaken_campaign
 from vsr2.diagnosis.simulated.bank import Bank
 from vsr2.diagnosis.simulated.design import screen
 from vsr2.diagnosis.simulated.library import (
@@ -21,8 +23,6 @@ from vsr2.diagnosis.simulated.library import (
     reaches,
     values_at,
 )
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.simulated.reach import OVERWHELMING, reaching
 from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
 from vsr2.effects import library as full_library

@@ -14,11 +14,11 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from planted import shaken_campaign
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
 from vsr2.diagnosis import diagnose, schema
-from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import library

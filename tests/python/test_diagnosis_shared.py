@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
+from planar.library import PLANAR_LIBRARY
+from planar.simulator import PlanarSimulator
+from planted import observe, shaken_campaign
 from vsr2.diagnosis import Budget, Shared, diagnose_with
 from vsr2.diagnosis import diagnose as api
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
-from vsr2.diagnosis.planted import observe, shaken_campaign
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.errors import DiagnosisError
 
 

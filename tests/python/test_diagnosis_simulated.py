@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from planar.library import PLANAR_LIBRARY
+from planted import shaken_campaign
 from vsr2.diagnosis.budget import MAX_DRAWS, Budget, Schedule
 from vsr2.diagnosis.diagnose import _settled
 from vsr2.diagnosis.how_far.anew import ANEW_RUNS
 from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.bank import Bank, own_code
 from vsr2.diagnosis.simulated.design import screen
 from vsr2.diagnosis.simulated.library import basis, free_parameters, null_quantile, values_at
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError

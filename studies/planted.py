@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planar.block import GRAVITY
+from planar.simulator import PlanarSimulator
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
 from vsr2.diagnosis.diagnose import conclude
 from vsr2.diagnosis.likelihood.evidence import Data
@@ -16,8 +18,6 @@ from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
 from vsr2.diagnosis.simulated.bank import Bank
 from vsr2.diagnosis.simulated.design import Design, Screening, screen, simulate_design
-from vsr2.diagnosis.simulated.planar.block import GRAVITY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.simulated.reach import reaching
 from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, Simulator
 from vsr2.diagnosis.verdict.result import Diagnosis
