@@ -109,7 +109,7 @@ class PlanarSimulator:
         return self._identity
 
     def trial_key(self, trial: int) -> str:
-        """Place of the trial; its motion is part of the identity."""
+        """Location of the trial; its motion is part of the identity."""
         return str(trial)
 
     @property

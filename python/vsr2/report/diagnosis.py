@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from vsr2.diagnosis import Diagnosis
-from vsr2.diagnosis.verdict.result import PAGE_FILE, PAGE_TITLE
-from vsr2.diagnosis.verdict.rules import NO_GAP
+from vsr2.diagnosis.verdict.document import PAGE_FILE, PAGE_TITLE
 from vsr2.report.diagnosis_figures import (
     bars_figure,
     channels_figure,
@@ -19,6 +18,18 @@ from vsr2.report.diagnosis_figures import (
     order_figure,
     posterior_figure,
     reliability_figure,
+)
+from vsr2.report.messages import (
+    channels_note,
+    closure_note,
+    instrument,
+    interval,
+    location,
+    next_measurement,
+    plain,
+    sentence,
+    verdict_sentence,
+    with_sentences,
 )
 from vsr2.results.atomic import write_atomic
 
@@ -49,73 +60,6 @@ overflow-wrap:anywhere}
 """
 
 
-def verdict_sentence(content: Mapping[str, Any]) -> str:
-    """The verdict in one sentence."""
-    verdict = content["verdict"]
-    names = [str(name).replace("_", " ") for name in verdict["effects"]]
-    chance = f"{verdict['probability']:.0%}" if verdict["probability"] < 0.995 else "over 99%"
-    match verdict["kind"]:
-        case "none":
-            found = [row for row in content["where"] if row["p_familywise"] <= _LEVEL]
-            if found:
-                return (
-                    "No gap beyond noise in the loss, but residuals stand out: "
-                    f"{found[0]['place'].replace('_', ' ')} (family-wise p "
-                    f"{found[0]['p_familywise']:.2g})."
-                )
-            return (
-                "No gap beyond noise: this campaign gives no reason to change the model, and does "
-                f"not exclude what is too weak to show (none: {chance})."
-            )
-        case "effect":
-            said = f"Of the effects in the library, {names[0]} explains the gap ({chance})"
-        case "class":
-            groups = {
-                row["class"] for row in content["effects"] if row["name"] in verdict["effects"]
-            }
-            does = "cannot tell them apart" if len(groups) == 1 else "does not decide between them"
-            said = (
-                f"Of the effects in the library, {_listed(names)} explains the gap ({chance} "
-                f"together; this campaign {does})"
-            )
-        case "pair":
-            said = f"{_listed(names, 'and').capitalize()} together explain the gap ({chance})"
-        case "unknown":
-            return (
-                f"There is a gap; no effect of the library explains it ({chance}), and no pair of "
-                "them was found that does."
-            )
-        case _:
-            if verdict["reasons"][0].startswith(NO_GAP):
-                said = "Whether there is a gap is not resolved"
-            elif content["gap"]["headline"]["ci95"] is None:
-                said = "There are signs of a gap, but its size is not told from zero"
-            else:
-                said = "There is a gap, but its cause is not resolved"
-            if not names:
-                return f"{said}."
-            outside = content["unknown"]["probability"]
-            if outside > 0.5:
-                return (
-                    f"{said}; most probable is a cause outside the library ({outside:.0%}), before "
-                    f"{_candidates(names)}."
-                )
-            are = "the leading candidate is" if len(names) == 1 else "candidates are"
-            return f"{said}; {are} {_candidates(names)}."
-    bounds = content["gap"]["headline"]["ci95"]
-    if bounds[0] <= 0 or content["gap"]["closure"]["ci95"][0] <= 0:
-        return f"{said}, but not surely better than a wrong effect or a plain rescaling does."
-    closed = content["gap"]["closure"]["value"]
-    return f"{said}: added, it closes {closed:.0%} of the gap on motions that it did not see."
-
-
-def _candidates(names: Sequence[str]) -> str:
-    """The first four, and how many more."""
-    if len(names) <= 4:
-        return _listed(names, "and")
-    return f"{', '.join(names[:4])} and {len(names) - 4} more"
-
-
 def format_diagnosis(found: Diagnosis) -> str:
     """The verdict, the gap and the leading effects, for a terminal."""
     content = found.content
@@ -124,19 +68,19 @@ def format_diagnosis(found: Diagnosis) -> str:
         f"{content['campaign']['name']}: {content['campaign']['trials']} trials, "
         f"tier {content['campaign']['tier']}",
         verdict_sentence(content),
-        f"loss a trial: before {_interval(gap['before'])}, after {_interval(gap['after'])}, "
-        f"floor {_interval(gap['floor'])}",
-        f"closure {_interval(gap['closure'])}, of a wrong effect "
-        f"{_interval(content['placebo']['closure'])}, headline {_interval(gap['headline'])}; "
-        f"simulated anew {_interval(gap['closure_anew'])}",
+        f"loss a trial: before {interval(gap['before'])}, after {interval(gap['after'])}, "
+        f"floor {interval(gap['floor'])}",
+        f"closure {interval(gap['closure'])}, of a wrong effect "
+        f"{interval(content['negative_control']['closure'])}, headline "
+        f"{interval(gap['headline'])}; re-simulated {interval(gap['closure_resimulated'])}",
     ]
     lines.append("probability, effect, its parameters: most probable, mean [95 %]")
     for row in content["effects"][:6]:
         values = ", ".join(_parameter(name, p) for name, p in row["parameters"].items())
         lines.append(f"  {row['probability']:5.2f}  {row['name']:<20} {values}")
     if content["next_measurement"]:
-        lines.append(f"next: {content['next_measurement']['what']}")
-    lines += [f"limit: {text}" for text in content["limits"]]
+        lines.append(f"next: {next_measurement(content['next_measurement'])}")
+    lines += [f"limit: {sentence(limit)}" for limit in content["limits"]]
     return "\n".join(lines)
 
 
@@ -154,12 +98,13 @@ def figure_file(figure: str) -> str:
     return whole.replace(">", f"><style>{_FIGURES}</style>", 1) + "\n"
 
 
-def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
-    """Write the page into a folder.
+def write_diagnosis(found: Diagnosis, folder: str | Path) -> Path:
+    """Write `diagnosis.json` with its sentences, the tables and the page; returns the page.
 
     Raises:
-        ResultError: it cannot be written.
+        ResultError: a file cannot be written.
     """
+    replace(found, content=with_sentences(found.content)).save(folder)
     path = Path(folder) / PAGE_FILE
     data = diagnosis_page(found).encode()
     write_atomic(path, lambda file: file.write(data))
@@ -187,8 +132,8 @@ def diagnosis_page(found: Diagnosis) -> str:
             "How far the gap shrinks",
             bars_figure(content),
             "Mean loss a trial on motions that neither fit nor choice saw, with 95 % intervals "
-            "over motions. The placebo is the best effect of a wrong class; recalibration bends "
-            "the probabilities without any physics. " + _closure_note(content),
+            "over motions. The negative control is the best effect of a wrong class; recalibration "
+            "rescales the probabilities without any physics. " + closure_note(content),
         ),
         _card(
             "Where: the conditions",
@@ -207,8 +152,8 @@ def diagnosis_page(found: Diagnosis) -> str:
             "Where: channels and phases",
             channels_figure(content),
             "Mean residual over all trials of each number that the tier knows, against the model "
-            "without effects. Filled: significant once all places are accounted for. "
-            + _channels_note(content),
+            "without effects. Filled: significant once all locations are accounted for. "
+            + channels_note(content),
         ),
         _card(
             "Predicted against observed",
@@ -221,7 +166,7 @@ def diagnosis_page(found: Diagnosis) -> str:
         _where_table(content["where"]),
         _effects_table(content["effects"]),
         _noise_floor(content["gap"]["layers"]),
-        _limits(content["limits"]),
+        _limits([sentence(limit) for limit in content["limits"]]),
         _provenance(content),
     ]
     return (
@@ -232,7 +177,9 @@ def diagnosis_page(found: Diagnosis) -> str:
 
 
 def _verdict(content: Mapping[str, Any]) -> str:
-    reasons = "".join(f"<li>{escape(text)}</li>" for text in content["verdict"]["reasons"])
+    reasons = "".join(
+        f"<li>{escape(sentence(reason))}</li>" for reason in content["verdict"]["reasons"]
+    )
     names = ", ".join(content["conformal_set_90"])
     return (
         f'<div class="verdict"><p class="big">{escape(verdict_sentence(content))}</p>'
@@ -244,63 +191,28 @@ def _card(title: str, figure: str, note: str) -> str:
     return f'<section><h2>{escape(title)}</h2>{figure}<p class="note">{escape(note)}</p></section>'
 
 
-def _closure_note(content: Mapping[str, Any]) -> str:
-    gap, placebo = content["gap"], content["placebo"]
-    size = f"The gap is {_interval(gap['excess'])} nat a trial over the floor. "
-    if gap["closure"]["value"] is None:
-        return size + "No closure is given, because the gap's interval touches the floor."
-    return (
-        f"{size}Closure {_interval(gap['closure'])}; placebo {_interval(placebo['closure'])} "
-        f"({str(placebo['effect']).replace('_', ' ')}); recalibration "
-        f"{_interval(placebo['recalibration'])}. Headline, closure minus the better of these, or "
-        f"0: {_interval(gap['headline'])}.{_anew(gap)}"
-    )
-
-
-def _anew(gap: Mapping[str, Any]) -> str:
-    if gap["closure_anew"]["value"] is None:
-        return ""
-    return (
-        " These are the emulator's; the uncertain trials simulated anew with what was chosen on "
-        f"other motions, judged by simulations alone: closure {_interval(gap['closure_anew'])}."
-    )
-
-
-def _channels_note(content: Mapping[str, Any]) -> str:
-    unseen = {
-        "B": "Outcomes alone tell nothing of phases; largest tilts and series would. ",
-        "M": "Series would tell uplift, impacts, decay and rest pose apart. ",
-    }
-    if any(row["channel"] == "table" for row in content["where"]):
-        table = "Record gain and phase: the table's acceleration against its displacement."
-    else:
-        table = (
-            "The table's motion was recorded once, so that it cannot be checked: its errors show "
-            "in the response alone."
-        )
-    return unseen.get(content["campaign"]["tier"], "") + table
-
-
 def _next(content: Mapping[str, Any]) -> str:
     measure = content["next_measurement"]
     found = [row for row in content["where"] if row["p_familywise"] <= _LEVEL]
     if not measure and found:
-        text = f"<p>What stands out: {escape(found[0]['place'].replace('_', ' '))}.</p>"
+        text = f"<p>What stands out: {escape(plain(location(found[0])))}.</p>"
     elif not measure:
         text = "<p>Nothing: there is no gap to explain.</p>"
     else:
-        text = f"<p>{escape(measure['what'][:1].upper() + measure['what'][1:])}.</p>"
-        if measure.get("trial") and measure["splits"]:
-            repeats = measure.get("repeats")
+        what = next_measurement(measure)
+        text = f"<p>{escape(what[:1].upper() + what[1:])}.</p>"
+        if measure["repetition"]:
+            repeats = measure["repetition"]["repeats"]
             often = (
                 "no number of repeats"
                 if repeats is None
                 else f"about {repeats} repeat{'' if repeats == 1 else 's'}"
             )
             text += (
-                f'<p class="note">Without new instruments: repeat trial {escape(measure["trial"])}'
-                f", where {escape(_listed(measure['splits'], 'and'))} differ most; {often} would "
-                "separate them.</p>"
+                '<p class="note">Without new instruments: repeat trial '
+                f"{escape(measure['repetition']['trial'])}, where "
+                f"{escape(' and '.join(measure['splits']))} differ most; {often} would separate "
+                "them.</p>"
             )
         text += _others(measure)
     return f"<section><h2>What to measure next</h2>{text}</section>"
@@ -309,14 +221,14 @@ def _next(content: Mapping[str, Any]) -> str:
 def _others(measure: Mapping[str, Any]) -> str:
     """What separates the leader from the further members of a class."""
     rows = "".join(
-        f"<tr><td>{escape(row['name'].replace('_', ' '))}</td><td>{escape(row['what'])}</td>"
-        f"<td>{escape(row['trial'])}</td>"
-        f"<td>{'no number' if row['repeats'] is None else row['repeats']}</td></tr>"
-        for row in measure.get("others", ())
+        f"<tr><td>{escape(plain(row['name']))}</td><td>{escape(instrument(row['instrument']))}</td>"
+        f"<td>{escape(row['repetition']['trial'])}</td>"
+        f"<td>{row['repetition']['repeats'] or 'no number'}</td></tr>"
+        for row in measure["others"]
     )
     if not rows:
         return ""
-    leader = escape(measure["splits"][0].replace("_", " "))
+    leader = escape(plain(measure["splits"][0]))
     return (
         f"<div class='wide'><table><thead><tr><th>{leader} or</th><th>measure</th>"
         f"<th>or repeat trial</th><th>times</th></tr></thead><tbody>{rows}</tbody></table></div>"
@@ -327,22 +239,22 @@ def _where_table(rows: Sequence[Mapping[str, Any]]) -> str:
     shown = [row for row in rows if row["p_familywise"] <= _LEVEL] or list(rows[:5])
     found = any(row["p_familywise"] <= _LEVEL for row in rows)
     lead = (
-        "Places whose residuals are larger than chance, noise and nuisances allow, corrected for "
-        "all places that were looked at."
+        "Locations whose residuals are larger than chance, noise and nuisances allow, corrected "
+        "for all locations that were looked at."
         if found
-        else "No place stands out once all places that were looked at are accounted for; the five "
+        else "No location stands out once all that were looked at are accounted for; the five "
         "largest are:"
     )
     body = "".join(
-        f"<tr><td>{escape(row['place'])}</td><td>{escape(row['axis'])}</td>"
+        f"<tr><td>{escape(location(row))}</td><td>{escape(row['axis'])}</td>"
         f"<td>{escape(row['channel'])}, {escape(row['phase'])}</td>"
         f'<td class="n">{row["effect_size"]:+.2f}</td><td class="n">{row["p_familywise"]:.3f}</td>'
         "</tr>"
         for row in shown
     )
     return (
-        f"<section><h2>Where: places, phases and channels</h2><p>{lead}</p>"
-        "<div class='wide'><table><tr><th>place</th><th>axis</th>"
+        f"<section><h2>Where: locations, phases and channels</h2><p>{lead}</p>"
+        "<div class='wide'><table><tr><th>location</th><th>axis</th>"
         "<th>channel, phase</th>"
         "<th>effect size (above 0: more than predicted)</th>"
         f"<th>family-wise p</th></tr>{body}</table></div></section>"
@@ -356,7 +268,7 @@ def _effects_table(rows: Sequence[Mapping[str, Any]]) -> str:
         body += (
             f"<tr><td>{escape(row['name'])}</td><td class='n'>{row['probability']:.3f}</td>"
             f"<td>{escape(row['class'])}</td><td class='n'>{values}</td>"
-            f"<td class='n'>{_interval(row['closure'])}</td></tr>"
+            f"<td class='n'>{interval(row['closure'])}</td></tr>"
         )
     return (
         "<section><h2>All effects</h2><div class='wide'><table><tr><th>effect</th>"
@@ -396,23 +308,10 @@ def _noise_floor(layers: Mapping[str, Any]) -> str:
 def _provenance(content: Mapping[str, Any]) -> str:
     import json
 
-    from vsr2.diagnosis.verdict.result import finite
+    from vsr2.diagnosis.verdict.document import finite
 
     text = json.dumps(finite(dict(content["provenance"])), indent=1)
     return (
         "<section><details><summary>Provenance</summary>"
         f"<pre>{escape(text)}</pre></details></section>"
     )
-
-
-def _listed(names: Sequence[str], last: str = "or") -> str:
-    if len(names) < 2:
-        return "".join(names)
-    return f"{', '.join(names[:-1])} {last} {names[-1]}"
-
-
-def _interval(estimate: Mapping[str, Any]) -> str:
-    value, bounds = estimate["value"], estimate["ci95"]
-    if value is None or not math.isfinite(value):
-        return "not given"
-    return f"{value:.2f} [{bounds[0]:.2f}, {bounds[1]:.2f}]"

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
+from vsr2.diagnosis.where.scan import EVERYWHERE
+from vsr2.report.messages import location
 from vsr2.report.svg import Chart
 
 Rows = Sequence[Mapping[str, Any]]
@@ -61,13 +63,13 @@ def posterior_figure(content: Mapping[str, Any]) -> str:
 
 
 def bars_figure(content: Mapping[str, Any]) -> str:
-    """Losses before and after, the floor, and the placebo's as far as closures tell it."""
-    gap, placebo = content["gap"], content["placebo"]
+    """Losses before and after, the floor, and the negative control's as far as closures tell it."""
+    gap, negative_control = content["gap"], content["negative_control"]
     bars: list[tuple[str, Mapping[str, Any], str]] = [
         ("before", gap["before"], _COLOURS[1]),
         ("after", gap["after"], _COLOURS[0]),
-        ("placebo", placebo["loss"], _COLOURS[5]),
-        ("recalibrated", placebo["recalibration_loss"], _COLOURS[5]),
+        ("negative control", negative_control["loss"], _COLOURS[5]),
+        ("recalibrated", negative_control["recalibration_loss"], _COLOURS[5]),
         ("floor", gap["floor"], "#9aa5b1"),
     ]
     top = max(max(bar[1]["ci95"][1], bar[1]["value"]) for bar in bars) * 1.08
@@ -150,15 +152,12 @@ def order_figure(rows: Rows) -> str:
 
 def channels_figure(content: Mapping[str, Any]) -> str:
     """Mean standardised residual of each channel and phase over all trials."""
-    whole = [row for row in content["where"] if row["place"].endswith("all trials")]
+    whole = [row for row in content["where"] if row["location"] == EVERYWHERE]
     order = {"whole response": 0, "uplift": 1, "first impacts": 2, "strong shaking": 3}
     order |= {"free decay": 4, "rest pose": 5}
     rows = sorted(whole, key=lambda row: order.get(row["phase"], 9))
     reach = 1.15 * max([0.25, *(abs(row["effect_size"]) for row in rows)])
-    names = [
-        row["place"].removesuffix("all trials").rstrip(": ").replace("_", " ") or "outcome"
-        for row in rows
-    ]
+    names = [row["feature"].replace("_", " ") for row in rows]
     labels = [f"{name} ({row['phase']})" for name, row in zip(names, rows, strict=True)]
     chart = Chart(
         "gap over channels and phases",
@@ -180,7 +179,7 @@ def channels_figure(content: Mapping[str, Any]) -> str:
             i + 0.25,
             i + 0.75,
             f'fill="{colour if found else "#fff"}" stroke="{colour}"',
-            f"{row['place']}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}",
+            f"{location(row)}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}",
         )
     return chart.render(y_ticks=[(i + 0.5, label) for i, label in enumerate(labels)])
 
