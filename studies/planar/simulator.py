@@ -108,10 +108,6 @@ class PlanarSimulator:
         """Hash of block, priors and motions."""
         return self._identity
 
-    def trial_key(self, trial: int) -> str:
-        """Location of the trial; its motion is part of the identity."""
-        return str(trial)
-
     @property
     def variants(self) -> tuple[int, ...]:
         """None: the step is fixed and nothing iterates."""

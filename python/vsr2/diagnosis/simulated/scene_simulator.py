@@ -176,10 +176,6 @@ class SceneSimulator:
         """Hash of scene, motions, schedule, priors and seed."""
         return self._identity
 
-    def trial_key(self, trial: int) -> str:
-        """Location of the trial; its motion is part of the identity."""
-        return str(trial)
-
     @property
     def variants(self) -> tuple[int, ...]:
         """Half the time step, twice the solver's iterations."""
