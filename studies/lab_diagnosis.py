@@ -22,7 +22,7 @@ import numpy as np
 
 from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import diagnose
-from vsr2.report.diagnosis import figure_file, format_diagnosis, write_diagnosis
+from vsr2.report.diagnosis import figure_file, format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     bars_figure,
     channels_figure,
@@ -55,7 +55,7 @@ def main() -> None:
         exclude=["base_slope"],
         progress=True,
     )
-    write_diagnosis(found, options.out)
+    write_diagnosis_page(found, options.out)
     print(format_diagnosis(found))
     folder = options.out / "committed"
     folder.mkdir(exist_ok=True)

@@ -48,7 +48,7 @@ from vsr2.report.diagnosis import (
     diagnosis_page,
     figure_file,
     format_diagnosis,
-    write_diagnosis,
+    write_diagnosis_page,
 )
 from vsr2.report.diagnosis_figures import posterior_figure
 from vsr2.report.messages import next_measurement as next_sentence
@@ -498,7 +498,7 @@ def test_the_result_follows_its_schema(found, tmp_path) -> None:
 
 
 def test_a_page_of_an_earlier_diagnosis_does_not_stay(found, tmp_path) -> None:
-    page = write_diagnosis(found, tmp_path)
+    page = write_diagnosis_page(found, tmp_path)
     written = json.loads((tmp_path / "diagnosis.json").read_text())
     jsonschema.validate(written, schema())
     assert all(one["text"] for one in (*written["verdict"]["reasons"], *written["limits"]))

@@ -63,7 +63,7 @@ def _diagnose(options: argparse.Namespace) -> int:
     from contextlib import nullcontext
 
     from vsr2.diagnosis import diagnose
-    from vsr2.report.diagnosis import format_diagnosis, write_diagnosis
+    from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
     from vsr2.simulation import connect
 
     cluster = nullcontext() if options.client is None else connect(options.client)
@@ -83,7 +83,7 @@ def _diagnose(options: argparse.Namespace) -> int:
             seed=options.seed,
             progress=not options.quiet,
         )
-    page = write_diagnosis(found, options.out)
+    page = write_diagnosis_page(found, options.out)
     if not options.quiet:
         print(format_diagnosis(found))
         print(f"wrote {page}")

@@ -98,8 +98,8 @@ def figure_file(figure: str) -> str:
     return whole.replace(">", f"><style>{_FIGURES}</style>", 1) + "\n"
 
 
-def write_diagnosis(found: Diagnosis, folder: str | Path) -> Path:
-    """Write `diagnosis.json` with its sentences, the tables and the page; returns the page.
+def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
+    """Write the page, and beside it the tables and `diagnosis.json` with its sentences.
 
     Raises:
         ResultError: a file cannot be written.
