@@ -32,7 +32,7 @@ from vsr2.diagnosis.likelihood.evidence import Data, posterior, predict
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
-from vsr2.diagnosis.verdict.constants import LIMITS
+from vsr2.diagnosis.verdict.limits import LIMITS
 from vsr2.diagnosis.verdict.next_measurement import (
     Instrument,
     Measurement,
@@ -133,7 +133,7 @@ def test_planted_effects_are_named(bench, tier) -> None:
 def test_sizes_that_are_left_open_are_stated(bench, tier, effect, values) -> None:
     judged = bench.judge(tier, (effect, values), nuisance=2)
     assert judged.evidence.verdict.probability > 0.8
-    # What the sizes and the set leave open is told, and nothing else is.
+    # What the sizes and the set leave open is stated, and nothing else is.
     content, open_sizes = judged.diagnosis.content, set()
     for row in content["effects"]:
         entry = bench.rehearsal.library[row["name"]]
@@ -173,7 +173,7 @@ def test_campaigns_without_gap_are_left_alone(bench) -> None:
     [
         ("B", ("table_gain", (-0.1,)), 0, "class"),
         ("B", ("table_gain", (0.08,)), 2, "class"),
-        # Too weak for its gap to be told from zero, but they lead together.
+        # Too weak for the interval of its gap to lie above zero, but they lead together.
         ("M", ("slenderness", (-0.06,)), 3, "unresolved"),
     ],
 )

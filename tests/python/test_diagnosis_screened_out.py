@@ -188,7 +188,7 @@ def test_an_effect_that_turns_trials_rightly_closes_more() -> None:
     [
         ({}, 0.2),
         ({"negative_control": 0.5}, 0.5),
-        # Placebos that make it worse add nothing.
+        # Controls that make it worse add nothing.
         ({"negative_control": 1.2, "recalibrated": 1.4}, 0.0),
     ],
 )

@@ -178,7 +178,7 @@ def second(**changes):
         ({"halves": (("table_gain",), ("wear", "catch"))}, "unresolved"),
         ({"halves": (("wear",), ("table_gain",)), "leading": ("table_gain", "wear")}, "class"),
         (SECOND | {"halves": (("table_gain",), ("wear", "catch"))}, "pair"),
-        # A gap whose size is not told from zero has no cause that is named, however it is told.
+        # A gap whose size is open has no cause that is named, however it was found.
         ({"touches_floor": True}, "unresolved"),
         (SECOND | {"touches_floor": True}, "unresolved"),
         (MISFIT | {"touches_floor": True}, "unresolved"),

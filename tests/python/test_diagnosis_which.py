@@ -113,7 +113,7 @@ def test_sure_evidence_that_misleads_one_time_in_ten_is_not_believed_more() -> N
 
 
 def test_the_pairwise_exponent_undoes_a_claim() -> None:
-    """Log likelihood ratios of mean D have variance 2 D; here they are told eight times too large.
+    """Log likelihood ratios of mean D have variance 2 D; here they are eight times too large.
 
     600 campaigns: the standard error of the exponent is about 0.005.
     """

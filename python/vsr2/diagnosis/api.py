@@ -80,18 +80,7 @@ def diagnose(
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """
-    if not 0 < budget_minutes < math.inf:
-        raise DiagnosisError(
-            f"budget_minutes is {budget_minutes}; give a finite number of minutes above 0"
-        )
-    if simulations is not None and simulations < 1:
-        raise DiagnosisError(f"simulations is {simulations}; give at least 1, or a time instead")
-    if seed < 0:
-        raise DiagnosisError(f"seed is {seed}; give 0 or more")
-    if threads is not None and threads < 1:
-        raise DiagnosisError(f"threads is {threads}; give at least 1, or leave it out for all")
-    if draws is not None and draws < SCHEDULE.fewest_draws:
-        raise DiagnosisError(f"draws is {draws}; give at least {SCHEDULE.fewest_draws}")
+    _check_options(budget_minutes, simulations, draws, seed, threads)
     offered = _with_priors(library, priors or {})
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
@@ -110,14 +99,7 @@ def diagnose(
     )
     if not simulator.library:
         raise DiagnosisError("no effect is left to look for: exclude fewer")
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DiagnosisError(
-                f"{folder}: cannot be used ({error.strerror}); choose another folder"
-            ) from error
+    folder = None if out is None else _made(Path(out))
     found = diagnose_with(
         simulator,
         seen.campaign,
@@ -140,6 +122,27 @@ def diagnose(
     return found
 
 
+def _check_options(
+    budget_minutes: float,
+    simulations: int | None,
+    draws: int | None,
+    seed: int,
+    threads: int | None,
+) -> None:
+    if not 0 < budget_minutes < math.inf:
+        raise DiagnosisError(
+            f"budget_minutes is {budget_minutes}; give a finite number of minutes above 0"
+        )
+    if simulations is not None and simulations < 1:
+        raise DiagnosisError(f"simulations is {simulations}; give at least 1, or a time instead")
+    if seed < 0:
+        raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    if threads is not None and threads < 1:
+        raise DiagnosisError(f"threads is {threads}; give at least 1, or leave it out for all")
+    if draws is not None and draws < SCHEDULE.fewest_draws:
+        raise DiagnosisError(f"draws is {draws}; give at least {SCHEDULE.fewest_draws}")
+
+
 def _with_priors(
     library: Mapping[str, Effect] | None, priors: Mapping[str, tuple[float, float]]
 ) -> Mapping[str, Effect] | None:
@@ -154,6 +157,16 @@ def _with_priors(
         own = out[name] if name in out else effect(name)
         out[name] = own.with_prior(parameter, lower, upper)
     return out
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DiagnosisError(
+            f"{folder}: cannot be used ({error.strerror}); choose another folder"
+        ) from error
+    return folder
 
 
 class _Progress:

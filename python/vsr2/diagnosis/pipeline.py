@@ -36,8 +36,8 @@ from vsr2.diagnosis.simulated.library import NONE, RANGES, Library, reaches
 from vsr2.diagnosis.simulated.reach import REACH, reaching
 from vsr2.diagnosis.simulated.simulator import Request, Simulator
 from vsr2.diagnosis.verdict.compose import compose
-from vsr2.diagnosis.verdict.constants import LIMITS
 from vsr2.diagnosis.verdict.document import Diagnosis
+from vsr2.diagnosis.verdict.limits import LIMITS
 from vsr2.diagnosis.verdict.statements import BudgetState
 from vsr2.diagnosis.where.discrepancy import DISCREPANCY
 from vsr2.diagnosis.where.scan import SCAN
@@ -129,24 +129,33 @@ def diagnose_with(
         tell("judging", 1.0, _leading(last))
         noted = {
             **({} if provenance is None else provenance),
+            **_provenance(store, schedule, library, last, count),
             "seed": seed,
-            "budget": {
-                "state": str(_state(schedule, store)),
-                "simulations": store.asked,
-                "allowed": schedule.allowed,
-                "cost_s": store.cost,
-                "simulated": store.simulated,
-                "reused": store.reused,
-                "draws": dict(last.draws),
-                "rounds": count,
-            },
             "wall_time_s": time.monotonic() - started,
-            "reach": {n: list(ends) for n, ends in reaches(library).items() if min(ends) < 1},
-            "simulator": simulator.identity,
-            "nuisances": list(simulator.nuisance_names),
-            "constants": _constants(),
         }
     return compose(seen, screening, last.prepared, last.inference, evidence, layers, noted)
+
+
+def _provenance(
+    store: SimulationCache, schedule: Schedule, library: Library, last: _Round, rounds: int
+) -> dict[str, Any]:
+    """What the diagnosis cost, and what it rests on."""
+    return {
+        "budget": {
+            "state": str(_state(schedule, store)),
+            "simulations": store.asked,
+            "allowed": schedule.allowed,
+            "cost_s": store.cost,
+            "simulated": store.simulated,
+            "reused": store.reused,
+            "draws": dict(last.draws),
+            "rounds": rounds,
+        },
+        "reach": {n: list(ends) for n, ends in reaches(library).items() if min(ends) < 1},
+        "simulator": store.simulator.identity,
+        "nuisances": list(store.simulator.nuisance_names),
+        "constants": _constants(),
+    }
 
 
 def _constants() -> dict[str, dict[str, Any]]:

@@ -10,11 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.held_out import HeldOutLosses, resampled_means, rescaled
+from vsr2.diagnosis.how_far.held_out import HeldOutLosses, interval, resampled_means, rescaled
 from vsr2.diagnosis.how_far.screened_out import ScreenedOut
 from vsr2.diagnosis.observed.observations import Observations
 
 Array = NDArray[np.float64]
+
+NOT_GIVEN: dict[str, Any] = {"value": None, "ci95": None}
+"""An estimate that does not exist."""
 
 
 class CampaignLoss:
@@ -98,13 +101,13 @@ class CampaignLoss:
 
     def mean(self, name: str) -> dict[str, Any]:
         """Mean loss."""
-        return _estimate(*self._column(name))
+        return interval(*self._column(name)).to_json()
 
     def excess(self, name: str) -> dict[str, Any]:
         """Mean loss over the floor; the gap's interval is the wider of two, see `_gap_low`."""
         value, draws = self._column(name)
         floor, floors = self._column("floor")
-        out = _estimate(value - floor, draws - floors)
+        out = interval(value - floor, draws - floors).to_json()
         if name == "before":
             out["ci95"][0] = min(out["ci95"][0], self._gap_low)
         return out
@@ -118,17 +121,17 @@ class CampaignLoss:
     def closure(self, name: str) -> dict[str, Any]:
         """(before - model) / (before - floor); nothing where the gap's interval touches zero."""
         if self.touches_floor:
-            return {"value": None, "ci95": None}
+            return dict(NOT_GIVEN)
         before, befores = self._column("before")
         floor, floors = self._column("floor")
         value, draws = self._column(name)
         ratio = (befores - draws) / np.maximum(befores - floors, 1e-9)
-        return _estimate((before - value) / (before - floor), ratio)
+        return interval((before - value) / (before - floor), ratio).to_json()
 
     def headline(self) -> dict[str, Any]:
         """Closure minus the better control's, or minus 0 where both controls make it worse."""
         if self.touches_floor:
-            return {"value": None, "ci95": None}
+            return dict(NOT_GIVEN)
         before, befores = self._column("before")
         floor, floors = self._column("floor")
         after, afters = self._column("after")
@@ -136,7 +139,7 @@ class CampaignLoss:
         best, bests = min(options, key=lambda option: option[0])
         best, bests = min(best, before), np.minimum(bests, befores)
         ratio = (bests - afters) / np.maximum(befores - floors, 1e-9)
-        return _estimate((best - after) / (before - floor), ratio)
+        return interval((best - after) / (before - floor), ratio).to_json()
 
     @property
     def left(self) -> float:
@@ -166,11 +169,6 @@ class CampaignLoss:
             }
             for i, trial in enumerate(seen.campaign.trials)
         ]
-
-
-def _estimate(value: float, draws: Array) -> dict[str, Any]:
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return {"value": value, "ci95": [float(low), float(high)]}
 
 
 def _loss(probability: Array, outcome: Array) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,10 @@ class Interval:
     value: float
     low: float
     high: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in `diagnosis.json`."""
+        return {"value": self.value, "ci95": [self.low, self.high]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +152,12 @@ def judge(
         nuisances: standardised draws 1, 2, ..., shape (draws, nuisances).
         pairs: also try pairs.
     """
-    trials = observed.overturned.shape[1]
-    blank = np.zeros(trials)
-    before, after, negative_control, recalibrated = (blank.copy() for _ in range(4))
+    blank = np.zeros(observed.overturned.shape[1])
+    roles = {role: blank.copy() for role in ("before", "after", "negative_control")}
     p_before, p_after = blank.copy(), blank.copy()
     each = {name: blank.copy() for name in library}
     pair, p_pair = (blank.copy(), blank.copy()) if pairs else (None, None)
-    chosen: dict[str, list[str]] = {"before": [], "after": [], "negative_control": [], "pair": []}
+    chosen: dict[str, list[str]] = {role: [] for role in (*roles, "pair")}
     draws: dict[str, list[list[Draw]]] = {name: [] for name in (NONE, PAIR, *library)}
     order = []
     for k in np.unique(group):
@@ -166,16 +170,13 @@ def judge(
         order.append(ranked)
         best = ranked[0]
         wrong = next((name for name in ranked if name not in chosen_class), NONE)
-        before[judged] = loss[NONE][judged]
-        after[judged] = loss[best][judged]
-        negative_control[judged] = loss[wrong][judged]
+        for role, name in zip(roles, (NONE, best, wrong), strict=True):
+            chosen[role].append(name)
+            roles[role][judged] = loss[name][judged]
         p_before[judged] = predicted[NONE].probability[0, judged]
         p_after[judged] = predicted[best].probability[0, judged]
         for name in library:
             each[name][judged] = loss[name][judged]
-        chosen["before"].append(NONE)
-        chosen["after"].append(best)
-        chosen["negative_control"].append(wrong)
         for name in (NONE, *library):
             given = () if name == NONE else (name,)
             draws[name].append(
@@ -188,29 +189,34 @@ def judge(
             p_pair[judged] = both.probability[0, judged]
             chosen["pair"].append(second)
             draws[PAIR].append(posterior_draws(library, (best, second), table, own, nuisances))
-    plain = crossfitted(tables[NONE], observed, group)
+    recalibrated, scaling = _recalibrated(tables[NONE], observed, group)
+    return HeldOutLosses(
+        **roles,
+        recalibrated=recalibrated,
+        each=each,
+        pair=pair,
+        chosen=chosen,
+        draws=draws,
+        scaling=scaling,
+        predicted_before=p_before,
+        predicted_after=p_after,
+        predicted_pair=p_pair,
+        group=group,
+        ranked=order,
+    )
+
+
+def _recalibrated(none: Table, observed: Data, group: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Losses with rescaled probabilities, shape (trials,), and the scaling of each group."""
+    plain = crossfitted(none, observed, group)
+    out = np.zeros(group.size)
     scaling = []
     for k in np.unique(group):
         judged = group == k
         scaling.append(_scaling(plain, observed, judged))
         scaled = replace(plain, probability=rescaled(plain.probability, scaling[-1]))
-        recalibrated[judged] = losses(scaled, observed)[0][judged]
-    return HeldOutLosses(
-        before,
-        after,
-        negative_control,
-        recalibrated,
-        each,
-        pair,
-        chosen,
-        draws,
-        np.array(scaling),
-        p_before,
-        p_after,
-        p_pair,
-        group,
-        order,
-    )
+        out[judged] = losses(scaled, observed)[0][judged]
+    return out, np.array(scaling)
 
 
 def posterior_draws(

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.campaign_loss import CampaignLoss
-from vsr2.diagnosis.how_far.held_out import HeldOutLosses, Interval
+from vsr2.diagnosis.how_far.campaign_loss import NOT_GIVEN, CampaignLoss
+from vsr2.diagnosis.how_far.held_out import HeldOutLosses
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.library import (
@@ -20,9 +20,8 @@ from vsr2.diagnosis.simulated.library import (
     is_angle,
     positions,
 )
-from vsr2.diagnosis.verdict.constants import LIMITS
 from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis
-from vsr2.diagnosis.verdict.limits import limits_of_the_data, limits_of_the_verdict
+from vsr2.diagnosis.verdict.limits import LIMITS, limits_of_the_data, limits_of_the_verdict
 from vsr2.diagnosis.verdict.next_measurement import Measurement
 from vsr2.diagnosis.verdict.rules import Findings, Verdict
 from vsr2.diagnosis.verdict.statements import VerdictKind
@@ -136,7 +135,6 @@ def compose(
 
 
 def _gap(losses: CampaignLoss, findings: Findings) -> dict[str, Any]:
-    closed = findings.resimulation.closure if findings.resimulation else None
     return {
         "state": str(findings.gap_state),
         "before": losses.mean("before"),
@@ -146,7 +144,9 @@ def _gap(losses: CampaignLoss, findings: Findings) -> dict[str, Any]:
         "excess": losses.excess("before"),
         "excess_after": losses.excess("after"),
         "headline": losses.headline(),
-        "closure_resimulated": _interval(closed),
+        "closure_resimulated": findings.resimulation.closure.to_json()
+        if findings.resimulation
+        else dict(NOT_GIVEN),
         "p_size": findings.gap_p,
         "p_direction": findings.direction_p,
     }
@@ -175,12 +175,6 @@ def _negative_control(losses: CampaignLoss) -> dict[str, Any]:
         "loss": losses.mean("negative_control"),
         "recalibration_loss": losses.mean("recalibrated"),
     }
-
-
-def _interval(found: Interval | None) -> dict[str, Any]:
-    if found is None:
-        return {"value": None, "ci95": None}
-    return {"value": found.value, "ci95": [found.low, found.high]}
 
 
 def shown(locations: Sequence[Location]) -> list[Location]:

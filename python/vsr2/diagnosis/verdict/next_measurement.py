@@ -78,7 +78,7 @@ BY_EFFECT = {
 }
 """Of effects for which a stage's instrument says too little."""
 MOST_SPLIT = 7
-"""Members of a class for which a measurement is told: the most that a verdict names."""
+"""Members of a class for which a measurement is stated: the most that a verdict names."""
 
 
 @dataclass(frozen=True)
