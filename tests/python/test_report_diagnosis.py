@@ -12,8 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from vsr2.diagnosis.verdict.result import Diagnosis
-from vsr2.report.diagnosis import diagnosis_page, verdict_sentence
+from vsr2.diagnosis.verdict.document import Diagnosis
+from vsr2.report.diagnosis import diagnosis_page
 from vsr2.report.diagnosis_figures import (
     RED,
     bars_figure,
@@ -23,6 +23,7 @@ from vsr2.report.diagnosis_figures import (
     posterior_figure,
     reliability_figure,
 )
+from vsr2.report.messages import verdict_sentence
 from vsr2.report.panels import svg
 
 
@@ -41,10 +42,11 @@ def effect(name: str, probability: float, group: str, closure: float) -> dict:
     }
 
 
-def place(name: str, channel: str, phase: str, size: float, p: float) -> dict:
+def location(feature: str, channel: str, phase: str, size: float, p: float) -> dict:
     return {
-        "place": name,
+        "location": "all trials",
         "axis": "conditions",
+        "feature": feature,
         "channel": channel,
         "phase": phase,
         "effect_size": size,
@@ -53,9 +55,11 @@ def place(name: str, channel: str, phase: str, size: float, p: float) -> dict:
     }
 
 
+GAP = {"code": "gap", "values": {"p_size": 0.01, "p_direction": 0.02}}
 CONTENT = {
     "campaign": {"name": "hand", "trials": 4, "tier": "T", "motions": 2, "sessions": 2},
     "gap": {
+        "state": "found",
         "before": estimate(0.8),
         "after": estimate(0.3),
         "floor": estimate(0.2),
@@ -63,18 +67,18 @@ CONTENT = {
         "excess": estimate(0.6),
         "excess_after": estimate(0.1),
         "headline": estimate(0.5),
-        "closure_anew": estimate(0.95),
+        "closure_resimulated": estimate(0.95),
         "layers": {"numerical": 0.02, "time_step": 0.03, "solver": None, "physical": None},
     },
     "where": [
-        place("all trials", "tilt", "whole response", 0.6, 0.01),
-        place("largest_tilt: all trials", "tilt", "strong shaking", -0.3, 0.5),
+        location("outcome", "outcome", "whole response", 0.6, 0.01),
+        location("largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
     ],
-    "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": ["a gap"]},
+    "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": [GAP]},
     "effects": [effect("wear", 0.8, "wear", 0.83), effect("catch", 0.05, "catch", 0.33)],
     "none_probability": 0.05,
     "conformal_set_90": ["wear"],
-    "placebo": {
+    "negative_control": {
         "effect": "catch",
         "closure": estimate(0.33),
         "recalibration": estimate(0.17),
@@ -83,16 +87,25 @@ CONTENT = {
     },
     "unknown": {"probability": 0.1},
     "next_measurement": {
-        "what": "film every trial",
+        "kind": "split",
         "splits": ["wear", "catch"],
-        "trial": "T7",
-        "repeats": 3,
+        "instruments": ["repeat_first_trials", "slack"],
+        "repetition": {"trial": "T7", "information_per_repeat": 1.0, "repeats": 3},
         "others": [
-            {"name": "table_gain", "what": "scan", "trial": "T8", "repeats": 4},
-            {"name": "friction", "what": "push it", "trial": "T9", "repeats": None},
+            {
+                "name": "table_gain",
+                "instrument": "table_sensors",
+                "repetition": {"trial": "T8", "information_per_repeat": 1.0, "repeats": 4},
+            },
+            {
+                "name": "friction",
+                "instrument": "push_and_rock",
+                "repetition": {"trial": "T9", "information_per_repeat": 0.0, "repeats": None},
+            },
         ],
+        "out_of_library": None,
     },
-    "limits": ["one session"],
+    "limits": [{"code": "one_session", "values": {}}],
     "provenance": {},
 }
 TRIALS = (
@@ -140,7 +153,13 @@ def at(mark: Line2D) -> tuple[float, float]:
 def test_the_bars_are_as_high_as_the_losses() -> None:
     figure = bars_figure(CONTENT)
     height = {text.split(":")[0]: bar.get_height() for text, bar in marks(figure).items()}
-    wanted = {"before": 0.8, "after": 0.3, "placebo": 0.6, "recalibrated": 0.7, "floor": 0.2}
+    wanted = {
+        "before": 0.8,
+        "after": 0.3,
+        "negative control": 0.6,
+        "recalibrated": 0.7,
+        "floor": 0.2,
+    }
     assert height == wanted
     ends = [line.get_ydata() for line in figure.axes[0].lines]
     assert ends == [pytest.approx([v - 0.01, v + 0.01]) for v in wanted.values()]
@@ -182,7 +201,7 @@ def test_the_order_shows_observed_minus_predicted_and_the_sessions_means() -> No
     figure = order_figure(ROWS)
     found = {trial: at(mark) for trial, mark in marks(figure).items()}
     wanted = {"A": (1, -0.9), "B": (2, 0.1), "C": (3, 0.9), "D": (4, 0.9)}
-    assert found == {name: pytest.approx(place) for name, place in wanted.items()}
+    assert found == {name: pytest.approx(xy) for name, xy in wanted.items()}
     means = [line for line in figure.axes[0].lines if not line.get_gid()]
     assert [list(line.get_xdata()) for line in means] == [[1, 2], [3, 4]]
     assert [line.get_ydata()[0] for line in means] == pytest.approx([-0.4, 0.9])
@@ -225,17 +244,18 @@ def test_a_drawing_is_xml_with_its_tooltips_and_always_the_same() -> None:
     assert svg(order_figure(rows), 'a "map" of <what>') == drawing
 
 
-def test_the_page_tells_the_numbers() -> None:
+def test_the_page_shows_the_numbers() -> None:
     page = diagnosis_page(Diagnosis(CONTENT, ROWS))
     text = " ".join(re.sub(r"<[^>]+>", " ", page).split())
     for part in (
-        "Closure 0.83 [0.82, 0.84]; placebo 0.33 [0.32, 0.34] (catch); recalibration 0.17",
+        "Closure 0.83 [0.82, 0.84]; negative control 0.33 [0.32, 0.34] (catch); recalibration 0.17",
         "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "The gap is 0.60 [0.59, 0.61] nat",
         "judged by simulations alone: closure 0.95 [0.94, 0.96].",
         "repeat trial T7, where wear and catch differ most; about 3 repeats would",
-        "table gain scan T8 4",
-        "friction push it T9 no number",
+        "table gain record the table beside the specimen",
+        "drives the simulation T8 4",
+        "decay of rocking T9 no number",
         "starts moved by 1e-6 to 1e-4 m and rad: 2.0%",
         "half the time step: 3.0%",
     ):
@@ -260,10 +280,11 @@ def test_the_page_tells_the_numbers() -> None:
         ({"headline": -0.02}, "but not surely better than a wrong effect"),
         ({"closure": 0.005}, "but not surely better than a wrong effect"),
         (
-            {"kind": "unresolved", "closure": None, "headline": None},
+            {"kind": "unresolved", "state": "size_open"},
             "There are signs of a gap, but its size is not told from zero; the leading candidate "
             "is wear.",
         ),
+        ({"kind": "unresolved", "state": "not_found"}, "Whether there is a gap is not resolved;"),
         ({"kind": "unresolved"}, "There is a gap, but its cause is not resolved; the leading"),
         (
             {"kind": "unresolved", "outside": 0.97},
@@ -287,11 +308,10 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
         "effects": changes.get("names", ["wear"]),
         "probability": changes.get("probability", 0.9),
     }
-    gap = dict(CONTENT["gap"])
+    gap = CONTENT["gap"] | {"state": changes.get("state", "found")}
     for name in ("closure", "headline"):
         if name in changes:
-            value = changes[name]
-            gap[name] = {"value": None, "ci95": None} if value is None else estimate(value)
+            gap[name] = estimate(changes[name])
     effects = [dict(row) for row in CONTENT["effects"]]
     if changes.get("one"):
         effects[1]["class"] = "wear"
@@ -302,8 +322,17 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
 
 
 def test_a_trial_to_repeat_with_new_instruments_separates_no_effects() -> None:
-    told = {"what": "repeat trial T7 with a camera", "splits": [], "trial": "T7", "repeats": None}
-    for measure, there in ((told, False), (CONTENT["next_measurement"], True)):
+    split = CONTENT["next_measurement"]
+    outside = {"trial": "T7", "tier": "M", "location": None}
+    alone = split | {
+        "kind": "out_of_library",
+        "splits": [],
+        "instruments": [],
+        "repetition": None,
+        "others": [],
+        "out_of_library": outside,
+    }
+    for measure, there in ((alone, False), (split, True)):
         page = diagnosis_page(Diagnosis(CONTENT | {"next_measurement": measure}, ROWS))
         assert ("Without new instruments" in page) == there
 
@@ -316,17 +345,18 @@ def test_trials_without_measures_are_told() -> None:
 def test_hostile_names_stay_text() -> None:
     bad = "<script>alert('x')</script>"
     rows = [row | {"trial": bad, "session": bad} for row in ROWS]
-    measure = CONTENT["next_measurement"] | {"trial": bad, "what": bad, "splits": [bad, "wear"]}
-    measure["others"] = [{"name": bad, "what": bad, "trial": bad, "repeats": 1}]
+    repetition = {"trial": bad, "information_per_repeat": 1.0, "repeats": 1}
+    measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [bad, "wear"]}
+    measure["others"] = [{"name": bad, "instrument": "slack", "repetition": repetition}]
+    measure["out_of_library"] = {"trial": bad, "tier": "M", "location": bad}
     content = CONTENT | {
         "campaign": CONTENT["campaign"] | {"name": bad, "tier": bad},
-        "verdict": CONTENT["verdict"] | {"effects": [bad], "reasons": [bad]},
+        "verdict": CONTENT["verdict"] | {"effects": [bad]},
         "effects": [effect(bad, 0.8, bad, 0.83)],
         "conformal_set_90": [bad],
-        "placebo": CONTENT["placebo"] | {"effect": bad},
-        "where": [place(f"{bad}: all trials", bad, bad, 0.6, 0.01)],
+        "negative_control": CONTENT["negative_control"] | {"effect": bad},
+        "where": [location(bad, bad, bad, 0.6, 0.01)],
         "next_measurement": measure,
-        "limits": [bad],
         "provenance": {bad: bad},
     }
     content["effects"][0]["parameters"] = {bad: content["effects"][0]["parameters"]["size"]}

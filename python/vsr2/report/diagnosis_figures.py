@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from vsr2.diagnosis.where.scan import EVERYWHERE
 from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report.messages import location
 from vsr2.report.pages import plain
 from vsr2.report.panels import scale_axis, sheet, tooltip
 
@@ -68,19 +70,19 @@ def posterior_figure(content: Mapping[str, Any]) -> Figure:
 
 
 def bars_figure(content: Mapping[str, Any]) -> Figure:
-    """Losses before and after, the floor, and the placebo's as far as closures tell it."""
-    gap, placebo = content["gap"], content["placebo"]
+    """Losses before and after, the floor, and the negative control's as far as closures tell it."""
+    gap, control = content["gap"], content["negative_control"]
     found = {
         "before": (gap["before"], RED),
         "after": (gap["after"], BLUE),
-        "placebo": (placebo["loss"], "#5b6675"),
-        "recalibrated": (placebo["recalibration_loss"], "#5b6675"),
+        "negative\ncontrol": (control["loss"], "#5b6675"),
+        "recalibrated": (control["recalibration_loss"], "#5b6675"),
         "floor": (gap["floor"], GREY),
     }
     figure, panel = _panel()
     for name, (estimate, colour) in found.items():
         [bar] = panel.bar(name, estimate["value"], width=0.64, color=colour)
-        tooltip(bar, f"{name}: {estimate['value']:.3f}")
+        tooltip(bar, f"{' '.join(name.split())}: {estimate['value']:.3f}")
         [interval] = panel.plot([name] * 2, estimate["ci95"], color=INK, linewidth=1.4)
     interval.set_label("95 % interval")
     panel.set_ylabel("loss a trial [nat]")
@@ -150,7 +152,7 @@ def order_figure(rows: Rows) -> Figure:
 
 def channels_figure(content: Mapping[str, Any]) -> Figure:
     """Mean standardised residual of each channel and phase over all trials."""
-    rows = [row for row in content["where"] if row["place"].endswith("all trials")]
+    rows = [row for row in content["where"] if row["location"] == EVERYWHERE]
     rows.sort(key=lambda row: _PHASES.index(row["phase"]) if row["phase"] in _PHASES else 9)
     figure, panel = _panel((5.2, 1.2 + 0.32 * max(len(rows), 2)))
     for i, row in enumerate(rows):
@@ -158,11 +160,10 @@ def channels_figure(content: Mapping[str, Any]) -> Figure:
         colour = RED if found else GREY
         size = row["effect_size"]
         [bar] = panel.barh(i, size, 0.5, color=colour if found else "none", edgecolor=colour)
-        tooltip(bar, f"{row['place']}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}")
-    names = [plain(row["place"].removesuffix("all trials").rstrip(": ")) for row in rows]
+        tooltip(bar, f"{location(row)}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}")
     panel.set_yticks(
         range(len(rows)),
-        [f"{name or 'outcome'} ({row['phase']})" for name, row in zip(names, rows, strict=True)],
+        [f"{plain(row['feature'])} ({row['phase']})" for row in rows],
     )
     panel.axvline(0.0, color=GREY, linewidth=1.0)
     panel.invert_yaxis()
