@@ -287,11 +287,14 @@ def verdict_rows(
 
 
 def _withheld(path: Path) -> str:
-    """Why a diagnosis names nothing, in its own words, where it is unresolved."""
+    """Why a diagnosis names nothing, where it is unresolved: a code, once a sentence."""
     if not path.exists():
         return ""
     verdict = read_json(path)["verdict"]
-    return verdict["reasons"][-1] if verdict["kind"] == "unresolved" else ""
+    if verdict["kind"] != "unresolved":
+        return ""
+    reason = verdict["reasons"][-1]
+    return reason["code"] if isinstance(reason, dict) else reason
 
 
 def _magnitude(case: Case) -> dict[str, Any]:

@@ -4,8 +4,8 @@
 
 A block of configs/blind.yaml is shaken 300 times with 20 motions, nuisances drawn from another
 seed, tier M, once without and five times with a planted effect. The first campaign is diagnosed
-with the whole library within the minutes, from a fresh bank. The others get the number of
-simulations that the first could afford and reuse its bank, which gives what they would find within
+with the whole library within the minutes, from a fresh cache. The others get the number of
+simulations that the first could afford and reuse its cache, which gives what they would find within
 the minutes on their own. Writes `table.csv`.
 """
 
@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis_planar import write
-
+from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
 from vsr2.diagnosis import Diagnosis, diagnose
-from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 

@@ -23,13 +23,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnosis_planar import write
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 
+from diagnosis_planar import write
+from planted import Rehearsal, shaken_campaign
 from vsr2.campaign import Campaign, Tier
 from vsr2.config import study_from_mapping
-from vsr2.diagnosis.planted import Rehearsal, shaken_campaign
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.effects import Effect
 from vsr2.effects import library as known_effects
@@ -127,7 +127,7 @@ def main() -> None:
         screening_runs=10,
         noise=0.003,
         series=True,
-        bank=options.out / "bank.sqlite",
+        cache=options.out / "simulations.sqlite",
     )
     other = 10_001
     cases = {

@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planar.simulator import PlanarSimulator
+from planted import Judged, Rehearsal, shaken_campaign
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.evidence import Data, Table, log_likelihood, posterior, tabulate
-from vsr2.diagnosis.planted import Judged, Rehearsal, shaken_campaign
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, values_at
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.which.routes import Prepared
 
 CLASSES = (
@@ -137,7 +137,7 @@ def row_of(judged: Judged, tier: str, kind: str, name: str, relative: float) -> 
         "set_size": len(chosen),
         "p_unknown": p[UNKNOWN],
         "closure": content["gap"]["closure"]["value"],
-        "placebo": content["placebo"]["closure"]["value"],
+        "negative_control": content["negative_control"]["closure"]["value"],
         "oracle": next(
             (e["closure"]["value"] for e in content["effects"] if e["name"] == name), None
         ),
@@ -175,7 +175,7 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         none = [row for row in mine if row["kind"] == "none"]
         unknown = [row for row in mine if row["kind"] == "unknown"]
         pair = [row for row in mine if row["kind"] == "pair"]
-        told = single + none + unknown
+        stated = single + none + unknown
         names = ("effect", "class", "pair")
         spoken = [row for row in single + unknown if row["verdict"] in names]
         others = [row["p_unknown"] for row in single + none]
@@ -194,13 +194,13 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
                 "answer_strong": _mean(row["hit"] for row in strong),
                 "named_strong": _mean(row["verdict"] in names for row in strong),
                 "named_wrongly": _mean(not row["right"] for row in spoken),
-                "covered": _mean(row["covered"] for row in told),
-                "set_size": float(np.median([row["set_size"] for row in told])),
+                "covered": _mean(row["covered"] for row in stated),
+                "set_size": float(np.median([row["set_size"] for row in stated])),
                 "covered_strong": _mean(row["covered"] for row in strong),
                 "set_size_strong": float(np.median([row["set_size"] for row in strong])),
-                "log_score_gain": 1 - _log_loss(told) / np.log(classes),
+                "log_score_gain": 1 - _log_loss(stated) / np.log(classes),
                 "log_score_gain_strong": 1 - _log_loss(strong) / np.log(classes),
-                "calibration_error": _calibration(told),
+                "calibration_error": _calibration(stated),
                 "calibration_error_strong": _calibration(strong),
                 "nones": len(none),
                 "false_alarms": _mean(row["verdict"] != "none" for row in none),

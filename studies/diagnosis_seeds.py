@@ -5,7 +5,7 @@
 A block of configs/blind.yaml is shaken 60 times with 10 motions, nuisances drawn from another
 seed, tier M: without effect, with a planted one, and without, its outcomes and largest tilts dealt
 at random over the trials. Every campaign is diagnosed with seven effects and each seed; a seed's
-diagnoses share a bank, which does not change what they find. Writes `table.csv`, committed as
+diagnoses share a cache, which does not change what they find. Writes `table.csv`, committed as
 docs/results/diagnosis_seeds.csv.
 """
 
@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnosis_planar import write
 
+from diagnosis_planar import write
+from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
 from vsr2.diagnosis import diagnose
-from vsr2.diagnosis.planted import shaken_campaign
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 from vsr2.effects import library

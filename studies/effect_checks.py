@@ -21,8 +21,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from effect_closed_forms import closed_forms
 
+from effect_closed_forms import closed_forms
 from vsr2 import run_batch
 from vsr2.config.study import Output
 from vsr2.effects import Effect, in_order, library, with_effects

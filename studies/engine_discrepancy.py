@@ -6,7 +6,7 @@ PART is a folder of a scored blind check (`out/blind/validation/part1`). Of its 
 effect, residuals against the diagnosis' own model without effect are compared between campaigns,
 which share motions and nothing else: what two campaigns have in common in one trial, or in two
 trials of one motion, is a difference between the engines, over the square of the emulator's
-scatter. `VARIANCE` and `COMMON` of `vsr2.diagnosis.where.discrepancy` rest on it. The part's bank
+scatter. `DISCREPANCY` of `vsr2.diagnosis.where.discrepancy` rests on it. The part's cache
 of simulations is copied and used. Writes `table.csv`, committed as
 docs/results/engine_discrepancy.csv. Three minutes a part.
 """
@@ -29,13 +29,13 @@ from vsr2.blind.diagnose import uncertainties
 from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Nuisances
+from vsr2.diagnosis import Budget, with_deviations
 from vsr2.diagnosis.budget import Schedule
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.evidence import Data, tabulate
 from vsr2.diagnosis.likelihood.score import crossfitted_none
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import screen, simulate_design
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 
@@ -57,7 +57,7 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
     simulator = SceneSimulator(
         first.campaign,
         load_study(part / "data" / pack["scene"]),
-        nuisances=Nuisances(**uncertainties(pack.get("tolerances", {}))),
+        nuisances=with_deviations(uncertainties(pack.get("tolerances", {}))),
         series=True,
         threads=1,
         seed=0,
@@ -65,13 +65,13 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
     effects = simulator.library
     copy = out / f"{part.name}.sqlite"
     shutil.copyfile(part / "verdicts" / "bank.sqlite", copy)
-    with Bank(simulator, copy) as bank:
-        schedule = Schedule(Budget(draws=DRAWS), bank, len(first), effects)
+    with SimulationCache(simulator, copy) as cache:
+        schedule = Schedule(Budget(draws=DRAWS), cache, len(first), effects)
         screening = screen(
-            bank, first, runs=schedule.screening_runs, most=schedule.most_trials, seed=0
+            cache, first, runs=schedule.screening_runs, most=schedule.most_trials, seed=0
         )
         draws = dict.fromkeys(effects, DRAWS)
-        design, _ = simulate_design(bank, first, screening, effects, draws, seed=0)
+        design, _ = simulate_design(cache, first, screening, effects, draws, seed=0)
     kept = screening.kept
     emulator = fit_emulator(effects, design)
     none = tabulate(emulator, "")

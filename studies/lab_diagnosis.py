@@ -22,7 +22,7 @@ import numpy as np
 
 from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import diagnose
-from vsr2.report.diagnosis import figure_file, format_diagnosis, write_diagnosis_page
+from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     bars_figure,
     channels_figure,
@@ -31,6 +31,7 @@ from vsr2.report.diagnosis_figures import (
     posterior_figure,
     reliability_figure,
 )
+from vsr2.report.panels import svg
 
 HERE = Path(__file__).resolve().parent
 
@@ -71,7 +72,7 @@ def main() -> None:
         "reliability": reliability_figure(found.trials),
     }
     for name, figure in figures.items():
-        (folder / f"{name}.svg").write_text(figure_file(figure))
+        (folder / f"{name}.svg").write_text(svg(figure, name) + "\n")
     observed = np.array([row["overturned"] for row in found.trials]) > 0
     with (folder / "metrics.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vsr2.analysis.bootstrap import SCORES, classification_intervals, mean_interval
+from vsr2.analysis.bootstrap import SCORES, classification_intervals
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import CampaignError, ResultError
@@ -67,15 +67,6 @@ def test_a_score_without_a_denominator_is_unknown():
     assert found["recall"].low == found["recall"].high == 0.0
 
 
-def test_the_mean_of_a_figure():
-    values = np.repeat(np.random.default_rng(1).normal(size=400), 2)
-    found = mean_interval(values, np.repeat(np.arange(400), 2))
-    assert found.value == values.mean()
-    assert found.standard_error == pytest.approx(values.std() / 20, rel=0.08)
-    assert found.low < found.value < found.high
-    assert mean_interval([2.0, 2.0], ["a", "b"]).standard_error == 0.0
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "words"),
     [
@@ -89,7 +80,3 @@ def test_bad_arguments_are_named(arguments, error, words):
     truth = np.array([True, False])
     with pytest.raises(error, match=words):
         classification_intervals(truth, truth, **values)
-    with pytest.raises(error, match=words):
-        mean_interval([1.0, 2.0], **values)
-    with pytest.raises(ResultError, match="must be finite"):
-        mean_interval([1.0, np.nan], ["a", "b"])

@@ -32,7 +32,7 @@ from vsr2.campaign import (
 )
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
-from vsr2.diagnosis import Nuisances
+from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
@@ -103,7 +103,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     whole = load_campaign(small / Stub.calls[0][0].name)
     assert at_tier(whole, "T") is whole
     # All tiers share one bank of simulations.
-    shared = Stub.calls[0][1]["shared"]
+    shared = Stub.calls[0][1]["cache"]
     scene = load_study(small / "scene.yaml")
     simulators = [
         SceneSimulator(at_tier(whole, tier), scene, series=True, sampling=shared.sampling)
@@ -273,12 +273,15 @@ except (FileNotFoundError, PermissionError):
 else:
     sys.exit("the key can be read")
 import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
+from dataclasses import replace
 from vsr2.blind import diagnose_pack
 from vsr2.diagnosis import diagnose
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
-vsr2.diagnosis.simulated.design.LEAST_NONE = 12
-vsr2.diagnosis.budget.MAX_TRIALS = 4
+vsr2.diagnosis.simulated.design.SCREENING = replace(
+    vsr2.diagnosis.simulated.design.SCREENING, least_none=12
+)
+vsr2.diagnosis.budget.NOISE_FLOOR = replace(vsr2.diagnosis.budget.NOISE_FLOOR, most_trials=4)
 vsr2.diagnosis.which.amortised.TREES = 40
 rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
 made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], draws=6, diagnose=rough)
@@ -387,7 +390,8 @@ def test_the_scene_rocks_under_all_nuisances(study) -> None:
     # It would slide below a friction of b / h; the diagnosis' prior is exp(N(0, 0.1)).
     friction = study.contact.rock.lateral_friction * study.contact.pedestal.lateral_friction
     width, _, height = study.rock.size
-    assert friction * math.exp(-3 * Nuisances().friction) > 1.3 * width / height
+    (deviation,) = (one.prior.sd for one in DEFAULT_NUISANCES if one.name == "friction")
+    assert friction * math.exp(-3 * deviation) > 1.3 * width / height
 
 
 def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> None:
@@ -535,4 +539,4 @@ def test_a_diagnosis_takes_its_uncertainties_from_the_published_tolerances() -> 
          "trial_gain": 0.004}
     )  # fmt: skip
     assert uncertainties({}) == {}
-    Nuisances(**found)
+    with_deviations(found)

@@ -19,6 +19,7 @@ from vsr2.calibration import (
     profiles,
     sequential_search,
 )
+from vsr2.calibration.calibration_study import Joint, Sequential, at_share, share_of, within
 from vsr2.calibration.scores import metrics_of, objective_of, objective_replicates
 from vsr2.calibration.search import (
     best_step,
@@ -26,10 +27,10 @@ from vsr2.calibration.search import (
     profile_values,
     spread_points,
 )
-from vsr2.calibration.settings import Joint, Sequential, at_share, share_of, within
 from vsr2.campaign import motion_resamples
 from vsr2.campaign.folds import grouped_folds
 from vsr2.config.extended import Plain
+from vsr2.report.run_messages import compatible_values
 
 START = {"p": 0.1, "q": 1.0}
 
@@ -228,7 +229,7 @@ def test_profiles_tell_what_is_identified_and_what_is_not():
     assert kept[0].low <= 0.5 <= kept[-1].high
     assert len(kept) <= 3
     assert found["q"].verdict == "not identified"
-    assert found["q"].compatible == "0.001 to 1000"
+    assert compatible_values(found["q"]) == "0.001 to 1000"
     assert all(cell.compatible for cell in found["q"].cells)
 
 
@@ -254,5 +255,5 @@ def test_parts_of_a_range_that_no_set_tried_are_counted():
     resamples = motion_resamples(world.motions, 500, 0)
     best = every[0].values
     found = {p.name: p for p in profiles(RANGES, every, world.observed, resamples, best)}
-    assert found["p"].compatible.endswith("; 5 of 7 parts untried")
+    assert compatible_values(found["p"]).endswith("; 5 of 7 parts untried")
     assert sum(cell.sets > 0 for cell in found["p"].cells) == 2

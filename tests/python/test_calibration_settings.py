@@ -6,7 +6,7 @@ import pytest
 
 from calibration_samples import STUDY
 from vsr2.calibration import load_calibration
-from vsr2.calibration.settings import start_values, study_values
+from vsr2.calibration.calibration_study import start_values, study_values
 from vsr2.errors import ConfigError
 
 

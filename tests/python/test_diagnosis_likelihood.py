@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.likelihood import equivalence
 from vsr2.diagnosis.likelihood.emulator import design_matrix, fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import evened, leading_class, taken_for_same
@@ -15,7 +16,6 @@ from vsr2.diagnosis.likelihood.linear_algebra import singular_values
 from vsr2.diagnosis.likelihood.pairs import pair_posterior
 from vsr2.diagnosis.simulated.design import Design
 from vsr2.diagnosis.simulated.library import basis
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.which.routes import _closed
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
@@ -84,20 +84,20 @@ def test_nodes_close_in_on_a_pair() -> None:
     seen = both + 0.1 * rng.standard_normal(trials)
     one = Data(blank[:1], seen[None, :, None])
 
-    def told(*nodes):
+    def stated(*nodes):
         return pair_posterior(TWO, emulator, ("table_gain", "restitution"), one, nodes)
 
-    table, near = told(120, 120, 120)
-    assert near.evidence[0] == pytest.approx(told(400, 400, 400)[1].evidence[0], abs=0.05)
+    table, near = stated(120, 120, 120)
+    assert near.evidence[0] == pytest.approx(stated(400, 400, 400)[1].evidence[0], abs=0.05)
     # Of 4000 nodes over both priors a few share the posterior: a third of the evidence is chance.
-    assert near.evidence[0] == pytest.approx(told(4000)[1].evidence[0], abs=0.4)
-    assert near.evidence[0] > told(120)[1].evidence[0] + 5, "which 120 nodes hardly meet"
+    assert near.evidence[0] == pytest.approx(stated(4000)[1].evidence[0], abs=0.4)
+    assert near.evidence[0] > stated(120)[1].evidence[0] + 5, "which 120 nodes hardly meet"
     mean = np.exp(near.nodes[0]) @ table.fine.quantiles
     np.testing.assert_allclose(mean, list(true.values()), atol=0.1)
     assert np.exp(near.nodes[0]).max() < 0.1, "many nodes share the posterior"
 
 
-def shared_draws(rng, draws=30, each=20, trials=60, common=0.3, own=0.1):
+def common_draws(rng, draws=30, each=20, trials=60, common=0.3, own=0.1):
     """Campaigns of which `each` share a draw of nuisances, and with it most of their noise.
 
     The effect is weak beside it.
@@ -122,7 +122,7 @@ def standardised(found, columns, true, fit) -> float:
 
 
 def test_campaigns_that_share_a_draw_are_no_independent_witnesses() -> None:
-    design = shared_draws(np.random.default_rng(5))
+    design = common_draws(np.random.default_rng(5))
     found = fit_emulator(TWO, design)
     feature = found.features[0]
     # 60 coefficients: 1 with a standard error of 0.09.
@@ -139,7 +139,7 @@ def test_campaigns_that_share_a_draw_are_no_independent_witnesses() -> None:
 
 
 def test_effects_are_known_from_differences_within_draws() -> None:
-    design = shared_draws(np.random.default_rng(7))
+    design = common_draws(np.random.default_rng(7))
     found = fit_emulator(TWO, design)
     gain = found.blocks["table_gain"].start
     feature = found.features[0]
@@ -153,9 +153,9 @@ def test_effects_are_known_from_differences_within_draws() -> None:
 
 
 def test_nuisances_that_act_by_their_square_are_found_and_no_others() -> None:
-    bent = fit_emulator(TWO, logistic_design(np.random.default_rng(3), bend=0.2))
-    np.testing.assert_array_equal(bent.bends, [0])
-    change = tabulate(bent, "").response[0]
+    squared = fit_emulator(TWO, logistic_design(np.random.default_rng(3), bend=0.2))
+    np.testing.assert_array_equal(squared.bends, [0])
+    change = tabulate(squared, "").response[0]
     np.testing.assert_allclose(change.square[:, 0], np.linspace(-0.2, 0.2, 12), atol=0.03)
     plain = fit_emulator(TWO, logistic_design(np.random.default_rng(3)))
     assert plain.bends.size == 0

@@ -7,12 +7,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from planted import shaken_campaign
 from vsr2.campaign import MeasurementNoise, Series
-from vsr2.diagnosis.floor import _repeats
+from vsr2.diagnosis.noise_floor import _repeats
 from vsr2.diagnosis.observed.features import Sampling, rest_features, tilt_features
 from vsr2.diagnosis.observed.observations import _reached_tier, observe_campaign, rest_logarithm
-from vsr2.diagnosis.observed.table import agreement, table_residuals
-from vsr2.diagnosis.planted import shaken_campaign
+from vsr2.diagnosis.observed.table_motion import agreement, table_residuals
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record
 

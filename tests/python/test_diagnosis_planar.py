@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.simulated.planar.block import (
+from planar.block import (
     DEFAULTS,
     GRAVITY,
     STEP,
     PlanarBlocks,
     simulate_planar,
 )
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
+from planar.library import PLANAR_LIBRARY
+from planar.simulator import PlanarSimulator
+from planted import shaken_campaign
 from vsr2.diagnosis.simulated.simulator import Request
 
 B, H = 0.2, 0.5

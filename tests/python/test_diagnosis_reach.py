@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from planar.library import PLANAR_LIBRARY
+from planar.simulator import PlanarSimulator
+from planted import observe, shaken_campaign
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import observe, shaken_campaign
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import screen
 from vsr2.diagnosis.simulated.library import (
     Reaching,
@@ -21,9 +23,7 @@ from vsr2.diagnosis.simulated.library import (
     reaches,
     values_at,
 )
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
-from vsr2.diagnosis.simulated.reach import OVERWHELMING, reaching
+from vsr2.diagnosis.simulated.reach import REACH, reaching
 from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
 from vsr2.effects import library as full_library
 
@@ -42,9 +42,6 @@ class Straight:
         self.slopes = slopes
         self.library = {name: full_library()[name] for name in slopes}
 
-    def trial_key(self, trial):
-        return str(trial)
-
     def nuisance_draw(self, index):
         return nuisance_normal(5, 1, index)
 
@@ -60,27 +57,27 @@ class Straight:
 
 def reach_of(slopes) -> dict[str, tuple[float, float]]:
     kept = np.arange(40)
-    with Bank(Straight(slopes)) as bank:
-        return reaches(reaching(bank, SimpleNamespace(kept=kept, verge=kept[3:])))
+    with SimulationCache(Straight(slopes)) as cache:
+        return reaches(reaching(cache, SimpleNamespace(kept=kept, uncertain_at_first=kept[3:])))
 
 
 def test_the_reach_is_where_an_effect_moves_trials_by_so_many_standard_deviations() -> None:
     # At a share s of 0.15 the change is 40 s standard deviations.
     found = reach_of({"wear": lambda values: 40 * SCATTER * values[0] / 0.15})
-    assert found["wear"][1] == pytest.approx(OVERWHELMING / 40, rel=0.15)
+    assert found["wear"][1] == pytest.approx(REACH.overwhelming / 40, rel=0.15)
 
 
 def test_each_side_of_the_null_has_a_reach_of_its_own() -> None:
-    def bent(values):
+    def squared(values):
         share = values[0] / 0.15
         return SCATTER * (25 * share if share > 0 else 150 * share)
 
-    below, above = reach_of({"table_gain": bent})["table_gain"]
-    assert below == pytest.approx(OVERWHELMING / 150, rel=0.2)
-    assert above == pytest.approx(OVERWHELMING / 25, rel=0.2)
+    below, above = reach_of({"table_gain": squared})["table_gain"]
+    assert below == pytest.approx(REACH.overwhelming / 150, rel=0.2)
+    assert above == pytest.approx(REACH.overwhelming / 25, rel=0.2)
 
 
-def test_what_is_weak_everywhere_or_leaps_keeps_its_whole_range() -> None:
+def test_what_is_weak_everywhere_or_leaps_keeps_its_range() -> None:
     found = reach_of(
         {
             "wear": lambda values: SCATTER * values[0] / 0.15,
@@ -99,8 +96,8 @@ def test_overturning_counts_as_a_tilt_of_one_radian() -> None:
             return Responses(np.array(strong, dtype=float), found.peak_tilt, None)
 
     kept = np.arange(40)
-    with Bank(Overturning({"wear": lambda values: 0.0})) as bank:
-        found = reaches(reaching(bank, SimpleNamespace(kept=kept, verge=kept[:0])))
+    with SimulationCache(Overturning({"wear": lambda values: 0.0})) as cache:
+        found = reaches(reaching(cache, SimpleNamespace(kept=kept, uncertain_at_first=kept[:0])))
     # It sets in between a sixteenth of the range, 0.0094, and a quarter of it.
     assert 1 / 16 < found["wear"][1] < 1 / 4
 
@@ -113,9 +110,9 @@ def test_all_tiers_find_the_same_reach_and_so_share_their_simulations() -> None:
     seen = observe_campaign(observe(campaign, simulator, nuisance=3, tier="M"), "M")
     found, kept = [], []
     for one in (seen, replace(seen, tier="B")):
-        with Bank(simulator) as bank:
-            screening = screen(bank, one, runs=20, most=48)
-            found.append(reaches(reaching(bank, screening)))
+        with SimulationCache(simulator) as cache:
+            screening = screen(cache, one, runs=20, most=48)
+            found.append(reaches(reaching(cache, screening)))
             kept.append(screening.kept.size)
     assert kept[0] > kept[1]
     assert found[0] == found[1]
@@ -146,7 +143,7 @@ def test_within_reach_lie_more_draws_than_by_the_square_alone() -> None:
     assert own.mean() == pytest.approx(1 / np.sqrt(1 - np.log(0.02)), abs=2e-3)
 
 
-def test_a_range_of_which_a_quarter_tells_is_used_as_it_is() -> None:
+def test_a_range_of_which_a_quarter_keeps_is_used_as_it_is() -> None:
     u = np.linspace(0.01, 0.99, 99)[:, None]
     for name in ("wear", "table_gain"):
         entry = full_library()[name]
@@ -156,7 +153,7 @@ def test_a_range_of_which_a_quarter_tells_is_used_as_it_is() -> None:
         assert np.abs(positions(Reaching(entry, 0.24, 0.24), u) - positions(entry, u)).max() > 0.01
 
 
-def test_distances_from_a_null_outside_the_prior_are_squared_where_that_tells_more() -> None:
+def test_distances_from_a_null_outside_the_prior_are_squared_where_that_keeps_more() -> None:
     entry = full_library()["table_saturation"]
     u = np.column_stack([np.linspace(0.0, 1.0, 101)] * 2)
     np.testing.assert_allclose(positions(Reaching(entry, 0.6, 0.6), u), u, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Parts of the diagnosis that simulate: the bank, draws, the library."""
+"""Parts of the diagnosis that simulate: the cache, draws, the library."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.budget import MAX_DRAWS, Budget, Schedule
-from vsr2.diagnosis.diagnose import _settled
-from vsr2.diagnosis.how_far.anew import ANEW_RUNS
-from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
+from planar.library import PLANAR_LIBRARY
+from planted import shaken_campaign
+from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
+from vsr2.diagnosis.how_far.resimulation import RESIMULATION_RUNS
+from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.simulated.bank import Bank, own_code
+from vsr2.diagnosis.pipeline import _settled
+from vsr2.diagnosis.simulated.cache import SimulationCache, own_code
 from vsr2.diagnosis.simulated.design import screen
 from vsr2.diagnosis.simulated.library import basis, free_parameters, null_quantile, values_at
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.effects import library as full_library
 from vsr2.errors import DiagnosisError
@@ -35,9 +35,6 @@ class Falling:
 
     def __init__(self, times):
         self.left = list(times)
-
-    def trial_key(self, trial):
-        return str(trial)
 
     def nuisance_draw(self, index):
         return nuisance_normal(0, 1, index)
@@ -61,9 +58,6 @@ class Counting:
         self.runs = 0
         self.stop_after = stop_after
 
-    def trial_key(self, trial):
-        return str(trial)
-
     def nuisance_draw(self, index):
         return nuisance_normal(0, 1, index)
 
@@ -75,21 +69,24 @@ class Counting:
         return Responses((value > 0.5).astype(float), value, None)
 
 
-def test_an_interrupted_bank_goes_on_where_it_stopped(tmp_path) -> None:
+def test_an_interrupted_cache_goes_on_where_it_stopped(tmp_path) -> None:
     requests = [Request(i % 10, (), i // 10, 1) for i in range(40)]
-    whole = Bank(Counting()).run(requests)
-    with pytest.raises(KeyboardInterrupt), Bank(Counting(25), tmp_path / "b", chunk=10) as bank:
-        bank.run(requests)
+    reference = SimulationCache(Counting()).run(requests)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        SimulationCache(Counting(25), tmp_path / "b", chunk=10) as cache,
+    ):
+        cache.run(requests)
     simulator = Counting()
-    with Bank(simulator, tmp_path / "b", chunk=10) as bank:
-        found = bank.run([*requests, requests[3]])
-        assert (bank.simulated, bank.reused, bank.size) == (20, 20, 40)
+    with SimulationCache(simulator, tmp_path / "b", chunk=10) as cache:
+        found = cache.run([*requests, requests[3]])
+        assert (cache.simulated, cache.reused, cache.size) == (20, 20, 40)
     assert simulator.runs == 20
-    np.testing.assert_array_equal(found.peak_tilt[:40], whole.peak_tilt)
-    assert found.peak_tilt[40] == whole.peak_tilt[3]
+    np.testing.assert_array_equal(found.peak_tilt[:40], reference.peak_tilt)
+    assert found.peak_tilt[40] == reference.peak_tilt[3]
 
 
-def test_a_bank_tells_effects_nuisances_replicates_and_scenes_apart(tmp_path) -> None:
+def test_a_cache_keeps_effects_nuisances_replicates_and_scenes_apart(tmp_path) -> None:
     keys = [
         Request(0, (), 0, 0),
         Request(0, (), 1, 0),
@@ -97,14 +94,14 @@ def test_a_bank_tells_effects_nuisances_replicates_and_scenes_apart(tmp_path) ->
         Request(0, (("table_gain", (0.1,)),), 0, 0),
         Request(1, (), 0, 0),
     ]
-    with Bank(Counting(), tmp_path / "b") as bank:
-        bank.run(keys)
-        assert bank.simulated == 5
+    with SimulationCache(Counting(), tmp_path / "b") as cache:
+        cache.run(keys)
+        assert cache.simulated == 5
     other = Counting()
     other.identity = "another scene"
-    with Bank(other, tmp_path / "b") as bank:
-        bank.run(keys)
-        assert bank.simulated == 5
+    with SimulationCache(other, tmp_path / "b") as cache:
+        cache.run(keys)
+        assert cache.simulated == 5
 
 
 TYPED_IN = """
@@ -114,7 +111,7 @@ class Gain(library_s):
 """
 
 
-def test_a_bank_tells_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) -> None:
+def test_a_cache_keeps_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) -> None:
     library_s = type(full_library()["table_gain"])
 
     class Gain(library_s):
@@ -137,39 +134,41 @@ def test_a_bank_tells_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) -> 
     for kind in (*kinds, *kinds):
         simulator = Counting()
         simulator.library = TWO | {"table_gain": kind()}
-        with Bank(simulator, tmp_path / "b") as bank:
-            bank.run([with_it, without])
-            simulated.append(bank.simulated)
+        with SimulationCache(simulator, tmp_path / "b") as cache:
+            cache.run([with_it, without])
+            simulated.append(cache.simulated)
     # What no effect acts on is simulated once for all of them.
     assert simulated == [2, 1, 0, 1, 1, 0, 0, 0, 0, 0]
 
 
 def test_only_effects_in_the_race_get_twice_the_draws() -> None:
-    schedule = Schedule(Budget(simulations=100_000), Bank(Counting()), 50, TWO)
-    told = {"table_gain": 0.9, "restitution": 0.001}
+    schedule = Schedule(Budget(simulations=100_000), SimulationCache(Counting()), 50, TWO)
+    stated = {"table_gain": 0.9, "restitution": 0.001}
     first = dict.fromkeys(TWO, 24)
-    more = schedule.next_draws(first, told)
+    more = schedule.next_draws(first, stated)
     assert more == {"table_gain": 48, "restitution": 24}
     # Who fell behind once stays behind.
     assert schedule.next_draws(more, dict.fromkeys(TWO, 0.5)) == {
         "table_gain": 96,
         "restitution": 24,
     }
-    assert schedule.next_draws({"table_gain": MAX_DRAWS, "restitution": 24}, told) is None
+    assert (
+        schedule.next_draws({"table_gain": SCHEDULE.most_draws, "restitution": 24}, stated) is None
+    )
 
 
-def test_what_dropped_trials_cost_is_kept_back() -> None:
-    bank = Bank(Counting())
-    schedule = Schedule(Budget(simulations=10_000), bank, 50, TWO)
+def test_what_screened_out_trials_cost_is_kept_back() -> None:
+    cache = SimulationCache(Counting())
+    schedule = Schedule(Budget(simulations=10_000), cache, 50, TWO)
     schedule.fit(20)
-    rest = 10_000 - DROPPED_RUNS * 30 - ANEW_RUNS * 20
-    assert schedule.affords(rest, bank)
+    rest = 10_000 - SCREENED_OUT_RUNS * 30 - RESIMULATION_RUNS * 20
+    assert schedule.affords(rest, cache)
     assert not schedule.limited
-    assert not schedule.affords(rest + 1, bank)
+    assert not schedule.affords(rest + 1, cache)
     assert schedule.limited
-    bank.run([Request(0, (), i, 1) for i in range(10)])
-    assert not schedule.affords(rest - 9, bank)
-    assert schedule.affords(rest - 10, bank)
+    cache.run([Request(0, (), i, 1) for i in range(10)])
+    assert not schedule.affords(rest - 9, cache)
+    assert schedule.affords(rest - 10, cache)
 
 
 def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
@@ -184,18 +183,18 @@ def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
     assert not _settled([*same[:2], one(["catch"], 0.03)]), "a gap, and then none"
 
 
-def test_a_file_that_is_no_bank_is_refused(tmp_path) -> None:
-    (tmp_path / "b").write_text("no bank at all, and long enough to be looked at" * 20)
+def test_a_file_that_is_no_cache_is_refused(tmp_path) -> None:
+    (tmp_path / "b").write_text("no cache at all, and long enough to be looked at" * 20)
     with pytest.raises(DiagnosisError, match=r"remove it, and .* or choose another folder"):
-        Bank(Counting(), tmp_path / "b")
+        SimulationCache(Counting(), tmp_path / "b")
     with pytest.raises(DiagnosisError, match="see that its folder may be written to"):
-        Bank(Counting(), tmp_path / "none" / "b")
+        SimulationCache(Counting(), tmp_path / "none" / "b")
 
 
-def test_a_bank_that_fails_later_is_told_too(tmp_path) -> None:
+def test_a_cache_that_fails_later_is_stated_too(tmp_path) -> None:
     requests = [Request(i % 10, (), i // 10, 1) for i in range(2000)]
-    with Bank(Counting(), tmp_path / "b") as bank:
-        bank.run(requests)
+    with SimulationCache(Counting(), tmp_path / "b") as cache:
+        cache.run(requests)
     # Pages behind the first, on which opening looks at no row.
     with (tmp_path / "b").open("r+b") as file:
         for page in range(2, (tmp_path / "b").stat().st_size // 4096):
@@ -203,20 +202,20 @@ def test_a_bank_that_fails_later_is_told_too(tmp_path) -> None:
             file.write(b"\xff" * 64)
     with (
         pytest.raises(DiagnosisError, match=r"b: cannot be used .* remove it, and"),
-        Bank(Counting(), tmp_path / "b") as bank,
+        SimulationCache(Counting(), tmp_path / "b") as cache,
     ):
-        bank.run(requests)
-    with Bank(Counting(), tmp_path / "c") as bank:
+        cache.run(requests)
+    with SimulationCache(Counting(), tmp_path / "c") as cache:
         other = sqlite3.connect(tmp_path / "c")
         other.execute("BEGIN EXCLUSIVE")
-        bank._file.execute("PRAGMA busy_timeout = 1")
+        cache._file.execute("PRAGMA busy_timeout = 1")
         with pytest.raises(DiagnosisError, match="another process writes to it: wait"):
-            bank.run(requests)
+            cache.run(requests)
         other.rollback()
         other.close()
-        bank._file.execute("PRAGMA query_only = 1")
+        cache._file.execute("PRAGMA query_only = 1")
         with pytest.raises(DiagnosisError, match="may be written to and has room"):
-            bank.run(requests)
+            cache.run(requests)
 
 
 @pytest.mark.parametrize("name", sorted(full_library()))
@@ -234,7 +233,7 @@ def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
     assert len(values_at(entry, u[0])) == len(entry.parameters)
 
 
-def test_trials_near_the_verge_are_kept_first() -> None:
+def test_trials_near_the_boundary_are_kept_first() -> None:
     """Of 12 simulations, 8 without effect: certain are those with none or all overturned."""
     campaign = shaken_campaign(10, 4)
     rows = tuple(dataclasses.replace(trial, overturned=False) for trial in campaign.trials)
@@ -243,14 +242,14 @@ def test_trials_near_the_verge_are_kept_first() -> None:
     times[:6] = 12, 1, 11, 5, 7, 2
 
     def kept(most):
-        with Bank(Falling(times)) as bank:
-            return screen(bank, seen, runs=16, most=most)
+        with SimulationCache(Falling(times)) as cache:
+            return screen(cache, seen, runs=16, most=most)
 
     every = kept(40)
     assert set(every.kept) - set(every.guard) == {1, 2, 3, 4, 5}
     assert every.guard.size == 4, "a tenth of 35"
     np.testing.assert_array_equal(every.alike, np.isin(times, (0, 12)))
-    np.testing.assert_array_equal(every.verge, [1, 2, 3, 4, 5])
+    np.testing.assert_array_equal(every.uncertain_at_first, [1, 2, 3, 4, 5])
     np.testing.assert_allclose(every.probability, (times + 0.5) / 13)
     few = kept(4)
     assert few.guard.size == 1

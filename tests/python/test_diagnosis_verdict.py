@@ -8,61 +8,87 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.how_far.anew import Anew
-from vsr2.diagnosis.how_far.shrinkage import Interval, Pair
+from vsr2.diagnosis.how_far.held_out import Interval, Pair
+from vsr2.diagnosis.how_far.resimulation import Resimulation
 from vsr2.diagnosis.simulated.library import NONE, free_parameters
-from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement, points_outside
-from vsr2.diagnosis.verdict.summary import (
-    _few_sessions,
-    _repeated,
-    _sizes,
-    _unseen,
+from vsr2.diagnosis.verdict.limits import (
     beyond_tolerance,
-    mates,
-    withheld_mates,
+    equivalents_of_a_pair,
+    excluded_equivalents,
+    few_sessions,
+    insensitive,
+    open_sizes,
+    repeats_scatter,
+)
+from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement, points_outside
+from vsr2.diagnosis.verdict.statements import (
+    GapState,
+    LimitCode,
+    ReasonCode,
+    Statement,
+    VerdictKind,
 )
 from vsr2.effects import library as full_library
 
 
+def verdict_of(kind, *effects):
+    return Verdict(VerdictKind(kind), effects, 0.9, ())
+
+
+def test_a_statement_has_the_values_that_its_code_declares() -> None:
+    assert Statement.of(LimitCode.FEW_TRIALS, count=3).to_json() == {
+        "code": "few_trials",
+        "values": {"count": 3},
+    }
+    with pytest.raises(TypeError, match="few_trials: has values"):
+        Statement.of(LimitCode.FEW_TRIALS, number=3)
+    with pytest.raises(TypeError, match="few_trials: count is 'many'"):
+        Statement.of(LimitCode.FEW_TRIALS, count="many")
+
+
 def test_a_pair_names_what_stands_behind_its_members() -> None:
-    pair = Verdict("pair", ("catch", "com_offset"), 0.9, ())
-    assert [told.split(",")[0] for told in mates(pair, full_library())] == [
-        "in place of catch it may be outcome_rule",
-        "in place of com_offset it may be base_slope",
+    library = full_library()
+    assert list(equivalents_of_a_pair(verdict_of("pair", "catch", "com_offset"), library)) == [
+        Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=(other,))
+        for name, other in (("catch", "outcome_rule"), ("com_offset", "base_slope"))
     ]
-    assert mates(Verdict("pair", ("inertia", "time_scale"), 0.9, ()), full_library()) == []
-    assert mates(Verdict("effect", ("com_offset",), 0.9, ()), full_library()) == []
+    assert not list(equivalents_of_a_pair(verdict_of("pair", "inertia", "time_scale"), library))
+    assert not list(equivalents_of_a_pair(verdict_of("effect", "com_offset"), library))
 
 
 def test_what_lies_beyond_its_tolerance_may_look_like_an_effect() -> None:
     nuisances = ("slenderness", "inertia", "friction")
 
-    def told(kind, *effects):
-        return beyond_tolerance(Verdict(kind, effects, 0.9, ()), nuisances)
+    def found(kind, *effects):
+        statements = list(beyond_tolerance(verdict_of(kind, *effects), nuisances))
+        assert {one.code for one in statements} <= {LimitCode.BEYOND_TOLERANCE}
+        return [one.values["nuisances"] for one in statements]
 
-    assert "whose slenderness lies further off" in told("effect", "edge_rounding")[0]
-    assert "whose slenderness or inertia lies" in told("class", "table_gain", "time_scale")[0]
-    assert "whose friction lies" in told("effect", "friction")[0]
-    assert told("effect", "catch") == told("none") == told("unresolved", "slenderness") == []
+    assert found("effect", "edge_rounding") == [("slenderness",)]
+    assert found("class", "table_gain", "time_scale") == [("slenderness", "inertia")]
+    assert found("effect", "friction") == [("friction",)]
+    assert found("effect", "catch") == found("none") == found("unresolved", "slenderness") == []
 
 
-def test_few_sessions_are_told() -> None:
-    def told(*sessions, motion=(0, 0, 1, 1, 1, 1)):
-        return _few_sessions(np.array(sessions), np.array(motion))
+def test_few_sessions_are_stated() -> None:
+    def codes(*sessions, motion=(0, 0, 1, 1, 1, 1)):
+        return [one.code for one in few_sessions(np.array(sessions), np.array(motion))]
 
-    assert "one session: a change" in told(0, 0, 0, 0)[0]
-    assert "motions of one session are" in told(0, 0, 0, 0, motion=(0, 1, 0, 1, 0))[0]
-    assert "sessions are interleaved" in told(0, 1, 0, 1, 0)[0]
-    assert "few sessions: their order can be changed in 2 ways" in told(0, 0, 1, 1)[0]
-    assert "(p of 0.17 at least)" in told(0, 0, 1, 1, 2, 2)[0]
+    assert codes(0, 0, 0, 0) == [LimitCode.ONE_SESSION]
+    mixed = (0, 1, 0, 1, 0)
+    assert codes(0, 0, 0, 0, motion=mixed) == [LimitCode.INTERLEAVED_IN_ONE_SESSION]
+    assert codes(0, 1, 0, 1, 0)[0] is LimitCode.INTERLEAVED_SESSIONS
+    few = list(few_sessions(np.array([0, 0, 1, 1, 2, 2]), np.arange(6)))
+    assert few == [Statement.of(LimitCode.FEW_SESSIONS, orders=6, p=1 / 6)]
     eight = (0, 0, 1, 1, 2, 2, 3, 3)
-    assert told(*eight, motion=eight) == []
-    (mixed,) = told(*eight, motion=(0, 1, 0, 1, 0, 1, 0, 1))
-    assert "whether one session stands out cannot be told" in mixed
-    # Each motion once: whole motions are permuted.
-    assert told(*eight, motion=range(8)) == []
+    assert codes(*eight, motion=eight) == []
+    motions = (0, 1, 0, 1, 0, 1, 0, 1)
+    assert codes(*eight, motion=motions) == [LimitCode.INTERLEAVED_MOTIONS]
+    # Each motion once: complete motions are permuted.
+    assert codes(*eight, motion=range(8)) == []
 
 
+DISAGREE = Statement.of(ReasonCode.ROUTE_FAVOURS_OTHER, route="classifier", effect="wear")
 CLEAR = Findings(
     gap_low=0.02,
     touches_floor=False,
@@ -139,17 +165,20 @@ def second(**changes):
         ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.004}, "effect"),
         ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.006}, "unresolved"),
         ({"after_low": -0.01, "left": 0.9}, "effect"),
-        ({"agreement": "the routes disagree"}, "unresolved"),
+        ({"agreement": DISAGREE}, "unresolved"),
         ({"halves": (("table_gain",), ("table_gain", "wear"))}, "effect"),
         ({"after_low": 0.16}, "unresolved"),
         ({"after_low": 0.14}, "effect"),
-        ({"anew": Anew(Interval(0.9, 0.8, 1.0), 0.9, short=False)}, "effect"),
-        ({"anew": Anew(Interval(0.3, 0.2, 0.4), 0.9, short=True)}, "unresolved"),
-        (SECOND | {"anew": Anew(Interval(0.3, 0.2, 0.4), 0.9, short=True)}, "unresolved"),
+        ({"resimulation": Resimulation(Interval(0.9, 0.8, 1.0), 0.9, short=False)}, "effect"),
+        ({"resimulation": Resimulation(Interval(0.3, 0.2, 0.4), 0.9, short=True)}, "unresolved"),
+        (
+            SECOND | {"resimulation": Resimulation(Interval(0.3, 0.2, 0.4), 0.9, short=True)},
+            "unresolved",
+        ),
         ({"halves": (("table_gain",), ("wear", "catch"))}, "unresolved"),
         ({"halves": (("wear",), ("table_gain",)), "leading": ("table_gain", "wear")}, "class"),
         (SECOND | {"halves": (("table_gain",), ("wear", "catch"))}, "pair"),
-        # A gap whose size is not told from zero has no cause that is named, however it is told.
+        # A gap whose size is open has no cause that is named, however it was found.
         ({"touches_floor": True}, "unresolved"),
         (SECOND | {"touches_floor": True}, "unresolved"),
         (MISFIT | {"touches_floor": True}, "unresolved"),
@@ -168,10 +197,10 @@ def second(**changes):
         ({"leading": tuple("abcdef")}, "unresolved"),
         ({"pair": BOTH}, "effect"),
         (SECOND, "pair"),
-        (SECOND | {"agreement": "the routes disagree"}, "pair"),
-        (SECOND | {"pair_agreement": "the routes disagree"}, "unresolved"),
+        (SECOND | {"agreement": DISAGREE}, "pair"),
+        (SECOND | {"pair_agreement": DISAGREE}, "unresolved"),
         # A pair that is not named excuses no contradiction.
-        (SECOND | second(closed=0.4) | {"agreement": "the routes disagree"}, "unresolved"),
+        (SECOND | second(closed=0.4) | {"agreement": DISAGREE}, "unresolved"),
         (SECOND | {"novelty_p": 0.3}, "effect"),
         (SECOND | {"after_low": -0.01}, "effect"),
         (SECOND | {"left": 0.1}, "effect"),
@@ -192,97 +221,111 @@ def test_the_verdict_follows_its_rules(changes, kind) -> None:
 
 def test_what_is_less_probable_is_not_called_indistinguishable() -> None:
     two = dataclasses.replace(CLEAR, leading=("table_gain", "wear"), alike_probability=0.7)
-    assert (
-        "table_gain has a probability of 0.70 if something is missing; 0.8 takes"
-        in decide(two).reasons[-1]
+    assert decide(two).reasons[-1] == Statement.of(
+        ReasonCode.OTHERS_FIT_WORSE, first=("table_gain",), probability=0.7, wanted=0.8
     )
     same = dataclasses.replace(two, alike=two.leading)
-    assert decide(same).reasons[-1] == "this campaign does not tell these effects apart"
+    assert decide(same).reasons[-1].code is ReasonCode.EQUIVALENT_HERE
     many = dataclasses.replace(two, leading=tuple("abcdef"), alike=("a", "b"))
-    assert (
-        "the class of a has a probability of 0.70 if something is missing; it takes 6"
-        in decide(many).reasons[-1]
-    )
+    last = decide(many).reasons[-1]
+    assert last.code is ReasonCode.TOO_MANY_NEEDED
+    assert (last.values["first"], last.values["count"]) == (("a", "b"), 6)
     flat = dataclasses.replace(many, alike=many.leading)
-    assert "6 of the library's 20 effects cannot be told apart" in decide(flat).reasons[-1]
+    assert decide(flat).reasons[-1] == Statement.of(
+        ReasonCode.TOO_MANY_EQUIVALENT, count=6, offered=20
+    )
 
 
-def test_a_gap_is_told_by_the_tests_that_found_it() -> None:
+def test_a_gap_is_stated_by_the_tests_that_found_it() -> None:
     calm = dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, surprise_p=0.001)
-    first, *others = decide(calm).reasons
-    assert first.startswith("trials did what they never do in simulations")
-    assert not others
-    both = decide(dataclasses.replace(CLEAR, surprise_p=0.001)).reasons
-    assert both[0].startswith("a gap beyond noise: p = 0.005 for its size")
-    assert both[1] == first
+    first = Statement.of(ReasonCode.SURPRISING_OUTCOMES, p=0.001)
+    assert decide(calm).reasons == (first,)
+    gap = Statement.of(ReasonCode.GAP, p_size=0.005, p_direction=0.005)
+    assert decide(dataclasses.replace(CLEAR, surprise_p=0.001)).reasons == (gap, first)
 
 
 def test_no_gap_with_a_favoured_effect_says_so() -> None:
-    verdict = decide(
-        dataclasses.replace(
-            CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2, unknown_probability=0.1
+    faint = dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2)
+    for unknown, outside in ((0.1, False), (0.3, True)):
+        verdict = decide(dataclasses.replace(faint, unknown_probability=unknown))
+        assert verdict.kind is VerdictKind.NONE
+        assert verdict.reasons[1] == Statement.of(
+            ReasonCode.NONE_LESS_PROBABLE, favoured="table_gain", out_of_library=outside
         )
-    )
-    assert verdict.kind == "none"
-    assert verdict.reasons[1].startswith("weighed by its prior, table_gain or another effect")
-    outside = dataclasses.replace(
-        CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2, unknown_probability=0.3
-    )
-    assert "prior, a cause outside the library, table_gain or" in decide(outside).reasons[1]
     calm = dataclasses.replace(
         CLEAR, gap_p=0.4, direction_p=0.3, none_probability=0.9, unknown_probability=0.1
     )
-    assert len(decide(calm).reasons) == 1
+    assert decide(calm).reasons == (
+        Statement.of(ReasonCode.NO_GAP, p_size=0.4, p_direction=0.3, size_significant=False),
+    )
 
 
-def test_routes_that_contradict_each_other_are_told() -> None:
+@pytest.mark.parametrize(
+    ("changes", "state"),
+    [
+        ({}, GapState.FOUND),
+        ({"touches_floor": True}, GapState.SIZE_OPEN),
+        ({"gap_low": -0.01, "direction_p": 0.3}, GapState.NOT_FOUND),
+        ({"gap_low": -0.01, "direction_p": 0.3, "touches_floor": True}, GapState.NOT_FOUND),
+        ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.001}, GapState.FOUND),
+    ],
+)
+def test_the_state_of_the_gap_is_data(changes, state) -> None:
+    assert dataclasses.replace(CLEAR, **changes).gap_state is state
+
+
+def test_routes_that_contradict_each_other_are_stated() -> None:
     assert disagreement(("a",), "a", "b", ("a", "b"), ("b", "a")) is None
     assert disagreement(("a",), "a", "b", ("a",), ("b",)) is not None
     assert disagreement(("a",), "a", "b", ("a",), ("b", "a")) is not None
 
 
 def test_what_was_left_out_may_stand_behind_what_is_named() -> None:
-    effect = Verdict("effect", ("table_resonance",), 0.9, ())
-    told = withheld_mates(effect, ("catch", "table_pitch"))
-    assert len(told) == 1
-    assert told[0].startswith("table_pitch, which theory takes for about the same as table_reson")
-    assert withheld_mates(effect, ("catch",)) == []
-    assert withheld_mates(Verdict("unknown", (), 0.9, ()), ("table_pitch",)) == []
+    effect = verdict_of("effect", "table_resonance")
+    assert list(excluded_equivalents(effect, ("catch", "table_pitch"))) == [
+        Statement.of(
+            LimitCode.EQUIVALENT_EXCLUDED, effect="table_resonance", others=("table_pitch",)
+        )
+    ]
+    assert not list(excluded_equivalents(effect, ("catch",)))
+    assert not list(excluded_equivalents(verdict_of("unknown"), ("table_pitch",)))
 
 
-def test_repeats_that_scatter_beyond_the_simulations_are_told() -> None:
-    def told(share, expected):
-        return _repeated({"physical": share, "physical_expected": expected, "repeats": 30})
+def test_repeats_that_scatter_beyond_the_simulations_are_stated() -> None:
+    def found(share, expected):
+        layers = {"physical": share, "physical_expected": expected, "repeats": 30}
+        return list(repeats_scatter(layers))
 
     # Three standard deviations of 3 expected are 5.2: 8.2 of 30.
-    assert told(8 / 30, 0.1) == []
-    assert "of 30 pairs of repeats 30% end otherwise, where the simulations" in told(0.3, 0.1)[0]
-    assert told(3 / 30, 0.0) == [], "as if one were expected where none is"
-    assert len(told(5 / 30, 0.0)) == 1
-    assert "no repeats" in _repeated({"physical": None})[0]
+    assert found(8 / 30, 0.1) == []
+    assert found(0.3, 0.1) == [
+        Statement.of(LimitCode.REPEATS_SCATTER, pairs=30, share=0.3, expected=0.1)
+    ]
+    assert found(3 / 30, 0.0) == [], "as if one were expected where none is"
+    assert len(found(5 / 30, 0.0)) == 1
+    assert [one.code for one in repeats_scatter({"physical": None})] == [LimitCode.NO_REPEATS]
 
 
 @pytest.mark.parametrize(
-    ("effect", "interval", "told"),
+    ("effect", "interval", "code"),
     [
-        ("table_gain", (-0.1, 0.1), "change lies from -0.1 to 0.1, 0 being no effect"),
+        ("table_gain", (-0.1, 0.1), LimitCode.SIZE_MAY_BE_NULL),
         ("table_gain", (0.1, 0.14), None),
         ("table_gain", (-0.14, -0.1), None),
         ("catch", (6.0, 10.0), None),
-        ("catch", (6.0, 24.0), "slack lies from 6 to 24 degree, nearly all that its prior allows"),
+        ("catch", (6.0, 24.0), LimitCode.SIZE_AS_WIDE_AS_PRIOR),
     ],
 )
-def test_a_size_is_open_that_may_be_none_or_any(effect, interval, told) -> None:
+def test_a_size_is_open_that_may_be_none_or_any(effect, interval, code) -> None:
     library = full_library()
     (parameter,) = free_parameters(library[effect])
     row = {"name": effect, "parameters": {parameter.name: {"ci95": list(interval)}}}
-
-    def found(verdict):
-        return _sizes(SimpleNamespace(library=library), verdict, [row])
-
-    expected = [] if told is None else [f"the size of {effect} is not determined: its {told}"]
-    assert found(Verdict("effect", (effect,), 0.9, ())) == expected
-    assert found(Verdict("effect", ("wear",), 0.9, ())) == []
+    found = list(open_sizes(library, verdict_of("effect", effect), [row]))
+    assert [one.code for one in found] == ([] if code is None else [code])
+    for one in found:
+        assert (one.values["low"], one.values["high"]) == interval
+        assert (one.values["effect"], one.values["parameter"]) == (effect, parameter.name)
+    assert not list(open_sizes(library, verdict_of("effect", "wear"), [row]))
 
 
 @pytest.mark.parametrize(
@@ -299,11 +342,11 @@ def test_an_effect_is_seen_by_outcomes_or_by_tilts(logit, shift, unseen) -> None
         return SimpleNamespace(coarse=layout)
 
     prepared = SimpleNamespace(tables={NONE: table(0.0, 0.0), "wear": table(logit, shift)})
-    assert _unseen(prepared, "wear") is unseen
+    assert insensitive(prepared, "wear") is unseen
 
 
 def test_a_cause_outside_the_library_is_pointed_to_where_it_outweighs_all_else() -> None:
-    unsure, named = (Verdict(kind, ("catch",), 0.9, ()) for kind in ("unresolved", "effect"))
+    unsure, named = (verdict_of(kind, "catch") for kind in ("unresolved", "effect"))
     likely, unlikely = (dataclasses.replace(CLEAR, unknown_probability=p) for p in (0.51, 0.49))
     assert points_outside(unsure, likely)
     assert not points_outside(unsure, unlikely)

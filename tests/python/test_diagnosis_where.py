@@ -1,4 +1,4 @@
-"""WHERE: places, and the null campaigns they are judged by."""
+"""WHERE: locations, and the null campaigns they are judged by."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from vsr2.diagnosis.likelihood.evidence import Change, Data, Layout, Table
 from vsr2.diagnosis.observed.features import Feature
 from vsr2.diagnosis.simulated.library import NONE
-from vsr2.diagnosis.verdict.summary import _shown
-from vsr2.diagnosis.where.discrepancy import COMMON, VARIANCE, disturbed
+from vsr2.diagnosis.verdict.compose import shown
+from vsr2.diagnosis.where.discrepancy import DISCREPANCY, disturbed
 from vsr2.diagnosis.where.null_campaigns import null_campaigns
-from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, interleaved, scan
+from vsr2.diagnosis.where.scan import OUTCOME, Conditions, Location, interleaved, scan
 
 
 def schedule(sessions=10, each=12, seed=0):
@@ -31,7 +31,7 @@ def schedule(sessions=10, each=12, seed=0):
     )
 
 
-def places(residual, conditions, seed=0):
+def locations(residual, conditions, seed=0):
     count = conditions.order.size
     variance = np.full((1, 1, count), 0.21)
     null = (np.random.default_rng(9).random((150, 1, count)) < 0.3) - 0.3
@@ -50,22 +50,22 @@ def test_two_sessions_cannot_show_a_change_over_the_order() -> None:
     for seed in range(30):
         rng = np.random.default_rng(seed)
         p = np.where(there.session == 1, 0.3 + rng.uniform(0.2, 0.6), 0.3)
-        found = places((rng.random(p.size) < p) - 0.3, there, seed)
-        ordered = [place.p_familywise for place in found if place.axis == "order"]
+        found = locations((rng.random(p.size) < p) - 0.3, there, seed)
+        ordered = [location.p_familywise for location in found if location.axis == "order"]
         # 999 draws of one half: four standard deviations are 0.06.
         assert min(ordered) > 0.43
 
 
-def test_a_session_is_judged_by_whole_motions() -> None:
+def test_a_session_is_judged_by_complete_motions() -> None:
     """Trials of a motion err together: permuting them singly would make every session stand out."""
     there, found = schedule(), 0
     for seed in range(20):
         rng = np.random.default_rng(100 + seed)
         p = np.repeat(rng.choice([0.0, 0.6], there.motion.max() + 1), 6)
         sessions = [
-            place.p_familywise
-            for place in places((rng.random(p.size) < p) - 0.3, there, seed)
-            if place.axis == "session"
+            location.p_familywise
+            for location in locations((rng.random(p.size) < p) - 0.3, there, seed)
+            if location.axis == "session"
         ]
         found += min(sessions) <= 0.05
     # One in twenty, of twenty: more than four happen less than one time in 300.
@@ -83,18 +83,18 @@ def test_no_session_stands_out_where_motions_are_interleaved() -> None:
 
     def sessions(motion, p):
         there = dataclasses.replace(blocked, motion=motion)
-        found = places((rng.random(p.size) < p) - 0.3, there)
-        return min(place.p_familywise for place in found if place.axis == "session")
+        found = locations((rng.random(p.size) < p) - 0.3, there)
+        return min(location.p_familywise for location in found if location.axis == "session")
 
     assert sessions(mixed, loud) == 1.0
-    # Each motion once, or all of a motion in a row: whole motions change places.
+    # Each motion once, or all of a motion in a row: complete motions are permuted.
     assert sessions(np.arange(96), loud) <= 0.01
     assert interleaved(mixed)
     assert not interleaved(np.arange(96))
     assert not interleaved(blocked.motion)
 
 
-def test_trials_change_places_with_their_own_noise() -> None:
+def test_trials_are_permuted_with_their_own_noise() -> None:
     """A quiet session is off by two of its standard deviations; the last three are loud."""
     there = schedule(sessions=6, each=24)
     deviation = np.where(there.session < 3, 0.1, 0.5)
@@ -103,10 +103,10 @@ def test_trials_change_places_with_their_own_noise() -> None:
     null = deviation * rng.standard_normal((150, 1, 144))
     variance = np.broadcast_to(deviation**2, null.shape)
     found = scan((residual[None, None], variance[:1]), (null, variance), there, (OUTCOME,))
-    assert next(p for p in found if p.place == "session day 2").p_familywise < 0.01
+    assert next(p for p in found if p.name == "session day 2").p_familywise < 0.01
 
 
-def test_the_order_of_one_session_is_judged_by_whole_motions() -> None:
+def test_the_order_of_one_session_is_judged_by_complete_motions() -> None:
     there = dataclasses.replace(
         schedule(),
         session=np.zeros(120, dtype=np.int64),
@@ -117,8 +117,10 @@ def test_the_order_of_one_session_is_judged_by_whole_motions() -> None:
     for seed in range(40):
         rng = np.random.default_rng(200 + seed)
         p = np.repeat(rng.choice([0.0, 0.6], 5), 24)
-        told = places((rng.random(p.size) < p) - 0.3, there, seed)
-        found += min(place.p_familywise for place in told if place.axis == "order") <= 0.05
+        stated = locations((rng.random(p.size) < p) - 0.3, there, seed)
+        found += (
+            min(location.p_familywise for location in stated if location.axis == "order") <= 0.05
+        )
     # One in twenty, of forty: more than six happen less than one time in 300.
     assert found <= 6
     # A trend that motions do not carry is found, and none is sought where they are interleaved.
@@ -126,7 +128,7 @@ def test_the_order_of_one_session_is_judged_by_whole_motions() -> None:
     short = dataclasses.replace(there, motion=np.repeat(np.arange(20), 6))
     mixed = dataclasses.replace(there, motion=np.arange(120) % 20)
     first, second = (
-        next(place for place in places(rising - 0.3, one) if place.axis == "order")
+        next(location for location in locations(rising - 0.3, one) if location.axis == "order")
         for one in (short, mixed)
     )
     assert first.p_familywise <= 0.05
@@ -137,8 +139,8 @@ def test_a_trend_over_sessions_is_found() -> None:
     there = schedule()
     rng = np.random.default_rng(4)
     p = 0.3 + 0.65 * there.order
-    found = places((rng.random(p.size) < p) - 0.3, there)
-    ordered = [place for place in found if place.axis == "order"]
+    found = locations((rng.random(p.size) < p) - 0.3, there)
+    ordered = [location for location in found if location.axis == "order"]
     assert ordered[0].p_familywise <= 0.05
     assert ordered[0].effect_size > 0
 
@@ -151,7 +153,7 @@ def test_sessions_that_merely_differ_are_no_trend() -> None:
     for seed in range(80):
         rng = np.random.default_rng(seed)
         p = np.clip(0.3 + 0.25 * rng.standard_normal(18), 0.02, 0.98)[there.session]
-        found = places((rng.random(p.size) < p) - 0.3, there, seed)
+        found = locations((rng.random(p.size) < p) - 0.3, there, seed)
         fired += min(q.p_familywise for q in found if q.axis == "order") <= 0.05
     # 5 % of 80 is 4. With permutations within sessions among the others it is 8.
     assert fired <= 6
@@ -162,7 +164,7 @@ def test_nothing_is_found_where_nothing_is() -> None:
     fired = 0
     for seed in range(12):
         y = np.random.default_rng(100 + seed).random(there.order.size) < 0.3
-        fired += places(y - 0.3, there, seed)[0].p_familywise <= 0.05
+        fired += locations(y - 0.3, there, seed)[0].p_familywise <= 0.05
     assert fired <= 3
 
 
@@ -234,16 +236,16 @@ def test_drawn_nulls_resolve_what_few_simulated_ones_cannot() -> None:
     assert smallest((2 * drawn, wide[1])) == pytest.approx(1 / 1000)
 
 
-def test_no_axis_and_no_channel_is_left_out_of_the_places_shown() -> None:
+def test_no_axis_and_no_channel_is_left_out_of_the_locations_shown() -> None:
     table, tilt = Feature("gain", "table", "whole motion"), OUTCOME
-    many = [Place(f"condition {i}", "conditions", table, 1.0, 0.01) for i in range(40)]
+    many = [Location(f"condition {i}", "conditions", table, 1.0, 0.01) for i in range(40)]
     late = [
-        Place("second half", "order", tilt, 0.5, 0.2),
-        Place("last third", "order", tilt, 0.4, 0.3),
-        Place("all trials", "conditions", tilt, 0.1, 0.9),
+        Location("second half", "order", tilt, 0.5, 0.2),
+        Location("last third", "order", tilt, 0.4, 0.3),
+        Location("all trials", "conditions", tilt, 0.1, 0.9),
     ]
-    shown = [place.place for place in _shown(many + late)]
-    assert shown == [*(f"condition {i}" for i in range(20)), "second half", "all trials"]
+    names = [location.name for location in shown(many + late)]
+    assert names == [*(f"condition {i}" for i in range(20)), "second half", "all trials"]
 
 
 def test_another_simulator_s_features_differ_alike_within_a_motion() -> None:
@@ -255,7 +257,8 @@ def test_another_simulator_s_features_differ_alike_within_a_motion() -> None:
     assert np.isnan(found[0, 3]).all()
     z = found[1:] / np.sqrt(scatter)
     # 29 x 40 motions of 5 trials: the standard error of the variance is about 0.02.
-    assert z.var() == pytest.approx(VARIANCE, abs=0.08)
+    assert z.var() == pytest.approx(DISCREPANCY.variance, abs=0.08)
     means = z.reshape(29, 40, 5, 2).mean(axis=2)
     # A motion's mean has the common part and a fifth of the other.
-    assert means.var() == pytest.approx(VARIANCE * (COMMON + (1 - COMMON) / 5), abs=0.06)
+    share = DISCREPANCY.common + (1 - DISCREPANCY.common) / 5
+    assert means.var() == pytest.approx(DISCREPANCY.variance * share, abs=0.06)

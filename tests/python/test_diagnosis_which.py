@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.verdict.summary import _unrolled
-from vsr2.diagnosis.which.novelty import Misfit, fit_strangers
+from vsr2.diagnosis.verdict.compose import _unrolled
+from vsr2.diagnosis.which.novelty import Misfit, fit_out_of_library
 from vsr2.diagnosis.which.routes import Combination, _combination, _sets
 from vsr2.diagnosis.which.tempering import (
     COVERAGE,
@@ -47,22 +47,22 @@ def test_probability_of_a_stranger_rests_on_those_that_were_left_out() -> None:
     count = 4000
     known = rng.random(count), np.exp(rng.normal(2, 1, count))
     weight = np.ones(count)
-    # Strangers' p values have density 0.2 p^-0.8: the likelihood ratio.
+    # P values of campaigns from outside have density 0.2 p^-0.8: the likelihood ratio.
     strange = rng.random(count) ** 5, np.exp(rng.normal(2, 1, count))
     gaps = np.ones(count, dtype=bool)
-    seen = fit_strangers(known, weight, strange, gaps)
+    seen = fit_out_of_library(known, weight, strange, gaps)
     at = np.array([0.01, 0.1, 0.6])
     ratio = 0.2 * at**-0.8
     expected = 0.15 * ratio / (0.15 * ratio + 0.85)
     np.testing.assert_allclose(seen.probability(at, np.full(3, 7.0)), expected, atol=0.04)
     # P(p <= 0.05) = 0.05^0.2.
-    assert seen.noticed == pytest.approx(0.05**0.2, abs=0.03)
-    # Strangers that look like all others: nothing is learnt beyond the prior.
+    assert seen.detection_rate == pytest.approx(0.05**0.2, abs=0.03)
+    # Campaigns from outside that look like all others: nothing is learnt beyond the prior.
     alike = (rng.random(count), strange[1])
-    same = fit_strangers(known, weight, alike, gaps)
+    same = fit_out_of_library(known, weight, alike, gaps)
     np.testing.assert_allclose(same.probability(at, np.full(3, 7.0)), 0.15, atol=0.04)
-    none = fit_strangers(known, weight, (np.zeros(0), np.zeros(0)), np.zeros(0, dtype=bool))
-    assert none.noticed is None
+    none = fit_out_of_library(known, weight, (np.zeros(0), np.zeros(0)), np.zeros(0, dtype=bool))
+    assert none.detection_rate is None
     assert none.probability(np.array(0.01), np.array(5.0)) == pytest.approx(0.15)
 
 
@@ -113,7 +113,7 @@ def test_sure_evidence_that_misleads_one_time_in_ten_is_not_believed_more() -> N
 
 
 def test_the_pairwise_exponent_undoes_a_claim() -> None:
-    """Log likelihood ratios of mean D have variance 2 D; here they are told eight times too large.
+    """Log likelihood ratios of mean D have variance 2 D; here they are eight times too large.
 
     600 campaigns: the standard error of the exponent is about 0.005.
     """
@@ -207,7 +207,7 @@ def test_intervals_cover_in_the_weaker_half_too(side) -> None:
 
 
 def test_sets_hold_the_truth_nine_times_in_ten() -> None:
-    """Labels as normal distributions one deviation apart, strangers as a wider one behind them."""
+    """Labels as normal distributions one deviation apart, what lies outside as a wider one."""
     rng = np.random.default_rng(11)
     labels = ("none", "gain", "wear", "catch")
     prior, means = np.array([0.4, 0.2, 0.2, 0.2]), np.arange(4.0)

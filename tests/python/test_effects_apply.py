@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from effect_closed_forms import uplift_acceleration
 
+from effect_closed_forms import uplift_acceleration
 from vsr2 import Study, apply_effects, run_batch
 from vsr2.campaign import simulate_campaign
 from vsr2.cli.effects import _wanted

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_closed_forms import half_widths
 
+from effect_closed_forms import half_widths
 from vsr2 import apply_effects, run_batch
 from vsr2.effects import Effect, effect, in_order, library, with_effects
 from vsr2.effects.standing import mass_height

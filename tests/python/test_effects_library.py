@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from effect_checks import engines_differ
 from effect_closed_forms import closed_forms
-
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.scene import Hull
 from vsr2.simulation import run_batch

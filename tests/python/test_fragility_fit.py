@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from vsr2.errors import ResultError
-from vsr2.fragility import fit_fragility
+from vsr2.fragility import FitNote, fit_fragility
+from vsr2.report.run_messages import fit_note
 
 
 def lognormal_trials(motions, per, *, between, within, seed, median=0.4):
@@ -101,10 +102,14 @@ def test_the_band_of_separated_outcomes_is_open_in_the_gap_and_closed_far_from_i
 
 def test_outcomes_that_are_all_alike_give_a_constant():
     x = np.linspace(0.1, 1.0, 40)
-    for hit, probability in ((np.zeros(40, bool), 0.5 / 41), (np.ones(40, bool), 40.5 / 41)):
+    for hit, probability, note in (
+        (np.zeros(40, bool), 0.5 / 41, FitNote.ALL_STOOD),
+        (np.ones(40, bool), 40.5 / 41, FitNote.ALL_OVERTURNED),
+    ):
         fit = fit_fragility(x, hit, np.arange(40))
         assert fit.lognormal is None
-        assert "no curve" in fit.note
+        assert fit.note is note
+        assert "no curve" in fit_note(fit)
         middle, lower, upper = fit.probability([0.2, 0.9])
         np.testing.assert_allclose(middle, probability)
         assert (lower <= middle).all()
@@ -116,7 +121,8 @@ def test_a_falling_or_flat_probability_has_no_lognormal():
     x = np.linspace(0.1, 1.0, 40)
     fit = fit_fragility(x, x < 0.5, np.arange(40))
     assert fit.lognormal is None
-    assert "does not rise" in fit.note
+    assert fit.note is FitNote.NOT_RISING
+    assert "does not rise" in fit_note(fit)
     same = fit_fragility(np.full(40, 0.3), x > 0.5, np.arange(40))
     assert same.lognormal is None
     assert same.probability([0.3])[0] == pytest.approx(0.55, abs=0.02)
@@ -163,14 +169,15 @@ def test_a_separated_surface_is_certain_away_from_its_line():
     assert lower[0] > 0.9
     assert upper[1] < 0.05
     assert upper[2] - lower[2] > 0.3
-    assert fit.note == ""
+    assert fit_note(fit) == ""
 
 
 def test_a_surface_that_falls_is_told():
     grid, _ = surface(0.2)
     hit = (grid[:, 0] > 0.3) & (grid[:, 0] < 0.7)
     fit = fit_fragility(grid, hit, np.arange(81), names=("pga_g", "pgv_pga_s"))
-    assert "falls with pga_g" in fit.note
+    assert fit.falling == ("pga_g",)
+    assert "falls with pga_g in part" in fit_note(fit)
 
 
 def test_a_fit_is_the_same_again_and_in_any_order():

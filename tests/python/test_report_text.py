@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from synthetic_results import make_result
-from vsr2.motion import STANDARD_GRAVITY
-from vsr2.report import printable, summary_table, trial_table
+from vsr2.report import printable, summary_table
 
 
 def test_summary_counts_outcomes_statuses_and_time() -> None:
@@ -53,29 +52,6 @@ def test_summary_bounds_the_failures_it_shows() -> None:
     text = summary_table(result)
     assert text.count(": bad") == 10
     assert "and 20 more" in text
-
-
-def test_trial_table_columns_align_and_carry_units() -> None:
-    result = make_result(
-        [None] * 3,
-        name=np.array(["short", "x" * 50, "tab\tbed"], dtype=object),
-        pga=np.array([0.5, 0.25, np.nan]) * STANDARD_GRAVITY,
-        peak_tilt=np.array([np.pi / 2, 0.0, np.nan]),
-        final_slip=np.array([0.0123, 0.0, np.nan]),
-    )
-    header, first, second, third = trial_table(result).splitlines()
-    assert "PGA [g]" in header
-    assert "peak tilt [deg]" in header
-    assert "slip [mm]" in header
-    cells = first.split()
-    assert cells[:3] == ["0", "short", "0.5"]
-    assert {"90", "12.3"} <= set(cells)
-    assert "x" * 29 + "... " in second
-    assert "tab?bed" in third
-    assert " -" in third
-    start = header.index("outcome")
-    assert all(line[start:].startswith("stable") for line in (first, second, third))
-    assert trial_table(result, limit=1).splitlines()[-1] == "and 2 more"
 
 
 def test_what_cannot_be_shown_is_replaced() -> None:

@@ -1,7 +1,7 @@
 """Numbers drawn from results and campaigns: agreement with outcomes, tracking, baselines."""
 
 from vsr2.analysis.baseline import baseline_scores, format_baselines, logistic_baseline
-from vsr2.analysis.bootstrap import classification_intervals, mean_interval
+from vsr2.analysis.bootstrap import classification_intervals
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.analysis.tracking import Tracking, tracking
 
@@ -13,6 +13,5 @@ __all__ = [
     "classification_metrics",
     "format_baselines",
     "logistic_baseline",
-    "mean_interval",
     "tracking",
 ]

@@ -165,7 +165,6 @@ def baseline_scores(
     folds: int = 10,
     seed: int = 0,
     replicates: int = 2000,
-    peers: Sequence[str] | None = None,
 ) -> list[BaselineScore]:
     """The logistic curve (out of fold and in sample) and peers' predictions, scored alike.
 
@@ -178,11 +177,9 @@ def baseline_scores(
         folds: of the logistic curve.
         seed: of folds and bootstrap.
         replicates: of the bootstrap.
-        peers: extra columns with predictions; None: :func:`peer_columns`.
 
     Raises:
-        ResultError, CampaignError, MotionError: as :func:`logistic_baseline`; or a column of
-            `peers` that is not there or holds other numbers than 0 and 1.
+        ResultError, CampaignError, MotionError: as :func:`logistic_baseline`.
     """
     baseline = logistic_baseline(campaign, folds=folds, seed=seed)
     chosen = campaign.select(baseline.used)
@@ -204,15 +201,10 @@ def baseline_scores(
         score("logistic", "out of fold", baseline.out_of_fold),
         score("logistic", "in sample", baseline.in_sample),
     ]
-    for name in peer_columns(campaign) if peers is None else peers:
-        column = campaign.extra(name)
-        if not _is_prediction(column):
-            raise ResultError(
-                f"campaign {campaign.name!r}: column {name} holds other numbers than 0 and 1, so "
-                "no prediction of the outcome"
-            )
-        if not np.isnan(column[baseline.used]).all():
-            scores.append(score(name, "", column[baseline.used]))
+    for name in peer_columns(campaign):
+        column = campaign.extra(name)[baseline.used]
+        if not np.isnan(column).all():
+            scores.append(score(name, "", column))
     return scores
 
 

@@ -78,7 +78,12 @@ def classification_intervals(
     """
     found = classification_metrics(observed, predicted)
     truth, guess = np.asarray(observed), np.asarray(predicted)
-    drawn = _draws(motions, truth.size, level, replicates, seed)
+    groups = np.asarray(motions)
+    if groups.shape != truth.shape:
+        raise ResultError(f"motions has shape {groups.shape} for {truth.size} trials")
+    if not 0 < level < 1:
+        raise ResultError(f"level {level} must lie between 0 and 1")
+    drawn = motion_resamples(groups, replicates, seed).astype(np.float64)
     true_positives = drawn @ (truth & guess)
     false_positives = drawn @ (~truth & guess)
     false_negatives = drawn @ (truth & ~guess)
@@ -93,46 +98,6 @@ def classification_intervals(
         name: _interval(float(getattr(found, name)), value, level)
         for name, value in zip(SCORES, values, strict=True)
     }
-
-
-def mean_interval(
-    values: ArrayLike,
-    motions: ArrayLike,
-    *,
-    level: float = 0.95,
-    replicates: int = 2000,
-    seed: int = 0,
-) -> Interval:
-    """The mean of a figure of each trial, a log loss or a difference of two for example.
-
-    Args:
-        values: finite, shape (n,).
-        motions: ground motion of each trial, shape (n,).
-        level: of the interval.
-        replicates: of the bootstrap.
-        seed: of its draws.
-
-    Raises:
-        ResultError: values that are not finite or not of shape (n,), `motions` of another length,
-            or `level` not between 0 and 1.
-        CampaignError: no trials, or a number of replicates that cannot be.
-    """
-    value = np.asarray(values, dtype=np.float64)
-    if value.ndim != 1 or not np.isfinite(value).all():
-        raise ResultError(
-            f"values must be finite and of shape (n,), not {value.shape}; leave out what is unknown"
-        )
-    drawn = _draws(motions, value.size, level, replicates, seed)
-    return _interval(float(value.mean()), (drawn @ value) / drawn.sum(axis=1), level)
-
-
-def _draws(motions: ArrayLike, trials: int, level: float, replicates: int, seed: int) -> Array:
-    groups = np.asarray(motions)
-    if groups.shape != (trials,):
-        raise ResultError(f"motions has shape {groups.shape} for {trials} trials")
-    if not 0 < level < 1:
-        raise ResultError(f"level {level} must lie between 0 and 1")
-    return motion_resamples(groups, replicates, seed).astype(np.float64)
 
 
 def _ratio(part: Array, whole: Array) -> Array:

@@ -157,7 +157,7 @@ def diagnose_pack(
         from vsr2.effects import library
 
         diagnose, known = installed, library()
-    from vsr2.diagnosis import Nuisances, Shared
+    from vsr2.diagnosis import ProtocolCache, with_deviations
     from vsr2.diagnosis.observed.observations import series_sampling
 
     _check_options(draws, budget_minutes, threads, seed)
@@ -170,8 +170,8 @@ def diagnose_pack(
     excluded = {name: _excluded(data, listed[name], known, say) for name in chosen}
     _check_tiers(data, chosen, wanted)
     _same_submission(out, pack, budget | {"seed": seed})
-    nuisances = Nuisances(**uncertainties(pack.get("tolerances") or {}))
-    shared = Shared(out / BANK_FILE, series="T" in offered)
+    nuisances = with_deviations(uncertainties(pack.get("tolerances") or {}))
+    cache = ProtocolCache(out / BANK_FILE, series="T" in offered)
     failed = []
     for tier, name in _in_groups(wanted, chosen, listed):
         folder = out / name / tier
@@ -187,7 +187,7 @@ def diagnose_pack(
                 threads=threads,
                 exclude=excluded[name],
                 # Without series too, simulate them as this campaign measured them.
-                shared=replace(shared, sampling=series_sampling(whole)),
+                cache=replace(cache, sampling=series_sampling(whole)),
                 nuisances=nuisances,
                 seed=seed,
                 **budget,
@@ -209,10 +209,10 @@ def _check_options(
     draws: int | None, budget_minutes: float, threads: int | None, seed: int
 ) -> None:
     """Refuse before anything is noted what every diagnosis would refuse."""
-    from vsr2.diagnosis.budget import FEWEST_DRAWS
+    from vsr2.diagnosis.budget import SCHEDULE
 
-    if draws is not None and draws < FEWEST_DRAWS:
-        raise BlindError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
+    if draws is not None and draws < SCHEDULE.fewest_draws:
+        raise BlindError(f"draws is {draws}; give at least {SCHEDULE.fewest_draws}")
     if draws is None and not 0 < budget_minutes < math.inf:
         raise BlindError(f"budget_minutes is {budget_minutes}; give more than 0")
     if threads is not None and threads < 1:

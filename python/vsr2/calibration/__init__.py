@@ -8,17 +8,17 @@ from vsr2.calibration.calibrate import (
     cross_validate,
     evaluations_at_most,
 )
-from vsr2.calibration.evaluation import CalibrationInterrupted, Evaluator, usable_trials
-from vsr2.calibration.files import prepare_calibration_folder, save_calibration
-from vsr2.calibration.profile import Profile, profiles
-from vsr2.calibration.search import Step, joint_search, sequential_search
-from vsr2.calibration.settings import (
+from vsr2.calibration.calibration_study import (
     CalibrationSettings,
     CalibrationStudy,
     Parameter,
     load_calibration,
 )
+from vsr2.calibration.evaluation import CalibrationInterrupted, Evaluator, usable_trials
+from vsr2.calibration.profile import Identifiability, Profile, profiles
+from vsr2.calibration.search import Step, joint_search, sequential_search
 from vsr2.calibration.store import Evaluation, EvaluationStore
+from vsr2.calibration.tables import prepare_calibration_folder, save_calibration
 
 __all__ = [
     "CalibrationInterrupted",
@@ -29,6 +29,7 @@ __all__ = [
     "EvaluationStore",
     "Evaluator",
     "Fold",
+    "Identifiability",
     "Parameter",
     "Profile",
     "Screen",

@@ -14,6 +14,13 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
 from vsr2.analysis.baseline import BaselineScore
+from vsr2.calibration.calibration_study import (
+    CalibrationSettings,
+    CalibrationStudy,
+    Joint,
+    campaign_folder,
+    start_values,
+)
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
 from vsr2.calibration.scores import as_predictions, metrics_of, objective_of
@@ -25,13 +32,6 @@ from vsr2.calibration.search import (
     joint_search,
     profile_values,
     sequential_search,
-)
-from vsr2.calibration.settings import (
-    CalibrationSettings,
-    CalibrationStudy,
-    Joint,
-    campaign_folder,
-    start_values,
 )
 from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resamples
@@ -99,7 +99,7 @@ class CalibrationResult:
         in_sample: prediction of each trial with the best values (1, 0, NaN), shape (trials,).
         scores: of the calibrated simulator in sample and out of fold, then of the baselines.
         screen: None: every set was run on all trials.
-        notes: what could not be done, for people.
+        no_baselines: why the campaign gives no baselines; empty: it does.
         profiles: of each parameter.
         provenance: versions, hashes, seeds, wall time (JSON-serialisable).
     """
@@ -119,7 +119,7 @@ class CalibrationResult:
     scores: tuple[BaselineScore, ...]
     profiles: tuple[Profile, ...]
     screen: Screen | None = None
-    notes: tuple[str, ...] = ()
+    no_baselines: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -239,7 +239,7 @@ def calibrate(
     chosen["in sample"] = found.final
     if found.best is not found.searched:
         chosen["in sample, best of all sets"] = found.in_sample
-    scores, notes = _compare(campaign, settings, seed, chosen)
+    scores, no_baselines = _compare(campaign, settings, seed, chosen)
     everything = list(found.evaluate.seen.values())
     best, cells = found.best.evaluation.values, _cells(settings)
     provenance = base_provenance(_native.build_facts()) | {
@@ -270,7 +270,7 @@ def calibrate(
         profiles=tuple(
             profiles(settings.parameters, everything, observed, resamples, best, cells=cells)
         ),
-        notes=tuple(notes),
+        no_baselines=no_baselines,
         provenance=provenance,
     )
 
@@ -434,8 +434,8 @@ def _compare(
     settings: CalibrationSettings,
     seed: int,
     chosen: Mapping[str, Array],
-) -> tuple[list[BaselineScore], list[str]]:
-    """The simulator's scores by how it was fitted, then the baselines' on the same folds."""
+) -> tuple[list[BaselineScore], str]:
+    """The simulator's scores by how it was fitted, then the baselines' or why there are none."""
     observed = campaign.overturned == 1
 
     def score(fitted: str, predicted: Array) -> BaselineScore:
@@ -458,6 +458,6 @@ def _compare(
         return [
             *found,
             *baseline_scores(campaign, folds=folds, seed=seed, replicates=settings.replicates),
-        ], []
+        ], ""
     except (CampaignError, ResultError) as error:
-        return found, [f"no baselines: {error}"]
+        return found, str(error)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
-from vsr2.calibration.settings import CalibrationStudy, study_values
+from vsr2.calibration.calibration_study import CalibrationStudy, study_values
 from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
@@ -291,6 +291,5 @@ class Evaluator:
         result = run_batch(trials, threads=self._threads, keep_logs=False, checkpoint=checkpoint)
         if result.provenance["interrupted"]:
             raise CalibrationInterrupted
-        return np.where(
-            result.judged, (result["outcome"] == "overturned").astype(np.float64), np.nan
-        )
+        overturned = (result["outcome"] == "overturned").astype(np.float64)
+        return np.where(result.judged, overturned, np.nan)

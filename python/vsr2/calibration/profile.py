@@ -13,19 +13,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.calibration.calibration_study import Parameter, at_share, share_of
 from vsr2.calibration.scores import objective_of, objective_replicates
-from vsr2.calibration.settings import Parameter, at_share, share_of
 from vsr2.calibration.store import Evaluation
 from vsr2.config.extended import Plain
 
 Array = NDArray[np.float64]
-Verdict = Literal["identified", "bounded above", "bounded below", "not identified"]
 DEFAULT_CELLS = 7
+
+
+class Identifiability(StrEnum):
+    """How far the data tell a parameter.
+
+    IDENTIFIED: cells on both sides of the compatible ones are worse (of listed words: some word
+    is). BOUNDED_ABOVE, BOUNDED_BELOW: on that side only. NOT_IDENTIFIED: no cell is worse beyond
+    noise.
+    """
+
+    IDENTIFIED = "identified"
+    BOUNDED_ABOVE = "bounded above"
+    BOUNDED_BELOW = "bounded below"
+    NOT_IDENTIFIED = "not identified"
 
 
 @dataclass(frozen=True)
@@ -59,30 +72,15 @@ class Profile:
         name: of the parameter.
         best: its calibrated value.
         cells: along its range or list.
-        verdict: "identified": cells on both sides of the compatible ones are worse (of listed
-            words: some word is); "bounded above" or "below": on that side only; "not identified":
-            no cell is worse beyond noise.
+        verdict: how far the data tell it.
         sampled: (value, objective) of every evaluated set.
     """
 
     name: str
     best: Plain
     cells: tuple[Cell, ...]
-    verdict: Verdict
+    verdict: Identifiability
     sampled: tuple[tuple[Plain, float], ...]
-
-    @property
-    def compatible(self) -> str:
-        """The compatible values in words, and how much of the range no set has tried."""
-        kept = [cell for cell in self.cells if cell.compatible]
-        if kept and kept[0].low == kept[0].high:
-            text = ", ".join(
-                cell.low if isinstance(cell.low, str) else f"{cell.low:g}" for cell in kept
-            )
-        else:
-            text = f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
-        untried = sum(cell.sets == 0 for cell in self.cells)
-        return text + (f"; {untried} of {len(self.cells)} parts untried" if untried else "")
 
 
 def profiles(
@@ -163,18 +161,18 @@ def _cell_of(parameter: Parameter, value: Plain, cells: int) -> int | None:
     return min(cells - 1, max(0, int(share * cells))) if 0 <= share <= 1 else None
 
 
-def _verdict(cells: Sequence[Cell], ordered: bool) -> Verdict:
+def _verdict(cells: Sequence[Cell], ordered: bool) -> Identifiability:
     """Cells without a set say nothing."""
     known = [cell for cell in cells if cell.sets]
     kept = [i for i, cell in enumerate(known) if cell.compatible]
     if not kept or len(kept) == len(known):
-        return "not identified"
+        return Identifiability.NOT_IDENTIFIED
     if not ordered:
-        return "identified"
+        return Identifiability.IDENTIFIED
     below, above = kept[0] > 0, kept[-1] < len(known) - 1
     if below and above:
-        return "identified"
+        return Identifiability.IDENTIFIED
     if below:
-        return "bounded below"
+        return Identifiability.BOUNDED_BELOW
     # Compatible at both ends with a worse stretch between them bounds neither side.
-    return "bounded above" if above else "not identified"
+    return Identifiability.BOUNDED_ABOVE if above else Identifiability.NOT_IDENTIFIED

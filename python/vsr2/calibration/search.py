@@ -9,8 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from vsr2.calibration.calibration_study import (
+    Joint,
+    Parameter,
+    Sequential,
+    at_share,
+    share_of,
+    within,
+)
 from vsr2.calibration.evaluation import Evaluate
-from vsr2.calibration.settings import Joint, Parameter, Sequential, at_share, share_of, within
 from vsr2.calibration.store import Evaluation
 from vsr2.config.extended import Plain
 
@@ -117,8 +124,8 @@ def joint_search(
 ) -> list[Step]:
     """A design, then sets that an estimator or an evolution strategy proposes.
 
-    Ranges are searched by their share (:func:`vsr2.calibration.settings.at_share`), so that all
-    have one scale.
+    Ranges are searched by their share, so that all have one scale
+    (:func:`vsr2.calibration.calibration_study.at_share`).
 
     Args:
         parameters: what is varied.

@@ -191,7 +191,7 @@ def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
     from vsr2.blind.form.settings import KINDS
     from vsr2.config import load_study
-    from vsr2.diagnosis.observed.observations import LEAST_MOTIONS, LEAST_TRIALS
+    from vsr2.diagnosis.observed.observations import OBSERVED
     from vsr2.errors import BlindError
 
     if options.seed is not None and not options.development:
@@ -200,8 +200,8 @@ def _make(options: argparse.Namespace) -> int:
     names += ["replicates", "floor_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
     for name, value, least in (
-        ("trials", options.trials, LEAST_TRIALS),
-        ("motions", options.motions, LEAST_MOTIONS),
+        ("trials", options.trials, OBSERVED.least_trials),
+        ("motions", options.motions, OBSERVED.least_motions),
     ):
         if value < least:
             raise BlindError(

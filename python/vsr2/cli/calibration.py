@@ -60,6 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         save_calibration,
     )
     from vsr2.report.calibration import write_calibration_report
+    from vsr2.report.run_messages import compatible_values
 
     study = load_calibration(options.study, overrides=options.set)
     folder = options.out or Path("out") / study.study.name
@@ -91,7 +92,9 @@ def _run(options: argparse.Namespace) -> int:
         if result.folds:
             print(f"optimism: {result.optimism:+.3f}")
         for profile in result.profiles:
-            print(f"{profile.name}: {profile.best} ({profile.verdict}; {profile.compatible})")
+            print(
+                f"{profile.name}: {profile.best} ({profile.verdict}; {compatible_values(profile)})"
+            )
         print("wrote:")
         for path in written:
             print(f"  {path}")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from vsr2.diagnosis import Nuisances
+    from vsr2.diagnosis import Nuisance
 
 
 def add_verbs(verbs: Any) -> None:
@@ -17,7 +16,7 @@ def add_verbs(verbs: Any) -> None:
         "diagnose",
         help="find the cause of a campaign's sim-to-real gap",
         description="Writes diagnosis.json, tables and a page (index.html) to DIR, and keeps the "
-        "simulations there (bank.sqlite), so that an interrupted or later run reuses them. "
+        "simulations there (simulations.sqlite), so that an interrupted or later run reuses them. "
         "docs/explanation/diagnosis.md says what each number means.",
     )
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="folder of a campaign")
@@ -106,24 +105,19 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
         ) from None
 
 
-def _nuisances(texts: list[str]) -> Nuisances:
-    from dataclasses import fields
+def _nuisances(texts: list[str]) -> tuple[Nuisance, ...]:
+    from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
+    from vsr2.errors import ConfigError, DiagnosisError
 
-    from vsr2.diagnosis import Nuisances
-    from vsr2.errors import ConfigError
-
-    known = [field.name for field in fields(Nuisances)]
     given: dict[str, float] = {}
     for text in texts:
         name, _, number = text.partition("=")
         try:
             given[name] = float(number)
-            usable = name in known and 0 <= given[name] < math.inf
-        except ValueError:
-            usable = False
-        if not usable:
+            with_deviations({name: given[name]})
+        except (ValueError, DiagnosisError):
+            names = ", ".join(one.name for one in DEFAULT_NUISANCES)
             raise ConfigError(
-                f"--nuisance {text}: give NAME=SD with a number of 0 or more; names are "
-                f"{', '.join(known)}"
-            )
-    return Nuisances(**given)
+                f"--nuisance {text}: give NAME=SD with a number of 0 or more; names are {names}"
+            ) from None
+    return with_deviations(given)

@@ -48,7 +48,8 @@ def _run(options: argparse.Namespace) -> int:
     import numpy as np
 
     from vsr2.fragility import load_fragility, remove_old_tables, run_fragility, save_fragility
-    from vsr2.report.fragility import lognormal_text, write_fragility_report
+    from vsr2.report.fragility import write_fragility_report
+    from vsr2.report.run_messages import lognormal_text
     from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
 
     study = load_fragility(options.study, overrides=options.set)

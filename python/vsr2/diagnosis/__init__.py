@@ -2,22 +2,36 @@
 
 from vsr2.diagnosis.api import diagnose
 from vsr2.diagnosis.budget import Budget
-from vsr2.diagnosis.diagnose import diagnose_with
-from vsr2.diagnosis.shared import Shared
-from vsr2.diagnosis.simulated.scene_simulator import Nuisances
+from vsr2.diagnosis.pipeline import diagnose_with
+from vsr2.diagnosis.protocol_cache import ProtocolCache
+from vsr2.diagnosis.simulated.nuisances import (
+    DEFAULT_NUISANCES,
+    DrawnByEffect,
+    LogNormal,
+    Normal,
+    Nuisance,
+    Scope,
+    with_deviations,
+)
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
-from vsr2.diagnosis.verdict.result import SCHEMA, Diagnosis, schema
+from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis, schema
 
 __all__ = [
+    "DEFAULT_NUISANCES",
     "SCHEMA",
     "Budget",
     "Diagnosis",
-    "Nuisances",
+    "DrawnByEffect",
+    "LogNormal",
+    "Normal",
+    "Nuisance",
+    "ProtocolCache",
     "Request",
     "Responses",
-    "Shared",
+    "Scope",
     "Simulator",
     "diagnose",
     "diagnose_with",
     "schema",
+    "with_deviations",
 ]

@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Collection, Mapping
-from dataclasses import asdict
+from collections.abc import Collection, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
-from vsr2.diagnosis.budget import FEWEST_DRAWS, Budget
-from vsr2.diagnosis.diagnose import diagnose_with
+from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.shared import Shared
-from vsr2.diagnosis.simulated.scene_simulator import Nuisances, SceneSimulator
-from vsr2.diagnosis.verdict.result import Diagnosis
+from vsr2.diagnosis.pipeline import diagnose_with
+from vsr2.diagnosis.protocol_cache import ProtocolCache
+from vsr2.diagnosis.simulated.nuisances import Nuisance
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.errors import DiagnosisError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from vsr2.effects import Effect
 
-BANK_FILE = "bank.sqlite"
+CACHE_FILE = "simulations.sqlite"
 
 
 def diagnose(
@@ -38,13 +38,13 @@ def diagnose(
     budget_minutes: float = 10.0,
     simulations: int | None = None,
     draws: int | None = None,
-    shared: Shared | None = None,
+    cache: ProtocolCache | None = None,
     threads: int | None = None,
     client: distributed.Client | None = None,
     library: Mapping[str, Effect] | None = None,
     exclude: Collection[str] = (),
     priors: Mapping[str, tuple[float, float]] | None = None,
-    nuisances: Nuisances | None = None,
+    nuisances: Sequence[Nuisance] | None = None,
     seed: int = 0,
     progress: bool = False,
 ) -> Diagnosis:
@@ -55,20 +55,20 @@ def diagnose(
         scene: the study of the nominal scene, or its file; its own motions are not used.
         tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
             campaign shares.
-        out: folder for `diagnosis.json`, tables and the bank of simulations, which later runs
-            reuse; None: nothing is written.
+        out: folder for `diagnosis.json` (without sentences), tables and the simulation cache, which
+            later runs reuse; None: nothing is written.
         budget_minutes: of wall time, 0.85 of it for simulations; turned into their number by what
             the first simulation of every trial cost.
         simulations: greatest number of simulations instead; equal numbers give equal verdicts.
         draws: of every effect instead, in one round whatever it costs; at least 6.
-        shared: what diagnoses of several campaigns of the same trials have in common: simulate
-            and fit once.
+        cache: what diagnoses of several campaigns of the same trials have in common: simulate and
+            fit once.
         threads: of the native core; None: all that this process may use.
         client: of a Dask cluster that runs the trials.
         library: effects that may be the cause; None: all that are registered.
         exclude: names of effects left out.
         priors: lower and upper end of other priors, by `effect.parameter`, in its unit.
-        nuisances: priors of what is uncertain about the set-up.
+        nuisances: what is uncertain about the set-up; None: `DEFAULT_NUISANCES`.
         seed: of everything random.
         progress: write stage, share done and leading classes to standard error.
 
@@ -80,6 +80,55 @@ def diagnose(
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """
+    _check_options(budget_minutes, simulations, draws, seed, threads)
+    offered = _with_priors(library, priors or {})
+    given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    study = scene if isinstance(scene, Study) else load_study(scene)
+    seen = observe_campaign(given, tier)
+    simulator = SceneSimulator(
+        seen.campaign,
+        study,
+        nuisances=nuisances,
+        library=offered,
+        exclude=exclude,
+        series=seen.tier == "T" or (cache is not None and cache.series),
+        sampling=None if cache is None else cache.sampling,
+        threads=threads,
+        client=client,
+        seed=seed,
+    )
+    if not simulator.library:
+        raise DiagnosisError("no effect is left to look for: exclude fewer")
+    folder = None if out is None else _made(Path(out))
+    found = diagnose_with(
+        simulator,
+        seen.campaign,
+        tier=seen.tier,
+        cache=folder / CACHE_FILE if cache is None and folder is not None else cache,
+        budget=Budget(budget_minutes, simulations, draws),
+        seed=seed,
+        report=_Progress() if progress else None,
+        provenance={
+            "scene": study.name,
+            "left_out": len(given) - len(seen),
+            "excluded": sorted(exclude),
+            "unavailable": simulator.unavailable,
+            "priors": {name: list(ends) for name, ends in sorted((priors or {}).items())},
+            "nuisance_priors": [one.to_json() for one in simulator.nuisances],
+        },
+    )
+    if folder is not None:
+        found.save(folder)
+    return found
+
+
+def _check_options(
+    budget_minutes: float,
+    simulations: int | None,
+    draws: int | None,
+    seed: int,
+    threads: int | None,
+) -> None:
     if not 0 < budget_minutes < math.inf:
         raise DiagnosisError(
             f"budget_minutes is {budget_minutes}; give a finite number of minutes above 0"
@@ -90,55 +139,8 @@ def diagnose(
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
     if threads is not None and threads < 1:
         raise DiagnosisError(f"threads is {threads}; give at least 1, or leave it out for all")
-    if draws is not None and draws < FEWEST_DRAWS:
-        raise DiagnosisError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
-    offered = _with_priors(library, priors or {})
-    whole = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
-    study = scene if isinstance(scene, Study) else load_study(scene)
-    seen = observe_campaign(whole, tier)
-    simulator = SceneSimulator(
-        seen.campaign,
-        study,
-        nuisances=nuisances,
-        library=offered,
-        exclude=exclude,
-        series=seen.tier == "T" or (shared is not None and shared.series),
-        sampling=None if shared is None else shared.sampling,
-        threads=threads,
-        client=client,
-        seed=seed,
-    )
-    if not simulator.library:
-        raise DiagnosisError("no effect is left to look for: exclude fewer")
-    folder = None if out is None else Path(out)
-    if folder is not None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise DiagnosisError(
-                f"{folder}: cannot be used ({error.strerror}); choose another folder"
-            ) from error
-    found = diagnose_with(
-        simulator,
-        seen.campaign,
-        tier=seen.tier,
-        bank=None if folder is None else folder / BANK_FILE,
-        budget=Budget(budget_minutes, simulations, draws),
-        shared=shared,
-        seed=seed,
-        report=_Progress() if progress else None,
-        provenance={
-            "scene": study.name,
-            "left_out": len(whole) - len(seen),
-            "excluded": sorted(exclude),
-            "unavailable": simulator.unavailable,
-            "priors": {name: list(ends) for name, ends in sorted((priors or {}).items())},
-            "nuisance_sd": asdict(simulator.uncertainties),
-        },
-    )
-    if folder is not None:
-        found.save(folder)
-    return found
+    if draws is not None and draws < SCHEDULE.fewest_draws:
+        raise DiagnosisError(f"draws is {draws}; give at least {SCHEDULE.fewest_draws}")
 
 
 def _with_priors(
@@ -155,6 +157,16 @@ def _with_priors(
         own = out[name] if name in out else effect(name)
         out[name] = own.with_prior(parameter, lower, upper)
     return out
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DiagnosisError(
+            f"{folder}: cannot be used ({error.strerror}); choose another folder"
+        ) from error
+    return folder
 
 
 class _Progress:

@@ -5,30 +5,46 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from vsr2.diagnosis.floor import FLOOR_RUNS, MAX_TRIALS
-from vsr2.diagnosis.how_far.anew import ANEW_RUNS
-from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
-from vsr2.diagnosis.simulated.bank import Bank
-from vsr2.diagnosis.simulated.design import SCREENING_NONE, none_draws
+from vsr2.diagnosis.how_far.resimulation import RESIMULATION_RUNS
+from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS
+from vsr2.diagnosis.noise_floor import NOISE_FLOOR
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.design import SCREENING, none_draws
 from vsr2.diagnosis.simulated.library import Library
-from vsr2.diagnosis.simulated.reach import TRIALS, tries
+from vsr2.diagnosis.simulated.reach import REACH, tries
 
-FIRST_DRAWS = 24
-"""Of every effect, before trials beyond `ENOUGH_TRIALS` are kept: the emulator's Monte Carlo error
-hides a weak effect in any number of trials."""
-ENOUGH_TRIALS = 100
-FEWEST_DRAWS = 6
-MAX_DRAWS = 192
-HALVING = 0.002
-"""Effects whose probability by both routes is below this get no further draws."""
-SCREENING_SHARE = 0.25
-"""Of the simulations that may go into screening."""
-FEWEST_TRIALS = 12
-REACH_SHARE = 0.05
-"""Of the simulations that may go into trying how far effects reach."""
-FEWEST_REACH = 6
-_TIME_SHARE = 0.85
-"""Of the time that goes into simulations."""
+
+@dataclass(frozen=True)
+class ScheduleConstants:
+    """How a budget is spent; chosen by hand, and judged by `python studies/diagnosis_budget.py`.
+
+    Attributes:
+        first_draws: of every effect, before trials beyond `enough_trials` are kept: the emulator's
+            Monte Carlo error hides a weak effect in any number of trials.
+        enough_trials: see there.
+        fewest_draws: of every effect.
+        most_draws: of every effect.
+        halving: effects whose probability by both routes is below this get no further draws.
+        screening_share: of the simulations that may go into screening.
+        fewest_trials: that are kept.
+        reach_share: of the simulations that may go into trying how far effects reach.
+        fewest_reach: trials on which they are tried.
+        time_share: of the time that goes into simulations.
+    """
+
+    first_draws: int = 24
+    enough_trials: int = 100
+    fewest_draws: int = 6
+    most_draws: int = 192
+    halving: float = 0.002
+    screening_share: float = 0.25
+    fewest_trials: int = 12
+    reach_share: float = 0.05
+    fewest_reach: int = 6
+    time_share: float = 0.85
+
+
+SCHEDULE = ScheduleConstants()
 
 
 @dataclass(frozen=True)
@@ -52,12 +68,12 @@ class Schedule:
 
     Args:
         budget: what may be spent.
-        bank: that has run a first simulation of every trial.
+        cache: that has run a first simulation of every trial.
         trials: of the campaign.
         library: of effects.
 
     Attributes:
-        allowed: simulations, those that the bank had before included.
+        allowed: simulations, those that the cache had before included.
         screening_runs: simulations a trial for screening.
         floor_trials: whose noise floor is measured.
         reach_trials: on which effects are tried.
@@ -67,32 +83,39 @@ class Schedule:
         exceeded: whether the trials kept need more than the budget for the fewest draws.
     """
 
-    def __init__(self, budget: Budget, bank: Bank, trials: int, library: Library) -> None:
+    def __init__(
+        self, budget: Budget, cache: SimulationCache, trials: int, library: Library
+    ) -> None:
         effects = len(library)
-        full = SCREENING_NONE + 2 * effects
+        full = SCREENING.plain + 2 * effects
         self._fixed = budget.draws
         if budget.draws is not None:
-            per_trial = full + FLOOR_RUNS + effects * budget.draws + none_draws(budget.draws)
+            per_trial = full + NOISE_FLOOR.runs + effects * budget.draws + none_draws(budget.draws)
             self.allowed = per_trial * trials
         elif budget.simulations is not None:
             self.allowed = budget.simulations
         else:
-            left = int(_TIME_SHARE * 60 * budget.minutes / max(bank.cost, 1e-6))
-            self.allowed = bank.size + max(left - bank.simulated, 0)
-        share = 1.0 if self._fixed else SCREENING_SHARE
+            left = int(SCHEDULE.time_share * 60 * budget.minutes / max(cache.cost, 1e-6))
+            self.allowed = cache.size + max(left - cache.simulated, 0)
+        share = 1.0 if self._fixed else SCHEDULE.screening_share
         self.screening_runs = max(4, min(full, int(share * self.allowed / trials)))
-        self.floor_trials = max(2, min(MAX_TRIALS, self.allowed // (20 * FLOOR_RUNS)))
+        self.floor_trials = max(
+            2, min(NOISE_FLOOR.most_trials, self.allowed // (20 * NOISE_FLOOR.runs))
+        )
         tried = tries(library)
-        self.reach_trials = max(FEWEST_REACH, min(TRIALS, int(REACH_SHARE * self.allowed / tried)))
-        rest = self.allowed - self.screening_runs * trials - FLOOR_RUNS * self.floor_trials
+        self.reach_trials = max(
+            SCHEDULE.fewest_reach,
+            min(REACH.trials, int(SCHEDULE.reach_share * self.allowed / tried)),
+        )
+        rest = self.allowed - self.screening_runs * trials - NOISE_FLOOR.runs * self.floor_trials
         rest -= tried * self.reach_trials
-        fewest = FEWEST_DRAWS * effects + none_draws(FEWEST_DRAWS)
-        wanted = FIRST_DRAWS * effects + none_draws(FIRST_DRAWS)
-        enough = min(ENOUGH_TRIALS, rest // fewest)
-        self.most_trials = max(FEWEST_TRIALS, enough, rest // wanted)
+        fewest = SCHEDULE.fewest_draws * effects + none_draws(SCHEDULE.fewest_draws)
+        wanted = SCHEDULE.first_draws * effects + none_draws(SCHEDULE.first_draws)
+        enough = min(SCHEDULE.enough_trials, rest // fewest)
+        self.most_trials = max(SCHEDULE.fewest_trials, enough, rest // wanted)
         if self._fixed is not None:
             self.most_trials = trials
-        self.first_draws = FIRST_DRAWS
+        self.first_draws = SCHEDULE.first_draws
         self.limited = False
         self.exceeded = False
         self._reserve = 0
@@ -106,17 +129,17 @@ class Schedule:
             self.first_draws = self._fixed
             return
         # All are simulated once more, under what is found.
-        self._reserve = DROPPED_RUNS * (self._trials - kept) + ANEW_RUNS * kept
+        self._reserve = SCREENED_OUT_RUNS * (self._trials - kept) + RESIMULATION_RUNS * kept
         self._rest -= self._reserve
-        for draws in range(FIRST_DRAWS, FEWEST_DRAWS - 1, -1):
+        for draws in range(SCHEDULE.first_draws, SCHEDULE.fewest_draws - 1, -1):
             self.first_draws = draws
             if (draws * self._effects + none_draws(draws)) * kept <= self._rest:
                 return
         self.exceeded = True
 
-    def affords(self, more: int, bank: Bank) -> bool:
-        """Whether so many more simulations fit, beside those of the dropped trials."""
-        fits = bank.asked + more + self._reserve <= self.allowed
+    def affords(self, more: int, cache: SimulationCache) -> bool:
+        """Whether so many more simulations fit, beside those of the screened-out trials."""
+        fits = cache.asked + more + self._reserve <= self.allowed
         self.limited = not fits
         return fits
 
@@ -125,9 +148,9 @@ class Schedule:
     ) -> dict[str, int] | None:
         """Twice as many draws for the effects still in the race; None: there are enough."""
         most = max(draws.values())
-        if self._fixed is not None or most >= MAX_DRAWS:
+        if self._fixed is not None or most >= SCHEDULE.most_draws:
             return None
         return {
-            name: 2 * count if count == most and probability[name] >= HALVING else count
+            name: 2 * count if count == most and probability[name] >= SCHEDULE.halving else count
             for name, count in draws.items()
         }

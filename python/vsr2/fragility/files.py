@@ -28,7 +28,7 @@ from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.results import has_journal, remove_journal, save_result
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import write_text
 
 OWN_FILES = ("plan.csv", "surface.csv", "lognormal.csv", "report.md")
 
@@ -76,7 +76,7 @@ def save_fragility(
     # With a journal, what is there is an earlier try at this same result.
     save_result(batch, path, streamed_logs=True, overwrite=has_journal(path))
     for name, rows in tables.items():
-        _write(path / name, _csv(rows))
+        write_text(path / name, _csv(rows))
     if not keep_journal:
         remove_journal(path)
     return [path / "trials.csv", path / "provenance.json", *(path / name for name in tables)]
@@ -135,14 +135,10 @@ def lognormal_rows(result: FragilityResult) -> list[dict[str, Any]]:
             "overturned": fit.overturned,
             "motions": fit.groups,
             "separated": int(fit.separated),
-            "note": fit.note,
+            "note": fit.note or "",
         }
         rows.append(row)
     return rows
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -26,6 +26,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cached_property
 from typing import Literal
 
@@ -128,6 +129,14 @@ class _Posterior:
         return found
 
 
+class FitNote(StrEnum):
+    """What keeps a fit from being a curve."""
+
+    ALL_OVERTURNED = "all_overturned"
+    ALL_STOOD = "all_stood"
+    NOT_RISING = "not_rising"
+
+
 @dataclass(frozen=True, eq=False)
 class FragilityFit:
     """A fitted curve (k = 1) or surface (k = 2).
@@ -137,7 +146,8 @@ class FragilityFit:
         trials, overturned, groups: numbers of trials, of those that overturned, of ground motions.
         separated: the curve or surface parts the outcomes without error; its steepness is then the
             prior's, and its middle is known no better than the gap between them.
-        note: what keeps it from being a fit, or a surface from rising; "": nothing.
+        note: what keeps it from being a curve; None: nothing.
+        falling: measures with which a surface falls, in part of the range, by more than `FALL`.
         low, high: least and greatest value of each measure, shape (k,).
         lognormal: median and beta; None: two measures, or the probability does not rise.
     """
@@ -147,7 +157,8 @@ class FragilityFit:
     overturned: int
     groups: int
     separated: bool
-    note: str
+    note: FitNote | None
+    falling: tuple[str, ...]
     low: Array
     high: Array
     lognormal: Lognormal | None
@@ -296,12 +307,12 @@ def fit_fragility(
     quadratic = surface == "quadratic"
     terms = _terms(scaled, quadratic)
     motions = int(member.max()) + 1
-    note, separated = "", False
+    note: FitNote | None = None
+    separated = False
     posterior: _Posterior | None = None
     interval: tuple[float, float, float] | None = None
     if truth.all() or not truth.any():
-        ended = "overturned" if truth.all() else "stood"
-        note = f"all trials {ended}: no curve; widen the range of intensities"
+        note = FitNote.ALL_OVERTURNED if truth.all() else FitNote.ALL_STOOD
         interval = _constant(truth, level)
     else:
         posterior = _fit(terms, truth, member, level)
@@ -311,7 +322,7 @@ def fit_fragility(
     if len(names) == 1 and posterior is not None:
         lognormal = _lognormal(posterior, level, float(center[0]), float(spread[0]))
         if lognormal is None:
-            note = "the probability does not rise with the measure: no lognormal curve"
+            note = FitNote.NOT_RISING
         elif not separated and not _straight(scaled, truth, member, level):
             lognormal = Lognormal(**{**vars(lognormal), "fits": False})
     fit = FragilityFit(
@@ -321,6 +332,7 @@ def fit_fragility(
         groups=motions,
         separated=separated,
         note=note,
+        falling=(),
         low=values.min(axis=0),
         high=values.max(axis=0),
         lognormal=lognormal,
@@ -332,14 +344,7 @@ def fit_fragility(
         _posterior=posterior,
         _interval=interval,
     )
-    if len(names) == 2 and not note:
-        falling = _falling(fit)
-        if falling:
-            return replace(
-                fit, note=f"falls with {' and '.join(falling)} in part of the range, by more than "
-                f"{FALL:g}: see whether the trials do, or set `surface: linear`",
-            )  # fmt: skip
-    return fit
+    return replace(fit, falling=_falling(fit)) if len(names) == 2 and note is None else fit
 
 
 def _outcomes(
@@ -356,7 +361,7 @@ def _outcomes(
     return truth, member
 
 
-def _falling(fit: FragilityFit) -> list[str]:
+def _falling(fit: FragilityFit) -> tuple[str, ...]:
     """Measures with which the probability falls by more than `FALL` amid the trials."""
     count = 25
     levels = fit.grid(count)
@@ -368,7 +373,7 @@ def _falling(fit: FragilityFit) -> list[str]:
         highest = np.maximum.accumulate(np.nan_to_num(grid), axis=axis)
         if np.nanmax(highest - grid, initial=0.0) > FALL:
             found.append(name)
-    return found
+    return tuple(found)
 
 
 def _constant(truth: NDArray[np.bool_], level: float) -> tuple[float, float, float]:

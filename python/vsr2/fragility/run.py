@@ -138,7 +138,7 @@ def fragility_result(
     """
     settings = study.own.fragility
     measures = _measures(motions)
-    used = batch.judged.copy()
+    used = batch.judged
     for name in settings.measures:
         used &= measures[name] > 0
     if not used.any():

@@ -1,8 +1,8 @@
 """Figures and tables for people."""
 
+from vsr2.report.batch_figures import representative_trials, write_figures
 from vsr2.report.figures import overturning_diagram, time_histories, tracking_figure
-from vsr2.report.files import representative_trials, write_figures
-from vsr2.report.text import printable, summary_table, trial_table
+from vsr2.report.text import printable, summary_table
 
 __all__ = [
     "overturning_diagram",
@@ -11,6 +11,5 @@ __all__ = [
     "summary_table",
     "time_histories",
     "tracking_figure",
-    "trial_table",
     "write_figures",
 ]

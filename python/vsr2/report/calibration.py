@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -11,16 +12,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsr2.analysis.bootstrap import SCORES
-from vsr2.calibration.calibrate import CalibrationResult, Screen
-from vsr2.calibration.files import best_of_sweeps
-from vsr2.calibration.profile import Profile
-from vsr2.calibration.settings import Parameter
+from vsr2.calibration.calibrate import CalibrationResult
+from vsr2.calibration.calibration_study import Parameter
+from vsr2.calibration.profile import Identifiability, Profile
+from vsr2.calibration.tables import best_of_sweeps
 from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
-from vsr2.report.panels import scale_axis, sheet, write_page
+from vsr2.report.pages import render
+from vsr2.report.panels import scale_axis, scale_where_wide, sheet, write_page
+from vsr2.report.run_messages import compatible_values
 from vsr2.report.text import markdown_table, printable
 
 if TYPE_CHECKING:
@@ -63,7 +66,7 @@ def profile_figure(result: CalibrationResult) -> Figure:
     for panel, profile in zip(axes.flat, result.profiles, strict=False):
         _profile_panel(panel, profile, result.settings.parameters[profile.name], top)
     for row in axes:
-        row[0].set_ylabel("objective")
+        row[0].set_ylabel("objective [1]")
     for panel in axes.flat[count:]:
         panel.set_visible(False)
     first = axes.flat[0]
@@ -77,51 +80,40 @@ def profile_figure(result: CalibrationResult) -> Figure:
 def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: float) -> None:
     known = [cell for cell in profile.cells if cell.sets]
     listed = parameter.values is not None
-    place: dict[Plain, float] = {}
-    if listed:
-        assert parameter.values is not None
-        place = {value: float(i) for i, value in enumerate(parameter.values)}
-    sampled = [
-        (place[value] if listed else float(value), score)
-        for value, score in profile.sampled
-        if not listed or value in place
-    ]
+    # Listed values stand side by side, those of a range where they lie.
+    place = {value: float(i) for i, value in enumerate(parameter.values or ())}
+
+    def at(value: Plain) -> float:
+        return place[value] if listed else float(value)
+
+    half = 0.4 if listed else 0.0
+    sampled = [(at(v), score) for v, score in profile.sampled if not listed or v in place]
     panel.plot(
         *np.array(sampled).T.reshape(2, -1), ".", color=GREY, markersize=3, label="evaluated set"
     )
-    for kept in (True, False):
+    for kept, color, label in (
+        (True, BLUE, "cell, compatible"),
+        (False, VERMILION, "cell, worse beyond noise"),
+    ):
         cells = [cell for cell in known if cell.compatible == kept]
+        low, high = (np.array([at(end) for end in ends]) for ends in (
+            [cell.low for cell in cells], [cell.high for cell in cells],
+        ))  # fmt: skip
         # Drawn even where there are none, for the legend.
-        ends = [
-            (place[cell.low] - 0.4, place[cell.low] + 0.4)
-            if listed
-            else (float(cell.low), float(cell.high))
-            for cell in cells
-        ]
         panel.hlines(
-            [cell.objective for cell in cells],
-            [end[0] for end in ends],
-            [end[1] for end in ends],
-            color=BLUE if kept else VERMILION,
-            linewidth=2.5,
-            label="cell, compatible" if kept else "cell, worse beyond noise",
+            [cell.objective for cell in cells], low - half, high + half,
+            color=color, linewidth=2.5, label=label,
+        )  # fmt: skip
+        panel.vlines(
+            np.sqrt(low * high) if parameter.scale == "log" else 0.5 * (low + high),
+            [top - cell.deficit_high for cell in cells],
+            [min(top - cell.deficit_low, 1.0) for cell in cells],
+            color=color,
+            linewidth=0.9,
         )
-        for cell, end in zip(cells, ends, strict=True):
-            middle = math.sqrt(end[0] * end[1]) if parameter.scale == "log" else sum(end) / 2
-            panel.vlines(
-                middle,
-                top - cell.deficit_high,
-                min(top - cell.deficit_low, 1.0),
-                color=BLUE if kept else VERMILION,
-                linewidth=0.9,
-            )
     if not listed or profile.best in place:
         panel.axvline(
-            place[profile.best] if listed else float(profile.best),
-            color=BLACK,
-            linewidth=0.9,
-            linestyle="--",
-            label="calibrated",
+            at(profile.best), color=BLACK, linewidth=0.9, linestyle="--", label="calibrated"
         )
     if listed:
         panel.set_xticks(list(place.values()), [_short(value) for value in place], fontsize="small")
@@ -162,8 +154,8 @@ def search_figure(result: CalibrationResult) -> Figure:
     )
     panel.set_ylim(None, min(panel.get_ylim()[1], 1.02))
     panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-    panel.set_xlabel("step of the search on all trials")
-    panel.set_ylabel("objective in sample")
+    panel.set_xlabel("step of the search on all trials [number]")
+    panel.set_ylabel("objective in sample [1]")
     _legend_below(panel)
     if result.folds:
         panel = axes[0, 1]
@@ -180,8 +172,8 @@ def search_figure(result: CalibrationResult) -> Figure:
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         low, high = panel.get_ylim()
         panel.set_ylim(low, min(high, 1.02))
-        panel.set_xlabel("fold")
-        panel.set_ylabel("objective")
+        panel.set_xlabel("fold [number]")
+        panel.set_ylabel("objective [1]")
         _legend_below(panel)
     return figure
 
@@ -231,9 +223,8 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     failed = known & np.isnan(predicted)
     if failed.any():
         panel.scatter(x[failed], y[failed], s=30, marker="x", color=GREY, label="failed")
-    for axis, values in (("x", x[known]), ("y", y[known])):
-        if values.max() > 5 * values.min():
-            scale_axis(panel, axis)
+    scale_where_wide(panel, "x", x[known])
+    scale_where_wide(panel, "y", y[known])
     panel.set_xlabel("PGV/PGA [s]")
     panel.set_ylabel("PGA [g]")
     panel.set_title("out of fold" if result.folds else "in sample", fontsize="small")
@@ -243,153 +234,88 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
 
 def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
     """The report as Markdown."""
-    settings, seen = result.settings, result.provenance
-    method = settings.method
-    lines = [
-        f"# Calibration against {printable(result.campaign.name)}",
-        "",
-        f"{len(result.campaign)} trials of {len(set(result.campaign.motion_ids))} ground motions, "
-        f"{int(result.observed.sum())} overturned. Method: {method.kind}, "
-        f"{seen.get('evaluations', 0)} parameter sets evaluated "
-        f"({seen.get('seconds_of_simulation', 0.0):.3g} s of simulation), seed "
-        f"{seen.get('seed', 0)}.",
-        "",
-        "## How well it predicts",
-        "",
-        _score_table(result),
-        "",
-    ]
-    if result.folds:
-        lines.append(
-            f"Optimism (objective in sample minus out of fold): {result.optimism:+.3f}. Out of "
-            "fold, every trial is predicted with values chosen without any trial of its ground "
-            "motion; judge by that line. The lines in sample are too good, the more so the more "
-            "sets were tried. Intervals are 95 %, from a bootstrap over motions, for "
-            "the predictions as they are."
-        )
-    else:
-        lines.append(
-            "The simulator's scores are in sample: the values were chosen on the trials that they "
-            "are judged on, so the scores are too good. Set `folds` to see by how much."
-        )
-    failed = int(np.isnan(result.in_sample).sum())
-    if failed:
-        lines.append(f"{failed} trials have no outcome with the best set; they count as wrong.")
-    lines += [f"Note: {printable(note)}" for note in result.notes]
-    if settings.judged_with:
-        told = ", ".join(f"`{key}: {value}`" for key, value in settings.judged_with.items())
-        lines += ["", f"The chosen sets are judged with {told}; the search ran without."]
-    if result.screen is not None:
-        lines += ["", _screen_text(result, result.screen)]
-    lines += ["", "## Values", "", _value_table(result), ""]
-    lines += _identifiability(result)
-    if result.settings.method.kind == "sequential":
-        lines += ["", "## Best of each sweep", "", _sweep_table(result), ""]
-        lines.append("`table.csv` holds every step in the columns of the supplement's Table S2.")
-    if result.folds:
-        lines += ["", "## Folds", "", _fold_table(result)]
-    lines += ["", "## Figures", ""]
-    for name, text in figures.items():
-        lines += [f"![{text}]({name})", ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _screen_text(result: CalibrationResult, screen: Screen) -> str:
-    method = result.settings.method
-    count = int(screen.certain.sum())
-    return (
-        f"Screened: {count} of {len(result.campaign)} trials ended alike in the first "
-        f"{getattr(method, 'screen', 0)} sets, and were taken to do so in the others. The chosen "
-        f"sets were run on all trials: {screen.wrong} of {screen.checked} assumptions that this "
-        "checked were wrong. Scores above assume nothing; profiles and the search do."
+    sequential = result.settings.method.kind == "sequential"
+    verdicts = {profile.name: profile.verdict for profile in result.profiles}
+    return render(
+        "calibration.md",
+        {"printable": printable},
+        campaign=result.campaign,
+        motions=len(set(result.campaign.motion_ids)),
+        overturned=int(result.observed.sum()),
+        settings=result.settings,
+        seen=result.provenance,
+        scores=_score_table(result),
+        optimism=result.optimism,
+        failed=int(np.isnan(result.in_sample).sum()),
+        no_baselines=result.no_baselines,
+        screen=result.screen,
+        values=_value_table(result),
+        untried=any(cell.sets == 0 for profile in result.profiles for cell in profile.cells),
+        not_identified=[n for n, v in verdicts.items() if v is Identifiability.NOT_IDENTIFIED],
+        sweeps=_sweep_table(result) if sequential else "",
+        folds=_fold_table(result) if result.folds else "",
+        figures=figures,
     )
 
 
 def _score_table(result: CalibrationResult) -> str:
     header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
     rows = [
-        [
-            printable(one.name),
-            one.fitted,
-            str(one.metrics.trials),
-            *(str(one.intervals[name]) for name in SCORES),
-        ]
-        for one in result.scores
+        [printable(s.name), s.fitted, s.metrics.trials, *(s.intervals[name] for name in SCORES)]
+        for s in result.scores
     ]
     return markdown_table(header, rows)
 
 
 def _value_table(result: CalibrationResult) -> str:
-    header = ["parameter", "keys", "best", "compatible", "verdict"]
-    if result.folds:
-        header.insert(3, "in the folds")
     rows = []
     for profile in result.profiles:
         parameter = result.settings.parameters[profile.name]
-        row = [
-            profile.name + (f" [{parameter.unit}]" if parameter.unit else ""),
-            ", ".join(f"`{key}`" for key in parameter.keys),
-            _short(profile.best),
-            profile.compatible,
-            profile.verdict,
-        ]
-        if result.folds:
-            row.insert(3, _spread([one.values[profile.name] for one in result.folds]))
-        rows.append(row)
-    return markdown_table(header, rows)
+        found = [one.values[profile.name] for one in result.folds]
+        rows.append(
+            [
+                profile.name + (f" [{parameter.unit}]" if parameter.unit else ""),
+                ", ".join(f"`{key}`" for key in parameter.keys),
+                _short(profile.best),
+                *([_spread(found)] if found else []),
+                compatible_values(profile),
+                profile.verdict,
+            ]
+        )
+    folds = ["in the folds"] if result.folds else []
+    return markdown_table(["parameter", "keys", "best", *folds, "compatible", "verdict"], rows)
 
 
 def _spread(values: Sequence[Plain]) -> str:
     if all(isinstance(v, (int, float)) for v in values):
         numbers = sorted(float(v) for v in values)
         return f"{numbers[0]:g} to {numbers[-1]:g}"
-    counts = {value: list(values).count(value) for value in values}
-    return ", ".join(f"{value} ({n})" for value, n in counts.items())
-
-
-def _identifiability(result: CalibrationResult) -> list[str]:
-    untold = [p.name for p in result.profiles if p.verdict == "not identified"]
-    lines = [
-        "A value is compatible where the best set of its part of the range is not worse than the "
-        "best of all beyond the noise of the motions. Values of parameters that are not identified "
-        "are arbitrary within their range: other values predict as well."
-    ]
-    if any(cell.sets == 0 for profile in result.profiles for cell in profile.cells):
-        lines.append(
-            "Of parts of a range that no set has tried nothing is known: neither that they are "
-            "compatible nor that they are not."
-        )
-    if untold:
-        lines.append(f"Not identified by this campaign: {', '.join(untold)}.")
-    return lines
+    return ", ".join(f"{value} ({count})" for value, count in Counter(values).items())
 
 
 def _sweep_table(result: CalibrationResult) -> str:
-    names = list(result.settings.parameters)
-    header = ["iteration", "group", *names, "objective"]
     rows = [
         [
-            str(step.iteration),
+            step.iteration,
             step.group,
-            *(_short(step.evaluation.values[name]) for name in names),
+            *(_short(step.evaluation.values[name]) for name in result.settings.parameters),
             f"{step.score:.3f}",
         ]
         for step in best_of_sweeps(result)
     ]
-    return markdown_table(header, rows)
+    return markdown_table(["iteration", "group", *result.settings.parameters, "objective"], rows)
 
 
 def _fold_table(result: CalibrationResult) -> str:
     names = list(result.settings.parameters)
-    header = ["fold", "trials", "training", "held out", *names]
     rows = [
         [
-            str(k),
-            str(int(one.held_out.sum())),
+            k,
+            one.held_out.sum(),
             f"{one.training:.3f}",
             f"{one.judged:.3f}",
             *(_short(one.values[name]) for name in names),
         ]
         for k, one in enumerate(result.folds)
     ]
-    return markdown_table(header, rows)
+    return markdown_table(["fold", "trials", "training", "held out", *names], rows)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from vsr2.analysis import Tracking, tracking
 from vsr2.errors import ResultError
 from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report.panels import scale_where_wide, sheet
 from vsr2.report.text import printable
 from vsr2.results import OUTCOMES, BatchResult, TrialLog
 
@@ -40,17 +41,6 @@ ROUNDING = 1e-9
 """Errors below this are shown as none: they are rounding [m]."""
 
 
-def _panels(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for panel in axes.flat:
-        panel.grid(True, linewidth=0.4, alpha=0.5)
-        panel.spines[["top", "right"]].set_visible(False)
-    return figure, axes
-
-
 def time_histories(log: TrialLog, title: str = "") -> Figure:
     """Response of one trial against time: pedestal, tilt, slip, orientation.
 
@@ -63,7 +53,7 @@ def time_histories(log: TrialLog, title: str = "") -> Figure:
     """
     if len(log.time) == 0:
         raise ResultError("time histories: the log has no rows")
-    figure, axes = _panels(4, 1, (7.0, 8.0))
+    figure, axes = sheet(4, 1, (7.0, 8.0))
     time = log.time
     pedestal, tilt, slip, angles = axes[:, 0]
     pedestal.plot(time, log.column("commanded_position"), color=BLACK, label="commanded")
@@ -102,15 +92,14 @@ def time_histories(log: TrialLog, title: str = "") -> Figure:
 def overturning_diagram(result: BatchResult) -> Figure:
     """Outcome of each trial in PGA [g] against PGV/PGA [s], of the motions as driven.
 
-    An axis is logarithmic where its values span a factor of more than 10. Trials without an outcome
+    An axis is logarithmic where its values span a factor of more than 8. Trials without an outcome
     are crosses; those without intensity, or not run, are left out and counted in the title.
     """
-    figure, axes = _panels(1, 1, (6.5, 5.0))
+    figure, axes = sheet(1, 1, (6.5, 5.0))
     panel = axes[0, 0]
     pga = np.asarray(result["pga"], dtype=np.float64) / STANDARD_GRAVITY
     ratio = np.asarray(result["pgv_pga"], dtype=np.float64)
-    run = ~np.isin(result["status"], ("not_run", "cancelled"))
-    shown = run & np.isfinite(pga) & np.isfinite(ratio)
+    shown = result.finished & np.isfinite(pga) & np.isfinite(ratio)
     # Many trials hide one another: the gravest outcome is drawn last, all are smaller.
     size = float(np.clip(4000.0 / max(1, shown.sum()), 14.0, 50.0))
     for outcome in OUTCOMES:
@@ -125,13 +114,8 @@ def overturning_diagram(result: BatchResult) -> Figure:
                 zorder=2.0 + 0.1 * OUTCOMES.index(outcome),
                 **OUTCOME_STYLE[outcome],
             )
-    for set_scale, values in (
-        (panel.set_xscale, ratio[shown]),
-        (panel.set_yscale, pga[shown]),
-    ):
-        if values.size and values.min() > 0 and values.max() > 10 * values.min():
-            set_scale("log")
-    _plain_log_ticks(panel)
+    scale_where_wide(panel, "x", ratio[shown])
+    scale_where_wide(panel, "y", pga[shown])
     panel.set_xlabel("PGV/PGA [s]")
     panel.set_ylabel("PGA [g]")
     left_out = len(result) - int(shown.sum())
@@ -140,17 +124,6 @@ def overturning_diagram(result: BatchResult) -> Figure:
     if shown.any():
         figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
     return figure
-
-
-def _plain_log_ticks(panel: Axes) -> None:
-    """0.1 rather than 10^-1 on logarithmic axes, with ticks within each decade."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    for axis in (panel.xaxis, panel.yaxis):
-        if axis.get_scale() == "log":
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-            axis.set_minor_formatter(NullFormatter())
 
 
 def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
@@ -168,7 +141,7 @@ def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
     """
     if not logs:
         raise ResultError("tracking figure: give at least one log")
-    figure, axes = _panels(5, len(logs), (1.0 + 4.5 * len(logs), 11.0))
+    figure, axes = sheet(5, len(logs), (1.0 + 4.5 * len(logs), 11.0))
     for column, (name, log) in enumerate(logs.items()):
         _tracking_column(axes[:, column], log, tracking(log), printable(name))
     labels = (

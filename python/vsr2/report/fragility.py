@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
-from vsr2.report.panels import scale_axis, sheet, write_page
+from vsr2.report.pages import render
+from vsr2.report.panels import scale_where_wide, sheet, write_page
+from vsr2.report.run_messages import fit_caveats, fit_note
 from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MAX_PANELS = 12
@@ -70,8 +71,8 @@ def overturning_figure(result: FragilityResult) -> Figure:
             x, y, c=share, s=size, cmap=SHADES, vmin=0, vmax=1,
             edgecolor=BLACK, linewidth=0.3, zorder=3,
         )  # fmt: skip
-        _log_where_wide(panel, "x", x)
-        _log_where_wide(panel, "y", y)
+        scale_where_wide(panel, "x", x)
+        scale_where_wide(panel, "y", y)
         if len(azimuths) > 1:
             panel.set_title(f"azimuth {azimuth:g} deg", fontsize="small")
     for panel in axes.flat[len(azimuths) :]:
@@ -81,7 +82,7 @@ def overturning_figure(result: FragilityResult) -> Figure:
     for column in range(columns):
         axes[(len(azimuths) - 1 - column) // columns, column].set_xlabel("PGV/PGA [s]")
     if marks is not None:
-        figure.colorbar(marks, ax=axes.ravel().tolist(), label="share overturned", shrink=0.8)
+        figure.colorbar(marks, ax=axes.ravel().tolist(), label="share overturned [1]", shrink=0.8)
     return figure
 
 
@@ -93,11 +94,6 @@ def _shares(result: FragilityResult, chosen: NDArray[np.bool_]) -> tuple[Array, 
     count = np.bincount(member, minlength=len(places))
     hits = np.bincount(member, weights=result.overturned[chosen], minlength=len(places))
     return places[:, 0], places[:, 1], hits / count
-
-
-def _log_where_wide(panel: Axes, which: str, values: Array) -> None:
-    if values.size and values.max() > 8 * values.min():
-        scale_axis(panel, which)
 
 
 def curve_figure(result: FragilityResult, name: str) -> Figure:
@@ -127,20 +123,21 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
         panel.plot(
             values[overturned == hit], np.full(int((overturned == hit).sum()), y), "|",
             color=VERMILION if hit else GREY, markersize=4, markeredgewidth=0.5,
+            label="overturned" if hit else "stood",
         )  # fmt: skip
-    _log_where_wide(panel, "x", x)
+    scale_where_wide(panel, "x", x)
     panel.set_ylim(-0.06, 1.06)
     panel.set_xlabel(MEASURE_LABELS[name])
-    panel.set_ylabel("probability of overturning")
+    panel.set_ylabel("probability of overturning [1]")
     panel.set_title(_curve_title(fit), fontsize="small")
     # Below the panel: within it a legend would hide groups and their intervals.
-    figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+    figure.legend(loc="outside lower center", ncols=5, fontsize="x-small", frameon=False)
     return figure
 
 
 def _curve_title(fit: FragilityFit) -> str:
     if fit.lognormal is None:
-        return fit.note
+        return fit_note(fit)
     found = fit.lognormal
     unit = MEASURE_LABELS[fit.names[0]].rpartition("[")[2].rstrip("]")
     text = f"median {found.median:.3g} {unit} ({found.median_lower:.3g} to "
@@ -159,6 +156,8 @@ def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array
         Geometric mean of the measure (g,), share (g,), and the ends of Wilson's 95 % interval
         (2, g).
     """
+    from scipy.stats import binomtest
+
     # Levels that differ by rounding alone are one.
     levels, member = np.unique(np.round(np.log(values), 6), return_inverse=True)
     if levels.size <= BINS:
@@ -167,15 +166,13 @@ def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array
         order = np.argsort(values, kind="stable")
         groups = np.array_split(order, min(BINS, max(1, values.size // 5)))
     middle = np.array([math.exp(float(np.log(values[group]).mean())) for group in groups])
-    count = np.array([group.size for group in groups], dtype=np.float64)
     share = np.array([overturned[group].mean() for group in groups])
-    z2 = 1.96**2
-    center = (share + z2 / (2 * count)) / (1 + z2 / count)
-    reach = (
-        np.sqrt(z2) / (1 + z2 / count) * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2))
-    )
-    ends = np.stack([np.minimum(center - reach, share), np.maximum(center + reach, share)])
-    return middle, share, ends
+    hits = [int(overturned[group].sum()) for group in groups]
+    ends = [
+        binomtest(hit, group.size).proportion_ci(method="wilson")
+        for hit, group in zip(hits, groups, strict=True)
+    ]
+    return middle, share, np.array(ends).T
 
 
 def surface_figure(result: FragilityResult) -> Figure:
@@ -202,11 +199,11 @@ def surface_figure(result: FragilityResult) -> Figure:
     figure, axes = sheet(1, 2, (8.6, 3.6))
     width = upper - lower
     for panel, values, label, most in (
-        (axes[0, 0], probability, "probability of overturning", 1.0),
+        (axes[0, 0], probability, "probability of overturning [1]", 1.0),
         (
             axes[0, 1],
             width,
-            f"width of the {100 * result.settings.level:g} % band",
+            f"width of the {100 * result.settings.level:g} % band [1]",
             max(0.1, math.ceil(10 * float(width.max())) / 10),
         ),
     ):
@@ -225,10 +222,9 @@ def surface_figure(result: FragilityResult) -> Figure:
             np.stack([result.measures[fit.names[k]][result.used] for k in (across, up)], axis=1),
             axis=0,
         )
-        panel.plot(*points.T, ".", color=BLACK, markersize=2, clip_on=False)
-        for which, k in (("x", across), ("y", up)):
-            if fit.high[k] > 8 * fit.low[k]:
-                scale_axis(panel, which)
+        panel.plot(*points.T, ".", color=BLACK, markersize=2, clip_on=False, label="ground motion")
+        scale_where_wide(panel, "x", points[:, 0])
+        scale_where_wide(panel, "y", points[:, 1])
         panel.set_xlabel(MEASURE_LABELS[fit.names[across]])
         panel.set_ylabel(MEASURE_LABELS[fit.names[up]])
     panel = axes[0, 0]
@@ -245,6 +241,12 @@ def surface_figure(result: FragilityResult) -> Figure:
             panel.contour(
                 x, y, end, levels=[0.5], colors=VERMILION, linewidths=0.8, linestyles="--"
             )
+    # Contours have no entry of their own in a legend.
+    panel.plot([], [], "--", color=VERMILION, linewidth=0.8, label="an end of the band is 0.5")
+    handles, labels = panel.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=2, fontsize="small", frameon=False
+    )
     return figure
 
 
@@ -290,100 +292,37 @@ def _upper_limit(middle: Array, high: Array) -> float:
     return float(1.1 * min(high.max(), 3.0 * middle.max()))
 
 
-def lognormal_text(result: FragilityResult) -> str:
-    """One line a curve: median, beta and what to know of them."""
-    lines = []
-    for name, fit in result.curves.items():
-        head = f"{name}: {fit.trials} trials of {fit.groups} motions, {fit.overturned} overturned"
-        if fit.lognormal is None:
-            lines.append(f"{head}; {fit.note}")
-            continue
-        found = fit.lognormal
-        lines.append(
-            f"{head}; median {found.median:.4g} [{found.median_lower:.4g}, "
-            f"{found.median_upper:.4g}], beta {found.beta:.3g} [{found.beta_lower:.3g}, "
-            f"{found.beta_upper:.3g}]" + _caveats(fit)
-        )
-    return "\n".join(lines)
-
-
-def _caveats(fit: FragilityFit) -> str:
-    words = []
-    if fit.separated:
-        words.append("outcomes separated without error: the steepness is the prior's")
-    if fit.lognormal is not None and not fit.lognormal.fits:
-        words.append("curved: a lognormal does not fit")
-    if fit.note:
-        words.append(fit.note)
-    return "; " + "; ".join(words) if words else ""
-
-
 def fragility_page(result: FragilityResult, figures: dict[str, str]) -> str:
     """The report as Markdown."""
-    settings = result.settings
-    jitter = settings.jitter
-    left_out = int((~result.used).sum())
-    azimuths = list(dict.fromkeys(result.azimuth.tolist()))
-    lines = [
-        "# Fragility",
-        "",
-        f"{len(result.planned)} trials: {len(set(result.motion.tolist()))} ground motions, "
-        f"{len(azimuths)} azimuth{'s' * (len(azimuths) > 1)}, {settings.replicates} "
-        f"replicate{'s' * (settings.replicates > 1)}; "
-        f"{int(result.overturned[result.used].sum())} overturned."
-        + (f" {left_out} have no outcome and are left out." if left_out else ""),
-        "",
-        f"Start perturbed (standard deviations): yaw {jitter.yaw:g} deg, offset {jitter.offset:g} "
-        f"m, tilt {jitter.tilt:g} deg; seed {_seed(result)}.",
-        "",
-        "## Lognormal curves",
-        "",
-        _curve_table(result),
-        "",
-        f"Bands and intervals are {100 * settings.level:g} %, from the wider of the model's "
-        "standard error and the one clustered by ground motion; a weak prior keeps separated "
-        "outcomes finite (`docs/how-to/fragility.md`). They hold for ground motions like these, "
-        "and for the simulator as it is: its own error is not in them.",
-        "",
-    ]
-    if result.surface is not None and result.surface.note:
-        lines += [f"Surface: {result.surface.note}.", ""]
-    lines += ["## Figures", ""]
-    for name, text in figures.items():
-        lines += [f"![{text}]({name})", ""]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def _seed(result: FragilityResult) -> Any:
     study = result.provenance.get("study") or {}
-    return study.get("seed", "unknown")
+    return render(
+        "fragility.md",
+        {"counted": lambda count, name: f"{count} {name}{'s' * (count > 1)}"},
+        settings=result.settings,
+        trials=len(result.planned),
+        motions=len(set(result.motion.tolist())),
+        azimuths=len(set(result.azimuth.tolist())),
+        overturned=int(result.overturned[result.used].sum()),
+        left_out=int((~result.used).sum()),
+        seed=study.get("seed", "unknown"),
+        curves=_curve_table(result),
+        surface_note=fit_note(result.surface) if result.surface is not None else "",
+        figures=figures,
+    )
 
 
 def _curve_table(result: FragilityResult) -> str:
-    header = ["measure", "azimuth [deg]", "trials", "overturned", "median", "beta", "note"]
     rows = []
-    for name, fit in result.curves.items():
-        curves = [("all", fit)]
-        curves += [
-            (f"{turn:g}", one)
-            for (other, turn), one in result.azimuth_curves.items()
-            if other == name
-        ]
-        for azimuth, one in curves:
-            found = one.lognormal
+    for name, pooled in result.curves.items():
+        turned = {
+            f"{t:g}": fit for (other, t), fit in result.azimuth_curves.items() if other == name
+        }
+        for azimuth, fit in {"all": pooled, **turned}.items():
             median = beta = "-"
-            if found is not None:
+            if (found := fit.lognormal) is not None:
                 median = f"{found.median:.3g} [{found.median_lower:.3g}, {found.median_upper:.3g}]"
                 beta = f"{found.beta:.2g} [{found.beta_lower:.2g}, {found.beta_upper:.2g}]"
-            rows.append(
-                [
-                    MEASURE_LABELS[name],
-                    azimuth,
-                    str(one.trials),
-                    str(one.overturned),
-                    median,
-                    beta,
-                    _caveats(one).removeprefix("; "),
-                ]
-            )
+            counts = (str(fit.trials), str(fit.overturned))
+            rows.append([MEASURE_LABELS[name], azimuth, *counts, median, beta, fit_caveats(fit)])
+    header = ["measure", "azimuth [deg]", "trials", "overturned", "median", "beta", "note"]
     return markdown_table(header, rows)

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import io
+import re
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote, unquote
 
-from vsr2.errors import ResultError
-from vsr2.results.atomic import write_atomic
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.results.atomic import make_folder, write_atomic, write_text
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DOTS_PER_INCH = 200
 REPORT = "report.md"
+_SVG_METADATA = ("Creator", "Date", "Format", "Type")
+"""Left out of drawings: the time among them would change their bytes."""
 
 
 def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
@@ -31,8 +40,14 @@ def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, A
     return figure, axes
 
 
-def scale_axis(panel: Axes, which: Literal["x", "y"] | str) -> None:
-    """Make an axis logarithmic, its ticks within a decade written as 0.02, 0.05, 0.1."""
+def scale_where_wide(panel: Axes, which: str, values: NDArray[np.float64]) -> None:
+    """Make an axis logarithmic where its values are above 0 and span a factor of more than 8."""
+    if values.size and values.min() > 0 and values.max() > 8 * values.min():
+        scale_axis(panel, which)
+
+
+def scale_axis(panel: Axes, which: str) -> None:
+    """Make an axis, "x" or "y", logarithmic, its ticks within a decade as 0.02, 0.05, 0.1."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis = panel.xaxis if which == "x" else panel.yaxis
@@ -45,12 +60,46 @@ def scale_axis(panel: Axes, which: Literal["x", "y"] | str) -> None:
         axis.set_minor_formatter(NullFormatter())
 
 
-def save_figure(figure: Figure, stem: Path) -> list[Path]:
-    """Write a figure as PNG and PDF.
+def tooltip(artist: Artist, text: str) -> None:
+    """Text that a browser shows where the pointer rests on a mark of :func:`svg`."""
+    # In the drawing's code, where any text is no more than letters.
+    artist.set_gid(f"tooltip-{quote(text)}")
+
+
+def svg(figure: Figure, meaning: str) -> str:
+    """A figure as an `svg` element for a page, or a file; the same bytes for the same figure.
+
+    Args:
+        figure: what to draw; letters stay letters, in the sans-serif font of the page.
+        meaning: read by screen readers in place of the figure.
+    """
+    import matplotlib
+
+    file = io.StringIO()
+    with matplotlib.rc_context({"svg.hashsalt": "vsr2", "svg.fonttype": "none"}):
+        figure.savefig(file, format="svg", metadata=dict.fromkeys(_SVG_METADATA))
+    text = file.getvalue()
+    text = text[text.index("<svg ") :]
+    # Without a size of its own it is as wide as its column.
+    text = re.sub(r' (?:width|height)="[\d.]+pt"', "", text, count=2)
+    text = re.sub(
+        r'<g id="tooltip-(.*?)">', lambda m: f"<g><title>{escape(unquote(m[1]))}</title>", text
+    )
+    # Names of groups would stand twice in a page of several figures.
+    text = text.replace("<svg ", f'<svg role="img" aria-label="{escape(meaning)}" ', 1)
+    return re.sub(r'<g id="[^"]*"', "<g", text)
+
+
+def save_figure(
+    figure: Figure, stem: Path, kinds: Sequence[str] = ("png", "pdf"), *, dpi: int = 200
+) -> list[Path]:
+    """Write a figure, as PNG and PDF unless told otherwise.
 
     Args:
         figure: what to write.
         stem: the files' path without suffix.
+        kinds: suffixes.
+        dpi: dots per inch of a PNG.
 
     Returns:
         The files.
@@ -58,14 +107,12 @@ def save_figure(figure: Figure, stem: Path) -> list[Path]:
     Raises:
         ResultError: one cannot be written.
     """
-    files = []
+    files = [stem.with_name(f"{stem.name}.{kind}") for kind in kinds]
     with warnings.catch_warnings():
         # A name in a script the font lacks shows boxes; that is no reason to alarm.
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        for kind in ("png", "pdf"):
-            path = stem.with_name(f"{stem.name}.{kind}")
-            _save(figure, path, kind)
-            files.append(path)
+        for path, kind in zip(files, kinds, strict=True):
+            write_atomic(path, partial(figure.savefig, format=kind, dpi=dpi))
     return files
 
 
@@ -89,18 +136,10 @@ def write_page(
     """
     path = Path(folder)
     figures = path / "figures"
-    try:
-        figures.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{figures}: cannot be created ({error.strerror})") from error
+    make_folder(figures)
     written = [
         file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)
     ]
     text = page({f"figures/{name}.png": caption for name, (_, caption) in drawn.items()})
-    content = text.encode("utf-8", "replace")
-    write_atomic(path / REPORT, lambda file: file.write(content))
+    write_text(path / REPORT, text)
     return [*written, path / REPORT]
-
-
-def _save(figure: Figure, path: Path, kind: str) -> None:
-    write_atomic(path, lambda file: figure.savefig(file, format=kind, dpi=DOTS_PER_INCH))

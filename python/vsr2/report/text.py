@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from vsr2.motion import STANDARD_GRAVITY
-from vsr2.results import NO_HAND_OVER, OUTCOMES, STATUSES, BatchResult
+from vsr2.report.run_messages import STATUS_MEANING, engine_in_use
+from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10
 """Failures that `summary_table` shows one by one."""
-
-_STATUS_MEANING = {
-    "ok": "finished",
-    "settling_timeout": "not at rest before the motion; no outcome",
-    "tail_timeout": "not at rest in the end; the outcome is of the last state",
-    "diverged": "the state became infinite or NaN; no outcome",
-    "error": "see the message; no outcome",
-    "cancelled": "stopped while it ran; no outcome",
-    "not_run": "not started; no outcome",
-}
 
 
 def printable(text: object) -> str:
@@ -37,23 +27,21 @@ def summary_table(result: BatchResult) -> str:
     """Counts of outcomes, statuses and engines, failures with their messages, timing."""
     count = len(result)
     lines = [f"{count} trial{'' if count == 1 else 's'}", "", "outcome"]
-    lines += _counts(result["outcome"], OUTCOMES, count, lambda outcome: "")
+    lines += _counts(result["outcome"], OUTCOMES, count, dict.fromkeys(OUTCOMES, ""))
     lines += ["", "status"]
-    lines += _counts(result["status"], STATUSES, count, lambda s: _STATUS_MEANING.get(s, ""))
+    lines += _counts(result["status"], STATUSES, count, STATUS_MEANING)
     lines += _engines(result)
     lines += _failures(result)
     lines += _timing(result)
     return "\n".join(lines)
 
 
-def _counts(
-    values: Any, order: Sequence[str], count: int, meaning: Callable[[str], str]
-) -> list[str]:
+def _counts(values: Any, order: Sequence[str], count: int, meaning: Mapping[Any, str]) -> list[str]:
     lines = []
     for name in order:
         number = int(np.count_nonzero(values == name))
         if number:
-            line = f"  {name:<17}{number:>7}  {100 * number / count:5.1f} %  {meaning(name)}"
+            line = f"  {name:<17}{number:>7}  {100 * number / count:5.1f} %  {meaning[name]}"
             lines.append(line.rstrip())
     return lines or ["  none"]
 
@@ -61,12 +49,8 @@ def _counts(
 def _engines(result: BatchResult) -> list[str]:
     count = len(result)
     used = [
-        engine
-        if hand_over == NO_HAND_OVER
-        else f"{engine}, then exact ({hand_over.replace('_', ' ')})"
-        for engine, hand_over in zip(
-            result["engine"].astype(str), result["hand_over"].astype(str), strict=True
-        )
+        engine_in_use(engine, hand_over)
+        for engine, hand_over in zip(result["engine"], result["hand_over"], strict=True)
         if engine
     ]
     if not used:
@@ -108,55 +92,7 @@ def _timing(result: BatchResult) -> list[str]:
     return lines
 
 
-def trial_table(result: BatchResult, limit: int = 20) -> str:
-    """One line a trial: intensity, outcome, peak tilt, final slip and turn.
-
-    Args:
-        result: what to show.
-        limit: trials shown, from the first; what is left out is said.
-    """
-    header = (
-        "trial", "name", "PGA [g]", "PGV/PGA [s]", "outcome", "status",
-        "peak tilt [deg]", "slip [mm]", "turn [deg]",
-    )  # fmt: skip
-    rows = [header]
-    for i in range(min(limit, len(result))):
-        rows.append(
-            (
-                str(result["trial"][i]),
-                _shortened(printable(result["name"][i])),
-                _number(result["pga"][i] / STANDARD_GRAVITY),
-                _number(result["pgv_pga"][i]),
-                str(result["outcome"][i]),
-                str(result["status"][i]),
-                _number(np.degrees(result["peak_tilt"][i])),
-                _number(1e3 * result["final_slip"][i]),
-                _number(np.degrees(result["final_yaw"][i])),
-            )
-        )
-    widths = [max(len(row[j]) for row in rows) for j in range(len(header))]
-    left = {1, 4, 5}
-    lines = [
-        "  ".join(
-            cell.ljust(width) if j in left else cell.rjust(width)
-            for j, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
-    if len(result) > limit:
-        lines.append(f"and {len(result) - limit} more")
-    return "\n".join(lines)
-
-
-def _shortened(name: str, width: int = 32) -> str:
-    return name if len(name) <= width else name[: width - 3] + "..."
-
-
-def _number(value: float) -> str:
-    return "-" if np.isnan(value) else f"{value:.3g}"
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """A table in Markdown."""
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)

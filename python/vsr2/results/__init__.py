@@ -1,20 +1,6 @@
 """What a batch gave: outcomes, logs and provenance, and their files."""
 
 from vsr2.results.dataset import to_xarray
-from vsr2.results.files import (
-    NPY_COLUMNS,
-    adopt_trial_log,
-    load_result,
-    load_trial_log,
-    logged_trials,
-    original_rows,
-    prepare_folder,
-    remove_result,
-    remove_temporaries,
-    require_space,
-    save_result,
-    save_trial_log,
-)
 from vsr2.results.journal import (
     JOURNAL_FILE,
     Journal,
@@ -36,9 +22,25 @@ from vsr2.results.result import (
     TEXT_COLUMNS,
     TRIAL_COLUMNS,
     BatchResult,
+    Outcome,
+    Status,
     TrialLog,
     quaternion_product,
     rotate,
+)
+from vsr2.results.result_folder import (
+    NPY_COLUMNS,
+    adopt_trial_log,
+    load_result,
+    load_trial_log,
+    logged_trials,
+    original_rows,
+    prepare_folder,
+    remove_result,
+    remove_temporaries,
+    require_space,
+    save_result,
+    save_trial_log,
 )
 
 __all__ = [
@@ -56,6 +58,8 @@ __all__ = [
     "TRIAL_COLUMNS",
     "BatchResult",
     "Journal",
+    "Outcome",
+    "Status",
     "TrialLog",
     "adopt_trial_log",
     "base_provenance",

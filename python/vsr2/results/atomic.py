@@ -44,6 +44,24 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
         ) from error
 
 
+def write_text(path: Path, text: str, errors: str = "replace") -> None:
+    """Write text as UTF-8, as :func:`write_atomic` does; `errors` as of `str.encode`."""
+    content = text.encode("utf-8", errors)
+    write_atomic(path, lambda file: file.write(content))
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder where it is not there; its parent is.
+
+    Raises:
+        ResultError: it cannot be created.
+    """
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be created ({error.strerror or error})") from error
+
+
 def link_atomic(origin: Path, path: Path) -> None:
     """Give a file that never changes a second name, or copy it where that cannot be.
 

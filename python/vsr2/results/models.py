@@ -9,7 +9,8 @@ import numpy as np
 
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
-from vsr2.results.files import MODEL_FOLDER
+from vsr2.results.atomic import make_folder
+from vsr2.results.result_folder import MODEL_FOLDER
 from vsr2.scene import Triangles
 
 ROCK_FILE = "rock.npz"
@@ -22,7 +23,7 @@ def save_models(
     """Keep the display meshes in a result folder, vertex by vertex.
 
     Args:
-        folder: of the result, made ready by :func:`vsr2.results.files.prepare_folder`.
+        folder: of the result, made ready by :func:`vsr2.results.result_folder.prepare_folder`.
         rock_surface: in the rock's model frame M [m].
         pedestal_surface: in the world, the pedestal at its start [m].
 
@@ -30,10 +31,7 @@ def save_models(
         ResultError: a file cannot be written.
     """
     path = Path(folder) / MODEL_FOLDER
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{path}: cannot be created ({error.strerror or error})") from error
+    make_folder(path)
     for name, surface in ((ROCK_FILE, rock_surface), (PEDESTAL_FILE, pedestal_surface)):
         write_arrays(
             path / name,

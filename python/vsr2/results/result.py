@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
+from vsr2._native import Outcome as Outcome
+from vsr2._native import Status as Status
 from vsr2.errors import ResultError
 
 if TYPE_CHECKING:
@@ -27,13 +29,16 @@ CONTACT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.contact_col
 The normal points from the pedestal to the rock, a negative distance is penetration, impulses are
 over one solver step."""
 
-STATUSES: tuple[str, ...] = tuple(_native.Status.__members__)
+STATUSES: tuple[str, ...] = tuple(Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
 
-JUDGED = ("ok", "tail_timeout")
+JUDGED = (Status.ok.name, Status.tail_timeout.name)
 """Statuses with which a trial's outcome is known."""
 
-OUTCOMES: tuple[str, ...] = tuple(_native.Outcome.__members__)
+UNFINISHED = (Status.cancelled.name, Status.not_run.name)
+"""Statuses of trials that did not run to an end."""
+
+OUTCOMES: tuple[str, ...] = tuple(Outcome.__members__)
 """What the rock did, the gravest that applies; `failed`: there is no outcome, see the status."""
 
 NO_HAND_OVER: str = _native.HandOver.none.name
@@ -333,9 +338,14 @@ class BatchResult:
 
     @property
     def judged(self) -> NDArray[np.bool_]:
-        """Trials that have an outcome, shape (trials,)."""
-        judged: NDArray[np.bool_] = np.isin(self["status"], JUDGED) & (self["outcome"] != "failed")
-        return judged
+        """Which trials have an outcome, shape (trials,)."""
+        found: NDArray[np.bool_] = self["outcome"] != Outcome.failed.name
+        return found & np.isin(self["status"], JUDGED)
+
+    @property
+    def finished(self) -> NDArray[np.bool_]:
+        """Which trials ran to an end, that of a failure included, shape (trials,)."""
+        return ~np.isin(self["status"], UNFINISHED)
 
     def log(self, trial: int) -> TrialLog:
         """The log of one trial.

@@ -23,7 +23,7 @@ from vsr2.results import (
     prepare_folder,
     read_journal,
 )
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import write_text
 from vsr2.simulation.batch import run_batch
 from vsr2.simulation.planning import plan_sha256
 from vsr2.trial import Trial
@@ -118,7 +118,7 @@ def run_shard(
     if not (result.provenance["interrupted"] or (own / SHARD_FILE).exists()):
         facts = {"shard": str(shard)} | {name: result.provenance[name] for name in _FACTS}
         text = json.dumps(facts, indent=2) + "\n"
-        write_atomic(own / SHARD_FILE, lambda file: file.write(text.encode()))
+        write_text(own / SHARD_FILE, text)
     return result
 
 

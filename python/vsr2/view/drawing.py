@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.errors import ResultError
+from vsr2.scene import Triangles
 from vsr2.view.replay import Replay
 
 ROCK_COLOR = (186, 140, 99)
@@ -58,21 +59,20 @@ def _free_port(host: str, first: int) -> int:
     # Looked for here, because viser waits for ever where it cannot listen.
     if not 0 < first < 65536:
         raise ResultError(f"port {first} does not exist; choose one from 1024 to 65535")
-    problem: OSError | None = None
     try:
         family = socket.getaddrinfo(host, first, type=socket.SOCK_STREAM)[0][0]
-        for port in range(first, min(first + PORTS_TRIED, 65536)):
-            try:
-                socket.create_server((host, port), family=family).close()
-            except OSError as error:
-                problem = error
-            else:
-                return port
     except (OSError, UnicodeError) as error:
         raise ResultError(
             f"host {host!r}: is no address of this machine ({error}); use 127.0.0.1 for this "
             "machine alone, 0.0.0.0 for all its networks"
         ) from error
+    for port in range(first, min(first + PORTS_TRIED, 65536)):
+        try:
+            socket.create_server((host, port), family=family).close()
+        except OSError as error:
+            problem = error
+        else:
+            return port
     raise ResultError(
         f"{host}: none of the ports {first} to {port} can be listened on ({problem}); choose "
         "another port, or 127.0.0.1 or 0.0.0.0 as host"
@@ -109,7 +109,8 @@ class Drawing:
     def __init__(self, server: Any, replay: Replay) -> None:
         self.replay = replay
         self._server = server
-        size = _size(replay)
+        # The longest edge of the rock's bounding box [m].
+        size = float(np.ptp(replay.rock.vertices, axis=0).max())
         low, high = replay.pedestal.vertices.min(axis=0), replay.pedestal.vertices.max(axis=0)
         scene = server.scene
         scene.world_axes.visible = False
@@ -125,15 +126,8 @@ class Drawing:
             plane_opacity=1.0,
             position=(*(0.5 * (low + high))[:2], float(low[2])),
         )
-        self._pedestal = scene.add_frame("/pedestal", show_axes=False)
-        scene.add_mesh_simple(
-            "/pedestal/surface",
-            replay.pedestal.vertices.astype(np.float32),
-            replay.pedestal.faces.astype(np.uint32),
-            color=PEDESTAL_COLOR,
-            flat_shading=True,
-            side="double",
-        )
+        self._pedestal = self._add_body("/pedestal", replay.pedestal, PEDESTAL_COLOR)
+        self._rock = self._add_body("/rock", replay.rock, ROCK_COLOR)
         if np.unique(replay.pedestal.vertices[:, 2]).size == 2:
             # A plain top shows no motion: lines that move with it do.
             scene.add_grid(
@@ -146,15 +140,6 @@ class Drawing:
                 section_color=(80, 86, 94),
                 position=(*(0.5 * (low + high))[:2], float(high[2]) + 1e-3 * size),
             )
-        self._rock = scene.add_frame("/rock", show_axes=False)
-        scene.add_mesh_simple(
-            "/rock/surface",
-            replay.rock.vertices.astype(np.float32),
-            replay.rock.faces.astype(np.uint32),
-            color=ROCK_COLOR,
-            flat_shading=True,
-            side="double",
-        )
         self._contacts = scene.add_point_cloud(
             "/contacts",
             np.zeros((1, 3), dtype=np.float32),
@@ -168,6 +153,18 @@ class Drawing:
         self._label_height = 0.8 * size
         self._aim(size)
         self.show(float(replay.time[0]))
+
+    def _add_body(self, name: str, surface: Triangles, color: tuple[int, int, int]) -> Any:
+        frame = self._server.scene.add_frame(name, show_axes=False)
+        self._server.scene.add_mesh_simple(
+            f"{name}/surface",
+            surface.vertices.astype(np.float32),
+            surface.faces.astype(np.uint32),
+            color=color,
+            flat_shading=True,
+            side="double",
+        )
+        return frame
 
     def _aim(self, size: float) -> None:
         """Look along y, across the shaking, from slightly above and aside."""
@@ -183,15 +180,13 @@ class Drawing:
         """Draw the state nearest to `time` [s]; returns its row in the log."""
         replay = self.replay
         row = replay.row(time)
-        x, y, z, w = (float(value) for value in replay.rock_orientation[row])
         points = replay.contacts(float(replay.time[row]))
         center = replay.log.position[row]
         with self._server.atomic():
-            self._pedestal.position = tuple(float(v) for v in replay.pedestal_position[row])
-            px, py, pz, pw = (float(value) for value in replay.pedestal_orientation[row])
-            self._pedestal.wxyz = (pw, px, py, pz)
-            self._rock.wxyz = (w, x, y, z)
-            self._rock.position = tuple(float(value) for value in replay.rock_position[row])
+            self._pedestal.position = replay.pedestal_position[row]
+            self._pedestal.wxyz = np.roll(replay.pedestal_orientation[row], 1)
+            self._rock.position = replay.rock_position[row]
+            self._rock.wxyz = np.roll(replay.rock_orientation[row], 1)
             if len(points):
                 self._contacts.points = points.astype(np.float32)
             self._contacts.visible = bool(len(points))
@@ -200,11 +195,6 @@ class Drawing:
                 f"t = {replay.time[row]:.2f} s   tilt = {np.degrees(replay.tilt[row]):.1f} deg"
             )
         return row
-
-
-def _size(replay: Replay) -> float:
-    """Length of the rock's longest edge of the bounding box [m]."""
-    return float(np.ptp(replay.rock.vertices, axis=0).max())
 
 
 def _round_length(size: float) -> float:

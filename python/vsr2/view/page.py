@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import write_text
 from vsr2.view.drawing import Drawing, quiet_server, stop_server
 from vsr2.view.replay import load_replay
 
@@ -48,5 +48,5 @@ def write_page(
         page = recording.as_html()
     finally:
         stop_server(server)
-    write_atomic(path, lambda output: output.write(page.encode()))
+    write_text(path, page)
     return path

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from vsr2.results import (
     logged_trials,
     rotate,
 )
-from vsr2.results.files import MODEL_FOLDER
+from vsr2.results.result_folder import MODEL_FOLDER
 from vsr2.scene import Triangles, build_pedestal, build_rock
 from vsr2.scene.shapes import pedestal_surface
 
@@ -91,13 +91,7 @@ class Replay:
 
     def row(self, time: float) -> int:
         """Index of the row nearest to `time` [s]."""
-        after = int(np.searchsorted(self.time, time))
-        if after == 0:
-            return 0
-        if after == len(self.time):
-            return after - 1
-        before = after - 1
-        return before if time - self.time[before] <= self.time[after] - time else after
+        return int(np.argmin(np.abs(self.time - time)))
 
     @cached_property
     def _contact_times(self) -> tuple[Array, float]:
@@ -169,16 +163,11 @@ def _finite_part(log: TrialLog, trial: int) -> TrialLog:
     rows = int(bad[0]) if bad.size else 0
     if rows == 0:
         raise ResultError(f"trial {trial}: the log has no finite state to show")
-    return TrialLog(
+    return replace(
+        log,
         state=log.state[:rows],
         contacts=log.contacts[log.contacts[:, 0] <= log.time[rows - 1]],
-        settled_position=log.settled_position,
-        settled_orientation=log.settled_orientation,
-        foot=log.foot,
-        mass_center=log.mass_center,
-        principal_axes=log.principal_axes,
         excursions=log.excursions[:rows],
-        pivot=log.pivot,
     )
 
 

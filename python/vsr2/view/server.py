@@ -6,8 +6,7 @@ import os
 import threading
 import time
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,12 +102,7 @@ class ReplayServer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def _add_controls(self, replay: Replay, first: int) -> None:
@@ -118,28 +112,17 @@ class ReplayServer:
         self._trial = gui.add_dropdown(
             "Trial", options=tuple(self._options), initial_value=titles[first]
         )
-        self._slider = self._add_slider(replay)
+        start, end, interval = _time_range(replay)
+        self._slider = gui.add_slider(
+            "Time [s]", min=start, max=end, step=interval, initial_value=start
+        )
         self._button = gui.add_button("Play")
         self._speed = gui.add_dropdown("Speed", options=SPEEDS, initial_value="1 x")
         self._loop = gui.add_checkbox("Loop", initial_value=False)
         self._tilt = gui.add_text("Tilt [deg]", initial_value="", disabled=True)
         self._slip = gui.add_text("Slip x, y [mm]", initial_value="", disabled=True)
         self._pedestal = gui.add_text("Pedestal [m]", initial_value="", disabled=True)
-        self._plot = self._add_plot(replay)
-        self._button.on_click(lambda _: self._toggle())
-        self._trial.on_update(lambda _: self._load(self._options[str(self._trial.value)]))
-        self._refresh()
-
-    def _add_slider(self, replay: Replay) -> Any:
-        start, end, interval = _time_range(replay)
-        slider = self._server.gui.add_slider(
-            "Time [s]", min=start, max=end, step=interval, initial_value=start
-        )
-        slider.on_update(lambda _: self._refresh())
-        return slider
-
-    def _add_plot(self, replay: Replay) -> Any:
-        return self._server.gui.add_uplot(
+        self._plot = gui.add_uplot(
             data=_tilt_curve(replay),
             series=(
                 {"label": "t [s]"},
@@ -148,24 +131,20 @@ class ReplayServer:
             scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
             aspect=1.6,
         )
+        self._slider.on_update(lambda _: self._refresh())
+        self._button.on_click(lambda _: self._toggle())
+        self._trial.on_update(lambda _: self._load(self._options[str(self._trial.value)]))
+        self._refresh()
 
     def _toggle(self) -> None:
         with self._lock:
-            if not self._playing and self.time >= self._end - 1e-9:
-                self.show(self._start)
+            if not self._playing and self.time >= self._slider.max - 1e-9:
+                self.show(self._slider.min)
             self._set_playing(not self._playing)
 
     def _set_playing(self, playing: bool) -> None:
         self._playing = playing
         self._button.label = "Pause" if playing else "Play"
-
-    @property
-    def _start(self) -> float:
-        return float(self._drawing.replay.time[0])
-
-    @property
-    def _end(self) -> float:
-        return float(self._drawing.replay.time[-1])
 
     def _refresh(self) -> None:
         with self._lock:
@@ -206,10 +185,9 @@ class ReplayServer:
                     continue
                 # From the slider, so that it can be dragged while it plays.
                 moment = self.time + passed * float(str(self._speed.value).split()[0])
-                if moment >= self._end:
-                    moment = self._start if self._loop.value else self._end
-                    if not self._loop.value:
-                        self._set_playing(False)
+                if moment >= self._slider.max:
+                    moment = self._slider.min if self._loop.value else self._slider.max
+                    self._set_playing(bool(self._loop.value))
                 self.show(moment)
 
 

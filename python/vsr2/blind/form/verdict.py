@@ -12,7 +12,8 @@ from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
-DIAGNOSIS_SCHEMA = "vsr2.diagnosis/1"
+DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
+"""What is read here stands alike in both."""
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 VERDICTS = ("none", "effect", "class", "pair", "unknown", "unresolved")
@@ -108,8 +109,8 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
         BlindError: a value is missing or of a wrong kind.
     """
     whole = Node(content, label)
-    if content.get("schema") != DIAGNOSIS_SCHEMA:
-        raise whole.error("schema", repr(DIAGNOSIS_SCHEMA))
+    if content.get("schema") not in DIAGNOSIS_SCHEMAS:
+        raise whole.error("schema", " or ".join(map(repr, DIAGNOSIS_SCHEMAS)))
     verdict = whole.node("verdict")
     kind = verdict.choice("kind", VERDICTS)
     probability = verdict.probability("probability") if verdict.has("probability") else 0.0

@@ -164,13 +164,13 @@ def _with_factors(fits: Sequence[Fit], rests: Sequence[Array]) -> tuple[Fit, ...
         return ()
     parts = [own / np.sqrt(fit.noise) for fit, own in zip(fits, rests, strict=True)]
     known = np.isfinite(np.concatenate(parts, axis=1))
-    whole = np.clip(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.0), -3, 3)
-    left, size, _ = singular_values(whole)
-    shuffled = np.random.default_rng(0).permuted(whole, axis=0)
+    joined = np.clip(np.nan_to_num(np.concatenate(parts, axis=1), nan=0.0), -3, 3)
+    left, size, _ = singular_values(joined)
+    shuffled = np.random.default_rng(0).permuted(joined, axis=0)
     threshold = singular_values(shuffled)[1][0]
     count = min(int(np.count_nonzero(size > threshold)), MOST_FACTORS)
-    score = left[:, :count] * np.sqrt(len(whole))
-    loading = (whole.T @ score) / (known.T.astype(np.float64) @ score**2 + 1.0)
+    score = left[:, :count] * np.sqrt(len(joined))
+    loading = (joined.T @ score) / (known.T.astype(np.float64) @ score**2 + 1.0)
     out = []
     for fit, own in zip(fits, np.split(loading, len(fits)), strict=True):
         share = np.minimum((own**2).sum(axis=1), _MOST_SHARED)
@@ -207,8 +207,8 @@ def relative_errors(
                 variance = np.einsum("ri,tij,rj->rt", part, fit.covariance, part, optimize=True)
                 variance += fit.scatter
                 for k, error in enumerate(ERRORS):
-                    whole = variance + (error * by_effect) ** 2
-                    log = _log_score(kind == 0, y, mean, whole, fit.stray)
+                    joined = variance + (error * by_effect) ** 2
+                    log = _log_score(kind == 0, y, mean, joined, fit.outlier)
                     score[name][kind, k] += float(np.nansum(log))
     pooled = sum(score.values()) / max(len(score), 1)
     out = {}
@@ -218,10 +218,10 @@ def relative_errors(
     return out
 
 
-def _log_score(outcome: bool, y: Array, mean: Array, variance: Array, stray: Array) -> Array:
+def _log_score(outcome: bool, y: Array, mean: Array, variance: Array, outlier: Array) -> Array:
     if outcome:
         logit = mean / np.sqrt(1 + np.pi / 8 * variance)
         p = 0.996 / (1 + np.exp(-np.clip(logit, -30, 30))) + 0.002
         return np.asarray(np.log(np.where(y > 0.5, p, 1 - p)) + 0 * y, dtype=np.float64)
     ratio = 1 / (1 + (y - mean) ** 2 / (DEGREES * variance))
-    return np.asarray(np.log(0.375 * ratio**2.5 / np.sqrt(variance) + stray), dtype=np.float64)
+    return np.asarray(np.log(0.375 * ratio**2.5 / np.sqrt(variance) + outlier), dtype=np.float64)

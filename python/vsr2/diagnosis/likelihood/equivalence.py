@@ -140,9 +140,9 @@ def evened(
     groups: Sequence[Sequence[str]],
     confounded: Mapping[str, Collection[str]] | None = None,
 ) -> dict[str, float]:
-    """Probabilities in which no leader of a class has odds beyond `MOST_ODDS` against its mates.
+    """Probabilities in which no leader of a class has odds beyond `MOST_ODDS` against the others.
 
-    What all mates of a class have together stays.
+    What all members of a class have together stays.
 
     Args:
         probability: of each hypothesis.

@@ -14,7 +14,7 @@ The emulator's own uncertainty v and a discrepancy of variance t^2 between any t
 enter by MacKay's averaging of the logistic function, E sigma(m + e) ~
 sigma(m / sqrt(1 + pi (v + t^2) / 8)). Outcomes are noted wrongly with probability
 `LAPSE`, which bounds what one trial can say. Features have Student's t with 4 degrees of freedom
-around the emulator, or are strays of flat density, which bounds what one feature can say.
+around the emulator, or are outliers of flat density, which bounds what one feature can say.
 """
 
 from __future__ import annotations
@@ -85,32 +85,32 @@ class Change:
 
     Attributes:
         linear: shape (trials, q).
-        bent: which nuisances act by their square less 1 too, shape (k,).
+        squared: which nuisances act by their square less 1 too, shape (k,).
         square: by that, shape (trials, k).
     """
 
     linear: Array
-    bent: NDArray[np.int64]
+    squared: NDArray[np.int64]
     square: Array
 
     def __call__(self, z: Array) -> Array:
         """Change at nuisances (..., q), shape (..., trials)."""
         out = z @ self.linear.T
-        if self.bent.size:
-            out = out + (z[..., self.bent] ** 2 - 1) @ self.square.T
+        if self.squared.size:
+            out = out + (z[..., self.squared] ** 2 - 1) @ self.square.T
         return np.asarray(out, dtype=np.float64)
 
     def back(self, z: Array, weight: Array) -> Array:
         """Sum over trials of weight (..., trials) times the derivative, shape (..., q)."""
         out = np.asarray(weight @ self.linear, dtype=np.float64)
-        if self.bent.size:
-            out[..., self.bent] += 2 * z[..., self.bent] * (weight @ self.square)
+        if self.squared.size:
+            out[..., self.squared] += 2 * z[..., self.squared] * (weight @ self.square)
         return out
 
     def at(self, z: Array) -> Array:
         """Derivative at nuisances (..., q), shape (..., trials, q)."""
         out = np.broadcast_to(self.linear, (*z.shape[:-1], *self.linear.shape)).copy()
-        out[..., self.bent] += 2 * z[..., None, self.bent] * self.square
+        out[..., self.squared] += 2 * z[..., None, self.squared] * self.square
         return out
 
 
@@ -118,10 +118,10 @@ class _Products:
     """Of a response's derivatives, summed over trials with weights: a part of the Hessian."""
 
     def __init__(self, change: Change) -> None:
-        q, self._bent = change.linear.shape[1], change.bent
+        q, self._squared = change.linear.shape[1], change.squared
         self._upper = np.triu_indices(q)
         self._plain = change.linear[:, self._upper[0]] * change.linear[:, self._upper[1]]
-        k = change.bent.size
+        k = change.squared.size
         mixed = change.square[:, :, None] * change.linear[:, None, :]
         square = change.square[:, :, None] * change.square[:, None, :]
         trials = len(change.linear)
@@ -130,19 +130,19 @@ class _Products:
 
     def add(self, hessian: Array, z: Array, weight: Array) -> None:
         """Add sum_t weight_t d_i d_j, d the derivative at z (..., q), to (..., q, q)."""
-        q, k, bent = hessian.shape[-1], self._bent.size, self._bent
+        q, k, squared = hessian.shape[-1], self._squared.size, self._squared
         own = np.empty_like(hessian)
         own[..., self._upper[0], self._upper[1]] = weight @ self._plain
         own[..., self._upper[1], self._upper[0]] = own[..., self._upper[0], self._upper[1]]
         hessian += own
         if not k:
             return
-        turn = 2 * z[..., bent, None]
+        turn = 2 * z[..., squared, None]
         mixed = turn * (weight @ self._mixed).reshape(*weight.shape[:-1], k, q)
-        hessian[..., bent, :] += mixed
-        hessian[..., :, bent] += np.swapaxes(mixed, -1, -2)
+        hessian[..., squared, :] += mixed
+        hessian[..., :, squared] += np.swapaxes(mixed, -1, -2)
         square = (weight @ self._square).reshape(*weight.shape[:-1], k, k)
-        hessian[..., bent[:, None], bent] += turn * np.swapaxes(turn, -1, -2) * square
+        hessian[..., squared[:, None], squared] += turn * np.swapaxes(turn, -1, -2) * square
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class Table:
         weights: interpolate from coarse to fine nodes, shape (fine nodes, coarse nodes).
         slope, response: how the logit, before the averaging factor, and each feature change with
             the nuisances; the features' common residual factors are nuisances too.
-        stray: density of each feature's strays, each (trials,).
+        outlier: density of each feature's outliers, each (trials,).
     """
 
     name: str
@@ -165,7 +165,7 @@ class Table:
     weights: Array
     slope: Change
     response: tuple[Change, ...]
-    stray: tuple[Array, ...]
+    outlier: tuple[Array, ...]
 
     @property
     def nuisances(self) -> int:
@@ -328,7 +328,7 @@ def _table(emulator: Emulator, name: str, coarse: Layout, fine: Layout, weights:
         weights=weights,
         slope=change(emulator.outcome),
         response=tuple(change(fit) for fit in emulator.features),
-        stray=tuple(fit.stray for fit in emulator.features),
+        outlier=tuple(fit.outlier for fit in emulator.features),
     )
 
 
@@ -396,7 +396,7 @@ def _posterior(table: Table, data: Data) -> Posterior:
             gap = part.value - part.response(z)
             tail = 1.0 / (DEGREES * part.variance + gap**2)
             own = _density(tail * DEGREES * part.variance, part.variance)
-            tail *= part.known * ((DEGREES + 1) * own / (own + part.stray))
+            tail *= part.known * ((DEGREES + 1) * own / (own + part.outlier))
             slope += part.response.back(z, tail * gap)
             product.add(hessian, z, tail)
         step = np.linalg.solve(hessian, slope[..., None])[..., 0]
@@ -439,7 +439,7 @@ class _Part(NamedTuple):
     known: NDArray[np.bool_]
     response: Change
     variance: Array
-    stray: Array
+    outlier: Array
 
 
 def _density(ratio: Array, variance: Array) -> Array:
@@ -449,12 +449,12 @@ def _density(ratio: Array, variance: Array) -> Array:
 
 def _feature_parts(table: Table, at: Layout, data: Data) -> list[_Part]:
     out = []
-    for k, (centre, response, variance, stray) in enumerate(
-        zip(at.centre, table.response, at.variance, table.stray, strict=True)
+    for k, (centre, response, variance, outlier) in enumerate(
+        zip(at.centre, table.response, at.variance, table.outlier, strict=True)
     ):
         value = data.features[:, None, :, k]
         known = np.isfinite(value)
-        out.append(_Part(np.where(known, value - centre, 0.0), known, response, variance, stray))
+        out.append(_Part(np.where(known, value - centre, 0.0), known, response, variance, outlier))
     return out
 
 
@@ -467,10 +467,10 @@ def log_likelihood(table: Table, at: Layout, data: Data, z: Array) -> Array:
     # An expected outcome between 0 and 1 gives the expected log likelihood.
     likely = np.nan_to_num(y)
     out = np.where(known, likely * np.log(p) + (1 - likely) * np.log1p(-p), 0.0)
-    for value, shown, response, variance, stray in _feature_parts(table, at, data):
+    for value, shown, response, variance, outlier in _feature_parts(table, at, data):
         gap = value - response(z)
         density = _density(1.0 / (1.0 + gap**2 / (DEGREES * variance)), variance)
-        out = out + np.log(density + stray) * shown
+        out = out + np.log(density + outlier) * shown
     return np.asarray(out, dtype=np.float64)
 
 
@@ -497,8 +497,8 @@ class Prediction:
 def drawn_nodes(found: Posterior) -> NDArray[np.int64]:
     """Fine nodes by their weights, of equal weight each, shape (campaigns, PREDICTED)."""
     total = np.cumsum(np.exp(found.nodes), axis=1)
-    places = (np.arange(PREDICTED) + 0.5) / PREDICTED
-    return np.stack([np.searchsorted(row / row[-1], places) for row in total])
+    levels = (np.arange(PREDICTED) + 0.5) / PREDICTED
+    return np.stack([np.searchsorted(row / row[-1], levels) for row in total])
 
 
 def predict(table: Table, found: Posterior) -> Prediction:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 DEGREES = 4.0
-"""Of freedom of Student's t, the distribution of features around the emulator: near the verge of
+"""Of freedom of Student's t, the distribution of features around the emulator: near the boundary of
 overturning a largest tilt is far from any smooth function (EM for t: K. L. Lange et al., "Robust
 statistical modeling using the t distribution", JASA 84, 1989)."""
 ERROR = 0.15
@@ -35,7 +35,7 @@ _START_VARIANCE = 1.0
 _LEAST_VARIANCE = 1e-6
 _MOST_SHIFT = 100.0
 _FAR = 3.0
-"""Scales beyond which a residual is taken for stray."""
+"""Scales beyond which a residual is taken for an outlier."""
 _LEAST_STRAY = 0.03
 _STRAY_WEIGHT = 30.0
 _EM_STEPS = 6
@@ -54,7 +54,7 @@ class Fit:
         noise: square of the residuals' scale, that of the draws' shifts within; of outcomes that
             of the shifts alone, shape (trials,).
         loading: of the common residual factors, shape (trials, factors).
-        stray: density of responses that have nothing to do with the fit, the share of such times
+        outlier: density of responses that have nothing to do with the fit, the share of such times
             their flat density, shape (trials,): a rock that just fails to lift off, or to overturn,
             leaves a largest tilt far from any smooth function.
     """
@@ -63,7 +63,7 @@ class Fit:
     covariance: Array
     noise: Array
     loading: Array
-    stray: Array
+    outlier: Array
 
     @property
     def scatter(self) -> Array:
@@ -81,8 +81,8 @@ class Draws:
     def __init__(self, nuisances: Array) -> None:
         _, index, counts = np.unique(nuisances, axis=0, return_inverse=True, return_counts=True)
         index = index.ravel()
-        shared = np.flatnonzero(counts > 1)
-        self.groups = [np.flatnonzero(index == k) for k in shared]
+        repeated = np.flatnonzero(counts > 1)
+        self.groups = [np.flatnonzero(index == k) for k in repeated]
         """Rows of each draw that several campaigns share."""
         self.single = np.flatnonzero(counts[index] == 1)
         """Rows whose draw no other shares."""
@@ -256,8 +256,8 @@ def robust_regression(x: Array, draws: Draws, common: int, y: Array) -> tuple[Fi
         shift = (gathered - (mean[:, None, :] @ mixed)[:, 0]) / stiff
         through = _through(covariance, mixed)
         error = noise[:, None] / stiff + through / stiff**2
-        whole = use * (target - mean @ x.T)
-        residual = whole - use * part * draws.spread(shift)
+        raw = use * (target - mean @ x.T)
+        residual = raw - use * part * draws.spread(shift)
         explained = np.einsum("tij,tji->t", covariance, gram) + (each * error).sum(axis=1)
         explained -= 2 * (through / stiff).sum(axis=1)
         # Two pseudo-residuals of pooled size keep few data from claiming certainty.
@@ -271,13 +271,13 @@ def robust_regression(x: Array, draws: Draws, common: int, y: Array) -> tuple[Fi
         weight = use * trust * (DEGREES + 1) / (DEGREES + size)
         prior = _updated(mean, covariance, noise, prior)
         variance = _shift_variance(shift, error, noise, variance)
-    total = _total_noise(whole, use * trust * draws.share(), noise, pooled, common)
-    far = (use * (whole**2 > (_FAR**2) * total[:, None])).sum(axis=1)
+    total = _total_noise(raw, use * trust * draws.share(), noise, pooled, common)
+    far = (use * (raw**2 > (_FAR**2) * total[:, None])).sum(axis=1)
     share = (far + _LEAST_STRAY * _STRAY_WEIGHT) / (count + _STRAY_WEIGHT)
     breadth = np.sqrt(np.maximum(2 * np.pi * spread, pooled))
     fit = Fit(mean, covariance, total, np.zeros((trials, 0)), share / breadth)
     seen = draws.summed(use) > 0
-    alone = np.where(known, whole, np.nan)[:, draws.single]
+    alone = np.where(known, raw, np.nan)[:, draws.single]
     return fit, np.concatenate([np.where(seen, shift, np.nan), alone], axis=1).T
 
 

@@ -47,12 +47,24 @@ REST_FEATURES = (
 )
 """Turn about the vertical [rad] and travel in plan [m] from rest to rest, both magnitudes: which
 way a rock turns is often chance."""
-UPLIFT = 0.01
-"""Tilt above which a rock has lifted off [rad]."""
-_LAST = 10
-"""Rows of the end whose median is the rest."""
-REST_NOISE = 0.4
-"""Standard error of that median over that of a row: sqrt(pi / 2 / 10)."""
+
+
+@dataclass(frozen=True)
+class SeriesConstants:
+    """How series are read; chosen by hand.
+
+    Attributes:
+        uplift: tilt above which a rock has lifted off [rad].
+        last: rows of the end whose median is the rest.
+        rest_noise: standard error of that median over that of a row: sqrt(pi / 2 / 10).
+    """
+
+    uplift: float = 0.01
+    last: int = 10
+    rest_noise: float = 0.4
+
+
+SERIES = SeriesConstants()
 
 
 @dataclass(frozen=True)
@@ -84,7 +96,7 @@ class Sampling:
         return grid, tilt
 
 
-def tilt_features(time: Array, tilt: Array, uplift: float = UPLIFT) -> Array:
+def tilt_features(time: Array, tilt: Array, uplift: float = SERIES.uplift) -> Array:
     """Features of many series on one time axis.
 
     An excursion lasts while the tilt stays above `uplift`.
@@ -135,7 +147,7 @@ def rest_features(
     """Turn and travel of a rock that came to rest upright.
 
     Args:
-        tilt: magnitudes, shape (t,) [rad]; where it ends above `UPLIFT` nothing is told.
+        tilt: magnitudes, shape (t,) [rad]; where it ends above `SERIES.uplift` there is nothing.
         position: travel of the mass centre since the rest before the motion, shape (t, 3) [m].
         orientation: rotation since then, in world axes, x, y, z, w, shape (t, 4).
         table: its own travel since then, along x, shape (t,) [m]; None: not known.
@@ -144,13 +156,13 @@ def rest_features(
         Shape (2,): magnitudes of the turn [rad] and of the travel [m]; NaN where not known.
     """
     out = np.full(len(REST_FEATURES), np.nan)
-    if tilt is not None and np.median(np.abs(tilt[-_LAST:])) > UPLIFT:
+    if tilt is not None and np.median(np.abs(tilt[-SERIES.last :])) > SERIES.uplift:
         return out
     if orientation is not None:
         # The twist about the vertical; its sign and that of the quaternion do not matter.
-        twist = 2 * np.arctan2(orientation[-_LAST:, 2], orientation[-_LAST:, 3])
+        twist = 2 * np.arctan2(orientation[-SERIES.last :, 2], orientation[-SERIES.last :, 3])
         out[0] = abs(np.median((twist + np.pi) % (2 * np.pi) - np.pi))
     if position is not None and table is not None:
-        along = np.median((position[:, 0] - table)[-_LAST:])
-        out[1] = np.hypot(along, np.median(position[-_LAST:, 1]))
+        along = np.median((position[:, 0] - table)[-SERIES.last :])
+        out[1] = np.hypot(along, np.median(position[-SERIES.last :, 1]))
     return out

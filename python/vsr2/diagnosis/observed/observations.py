@@ -11,7 +11,7 @@ from vsr2.campaign import Campaign, CampaignTrial, Tier, intensity_measures
 from vsr2.diagnosis.observed.features import (
     LARGEST_TILT,
     REST_FEATURES,
-    REST_NOISE,
+    SERIES,
     TILT_FEATURES,
     Feature,
     Sampling,
@@ -23,21 +23,36 @@ from vsr2.motion import Record
 
 Array = NDArray[np.float64]
 
-LEAST_TRIALS = 40
-"""Fewer trials with motion and outcome are refused."""
-LEAST_MOTIONS = 4
-"""Fewer ground motions cannot be split into fit, choose and judge with something to resample."""
-MOST_LACKING = 10
-"""One trial in so many may lack what a tier rests on: of those that stood the largest tilt (M), of
-all series (T)."""
-LEAST_TILT = 0.003
-"""Added to largest tilts before the logarithm where the campaign states no noise [rad]."""
-REST_RESOLUTION = (0.05, 0.01)
-"""Final turns [rad] and travels [m] below these are taken for one: how far a rocking block creeps
-on its edges is a matter of the contact model. Where one engine has it stay within a millimetre,
-another lets it go several."""
-REST_SCATTER = 0.3
-"""Standard deviation of the logarithm of larger ones between two correct engines."""
+
+@dataclass(frozen=True)
+class ObservedConstants:
+    """What a campaign must have, and how its measurements are taken.
+
+    Chosen by hand, but `rest_scatter` by `python studies/engine_discrepancy.py`.
+
+    Attributes:
+        least_trials: fewer with motion and outcome are refused.
+        least_motions: fewer cannot be split into fit, choose and judge with something to resample.
+        most_lacking: one trial in so many may lack what a tier rests on: of those that stood the
+            largest tilt (M), of all series (T).
+        least_tilt: added to largest tilts before the logarithm where the campaign states no noise
+            [rad].
+        rest_resolution: final turns [rad] and travels [m] below these are taken for one. How far a
+            rocking block creeps on its edges is a matter of the contact model: where one engine
+            has it stay within a millimetre, another lets it go several.
+        rest_scatter: standard deviation of the logarithm of larger ones between two correct
+            engines.
+    """
+
+    least_trials: int = 40
+    least_motions: int = 4
+    most_lacking: int = 10
+    least_tilt: float = 0.003
+    rest_resolution: tuple[float, float] = (0.05, 0.01)
+    rest_scatter: float = 0.3
+
+
+OBSERVED = ObservedConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +121,14 @@ class Observations:
             noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
             if feature in self.measured:
                 raw = np.abs(series[..., tilts + k] + noise)
-                known = rest_logarithm(raw, REST_RESOLUTION[k], self.rest_noise[k])
-                known += REST_SCATTER * rng.standard_normal(overturned.shape)
+                known = rest_logarithm(raw, OBSERVED.rest_resolution[k], self.rest_noise[k])
+                known += OBSERVED.rest_scatter * rng.standard_normal(overturned.shape)
                 out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
         return out
 
 
 def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
-    """Logarithm of turns or travels, those within what can be told apart taken for one."""
+    """Logarithm of turns or travels, those within what can be distinguished taken for one."""
     return np.asarray(np.log(np.maximum(size, max(resolution, 3 * noise))), dtype=np.float64)
 
 
@@ -134,10 +149,11 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         if trial.motion_file is not None and trial.overturned is not None
     ]
     motions = {campaign.trials[i].motion for i in kept}
-    if len(kept) < LEAST_TRIALS or len(motions) < LEAST_MOTIONS:
+    if len(kept) < OBSERVED.least_trials or len(motions) < OBSERVED.least_motions:
         raise DiagnosisError(
             f"campaign {campaign.name!r}: {len(kept)} trials of {len(motions)} motions have both "
-            f"motion and outcome; a diagnosis needs {LEAST_TRIALS} of {LEAST_MOTIONS} motions"
+            f"motion and outcome; a diagnosis needs {OBSERVED.least_trials} of "
+            f"{OBSERVED.least_motions} motions"
         )
     mask = np.zeros(len(campaign), dtype=bool)
     mask[kept] = True
@@ -146,10 +162,10 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     tier = _reached_tier(used, tier)
     overturned = used.overturned
     noise = used.noise.peak_tilt or 0.0
-    offset = max(LEAST_TILT, noise)
+    offset = max(OBSERVED.least_tilt, noise)
     rest_noise = (
-        REST_NOISE * (used.noise.orientation or 0.0),
-        REST_NOISE * (used.noise.position or 0.0),
+        SERIES.rest_noise * (used.noise.orientation or 0.0),
+        SERIES.rest_noise * (used.noise.position or 0.0),
     )
     columns: list[Array] = []
     measured: list[Feature] = []
@@ -165,7 +181,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         rest = np.stack([_rest_features(trial, used.record(trial)) for trial in used.trials])
         for k, feature in enumerate(REST_FEATURES):
             if np.isfinite(rest[:, k]).any():
-                raw = rest_logarithm(rest[:, k], REST_RESOLUTION[k], rest_noise[k])
+                raw = rest_logarithm(rest[:, k], OBSERVED.rest_resolution[k], rest_noise[k])
                 columns.append(np.where(overturned < 0.5, raw, np.nan))
                 measured.append(feature)
     order = np.array([trial.order for trial in used.trials], dtype=np.float64)
@@ -198,16 +214,16 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
 
 
 def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
-    """The tier that nine in ten trials reach (`MOST_LACKING`), or a lower one that is wanted."""
+    """The tier that nine in ten trials reach (`OBSERVED.most_lacking`), or a lower one."""
     standing = [t for t in campaign.trials if not t.overturned]
     without_tilt = [t.trial for t in standing if not np.isfinite(_peak(t))]
     without_series = [t.trial for t in campaign.trials if t.series is None]
     reached: Tier = "B"
     lacking, measured = without_tilt, "largest tilt"
-    tilts = MOST_LACKING * len(without_tilt) <= len(standing)
+    tilts = OBSERVED.most_lacking * len(without_tilt) <= len(standing)
     if tilts if standing else campaign.tier > "B":
         reached, lacking, measured = "M", without_series, "series"
-        if MOST_LACKING * len(without_series) <= len(campaign):
+        if OBSERVED.most_lacking * len(without_series) <= len(campaign):
             reached = "T"
     if wanted is not None and wanted > reached:
         raise DiagnosisError(
@@ -242,8 +258,8 @@ def _in_order(campaign: Campaign) -> Campaign:
 
 def _index(names: list[str]) -> NDArray[np.int64]:
     """Numbers in order of first appearance."""
-    places = {name: i for i, name in enumerate(dict.fromkeys(names))}
-    return np.array([places[name] for name in names], dtype=np.int64)
+    index = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    return np.array([index[name] for name in names], dtype=np.int64)
 
 
 def _peak(trial: CampaignTrial) -> float:

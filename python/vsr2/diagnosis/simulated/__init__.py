@@ -1,1 +1,1 @@
-"""The same campaign simulated: effects, simulators, which draws are run, and their bank."""
+"""The same campaign simulated: effects, simulators, which draws are run, and their cache."""

@@ -13,25 +13,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.library import Entry, Library, free_parameters, values_at
 from vsr2.diagnosis.simulated.simulator import Effects, Request, quasi_random
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-SCREENING_NONE = 8
-"""Screening draws without effect at most, each with its own nuisances."""
-FIRST_LOOK = 16
-"""Screening simulations that every trial gets; the others go to trials that may be uncertain."""
-STIRRED = 0.02
-"""Largest tilt of a trial that may yet overturn under another effect [rad]."""
-GUARD = 0.1
-"""Share of certain trials kept at random."""
-NONE_SHARE = 4
-"""Draws without effect for each draw of an effect: they carry the false alarms' calibration."""
-LEAST_NONE = 48
-"""Draws without effect at least: fewer could not show a significance of 0.025."""
+
+@dataclass(frozen=True)
+class ScreeningConstants:
+    """How trials are screened, and how many campaigns are simulated without effect.
+
+    Chosen by hand; `least_none` by what a test at 0.025 asks for.
+
+    Attributes:
+        plain: screening draws without effect at most, each with its own nuisances.
+        first_look: simulations that every trial gets; others go to trials that may be uncertain.
+        moved: largest tilt of a trial that may yet overturn under another effect [rad].
+        guard: share of certain trials kept at random.
+        none_share: draws without effect for each draw of an effect: they carry the calibration of
+            false alarms.
+        least_none: draws without effect at least: fewer could not show a significance of 0.025.
+    """
+
+    plain: int = 8
+    first_look: int = 16
+    moved: float = 0.02
+    guard: float = 0.1
+    none_share: int = 4
+    least_none: int = 48
+
+
+SCREENING = ScreeningConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +88,7 @@ class Screening:
             for every trial, shape (trials,).
         alike: whether all of its draws ended alike, shape (trials,).
         left_out: uncertain trials that the budget does not reach.
-        verge: indices of those that were uncertain at the first look, at any tier the same.
+        uncertain_at_first: indices, after the first look; the same at any tier.
     """
 
     kept: NDArray[np.int64]
@@ -82,7 +96,7 @@ class Screening:
     probability: Array
     alike: NDArray[np.bool_]
     left_out: int
-    verge: NDArray[np.int64]
+    uncertain_at_first: NDArray[np.int64]
 
 
 def effect_quantiles(entry: Entry, draw: int, seed: int) -> Array:
@@ -97,7 +111,7 @@ def effect_draw(entry: Entry, draw: int, seed: int) -> Effects:
 
 
 def screen(
-    bank: Bank,
+    cache: SimulationCache,
     seen: Observations,
     *,
     runs: int,
@@ -108,21 +122,21 @@ def screen(
     """Tell certain trials from uncertain ones.
 
     Every trial is simulated without effect and with effects in turn, all with nuisances:
-    `FIRST_LOOK` times, and up to `runs` times if it rocked or always overturned. It is certain if
-    all draws overturn, or none does. From tier M on a standing trial is uncertain too if its
-    largest tilt rises above the noise in half the draws. A random tenth of the certain trials is
-    kept as a guard.
+    `SCREENING.first_look` times, and up to `runs` times if it rocked or always overturned. It is
+    certain if all draws overturn, or none does. From tier M on a standing trial is uncertain too if
+    its largest tilt rises above the noise in half the draws. A random tenth of the certain trials
+    is kept as a guard.
 
     Args:
-        bank: of simulations.
+        cache: of simulations.
         seen: the observed campaign.
         runs: simulations a trial.
-        most: trials kept, the guard included; those nearest to the verge are preferred.
+        most: trials kept, the guard included, nearest to the boundary of overturning.
         seed: of the guard.
         progress: called with simulations done and all.
     """
-    library = bank.simulator.library
-    plain = min(SCREENING_NONE, max(runs // 2, 1))
+    library = cache.simulator.library
+    plain = min(SCREENING.plain, max(runs // 2, 1))
     spots = [(effect_draw(e, m, seed), m) for m in (1, 2) for e in library.values()]
     each = min(runs - plain, len(spots))
 
@@ -131,28 +145,28 @@ def screen(
         bare = [Request(i, (), m, 1) for m in range(1, plain + 1)]
         chosen = [spots[(i * each + j) % len(spots)] for j in range(each)]
         dressed = [Request(i, label, draw, 1) for label, draw in chosen]
-        first = min(plain, FIRST_LOOK // 2)
+        first = min(plain, SCREENING.first_look // 2)
         return (
             bare[:first]
-            + dressed[: FIRST_LOOK - first]
+            + dressed[: SCREENING.first_look - first]
             + bare[first:]
-            + dressed[FIRST_LOOK - first :]
+            + dressed[SCREENING.first_look - first :]
         )
 
     asked = [requests_of(i) for i in range(len(seen))]
     total = sum(len(row) for row in asked)
     done = None if progress is None else (lambda n: progress(n, total))
-    first = [row[:FIRST_LOOK] for row in asked]
-    outcome, peaks = _screened(bank, first, done)
+    first = [row[: SCREENING.first_look] for row in asked]
+    outcome, peaks = _screened(cache, first, done)
     uncertain, rocking = _worthwhile(outcome, peaks, seen)
-    verge = np.flatnonzero(uncertain)
+    uncertain_at_first = np.flatnonzero(uncertain)
     # What neither moved nor nearly overturned needs no second look, nor does what is kept anyway.
     standing = np.nanmax(np.where(outcome < 0.5, peaks, 0.0), axis=0)
-    near = (np.nanmin(outcome, axis=0) > 0.5) | (standing > STIRRED)
+    near = (np.nanmin(outcome, axis=0) > 0.5) | (standing > SCREENING.moved)
     again = np.flatnonzero(near & ~uncertain & ~rocking)
-    rest = [asked[i][FIRST_LOOK:] for i in again]
+    rest = [asked[i][SCREENING.first_look :] for i in again]
     if rest and rest[0]:
-        more, higher = _screened(bank, rest, None)
+        more, higher = _screened(cache, rest, None)
         blank = np.full((len(more), len(seen)), np.nan)
         outcome, peaks = np.vstack([outcome, blank]), np.vstack([peaks, blank])
         outcome[-len(more) :, again], peaks[-len(more) :, again] = more, higher
@@ -163,9 +177,9 @@ def screen(
     probability = (np.nansum(outcome, axis=0) + 0.5) / (count + 1)
     certain = np.flatnonzero(~(uncertain | rocking))
     rng = np.random.default_rng([seed, 77])
-    size = min(int(np.ceil(GUARD * certain.size)), most // 10 + 1)
+    size = min(int(np.ceil(SCREENING.guard * certain.size)), most // 10 + 1)
     guard = np.sort(rng.choice(certain, size=size, replace=False)) if size else certain[:0]
-    # Nearest to the verge first; of rocking trials, those that rock most.
+    # Nearest to the boundary of overturning first; of rocking trials, those that rock most.
     worth = np.where(uncertain, 2 - np.abs(2 * probability - 1), 0.0)
     worth += np.where(
         rocking & ~uncertain, 0.5 * np.tanh(np.nan_to_num(np.nanmean(peaks, axis=0))), 0.0
@@ -173,14 +187,18 @@ def screen(
     wanted = np.flatnonzero(uncertain | rocking)
     ranked = wanted[np.argsort(-worth[wanted], kind="stable")][: max(most - guard.size, 1)]
     kept = np.union1d(ranked, guard)
-    return Screening(kept, guard, probability, ~uncertain, int(wanted.size - ranked.size), verge)
+    return Screening(
+        kept, guard, probability, ~uncertain, int(wanted.size - ranked.size), uncertain_at_first
+    )
 
 
 def _screened(
-    bank: Bank, requests: Sequence[Sequence[Request]], done: Callable[[int], None] | None
+    cache: SimulationCache,
+    requests: Sequence[Sequence[Request]],
+    done: Callable[[int], None] | None,
 ) -> tuple[Array, Array]:
     """Overturned and largest tilt, shape (runs, trials)."""
-    found = bank.run([request for row in requests for request in row], done=done)
+    found = cache.run([request for row in requests for request in row], done=done)
     shape = (len(requests), -1)
     return found.overturned.reshape(shape).T, found.peak_tilt.reshape(shape).T
 
@@ -207,7 +225,7 @@ def _median_standing(found: Array, peaks: Array) -> Array:
 
 
 def run_table(
-    bank: Bank,
+    cache: SimulationCache,
     trials: NDArray[np.int64],
     labels: Sequence[Effects],
     draws: Sequence[int],
@@ -227,14 +245,14 @@ def run_table(
     ]
     total = len(requests)
     done = None if progress is None else (lambda n: progress(n, total))
-    found = bank.run(requests, done=done)
+    found = cache.run(requests, done=done)
     shape = (len(labels), trials.size)
     features = None if found.features is None else found.features.reshape(*shape, -1)
     return found.overturned.reshape(shape), found.peak_tilt.reshape(shape), features
 
 
 def simulate_design(
-    bank: Bank,
+    cache: SimulationCache,
     seen: Observations,
     screening: Screening,
     library: Library,
@@ -243,10 +261,10 @@ def simulate_design(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> tuple[Design, NDArray[np.int64]]:
-    """Whole campaigns of the kept trials.
+    """Complete campaigns of the kept trials.
 
     Args:
-        bank: of simulations.
+        cache: of simulations.
         seen: the observed campaign.
         screening: which trials.
         library: effects.
@@ -268,9 +286,9 @@ def simulate_design(
             quantiles.append(effect_quantiles(entry, draw, seed))
             labels.append(effect_draw(entry, draw, seed))
             indices.append(draw)
-    found, peaks, series = run_table(bank, screening.kept, labels, indices, progress)
+    found, peaks, series = run_table(cache, screening.kept, labels, indices, progress)
     features = seen.noted(found, peaks, series, seed)
-    z = np.stack([bank.simulator.nuisance_draw(i) for i in indices])
+    z = np.stack([cache.simulator.nuisance_draw(i) for i in indices])
     design = Design(np.array(names), tuple(quantiles), z, found, features)
     return design, np.array(indices, dtype=np.int64)
 
@@ -282,4 +300,4 @@ def simulations(draws: Mapping[str, int], trials: int) -> int:
 
 def none_draws(most: int) -> int:
     """Draws without effect beside `most` draws of an effect."""
-    return max(NONE_SHARE * most, LEAST_NONE)
+    return max(SCREENING.none_share * most, SCREENING.least_none)

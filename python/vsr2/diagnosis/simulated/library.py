@@ -72,8 +72,23 @@ def free_parameters(entry: Entry) -> tuple[Parameter, ...]:
     return tuple(p for p in entry.parameters if p.prior != "fixed" and p.lower < p.upper)
 
 
-HINGES = (0.5, 1.25)
-"""Distances from the null, of at most 2, at which an effect may begin to act."""
+@dataclass(frozen=True)
+class RangeConstants:
+    """How an effect's range is covered; chosen by hand.
+
+    Attributes:
+        hinges: distances from the null, of at most 2, at which an effect may begin to act.
+        far: reach from which on a range is not compressed: half the squared distances lie in it.
+        half: reach below which distances from a null outside the prior are squared too: less than
+            half of those that are not lie within it.
+    """
+
+    hinges: tuple[float, float] = (0.5, 1.25)
+    far: float = 0.25
+    half: float = 0.5
+
+
+RANGES = RangeConstants()
 
 _NULLS: dict[Hashable, float | None] = {}
 
@@ -98,13 +113,6 @@ def _null_quantile(parameter: Parameter) -> float | None:
         else:
             high = middle
     return 0.5 * (low + high)
-
-
-FAR = 0.25
-"""Reach from which on a range is not compressed: half the squared distances lie within it."""
-HALF = 0.5
-"""Reach below which distances from a null outside the prior are squared too: less than half of
-those that are not lie within it."""
 
 
 @dataclass(frozen=True)
@@ -165,8 +173,8 @@ class _Axis:
         self.null = (1.0 if parameter.null > parameter.upper else 0.0) if null is None else null
         self.two_sided = 1e-6 < self.null < 1 - 1e-6
         reach = (entry.below, entry.above) if isinstance(entry, Reaching) else (1.0, 1.0)
-        self.squared = {up: null is not None or r < HALF for up, r in enumerate(reach)}
-        self.reach = {bool(up): r if r < FAR else 1.0 for up, r in enumerate(reach)}
+        self.squared = {up: null is not None or r < RANGES.half for up, r in enumerate(reach)}
+        self.reach = {bool(up): r if r < RANGES.far else 1.0 for up, r in enumerate(reach)}
         self.side = {False: max(self.null, 1e-9), True: max(1.0 - self.null, 1e-9)}
 
     @property
@@ -281,7 +289,7 @@ def basis(entry: Entry, quantiles: Array) -> Array:
             columns += [c, c**2, c**3]
         else:
             columns += [np.ones(len(u)), c, c**2]
-            columns += [np.maximum(np.abs(c) - knot, 0.0) ** 2 for knot in HINGES]
+            columns += [np.maximum(np.abs(c) - knot, 0.0) ** 2 for knot in RANGES.hinges]
         if axis.compressed:
             far.append(beyond)
             columns += [beyond, np.abs(beyond)] if axis.two_sided else [beyond, beyond**2]

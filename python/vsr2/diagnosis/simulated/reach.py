@@ -9,12 +9,13 @@ few shares of its range, and the draws are placed by what is seen.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.observations import LEAST_TILT
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.observed.observations import OBSERVED
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import Screening, effect_quantiles
 from vsr2.diagnosis.simulated.library import (
     Entry,
@@ -28,49 +29,60 @@ from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses
 
 Array = NDArray[np.float64]
 
-SHARES = (1.0, 0.25, 0.0625, 0.015625, 0.00390625)
-"""Of the range on one side of the null at which an effect is tried."""
-OVERWHELMING = 3.0
-"""Root mean square change of the trials, in standard deviations of what nuisances leave, at an
-effect's reach."""
-TRIALS = 24
-"""On which effects are tried at most."""
-PLAIN = 24
-"""Draws without effect, from which that standard deviation is taken."""
-_NUISANCES = 4
-"""Draws of nuisances that the trials take in turn."""
-_MOST = 8.0
-"""Standard deviations that one trial counts for at most."""
-_LEAST_SCATTER = 0.3
-"""Of a trial, over the median of all."""
+
+@dataclass(frozen=True)
+class ReachConstants:
+    """How effects are tried; chosen by hand.
+
+    Attributes:
+        shares: of the range on one side of the null at which an effect is tried.
+        overwhelming: root mean square change of the trials at an effect's reach, in standard
+            deviations of what nuisances leave.
+        trials: on which effects are tried at most.
+        plain: draws without effect, from which that standard deviation is taken.
+        nuisances: draws of nuisances that the trials take in turn.
+        most: standard deviations that one trial counts for at most.
+        least_scatter: of a trial, over the median of all.
+    """
+
+    shares: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625, 0.00390625)
+    overwhelming: float = 3.0
+    trials: int = 24
+    plain: int = 24
+    nuisances: int = 4
+    most: float = 8.0
+    least_scatter: float = 0.3
+
+
+REACH = ReachConstants()
 
 
 def reaching(
-    bank: Bank,
+    cache: SimulationCache,
     screening: Screening,
     *,
-    most: int = TRIALS,
+    most: int = REACH.trials,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Library:
     """The simulator's library with the reach of each effect.
 
     The response is the logarithm of the largest tilt, 1 rad for a rock that overturns, whatever the
-    tier, so that all tiers share their simulations. An effect that changes it by `OVERWHELMING` at
-    the smallest share already leaps beside its null: it keeps its whole range.
+    tier, so that all tiers share their simulations. An effect that changes it by
+    `REACH.overwhelming` at the smallest share already leaps beside its null: it keeps its range.
 
     Args:
-        bank: of simulations.
-        screening: which trials were near the verge.
+        cache: of simulations.
+        screening: which trials were near the boundary of overturning.
         most: trials that are used.
         seed: of the draws.
         progress: called with simulations done and all.
     """
-    library = bank.simulator.library
-    chosen = screening.verge if screening.verge.size else screening.kept
+    library = cache.simulator.library
+    chosen = screening.uncertain_at_first if screening.uncertain_at_first.size else screening.kept
     trials = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).astype(int)]
     ladders = [(entry, above) for entry in library.values() for above in _sides(entry)]
-    plain = [Request(int(t), (), m, 1) for m in range(1, PLAIN + 1) for t in trials]
+    plain = [Request(int(t), (), m, 1) for m in range(1, REACH.plain + 1) for t in trials]
 
     def tried(entry: Entry, above: bool, share: float, m: int) -> Effects:
         secondary = effect_quantiles(entry, m, seed)
@@ -79,18 +91,18 @@ def reaching(
     steps = [
         Request(int(t), tried(entry, above, share, _nuisance(i)), _nuisance(i), 1)
         for entry, above in ladders
-        for share in SHARES
+        for share in REACH.shares
         for i, t in enumerate(trials)
     ]
     total = len(plain) + len(steps)
     done = None if progress is None else (lambda n: progress(n, total))
-    found = _severity(bank.run(plain + steps, done=done))
-    bare = found[: len(plain)].reshape(PLAIN, trials.size)
-    nuisances = np.stack([bank.simulator.nuisance_draw(m) for m in range(1, PLAIN + 1)])
+    found = _severity(cache.run(plain + steps, done=done))
+    bare = found[: len(plain)].reshape(REACH.plain, trials.size)
+    nuisances = np.stack([cache.simulator.nuisance_draw(m) for m in range(1, REACH.plain + 1)])
     scatter = _scatter(bare, nuisances)
     own = bare[[_nuisance(i) - 1 for i in range(trials.size)], np.arange(trials.size)]
-    moved = found[len(plain) :].reshape(len(ladders), len(SHARES), trials.size)
-    size = np.clip((moved - own) / scatter, -_MOST, _MOST)
+    moved = found[len(plain) :].reshape(len(ladders), len(REACH.shares), trials.size)
+    size = np.clip((moved - own) / scatter, -REACH.most, REACH.most)
     sizes = np.sqrt(np.nanmean(size**2, axis=2))
     reach = {
         (entry.name, above): _reach(row) for (entry, above), row in zip(ladders, sizes, strict=True)
@@ -100,11 +112,11 @@ def reaching(
 
 def tries(library: Library) -> int:
     """Simulations under effects of each trial on which they are tried."""
-    return len(SHARES) * sum(len(_sides(entry)) for entry in library.values())
+    return len(REACH.shares) * sum(len(_sides(entry)) for entry in library.values())
 
 
 def _nuisance(i: int) -> int:
-    return 1 + i % _NUISANCES
+    return 1 + i % REACH.nuisances
 
 
 def _sides(entry: Entry) -> tuple[bool, ...]:
@@ -119,7 +131,7 @@ def _sides(entry: Entry) -> tuple[bool, ...]:
 
 def _severity(found: Responses) -> Array:
     """Logarithm of the largest tilt [rad], 1 rad for a rock that overturned."""
-    tilt = np.where(found.overturned > 0.5, 1.0, np.clip(found.peak_tilt, LEAST_TILT, 1.0))
+    tilt = np.where(found.overturned > 0.5, 1.0, np.clip(found.peak_tilt, OBSERVED.least_tilt, 1.0))
     return np.where(np.isfinite(found.overturned), np.log(tilt), np.nan)
 
 
@@ -129,18 +141,18 @@ def _scatter(bare: Array, nuisances: Array) -> Array:
     known = np.where(np.isfinite(bare), bare, np.nanmean(bare))
     rest = known - x @ np.linalg.lstsq(x, known, rcond=None)[0]
     out = np.sqrt((rest**2).sum(axis=0) / max(len(bare) - x.shape[1], 1))
-    return np.asarray(np.maximum(out, max(_LEAST_SCATTER * float(np.median(out)), 1e-3)))
+    return np.asarray(np.maximum(out, max(REACH.least_scatter * float(np.median(out)), 1e-3)))
 
 
 def _reach(sizes: Array) -> float:
-    """Share at which an effect's size reaches `OVERWHELMING`, by interpolation of logarithms."""
+    """Share at which an effect's size is overwhelming, by interpolation of logarithms."""
     rising = np.maximum.accumulate(np.maximum(sizes[::-1], 1e-3))
-    shares = np.log(SHARES[::-1])
-    if rising[0] >= OVERWHELMING or rising[-1] < OVERWHELMING:
+    shares = np.log(REACH.shares[::-1])
+    if rising[0] >= REACH.overwhelming or rising[-1] < REACH.overwhelming:
         return 1.0
-    k = int(np.argmax(rising >= OVERWHELMING))
+    k = int(np.argmax(rising >= REACH.overwhelming))
     low, high = np.log(rising[k - 1]), np.log(rising[k])
-    part = (np.log(OVERWHELMING) - low) / max(high - low, 1e-9)
+    part = (np.log(REACH.overwhelming) - low) / max(high - low, 1e-9)
     return float(np.exp(shares[k - 1] + part * (shares[k] - shares[k - 1])))
 
 

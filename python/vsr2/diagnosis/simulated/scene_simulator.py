@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,13 @@ from vsr2.diagnosis.observed.features import (
     tilt_features,
 )
 from vsr2.diagnosis.observed.observations import series_sampling
+from vsr2.diagnosis.simulated.cache import own_code
+from vsr2.diagnosis.simulated.nuisances import (
+    DEFAULT_NUISANCES,
+    DrawnByEffect,
+    Nuisance,
+    Scope,
+)
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
@@ -51,49 +58,6 @@ ROW = 0.01
 """Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
 
-@dataclass(frozen=True)
-class Nuisances:
-    """Standard deviations of what is uncertain about a set-up, all normal about nominal.
-
-    Drawn once a campaign:
-
-    Attributes:
-        slenderness: of tan(alpha), relative [1].
-        inertia: relative [1].
-        com_offset: of the mass centre along the shaking [m].
-        friction: of the logarithm of the coefficient [1].
-        contact_stiffness: [decades].
-        restitution: of the energy that an impact leaves, relative [1]; about Housner's where the
-            scene does not set it.
-        table_gain: relative [1].
-        yaw: of the placement, a fresh one for each trial [degree].
-        offset: of the placement in plan, a fresh one for each trial [m].
-        trial_gain: of the motion's noise, as a relative gain, a fresh one for each trial [1].
-    """
-
-    slenderness: float = 0.02
-    inertia: float = 0.02
-    com_offset: float = 0.001
-    friction: float = 0.1
-    contact_stiffness: float = 0.1
-    restitution: float = 0.02
-    table_gain: float = 0.005
-    yaw: float = 1.0
-    offset: float = 0.002
-    trial_gain: float = 0.005
-
-
-CAMPAIGN_WIDE = (
-    "slenderness",
-    "inertia",
-    "com_offset",
-    "friction",
-    "contact_stiffness",
-    "restitution",
-    "table_gain",
-)
-
-
 class SceneSimulator:
     """Simulates a campaign's trials with the native core.
 
@@ -101,7 +65,7 @@ class SceneSimulator:
         campaign: every trial needs a motion; in order of execution.
         study: of the nominal scene; its own motions are not used, but how recordings are turned
             into the driven motion is (channel, filter, scale, drive).
-        nuisances: their priors.
+        nuisances: what is uncertain about the set-up; None: `DEFAULT_NUISANCES`.
         library: effects; default: all that are registered.
         exclude: names left out.
         series: also draw features from the tilt's series.
@@ -112,7 +76,7 @@ class SceneSimulator:
 
     Attributes:
         unavailable: effects that this scene cannot have, with the reason.
-        uncertainties: of the nuisances.
+        nuisances: that are drawn.
 
     Raises:
         DiagnosisError: a trial without motion, or an unknown name in `exclude`.
@@ -124,7 +88,7 @@ class SceneSimulator:
         campaign: Campaign,
         study: Study,
         *,
-        nuisances: Nuisances | None = None,
+        nuisances: Sequence[Nuisance] | None = None,
         library: Mapping[str, Effect] | None = None,
         exclude: Collection[str] = (),
         series: bool = False,
@@ -139,7 +103,9 @@ class SceneSimulator:
             raise DiagnosisError(
                 f"exclude: there is no effect {strange[0]!r}; there are {', '.join(offered)}"
             )
-        self.uncertainties = Nuisances() if nuisances is None else nuisances
+        self.nuisances = DEFAULT_NUISANCES if nuisances is None else tuple(nuisances)
+        self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
+        self._names = tuple(one.name for one in self._wide)
         self._series = series
         self._threads = threads
         self._client = client
@@ -178,7 +144,7 @@ class SceneSimulator:
                 [t.motion.sha256 for t in self._trials],
                 self._orders,
                 self._sessions,
-                [getattr(self.uncertainties, f.name) for f in fields(self.uncertainties)],
+                [(n.to_json(), repr(n.prior), own_code(type(n.acting))) for n in self.nuisances],
                 self._series and (*TILT_FEATURES, *REST_FEATURES, *self._measured),
                 self._seed,
                 study.settling.model_dump_json(),
@@ -210,10 +176,6 @@ class SceneSimulator:
         """Hash of scene, motions, schedule, priors and seed."""
         return self._identity
 
-    def trial_key(self, trial: int) -> str:
-        """Place of the trial; its motion is part of the identity."""
-        return str(trial)
-
     @property
     def variants(self) -> tuple[int, ...]:
         """Half the time step, twice the solver's iterations."""
@@ -222,11 +184,11 @@ class SceneSimulator:
     @property
     def nuisance_names(self) -> tuple[str, ...]:
         """Drawn once a campaign."""
-        return CAMPAIGN_WIDE
+        return self._names
 
     def nuisance_draw(self, index: int) -> Array:
         """Standardised nuisances of a draw."""
-        return nuisance_normal(self._seed, len(CAMPAIGN_WIDE), index)
+        return nuisance_normal(self._seed, len(self._wide), index)
 
     def run(self, requests: Sequence[Request]) -> Responses:
         """Simulate in native threads; the campaign's own order and sessions are kept."""
@@ -281,61 +243,47 @@ class SceneSimulator:
                 [self._seed, nuisance, abs(replicate), replicate < 0]
             ).generate_state(1, np.uint64)[0]
         )
-        out = {}
-        kept = self._energy_ratio(nuisance)
-        given = self._nuisance_effects(nuisance, replicate)
-        for name, numbers in effects:
-            effect = self._library[name]
-            values = {p.name: v for p, v in zip(effect.parameters, numbers, strict=True)}
-            if name == "restitution":
-                values["energy_ratio"] *= kept
-            given.append((effect, values))
-        if nuisance and "restitution" not in dict(effects):
-            own = self._trials[0].scene.mechanisms.impact_energy_ratio
-            ratio = kept * (1.0 if np.isnan(own) else own)
-            effect = known_effects()["restitution"]
-            given.append((effect, effect.complete({"energy_ratio": ratio})))
+        given = self._nuisance_effects(effects, nuisance, replicate)
         base = self._perturbed(nuisance, replicate, wanted)
         ranks = {e.name: i for i, e in enumerate(in_order({e.name: e for e, _ in given}))}
         given.sort(key=lambda pair: ranks[pair[0].name])
         made = with_effects(
             base, given, orders=self._orders, sessions=self._sessions, seed=seed, only=wanted
         )
-        for i in wanted:
-            out[i] = made[i]
-        return out
-
-    def _energy_ratio(self, nuisance: int) -> float:
-        """Energy that an impact leaves in a draw, over the scene's own."""
-        z = self.nuisance_draw(nuisance)[CAMPAIGN_WIDE.index("restitution")]
-        return float(np.exp(self.uncertainties.restitution * z))
+        return {i: made[i] for i in wanted}
 
     def _nuisance_effects(
-        self, nuisance: int, replicate: int
-    ) -> list[tuple[Effect, Mapping[str, float]]]:
-        known = known_effects()
-        z = dict(zip(CAMPAIGN_WIDE, self.nuisance_draw(nuisance), strict=True))
-        sd = self.uncertainties
-        out: list[tuple[Effect, Mapping[str, float]]] = []
-
-        def add(name: str, **values: float) -> None:
-            out.append((known[name], known[name].complete(values)))
-
+        self, effects: Effects, nuisance: int, replicate: int
+    ) -> list[tuple[Effect, dict[str, float]]]:
+        """What acts in every trial: nuisances, then the given effects."""
+        drawn: list[tuple[Nuisance, float]] = []
         if nuisance:
-            add("slenderness", change=sd.slenderness * z["slenderness"])
-            add("inertia", change=max(sd.inertia * z["inertia"], -0.5))
-            along = sd.com_offset * z["com_offset"]
-            add("com_offset", distance=abs(along), azimuth=0.0 if along > 0 else 180.0)
-            add("friction", factor=float(np.exp(sd.friction * z["friction"])))
-            add("contact_stiffness", decades=sd.contact_stiffness * z["contact_stiffness"])
-            add("table_gain", change=sd.table_gain * z["table_gain"])
+            drawn += zip(self._wide, self.nuisance_draw(nuisance).tolist(), strict=True)
         if replicate > 0:
-            # A uniform draw between -w and w has the deviation w / sqrt(3), one over a disc w / 2.
-            add("placement", yaw=sd.yaw * 3**0.5, offset=2 * sd.offset)
-        return out
+            own = [one for one in self.nuisances if one.scope is Scope.TRIAL]
+            drawn += [(one, 0.0) for one in own if isinstance(one.prior, DrawnByEffect)]
+        caused = []
+        for name, numbers in effects:
+            effect = self._library[name]
+            pairs = zip(effect.parameters, numbers, strict=True)
+            caused.append((effect, {p.name: value for p, value in pairs}))
+        causes = {effect.name: values for effect, values in caused}
+        acting: dict[str, tuple[Effect, dict[str, float]]] = {}
+        for one, z in drawn:
+            effect, values = one.acting, one.values(z)
+            if one.relative and effect.name in causes:
+                causes[effect.name][one.parameter] *= values[one.parameter]
+                continue
+            if one.relative:
+                ratio = self._trials[0].scene.mechanisms.impact_energy_ratio
+                values[one.parameter] *= 1.0 if np.isnan(ratio) else ratio
+            acting.setdefault(effect.name, (effect, {}))[1].update(values)
+        return [(effect, effect.complete(values)) for effect, values in acting.values()] + caused
 
     def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
-        """Base trials with the motion's noise (replicates above 0), a variant or a tiny shift."""
+        """Base trials with values of their own (replicates above 0), a variant or a tiny shift."""
+        from vsr2.effects import with_effects
+
         if replicate == 0:
             return self._trials
         if replicate in self.variants:
@@ -356,8 +304,16 @@ class SceneSimulator:
                 rng = np.random.Generator(
                     np.random.Philox(key=self._seed, counter=[1, i, nuisance, replicate])
                 )
-                gain = 1.0 + self.uncertainties.trial_gain * float(rng.standard_normal())
-                out[i] = replace(trial, motion=trial.motion.scaled(gain, name=trial.motion.name))
+                for one in self.nuisances:
+                    if one.scope is Scope.TRIAL and not isinstance(one.prior, DrawnByEffect):
+                        values = one.acting.complete(one.values(float(rng.standard_normal())))
+                        (out[i],) = with_effects(
+                            [out[i]],
+                            [(one.acting, values)],
+                            orders=[self._orders[i]],
+                            sessions=[self._sessions[i]],
+                            seed=self._seed,
+                        )
         return out
 
 

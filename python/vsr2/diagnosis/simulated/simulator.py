@@ -71,11 +71,7 @@ class Simulator(Protocol):
 
     @property
     def identity(self) -> str:
-        """Hash of all that the responses depend on beside the request."""
-        ...
-
-    def trial_key(self, trial: int) -> str:
-        """Hash of what belongs to one trial: its motion and place in the campaign."""
+        """Hash of all that responses depend on beside the request: scene, trials, seed."""
         ...
 
     @property

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.campaign import Tier
 from vsr2.diagnosis.likelihood.equivalence import (
     CONFOUNDED,
     INSEPARABLE,
@@ -17,72 +20,159 @@ from vsr2.diagnosis.likelihood.equivalence import (
 from vsr2.diagnosis.likelihood.evidence import log_likelihood, mode, posterior
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.library import Entry, Library
-from vsr2.diagnosis.where.places import SIGNIFICANT, Place
+from vsr2.diagnosis.where.scan import Location
 from vsr2.diagnosis.which.routes import Inference, Prepared
 
-INSTRUMENTS = {
-    "geometry": "scan the specimen and its base, and tilt the base slowly until it overturns: the "
-    "static angle gives the slenderness without any motion",
-    "inertia": "weigh the specimen and swing it as a pendulum: mass centre and inertia",
-    "contact": "push the specimen slowly and let it rock freely on the table at rest: friction and "
-    "decay of rocking",
-    "mechanism": "let the specimen rock freely on the table at rest and film it: energy lost per "
-    "impact",
-    "actuation": "record the table beside the specimen with an independent accelerometer (and a "
-    "rotation sensor), and compare with the channel that drives the simulation",
-    "measurement": "record the table with a second instrument",
-    "start": "survey the specimen's position and yaw before every trial",
-    "order": "repeat the first trials at the end of the campaign, and inspect the edges between "
-    "sessions",
-    "outcome": "film every trial and judge all of them anew by one rule",
+
+class MeasurementKind(StrEnum):
+    """What a measurement is for: one effect, the members of a class, both of a pair, no effect."""
+
+    CHECK = "check"
+    SPLIT = "split"
+    BOTH = "both"
+    OUT_OF_LIBRARY = "out_of_library"
+
+
+class Instrument(StrEnum):
+    """What looks directly at an effect."""
+
+    SCAN_AND_TILT = "scan_and_tilt"
+    WEIGH_AND_SWING = "weigh_and_swing"
+    PUSH_AND_ROCK = "push_and_rock"
+    FILM_FREE_ROCKING = "film_free_rocking"
+    TABLE_SENSORS = "table_sensors"
+    SECOND_TABLE_INSTRUMENT = "second_table_instrument"
+    SURVEY_STARTS = "survey_starts"
+    REPEAT_FIRST_TRIALS = "repeat_first_trials"
+    FILM_OUTCOMES = "film_outcomes"
+    SLACK = "slack"
+    PULL_OFF = "pull_off"
+    EDGE_TORQUE = "edge_torque"
+    SPIN_TORQUE = "spin_torque"
+    FEELER_GAUGES = "feeler_gauges"
+    TABLE_ROTATION = "table_rotation"
+    OFF_AXIS_RECORD = "off_axis_record"
+    VERTICAL_RECORD = "vertical_record"
+
+
+BY_STAGE = {
+    "geometry": Instrument.SCAN_AND_TILT,
+    "inertia": Instrument.WEIGH_AND_SWING,
+    "contact": Instrument.PUSH_AND_ROCK,
+    "mechanism": Instrument.FILM_FREE_ROCKING,
+    "actuation": Instrument.TABLE_SENSORS,
+    "measurement": Instrument.SECOND_TABLE_INSTRUMENT,
+    "start": Instrument.SURVEY_STARTS,
+    "order": Instrument.REPEAT_FIRST_TRIALS,
+    "outcome": Instrument.FILM_OUTCOMES,
 }
-"""By stage."""
-OWN_INSTRUMENTS = {
-    "catch": "measure the slack of all that can hold the specimen, and film whether it is taut",
-    "adhesion": "pull the specimen up from its base with a load cell before the first trial",
-    "rolling_resistance": "look for soft or loose contact under the edges, and measure the torque "
-    "that turns the specimen about one",
-    "spin_friction": "turn the specimen slowly about the vertical and measure the torque",
-    "base_asperity": "look under the specimen for grains and bumps, with feeler gauges or carbon "
-    "paper between the base and the table",
-    "table_pitch": "record the rotation of the table beside the specimen under one of the motions",
-    "off_axis_motion": "record the table across the shaking and about the vertical",
-    "vertical_motion": "record the table's vertical acceleration",
+BY_EFFECT = {
+    "catch": Instrument.SLACK,
+    "adhesion": Instrument.PULL_OFF,
+    "rolling_resistance": Instrument.EDGE_TORQUE,
+    "spin_friction": Instrument.SPIN_TORQUE,
+    "base_asperity": Instrument.FEELER_GAUGES,
+    "table_pitch": Instrument.TABLE_ROTATION,
+    "off_axis_motion": Instrument.OFF_AXIS_RECORD,
+    "vertical_motion": Instrument.VERTICAL_RECORD,
 }
 """Of effects for which a stage's instrument says too little."""
 MOST_SPLIT = 7
-"""Members of a class for which a measurement is told: the most that a verdict names."""
+"""Members of a class for which a measurement is stated: the most that a verdict names."""
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """The trial whose repetition separates two effects most.
+
+    Attributes:
+        trial: id.
+        information_per_repeat: expected log likelihood ratio, as much of it as counts [nat].
+        repeats: after which the two no longer count as one class; None: no number of them.
+    """
+
+    trial: str
+    information_per_repeat: float
+    repeats: int | None
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A further member of a class, and what separates the leader from it."""
+
+    name: str
+    instrument: Instrument
+    repetition: Repetition
+
+
+@dataclass(frozen=True)
+class OutOfLibrary:
+    """What to measure where the cause may lie outside the library.
+
+    Attributes:
+        trial: id of the trial that the best effect explains least.
+        tier: that the campaign has, beyond which instruments are needed.
+        location: where residuals are significant; None: nowhere.
+    """
+
+    trial: str
+    tier: Tier
+    location: str | None
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What would decide what a verdict leaves open.
+
+    Attributes:
+        kind: what for.
+        splits: effects that it separates, or the one that it checks.
+        instruments: that look directly at these, or at both effects of a pair.
+        repetition: without new instruments, for the first two of `splits`.
+        others: the same for the leader against each further member.
+        out_of_library: alone, or before all else if the verdict is open.
+    """
+
+    kind: MeasurementKind
+    splits: tuple[str, ...] = ()
+    instruments: tuple[Instrument, ...] = ()
+    repetition: Repetition | None = None
+    others: tuple[Rival, ...] = ()
+    out_of_library: OutOfLibrary | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in `diagnosis.json`."""
+        return asdict(self)
 
 
 def next_measurement(
-    members: list[str],
+    members: Sequence[str],
     prepared: Prepared,
     found: Inference,
     seen: Observations,
     kept: NDArray[np.int64],
-) -> dict[str, Any]:
+) -> Measurement:
     """What to measure next.
 
     For a class, the instruments that look directly at its first two members, and the trial of the
     campaign whose repetition separates these two most, each at its own best parameters and
-    nuisances (expected log likelihood ratio per repeat, as much of it as counts, and the repeats
-    after which the two no longer count as one class: the better one is then picked wrongly less
-    than one time in ten, or by five times that separation where theory takes them for the same).
-    Under `others` the same for the leader against each further member, up to `MOST_SPLIT`.
+    nuisances. After the repeats stated the better one is picked wrongly less than one time in ten;
+    where theory takes the two for the same, five times that separation is asked for. The same for
+    the leader against each further member, up to `MOST_SPLIT`.
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
         prepared: effects and their tables.
         found: inference on the campaign.
         seen: the whole campaign.
-        kept: their indices.
+        kept: indices of the trials that the tables are of.
     """
     library, tables = prepared.library, prepared.tables
     leader, *rivals = members[:MOST_SPLIT]
-    ways = list(dict.fromkeys(_instrument(library[name]) for name in members[:2]))
-    out: dict[str, Any] = {"what": "; or ".join(ways), "splits": members[:2]}
+    first = tuple(members[:2])
+    ways = tuple(dict.fromkeys(instrument(library[name]) for name in first))
     if not rivals:
-        return out
+        return Measurement(MeasurementKind.CHECK, first, ways)
     expected, _ = expected_campaign(tables[leader], found.posteriors[leader])
 
     def likelihood(name: str) -> NDArray[np.float64]:
@@ -93,59 +183,51 @@ def next_measurement(
 
     own, alike = likelihood(leader), takes_for_alike()
 
-    def split(rival: str) -> dict[str, Any]:
+    def split(rival: str) -> Repetition:
         gain = own - likelihood(rival)
         best = int(np.argmax(gain))
         information = found.exponent * float(max(gain[best], 0.0))
         enough = INSEPARABLE * (CONFOUNDED if alike(leader, rival) else 1.0)
         few = information < enough / 1000
-        return {
-            "trial": seen.campaign.trials[int(kept[best])].trial,
-            "information_per_repeat": information,
-            "repeats": None if few else int(np.ceil(enough / information)),
-        }
+        return Repetition(
+            seen.campaign.trials[int(kept[best])].trial,
+            information,
+            None if few else int(np.ceil(enough / information)),
+        )
 
-    out |= split(rivals[0])
-    others = [
-        {"name": name, "what": _instrument(library[name]), **split(name)} for name in rivals[1:]
-    ]
-    return out | ({"others": others} if others else {})
+    return Measurement(
+        MeasurementKind.SPLIT,
+        first,
+        ways,
+        split(rivals[0]),
+        tuple(Rival(name, instrument(library[name]), split(name)) for name in rivals[1:]),
+    )
 
 
-def measurement_of_a_pair(names: Sequence[str], library: Library) -> dict[str, Any]:
+def measurement_of_a_pair(names: Sequence[str], library: Library) -> Measurement:
     """What shows each of two effects that act together: nothing has to be split."""
-    ways = dict.fromkeys(_instrument(library[name]) for name in names)
-    return {"what": "; and ".join(ways), "splits": []}
+    ways = tuple(dict.fromkeys(instrument(library[name]) for name in names))
+    return Measurement(MeasurementKind.BOTH, instruments=ways)
 
 
-def measurement_of_the_unknown(
-    seen: Observations,
-    excess: NDArray[np.float64],
-    places: Sequence[Place],
-    *,
-    certain: bool = True,
-) -> dict[str, Any]:
+def measurement_out_of_library(
+    seen: Observations, excess: NDArray[np.float64], locations: Sequence[Location]
+) -> OutOfLibrary:
     """What to measure where no effect of the library explains the gap.
 
     Args:
         seen: the whole campaign.
         excess: loss of each trial over the floor under the best effect, shape (trials,).
-        places: found by the scan, most significant first.
-        certain: whether that is the verdict; False: it may be so.
+        locations: found by the scan, most significant first.
     """
-    worst = seen.campaign.trials[int(np.argmax(excess))].trial
-    missing = {"B": "largest tilt and series", "M": "series", "T": "contacts and a second table"}
-    case = "no effect of the library fits" if certain else "if the cause lies outside the library"
-    what = (
-        f"{case}: repeat trial {worst}, which the best of them explains "
-        f"least, with instruments beyond tier {seen.tier} ({missing[seen.tier]} channel), and film "
-        "base and edges"
+    found = locations[:1] if locations and locations[0].is_significant else ()
+    return OutOfLibrary(
+        seen.campaign.trials[int(np.argmax(excess))].trial,
+        seen.tier,
+        found[0].label if found else None,
     )
-    if places and places[0].p_familywise <= SIGNIFICANT:
-        what += f"; the residuals point to: {places[0].place}"
-    return {"what": what, "splits": [], "trial": worst, "repeats": None}
 
 
-def _instrument(effect: Entry) -> str:
-    own = OWN_INSTRUMENTS.get(effect.name)
-    return own or INSTRUMENTS.get(effect.stage, f"measure the {effect.stage}")
+def instrument(effect: Entry) -> Instrument:
+    """That looks directly at an effect: its own, or that of its stage."""
+    return BY_EFFECT.get(effect.name) or BY_STAGE[effect.stage]

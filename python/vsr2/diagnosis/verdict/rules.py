@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-from vsr2.diagnosis.how_far.anew import Anew
-from vsr2.diagnosis.how_far.shrinkage import Pair
+from vsr2.diagnosis.how_far.held_out import Pair
+from vsr2.diagnosis.how_far.resimulation import Resimulation
 from vsr2.diagnosis.likelihood.equivalence import LEAST_PROBABILITY
+from vsr2.diagnosis.verdict.statements import GapState, ReasonCode, Statement, VerdictKind
 from vsr2.diagnosis.which.novelty import LEVEL as NOVELTY_LEVEL
 from vsr2.diagnosis.which.novelty import PRIOR as UNKNOWN_PRIOR
 
-Kind = Literal["none", "effect", "class", "pair", "unknown", "unresolved"]
-
-NO_GAP = "no gap beyond noise"
-"""How the reasons begin where the tests find no gap."""
 GAP_LEVEL = 0.025
 """Of each of the two tests for a gap: 0.05 together."""
 SURPRISE_LEVEL = 0.005
@@ -56,18 +52,19 @@ class Verdict:
         kind: none, effect, class, pair, unknown or unresolved.
         effects: named, the most probable first; empty for none and unknown.
         probability: of what is said.
-        reasons: sentences that lead to it.
+        reasons: what led to it.
     """
 
-    kind: Kind
+    kind: VerdictKind
     effects: tuple[str, ...]
     probability: float
-    reasons: tuple[str, ...]
+    reasons: tuple[Statement, ...]
 
     @property
     def named(self) -> tuple[str, ...]:
         """Effects that it says are missing; none where it says something else."""
-        return self.effects if self.kind in ("effect", "class", "pair") else ()
+        kinds = (VerdictKind.EFFECT, VerdictKind.CLASS, VerdictKind.PAIR)
+        return self.effects if self.kind in kinds else ()
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ class Findings:
         gap_low: lower end of the gap's interval, of the kept trials.
         touches_floor: whether that of all trials reaches down to zero.
         gap_p, direction_p: against gap-free campaigns (see `Inference`).
-        surprise_p: chance of so many outcomes of the dropped trials that do the same in all
+        surprise_p: chance of so many outcomes of screened-out trials that do the same in all
             simulations, without effects too, against that.
         none_probability: calibrated.
         none_in_set: whether the 90 % set holds none.
@@ -100,7 +97,7 @@ class Findings:
         left_of_all: share of the gap of all trials that it leaves.
         pair: the pair, if its held-out gain over one effect has a lower bound above zero.
         halves: the leading class by either half of the draws; empty: these are too few to tell.
-        anew: what simulations close under what is named; None: nothing was simulated yet.
+        resimulation: what simulations close under what is named; None: nothing was simulated yet.
     """
 
     gap_low: float
@@ -115,8 +112,8 @@ class Findings:
     alike_probability: float
     offered: int
     class_probability: float
-    agreement: str | None
-    pair_agreement: str | None
+    agreement: Statement | None
+    pair_agreement: Statement | None
     novelty_p: float
     unknown_probability: float
     favoured: str
@@ -126,7 +123,14 @@ class Findings:
     left_of_all: float
     pair: Pair | None
     halves: tuple[tuple[str, ...], ...]
-    anew: Anew | None = None
+    resimulation: Resimulation | None = None
+
+    @property
+    def gap_state(self) -> GapState:
+        """Whether there is a gap, and whether its size is known from zero."""
+        if not beyond_noise(self.gap_low, self.gap_p, self.direction_p, self.surprise_p):
+            return GapState.NOT_FOUND
+        return GapState.SIZE_OPEN if self.touches_floor else GapState.FOUND
 
 
 def beyond_noise(gap_low: float, gap_p: float, direction_p: float, surprise_p: float = 1.0) -> bool:
@@ -139,35 +143,134 @@ def beyond_noise(gap_low: float, gap_p: float, direction_p: float, surprise_p: f
     return large or direction_p <= GAP_LEVEL or surprise_p <= SURPRISE_LEVEL
 
 
-def _not_beyond(f: Findings) -> str:
-    if f.gap_p <= 2 * GAP_LEVEL:
-        size = (
-            f"the loss is larger than in most campaigns simulated without any effect (p = "
-            f"{f.gap_p:.2g}), but over these motions its interval reaches down to the floor"
+def decide(f: Findings) -> Verdict:
+    """The rules, in their order: none, unresolved, unknown, pair, class, effect."""
+    if f.gap_state is GapState.NOT_FOUND:
+        return _no_gap(f)
+    reasons = _signs(f)
+    if f.touches_floor:
+        return _unresolved(f, *reasons, Statement.of(ReasonCode.SIZE_OPEN, leading=f.leading[0]))
+    rest = f.after_low > 0 and f.left > UNEXPLAINED
+    misfit = rest and f.novelty_p <= NOVELTY_LEVEL and f.unknown_probability > LEAST_UNKNOWN
+    pair = f.pair if f.pair and rest and _explains(f.pair, misfit, f.novelty_p) else None
+    if misfit and pair is None:
+        return _misfit(f, reasons)
+    doubt = _doubt(f, pair) or (_left(f, rest) if pair is None else None) or _short(f)
+    if doubt is not None:
+        return _unresolved(f, *reasons, doubt)
+    if pair is not None:
+        reasons.append(Statement.of(ReasonCode.SECOND_EFFECT_HELPS))
+        probability = f.class_probability * pair.probability
+        return Verdict(VerdictKind.PAIR, pair.names, probability, tuple(reasons))
+    kind = VerdictKind.EFFECT
+    if len(f.leading) > 1:
+        kind = VerdictKind.CLASS
+        reasons.append(
+            Statement.of(ReasonCode.EQUIVALENT_HERE)
+            if len(f.alike) == len(f.leading)
+            else Statement.of(
+                ReasonCode.OTHERS_FIT_WORSE,
+                first=f.alike,
+                probability=f.alike_probability,
+                wanted=LEAST_PROBABILITY,
+            )
         )
-    else:
-        size = (
-            "the loss is no larger than in campaigns simulated without any effect (p = "
-            f"{f.gap_p:.2g})"
+    return Verdict(kind, f.leading, f.class_probability, tuple(reasons))
+
+
+def _no_gap(f: Findings) -> Verdict:
+    significant = f.gap_p <= 2 * GAP_LEVEL
+    reasons = [
+        Statement.of(
+            ReasonCode.NO_GAP,
+            p_size=f.gap_p,
+            p_direction=f.direction_p,
+            size_significant=significant,
         )
-    return (
-        f"{NO_GAP}: {size}, and none of the effects is favoured beyond what such "
-        f"campaigns show (p = {f.direction_p:.2g})"
+    ]
+    none = _none_beside_unknown(f)
+    if none < LEAST_NONE:
+        reason = Statement.of(ReasonCode.NONE_IMPROBABLE, none=none, favoured=f.favoured)
+        return _unresolved(f, *reasons, reason)
+    if not f.none_in_set:
+        reason = Statement.of(
+            ReasonCode.NONE_NOT_IN_SET, none=f.none_probability, favoured=f.favoured
+        )
+        return _unresolved(f, *reasons, reason)
+    if none < 0.5:
+        reasons.append(
+            Statement.of(
+                ReasonCode.NONE_LESS_PROBABLE,
+                favoured=f.favoured,
+                out_of_library=f.unknown_probability > none,
+            )
+        )
+    return Verdict(VerdictKind.NONE, (), f.none_probability, tuple(reasons))
+
+
+def _signs(f: Findings) -> list[Statement]:
+    """By which tests there is a gap."""
+    reasons = []
+    if beyond_noise(f.gap_low, f.gap_p, f.direction_p):
+        code = ReasonCode.SIGNS_OF_GAP if f.touches_floor else ReasonCode.GAP
+        reasons.append(Statement.of(code, p_size=f.gap_p, p_direction=f.direction_p))
+    if f.surprise_p <= SURPRISE_LEVEL:
+        reasons.append(Statement.of(ReasonCode.SURPRISING_OUTCOMES, p=f.surprise_p))
+    return reasons
+
+
+def _doubt(f: Findings, pair: Pair | None) -> Statement | None:
+    """Why the inference itself names nothing."""
+    agreement = f.agreement if pair is None else f.pair_agreement
+    if agreement is not None:
+        return agreement
+    named = {*f.leading, *(pair.names if pair else ())}
+    if any(named.isdisjoint(half) for half in f.halves):
+        return Statement.of(ReasonCode.HALVES_DISAGREE)
+    count = len(f.leading)
+    if count <= max(2, MOST_NAMED * f.offered):
+        return None
+    if len(f.alike) == count:
+        return Statement.of(ReasonCode.TOO_MANY_EQUIVALENT, count=count, offered=f.offered)
+    return Statement.of(
+        ReasonCode.TOO_MANY_NEEDED,
+        first=f.alike,
+        probability=f.alike_probability,
+        wanted=LEAST_PROBABILITY,
+        count=count,
+        offered=f.offered,
     )
 
 
-def _alike(f: Findings) -> str:
-    """The first effect, with those that are not told from it, and their probability."""
-    names = f.alike[0] if len(f.alike) == 1 else f"the class of {f.alike[0]}"
-    return f"{names} has a probability of {f.alike_probability:.2f} if something is missing"
+def _left(f: Findings, rest: bool) -> Statement | None:
+    """Why what one effect leaves is too much; `rest`: it leaves a significant part."""
+    left = max(f.left, f.left_of_all)
+    if f.after_low > 0 and left > MOST_LEFT:
+        return Statement.of(ReasonCode.GAP_LEFT, left=left)
+    if rest and f.novelty_p <= DOUBTFUL:
+        return Statement.of(ReasonCode.GAP_LEFT_AND_MISFIT, left=f.left, worse_than=1 - f.novelty_p)
+    if f.after_low > MOST_REST * f.floor:
+        return Statement.of(ReasonCode.FLOOR_EXCEEDED, times=MOST_REST)
+    return None
+
+
+def _short(f: Findings) -> Statement | None:
+    """Why the emulator cannot be trusted about what leads."""
+    if f.resimulation is None or not f.resimulation.short:
+        return None
+    return Statement.of(
+        ReasonCode.RESIMULATION_SHORT,
+        closure=f.resimulation.closure.value,
+        predicted=f.resimulation.predicted,
+    )
 
 
 def _none_beside_unknown(f: Findings) -> float:
     return (1 - f.unknown_probability) * f.none_probability
 
 
-def _unresolved(f: Findings, *reasons: str) -> Verdict:
-    return Verdict("unresolved", f.leading, f.class_probability, reasons)
+def _unresolved(f: Findings, *reasons: Statement) -> Verdict:
+    return Verdict(VerdictKind.UNRESOLVED, f.leading, f.class_probability, reasons)
 
 
 def _explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
@@ -182,146 +285,30 @@ def _explains(pair: Pair, misfit: bool, novelty_p: float) -> bool:
     return pair.left < PAIR_UNEXPLAINED and (closes or (misfit and pair.beyond > PAIR_BEYOND))
 
 
-def decide(f: Findings) -> Verdict:
-    """The rules, in their order: none, unresolved, unknown, pair, class, effect."""
-    if not beyond_noise(f.gap_low, f.gap_p, f.direction_p, f.surprise_p):
-        reasons = [_not_beyond(f)]
-        none = _none_beside_unknown(f)
-        if none < LEAST_NONE:
-            reasons.append(
-                f"but weighed by its prior, none has a probability of {none:.1g}: {f.favoured} or "
-                "another effect is likely; a larger budget, or more trials, may decide"
-            )
-            return _unresolved(f, *reasons)
-        if not f.none_in_set:
-            reasons.append(
-                f"but none has a probability of {f.none_probability:.2g} and is not in the 90 % "
-                f"set, which {f.favoured} leads: more trials may decide"
-            )
-            return _unresolved(f, *reasons)
-        if none < 0.5:
-            outside = "a cause outside the library, " if f.unknown_probability > none else ""
-            reasons.append(
-                f"weighed by its prior, {outside}{f.favoured} or another effect is more probable "
-                "than none, but no more than in gap-free campaigns by chance: too weak to be "
-                "called a gap"
-            )
-        return Verdict("none", (), f.none_probability, tuple(reasons))
-    reasons = []
-    if beyond_noise(f.gap_low, f.gap_p, f.direction_p):
-        signs = "signs of a gap" if f.touches_floor else "a gap beyond noise"
-        reasons.append(
-            f"{signs}: p = {f.gap_p:.2g} for its size, {f.direction_p:.2g} for its "
-            "direction, against campaigns simulated without any effect"
-        )
-    if f.surprise_p <= SURPRISE_LEVEL:
-        reasons.append(
-            "trials did what they never do in simulations without effect, more often than chance "
-            f"has it (p = {f.surprise_p:.2g})"
-        )
-    if f.touches_floor:
-        reasons.append(
-            "but over these motions the interval of its size reaches down to zero: what would "
-            f"shrink cannot be told, so that nothing is named; {f.leading[0]} leads"
-        )
-        return _unresolved(f, *reasons)
-    rest = f.after_low > 0 and f.left > UNEXPLAINED
-    misfit = rest and f.novelty_p <= NOVELTY_LEVEL and f.unknown_probability > LEAST_UNKNOWN
-    pair = f.pair if f.pair and rest and _explains(f.pair, misfit, f.novelty_p) else None
-    if misfit and pair is None:
-        return _misfit(f, reasons)
-    agreement = f.agreement if pair is None else f.pair_agreement
-    if agreement is not None:
-        return _unresolved(f, *reasons, agreement)
-    named = {*f.leading, *(pair.names if pair else ())}
-    if any(named.isdisjoint(half) for half in f.halves):
-        reasons.append("half of the draws lead to another answer: spend a larger budget")
-        return _unresolved(f, *reasons)
-    if len(f.leading) > max(2, MOST_NAMED * f.offered):
-        if len(f.alike) == len(f.leading):
-            reasons.append(
-                f"with these trials and simulations {len(f.leading)} of the library's {f.offered} "
-                "effects cannot be told apart: the data do not decide"
-            )
-        else:
-            reasons.append(
-                f"{_alike(f)}; it takes {len(f.leading)} of the library's {f.offered} effects to "
-                f"reach {LEAST_PROBABILITY}: the data do not decide"
-            )
-        return _unresolved(f, *reasons)
-    left = max(f.left, f.left_of_all)
-    if pair is None and f.after_low > 0 and left > MOST_LEFT:
-        reasons.append(
-            f"the best effect leaves {min(left, 1.0):.0%} of the gap on motions that it did not see"
-        )
-        return _unresolved(f, *reasons)
-    if pair is None and rest and f.novelty_p <= DOUBTFUL:
-        reasons.append(
-            f"the best effect leaves {f.left:.0%} of the gap on motions that it did not see, and "
-            f"fits worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes"
-        )
-        return _unresolved(f, *reasons)
-    if pair is None and f.after_low > MOST_REST * f.floor:
-        reasons.append(
-            f"what the best effect leaves is more than {MOST_REST:g} times the floor's own loss: "
-            "it is no explanation, however much of the gap it closes"
-        )
-        return _unresolved(f, *reasons)
-    if f.anew is not None and f.anew.short:
-        reasons.append(
-            f"simulated anew under what leads, the uncertain trials lose "
-            f"{f.anew.closure.value:.0%} of their gap where the emulator foretells "
-            f"{f.anew.foretold:.0%}: it cannot be trusted here"
-        )
-        return _unresolved(f, *reasons)
-    if pair is not None:
-        reasons.append("a second effect improves the score on motions that the choice did not see")
-        probability = f.class_probability * pair.probability
-        return Verdict("pair", pair.names, probability, tuple(reasons))
-    if len(f.leading) > 1:
-        reasons.append(
-            "this campaign does not tell these effects apart"
-            if len(f.alike) == len(f.leading)
-            else f"{_alike(f)}; {LEAST_PROBABILITY} takes the others too, which fit worse"
-        )
-        return Verdict("class", f.leading, f.class_probability, tuple(reasons))
-    return Verdict("effect", f.leading, f.class_probability, tuple(reasons))
-
-
-def _misfit(f: Findings, reasons: list[str]) -> Verdict:
+def _misfit(f: Findings, reasons: list[Statement]) -> Verdict:
     """What is said where neither one effect nor a pair explains the gap."""
     none = _none_beside_unknown(f)
     if f.unknown_probability <= none:
-        reason = (
-            "the best effect leaves a gap above the floor on motions that it did not see, but by "
-            f"its prior none, with {none:.2f}, is more probable than a cause outside the library, "
-            f"with {f.unknown_probability:.2f}"
+        reason = Statement.of(
+            ReasonCode.NONE_BEATS_OUT_OF_LIBRARY,
+            none=none,
+            out_of_library=f.unknown_probability,
         )
         return _unresolved(f, *reasons, reason)
-    reasons = [
-        *reasons,
-        "the best effect leaves a gap above the floor on motions that it did not see, and fits "
-        f"worse than {1 - f.novelty_p:.0%} of the campaigns that the library makes",
-    ]
+    reasons = [*reasons, Statement.of(ReasonCode.MISFIT, worse_than=1 - f.novelty_p)]
     if f.pair is not None:
-        first, second = f.pair.names
-        reasons.append(
-            f"{first} and {second} together do better there than one effect, but leave "
-            f"{min(max(f.pair.left, 0.0), 1.0):.0%} of the gap: two effects, or a cause outside "
-            "the library"
-        )
-        return _unresolved(f, *reasons)
+        reason = Statement.of(ReasonCode.PAIR_LEAVES_GAP, effects=f.pair.names, left=f.pair.left)
+        return _unresolved(f, *reasons, reason)
     if f.left < 0.5:
         reasons.append(
-            f"that best one, {f.leading[0]}, still closes {1 - f.left:.0%} of the gap there: "
-            "it may be a part of the cause, beside what the library lacks"
+            Statement.of(ReasonCode.PART_OF_THE_CAUSE, effect=f.leading[0], closed=1 - f.left)
         )
-    return Verdict("unknown", (), f.unknown_probability, tuple(reasons))
+    return Verdict(VerdictKind.UNKNOWN, (), f.unknown_probability, tuple(reasons))
 
 
 def points_outside(verdict: Verdict, f: Findings) -> bool:
     """Whether an unresolved verdict leaves more than half to a cause outside the library."""
-    return verdict.kind == "unresolved" and f.unknown_probability > 0.5
+    return verdict.kind is VerdictKind.UNRESOLVED and f.unknown_probability > 0.5
 
 
 def disagreement(
@@ -330,7 +317,7 @@ def disagreement(
     classifier_best: str,
     likelihood_set: tuple[str, ...],
     classifier_set: tuple[str, ...],
-) -> str | None:
+) -> Statement | None:
     """Why two routes contradict each other; None: they do not.
 
     They agree if the leading class has a member in either route's 90 % set, and the best label of
@@ -338,11 +325,11 @@ def disagreement(
     """
     for route, labels in (("likelihood", likelihood_set), ("classifier", classifier_set)):
         if not set(leading) & set(labels):
-            return f"the {route}'s 90 % set holds none of {', '.join(leading)}"
+            return Statement.of(ReasonCode.ROUTE_SET_EXCLUDES, route=route, effects=leading)
     for route, best, other in (
         ("likelihood", likelihood_best, classifier_set),
         ("classifier", classifier_best, likelihood_set),
     ):
         if best not in leading and best not in other:
-            return f"the {route} favours {best}, which the other route rules out"
+            return Statement.of(ReasonCode.ROUTE_FAVOURS_OTHER, route=route, effect=best)
     return None

@@ -1,1 +1,1 @@
-"""WHERE the gap lies: places whose residuals are too large for campaigns without effect."""
+"""WHERE the gap lies: locations whose residuals are too large for campaigns without effect."""

@@ -1,8 +1,8 @@
 """Gap-free campaigns drawn from the fitted model of no effect, as many as a p value needs.
 
 The engine's own are few. Nuisances are drawn from their prior, outcomes and features from the
-emulator's distributions: what the engine's campaigns share with these is how places and channels
-hang together, and that is all that :mod:`vsr2.diagnosis.where.places` takes from them.
+emulator's distributions: what the engine's campaigns share with these is how locations and channels
+hang together, and that is all that :mod:`vsr2.diagnosis.where.scan` takes from them.
 """
 
 from __future__ import annotations

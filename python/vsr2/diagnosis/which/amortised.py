@@ -29,7 +29,7 @@ _RIDGE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class TrialConditions:
     """Where each trial stands, for residuals by place.
 
     Attributes:
@@ -79,7 +79,11 @@ class Classifier:
 
 
 def train(
-    library: Library, design: Design, places: Places, labels: tuple[str, ...], seed: int
+    library: Library,
+    design: Design,
+    conditions: TrialConditions,
+    labels: tuple[str, ...],
+    seed: int,
 ) -> Classifier:
     """Train on simulated campaigns; "" of the design is the first label."""
     from sklearn.ensemble import ExtraTreesClassifier
@@ -95,7 +99,7 @@ def train(
     least[:trials] = 0.05
     scale = np.sqrt(square + least)
     residual = _standard(data, centre, scale)
-    directions = _directions(library, design, residual, places, data.shape[1] // trials)
+    directions = _directions(library, design, residual, conditions, data.shape[1] // trials)
     names = np.where(none, labels[0], design.effect)
     model = ExtraTreesClassifier(
         TREES,
@@ -120,7 +124,7 @@ def _standard(data: Array, centre: Array, scale: Array) -> Array:
 
 
 def _directions(
-    library: Library, design: Design, residual: Array, places: Places, channels: int
+    library: Library, design: Design, residual: Array, conditions: TrialConditions, channels: int
 ) -> Array:
     x, blocks = design_matrix(library, list(design.effect), design.quantiles, design.nuisances)
     rows = [residual[design.effect == ""]]
@@ -139,7 +143,7 @@ def _directions(
     pooled = np.concatenate(rows)
     pooled = pooled - pooled.mean(axis=0)
     components = singular_values(pooled)[2][:_COMPONENTS]
-    plain = places.directions()
+    plain = conditions.directions()
     spread = [np.kron(np.eye(channels)[c], row) for c in range(channels) for row in plain]
     out = np.stack([*found, *components, *spread])
     return np.asarray(

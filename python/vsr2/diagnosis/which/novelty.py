@@ -2,7 +2,7 @@
 
 A conformal test (V. Vovk et al., "Algorithmic Learning in a Random World", 2005). What it says of a
 cause outside the library is measured by leaving each effect out in turn: then its simulated
-campaigns are strangers, and the best that is left explains them or does not.
+campaigns stand for causes outside the library, and the best that is left explains them or not.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Misfit:
         """Share of the library's campaigns that fit no better.
 
         Of those whose effect is about as strong, because the emulator's error grows with it, and of
-        those with the same best label, because an effect whose outcomes cannot be foretold (labels
+        those with the same best label, because an effect whose outcomes cannot be predicted (labels
         noted wrongly) leaves every one of its campaigns with a poor fit. The larger share counts.
 
         Args:
@@ -72,53 +72,54 @@ class Misfit:
 
 
 @dataclass(frozen=True, eq=False)
-class Strangers:
+class OutOfLibrary:
     """What misfit says of a cause outside the library.
 
-    The log likelihood ratio of strangers against the library's own campaigns is taken as linear in
-    the logarithms of the p value and of the strength, and in their product (logistic regression).
+    The log likelihood ratio of campaigns from outside the library against the library's own is
+    taken as linear in the logarithms of the p value and of the strength, and in their product
+    (logistic regression).
 
     Attributes:
         weights: of 1, ln p, ln(1 + S^2) and ln p ln(1 + S^2); they give the log likelihood ratio.
-        noticed: share of strangers with a gap that the test notices; None: there are none.
+        detection_rate: share of the former with a gap that the test detects; None: there are none.
     """
 
     weights: Array
-    noticed: float | None
+    detection_rate: float | None
 
     def probability(self, p_value: Array, strength: Array, prior: float = PRIOR) -> Array:
-        """That campaigns with these p values and strengths are strangers."""
+        """That campaigns with these p values and strengths come from outside the library."""
         from scipy.special import expit, logit
 
         return np.asarray(expit(_terms(p_value, strength) @ self.weights + logit(prior)))
 
 
-def fit_strangers(
+def fit_out_of_library(
     known: tuple[Array, Array],
     weight: Array,
-    strange: tuple[Array, Array],
+    left_out: tuple[Array, Array],
     shows_gap: NDArray[np.bool_],
-) -> Strangers:
+) -> OutOfLibrary:
     """Learn from the library's campaigns, each as it is and with its effect left out.
 
     Args:
         known: p values and strengths, each shape (rows,).
         weight: of the known campaigns, shape (rows,).
-        strange: p values and strengths, each shape (strangers,).
-        shows_gap: which strangers show a gap at all, shape (strangers,).
+        left_out: p values and strengths where its effect is left out, each shape (campaigns,).
+        shows_gap: which of the latter show a gap at all, shape (campaigns,).
     """
     from sklearn.linear_model import LogisticRegression
 
-    if not strange[0].size:
-        return Strangers(np.zeros(4), None)
-    x = np.concatenate([_terms(*known), _terms(*strange)])
-    y = np.repeat([0, 1], [known[0].size, strange[0].size])
-    each = np.concatenate([weight / weight.sum(), np.full(strange[0].size, 1 / strange[0].size)])
+    if not left_out[0].size:
+        return OutOfLibrary(np.zeros(4), None)
+    x = np.concatenate([_terms(*known), _terms(*left_out)])
+    y = np.repeat([0, 1], [known[0].size, left_out[0].size])
+    each = np.concatenate([weight / weight.sum(), np.full(left_out[0].size, 1 / left_out[0].size)])
     model = LogisticRegression(C=10.0, fit_intercept=False, max_iter=500)
     model.fit(x, y, sample_weight=each * x.shape[0])
-    loud = strange[0][shows_gap]
-    noticed = float(np.mean(loud <= LEVEL)) if loud.size else None
-    return Strangers(np.asarray(model.coef_[0], dtype=np.float64), noticed)
+    loud = left_out[0][shows_gap]
+    detection_rate = float(np.mean(loud <= LEVEL)) if loud.size else None
+    return OutOfLibrary(np.asarray(model.coef_[0], dtype=np.float64), detection_rate)
 
 
 def _terms(p_value: Array, strength: Array) -> Array:

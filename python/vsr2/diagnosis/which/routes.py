@@ -38,9 +38,9 @@ from vsr2.diagnosis.simulated.library import (
 )
 from vsr2.diagnosis.where.discrepancy import disturbed
 from vsr2.diagnosis.where.null_campaigns import null_campaigns
-from vsr2.diagnosis.where.places import residuals
-from vsr2.diagnosis.which.amortised import Classifier, Places, train
-from vsr2.diagnosis.which.novelty import PRIOR, Misfit, Strangers, fit_strangers
+from vsr2.diagnosis.where.scan import residuals
+from vsr2.diagnosis.which.amortised import Classifier, TrialConditions, train
+from vsr2.diagnosis.which.novelty import PRIOR, Misfit, OutOfLibrary, fit_out_of_library
 from vsr2.diagnosis.which.tempering import (
     Judged,
     Tempering,
@@ -104,11 +104,11 @@ class Combination:
         """
         ratio = likelihood - prior
         ratio = ratio - ratio[..., :1]
-        told = self.likelihood.weight(likelihood)[..., None] * np.maximum(ratio, 0.0)
+        unlimited = self.likelihood.weight(likelihood)[..., None] * np.maximum(ratio, 0.0)
         against = self.against * np.minimum(ratio, 0.0)
         if np.isfinite(self.limit):
             against = self.limit * np.expm1(against / self.limit)
-        return _normal(told + against + self.classifier * classifier + prior)
+        return _normal(unlimited + against + self.classifier * classifier + prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +129,9 @@ class Calibration:
         gap: cross-fitted mean loss of the model without effects, shape (rows,).
         floor: of each trial, its mean loss in the gap-free campaigns, shape (trials,).
         misfit: of the best hypotheses by route A.
-        strangers: what misfit says of a cause outside the library.
+        out_of_library: what misfit says of a cause outside the library.
         unknown: probability of such a cause in each campaign, shape (rows,).
-        unknown_left_out: the same of campaigns whose effect was left out, shape (strangers,).
+        unknown_left_out: the same of campaigns whose effect was left out, shape (campaigns,).
         null: residuals and variances of the gap-free campaigns, as another simulator would have
             them, each (campaigns, channels, trials).
     """
@@ -148,7 +148,7 @@ class Calibration:
     gap: Array
     floor: Array
     misfit: Misfit
-    strangers: Strangers
+    out_of_library: OutOfLibrary
     unknown: Array
     unknown_left_out: Array
     null: tuple[Array, Array]
@@ -165,7 +165,8 @@ class Inference:
         probability: calibrated, shape (labels,); in a class, of effects that theory takes for about
             the same, with odds that their separation allows.
         classes: of effects that the campaign does not tell apart, the most probable first.
-        told: as calibrated, without a limit to what route A says against effects, shape (labels,).
+        unlimited: as calibrated, without a limit to what route A says against effects, shape
+            (labels,).
         exponent: with which a log likelihood ratio of two effects counts, at most 1.
         before: cross-fitted prediction of the model without effects.
         loss: of each trial under it, shape (trials,).
@@ -185,7 +186,7 @@ class Inference:
     classifier: Array
     probability: Array
     classes: list[list[str]]
-    told: Array
+    unlimited: Array
     exponent: float
     before: Prediction
     loss: Array
@@ -209,7 +210,7 @@ class Prepared:
         classifier: route B, trained on all simulated campaigns.
         calibration: both on held-out campaigns.
         drawn: as `Calibration.null`, of campaigns drawn from the fitted model of no effect.
-        places: of the trials.
+        conditions: of the trials.
         motion: index of each trial's ground motion.
         halves: the same by draws of odd and of even number alone, with the calibration of all;
             empty where these are fewer than `LEAST_HALF` of an effect.
@@ -222,7 +223,7 @@ class Prepared:
     classifier: Classifier
     calibration: Calibration
     drawn: tuple[Array, Array]
-    places: Places
+    conditions: TrialConditions
     motion: NDArray[np.int64]
     halves: tuple[Prepared, ...] = ()
 
@@ -232,7 +233,7 @@ def prepare(
     library: Library,
     design: Design,
     draws: NDArray[np.int64],
-    places: Places,
+    conditions: TrialConditions,
     motion: NDArray[np.int64],
     *,
     seed: int = 0,
@@ -244,7 +245,7 @@ def prepare(
         library: effects offered.
         design: simulated campaigns of the kept trials.
         draws: of each simulated campaign.
-        places: of the trials.
+        conditions: of the trials.
         motion: index of each trial's ground motion.
         seed: of the classifier.
         step: called with the share done.
@@ -262,11 +263,11 @@ def prepare(
     )
     emulators = [replace(emulator, wrong=wrong) for emulator in emulators]
     calibration = _calibrate(
-        library, design, folds, emulators, places, motion, labels, seed, report
+        library, design, folds, emulators, conditions, motion, labels, seed, report
     )
     emulator = replace(fit_emulator(library, design), wrong=wrong)
     tables = _tables(emulator, labels)
-    classifier = train(library, design, places, labels, seed)
+    classifier = train(library, design, conditions, labels, seed)
     gap_free = Data(design.overturned, design.features).take(
         np.flatnonzero((design.effect == "") & judged)
     )
@@ -274,16 +275,16 @@ def prepare(
     rng = np.random.default_rng([seed, 8])
     drawn = _of_another(drawn, emulator, motion, rng)
     nulls = residuals(crossfitted_none(tables[NONE], drawn, motion), drawn)
-    whole = Prepared(
-        library, labels, emulator, tables, classifier, calibration, nulls, places, motion
+    fitted = Prepared(
+        library, labels, emulator, tables, classifier, calibration, nulls, conditions, motion
     )
     parts = [np.flatnonzero(draws % 2 == parity) for parity in (1, 0)]
     fewest = min(np.count_nonzero(design.effect[p] == name) for p in parts for name in library)
     if fewest >= LEAST_HALF:
-        halves = tuple(_refitted(whole, design.take(part), seed) for part in parts)
-        whole = replace(whole, halves=halves)
+        halves = tuple(_refitted(fitted, design.take(part), seed) for part in parts)
+        fitted = replace(fitted, halves=halves)
     report(1.0)
-    return whole
+    return fitted
 
 
 def _refitted(prepared: Prepared, design: Design, seed: int) -> Prepared:
@@ -294,7 +295,7 @@ def _refitted(prepared: Prepared, design: Design, seed: int) -> Prepared:
         prepared,
         emulator=emulator,
         tables=_tables(emulator, prepared.labels),
-        classifier=train(prepared.library, design, prepared.places, prepared.labels, seed),
+        classifier=train(prepared.library, design, prepared.conditions, prepared.labels, seed),
     )
 
 
@@ -316,13 +317,13 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
     probability = np.exp(combination.log_probability(likelihood, classifier, prior))
     best = labels[int(np.argmax(likelihood))]
     novelty = novelty_statistics(
-        predict(tables[best], posteriors[best]), observed, prepared.places.directions()
+        predict(tables[best], posteriors[best]), observed, prepared.conditions.directions()
     )[0]
     before = crossfitted_none(tables[NONE], observed, prepared.motion)
     loss = losses(before, observed)[0]
     strength = float(strengths(likelihood))
     novelty_p = calibration.misfit.p_value(novelty, labels.index(best), strength)
-    unknown = float(calibration.strangers.probability(np.array(novelty_p), np.array(strength)))
+    unknown = float(calibration.out_of_library.probability(np.array(novelty_p), np.array(strength)))
     none = calibration.truth == 0
     against = _odds(calibration.probability)[none]
     stated = dict(zip(labels, probability.tolist(), strict=True))
@@ -337,7 +338,7 @@ def infer(prepared: Prepared, observed: Data) -> Inference:
         classifier=classifier,
         probability=np.array([even[label] for label in labels]),
         classes=groups,
-        told=np.exp(unlimited.log_probability(likelihood, classifier, prior)),
+        unlimited=np.exp(unlimited.log_probability(likelihood, classifier, prior)),
         exponent=calibration.pairwise,
         before=before,
         loss=loss,
@@ -372,7 +373,7 @@ def _calibrate(
     design: Design,
     folds: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]],
     emulators: Sequence[Emulator],
-    places: Places,
+    conditions: TrialConditions,
     motion: NDArray[np.int64],
     labels: tuple[str, ...],
     seed: int,
@@ -382,10 +383,10 @@ def _calibrate(
     truth = np.array([labels.index(name or NONE) for name in design.effect])
     a, b = np.zeros((rows, len(labels))), np.zeros((rows, len(labels)))
     loss = np.zeros((rows, motion.size))
-    known_misfit, strange_misfit = np.zeros((rows, 0)), np.zeros((rows, 0))
+    known_misfit, left_out_misfit = np.zeros((rows, 0)), np.zeros((rows, 0))
     null: list[tuple[Array, Array]] = []
     judged: list[Judged] = []
-    directions = places.directions()
+    directions = conditions.directions()
     rng = np.random.default_rng([seed, 9])
     for fold, ((inside, held), emulator) in enumerate(zip(folds, emulators, strict=True)):
         data = Data(design.overturned[held], design.features[held])
@@ -408,15 +409,15 @@ def _calibrate(
             known_misfit, held, _misfits(tables, data, np.argmax(own, axis=1), directions)
         )
         left = np.where(_is_truth(truth[held], own), -np.inf, own)
-        strange_misfit = _placed(
-            strange_misfit, held, _misfits(tables, data, np.argmax(left, axis=1), directions)
+        left_out_misfit = _placed(
+            left_out_misfit, held, _misfits(tables, data, np.argmax(left, axis=1), directions)
         )
-        classifier = train(library, design.take(inside), places, labels, seed)
+        classifier = train(library, design.take(inside), conditions, labels, seed)
         b[held] = classifier.log_probability(data)
         report((fold + 1) / (FOLDS + 1))
     chosen = np.sort(np.concatenate([held for _, held in folds]))
     truth, a, b, loss = truth[chosen], a[chosen], b[chosen], loss[chosen]
-    known_misfit, strange_misfit = known_misfit[chosen], strange_misfit[chosen]
+    known_misfit, left_out_misfit = known_misfit[chosen], left_out_misfit[chosen]
     prior = log_prior(labels)
     a = _normal(a + prior)
     counts = np.bincount(truth, minlength=len(labels))
@@ -429,14 +430,14 @@ def _calibrate(
     known_p = misfit.p_values(known_misfit, misfit.best, misfit.strength)
     left_out = np.flatnonzero(truth > 0)
     others = np.where(_is_truth(truth, a), -np.inf, a)[left_out]
-    strange_strength = strengths(others)
-    strange_p = misfit.p_values(
-        strange_misfit[left_out], np.argmax(others, axis=1), strange_strength
+    left_out_strength = strengths(others)
+    left_out_p = misfit.p_values(
+        left_out_misfit[left_out], np.argmax(others, axis=1), left_out_strength
     )
-    strangers = fit_strangers(
+    out_of_library = fit_out_of_library(
         (known_p, misfit.strength),
         weight,
-        (strange_p, strange_strength),
+        (left_out_p, left_out_strength),
         _shows_gap(probability, gap, truth)[left_out],
     )
     return Calibration(
@@ -452,9 +453,9 @@ def _calibrate(
         gap,
         floor,
         misfit,
-        strangers,
-        strangers.probability(known_p, misfit.strength),
-        strangers.probability(strange_p, strange_strength),
+        out_of_library,
+        out_of_library.probability(known_p, misfit.strength),
+        out_of_library.probability(left_out_p, left_out_strength),
         (np.concatenate([n[0] for n in null]), np.concatenate([n[1] for n in null])),
     )
 
@@ -575,7 +576,8 @@ def _sets(
     """Split-conformal sets: labels as probable as the true label was in 90 % of campaigns.
 
     The score of a label is its probability (V. Vovk et al., "Algorithmic Learning in a Random
-    World", 2005); campaigns weigh by the prior of their label, strangers by that of the unknown.
+    World", 2005); campaigns weigh by the prior of their label, those from outside the library by
+    that of the unknown.
     """
     rows = np.arange(calibration.truth.size)
 
@@ -595,10 +597,10 @@ def _sets(
 
     blank = np.zeros(0)
     labels = calibration.labels
-    whole = calibration.probability * (1 - calibration.unknown[:, None])
+    fitted = calibration.probability * (1 - calibration.unknown[:, None])
     both = np.append(probability * (1 - unknown), unknown)
     return {
-        "both": tuple(chosen(whole, both, (*labels, UNKNOWN), calibration.unknown_left_out)),
+        "both": tuple(chosen(fitted, both, (*labels, UNKNOWN), calibration.unknown_left_out)),
         "likelihood": tuple(
             chosen(np.exp(calibration.likelihood), np.exp(likelihood), labels, blank)
         ),

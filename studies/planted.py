@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planar.block import GRAVITY
+from planar.simulator import PlanarSimulator
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
-from vsr2.diagnosis.diagnose import conclude
+from vsr2.diagnosis.conclusion import conclude
 from vsr2.diagnosis.likelihood.evidence import Data
 from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import Design, Screening, screen, simulate_design
-from vsr2.diagnosis.simulated.planar.block import GRAVITY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
 from vsr2.diagnosis.simulated.reach import reaching
 from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, Simulator
-from vsr2.diagnosis.verdict.result import Diagnosis
-from vsr2.diagnosis.verdict.summary import Evidence, compose
-from vsr2.diagnosis.which.amortised import Places
+from vsr2.diagnosis.verdict.compose import Evidence, compose
+from vsr2.diagnosis.verdict.document import Diagnosis
+from vsr2.diagnosis.which.amortised import TrialConditions
 from vsr2.diagnosis.which.routes import Inference, Prepared, infer, prepare
 from vsr2.motion import Record
 
@@ -144,7 +144,7 @@ class Rehearsal:
         most: trials kept.
         noise: standard error of the largest tilt [rad].
         series: whether the simulator gives series.
-        bank: file of simulations; None: in memory.
+        cache: file of simulations; None: in memory.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Rehearsal:
         most: int = 400,
         noise: float = 0.003,
         series: bool = False,
-        bank: Path | None = None,
+        cache: Path | None = None,
     ) -> None:
         self.simulator = simulator
         self._noise = noise
@@ -172,13 +172,13 @@ class Rehearsal:
         seen = observe_campaign(blank, "M")
         measured = (*seen.measured, *TILT_FEATURES) if series else seen.measured
         self._seen = replace(seen, tier="T" if series else "M", measured=measured)
-        self.bank = Bank(simulator, bank)
+        self.cache = SimulationCache(simulator, cache)
         self.screening: Screening = screen(
-            self.bank, self._seen, runs=screening_runs, most=most, seed=0
+            self.cache, self._seen, runs=screening_runs, most=most, seed=0
         )
-        self.library = reaching(self.bank, self.screening)
+        self.library = reaching(self.cache, self.screening)
         self._design, self.draws = simulate_design(
-            self.bank, self._seen, self.screening, self.library, dict.fromkeys(self.library, draws)
+            self.cache, self._seen, self.screening, self.library, dict.fromkeys(self.library, draws)
         )
 
     def observed(
@@ -203,11 +203,13 @@ class Rehearsal:
     ) -> Prepared:
         """Both routes for a tier, some effects left out of the library."""
         library = {n: e for n, e in self.library.items() if n not in without}
-        whole = self.design(tier) if design is None else design
-        rows = np.flatnonzero(~np.isin(whole.effect, list(without)))
+        simulated = self.design(tier) if design is None else design
+        rows = np.flatnonzero(~np.isin(simulated.effect, list(without)))
         seen, kept = self._seen, self.screening.kept
-        places = Places(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
-        return prepare(library, whole.take(rows), self.draws[rows], places, seen.motion[kept])
+        conditions = TrialConditions(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
+        return prepare(
+            library, simulated.take(rows), self.draws[rows], conditions, seen.motion[kept]
+        )
 
     def judge(self, prepared: Prepared, seen: Observations, tier: Tier) -> Judged:
         """From observations to diagnosis."""
@@ -218,7 +220,7 @@ class Rehearsal:
         )
         observed = Data(part.overturned[None, kept], part.features[None, kept])
         found = infer(prepared, observed)
-        evidence = conclude(self.bank, part, self.screening, prepared, found)
-        spent = {"budget": {"limited": False}}
+        evidence = conclude(self.cache, part, self.screening, prepared, found)
+        spent = {"budget": {"state": "sufficient"}}
         diagnosis = compose(part, self.screening, prepared, found, evidence, {}, spent)
         return Judged(evidence, found, diagnosis)

@@ -27,15 +27,15 @@ import numpy as np
 from vsr2.analysis import Classification
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
+from vsr2.calibration.calibration_study import CalibrationStudy, study_values
 from vsr2.calibration.evaluation import RUNNING
 from vsr2.calibration.scores import metrics_of, objective_of
 from vsr2.calibration.search import Step
-from vsr2.calibration.settings import CalibrationStudy, study_values
 from vsr2.calibration.store import EVALUATIONS_FILE, Evaluation
 from vsr2.config import dump_study
 from vsr2.errors import ResultError
 from vsr2.results import JOURNAL_FILE
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import write_text
 
 TABLE = "table.csv"
 OWN_FILES = (
@@ -102,7 +102,7 @@ def save_calibration(
     texts["best.yaml"] = dump_study(best)
     texts["provenance.json"] = json.dumps(result.provenance, indent=2) + "\n"
     for name, text in texts.items():
-        _write(path / name, text)
+        write_text(path / name, text)
     return [path / name for name in texts]
 
 
@@ -227,10 +227,6 @@ def profile_rows(result: CalibrationResult) -> list[dict[str, Any]]:
         for profile in result.profiles
         for cell in profile.cells
     ]
-
-
-def _write(path: Path, text: str) -> None:
-    write_atomic(path, lambda file: file.write(text.encode()))
 
 
 def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:

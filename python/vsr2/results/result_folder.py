@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
-from vsr2.results.atomic import link_atomic, write_atomic
+from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
 from vsr2.results.journal import JOURNAL_FILE, refuse_running
 from vsr2.results.result import (
     CONTACT_COLUMNS,
@@ -225,9 +225,8 @@ def save_result(
             save_trial_log(path, i, log, npy=npy)
     logged = [i for i in range(len(result)) if _numbered(path, LOG_FOLDER, i, "npz").exists()]
     text = _provenance_text(result, logged)
-    table = _table_text(result.trials)
-    write_atomic(path / TRIALS_FILE, lambda f: f.write(table.encode("utf-8", "surrogateescape")))
-    write_atomic(path / PROVENANCE_FILE, lambda f: f.write(text.encode()))
+    write_text(path / TRIALS_FILE, _table_text(result.trials), errors="surrogateescape")
+    write_text(path / PROVENANCE_FILE, text)
     return path
 
 
@@ -255,14 +254,14 @@ def save_trial_log(
     """
     path = Path(folder)
     target = _numbered(path, LOG_FOLDER, index, "npz")
-    _make_folder(target.parent)
+    make_folder(target.parent)
     # Logs of pedestals that move along x only stay as older versions write and read them.
     left_out = () if len(log.excursions) else _SPATIAL_NAMES
     write_arrays(target, {name: getattr(log, name) for name in _LOG_NAMES if name not in left_out})
     if npy:
         rows = original_rows(log)
         target = _numbered(path, NPY_FOLDER, index, "npy")
-        _make_folder(target.parent)
+        make_folder(target.parent)
         write_atomic(target, lambda file: np.save(file, rows, allow_pickle=False))
 
 
@@ -292,7 +291,7 @@ def adopt_trial_log(
         origin = _numbered(Path(source), kind, source_index, suffix)
         if origin.exists():
             target = _numbered(Path(folder), kind, index, suffix)
-            _make_folder(target.parent)
+            make_folder(target.parent)
             link_atomic(origin, target)
     return _numbered(Path(source), LOG_FOLDER, source_index, "npz").exists()
 
@@ -314,13 +313,6 @@ def original_rows(log: TrialLog) -> NDArray[np.float64]:
 
 def _numbered(folder: Path, kind: str, index: int, suffix: str) -> Path:
     return folder / kind / f"{index:06d}.{suffix}"
-
-
-def _make_folder(path: Path) -> None:
-    try:
-        path.mkdir(exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"{path}: cannot be created ({error.strerror or error})") from error
 
 
 def _provenance_text(result: BatchResult, logged: list[int]) -> str:

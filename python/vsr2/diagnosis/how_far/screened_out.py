@@ -1,4 +1,4 @@
-"""Trials that screening dropped: simulated again under what the others favour.
+"""Trials that screening dismissed: simulated again under what the others favour.
 
 Screening drops a trial for what its simulations did, never for its outcome. An effect of a strength
 that screening did not try may turn some of them, rightly or not. So each is simulated under the
@@ -13,29 +13,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.shrinkage import Shrinkage
+from vsr2.diagnosis.how_far.held_out import HeldOutLosses
 from vsr2.diagnosis.likelihood.evidence import PREDICTED
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.simulator import Request
 
 Array = NDArray[np.float64]
 
 
-DROPPED_RUNS = 3 * PREDICTED
-"""Simulations of each dropped trial: without effect, with the chosen one, with the placebo."""
+SCREENED_OUT_RUNS = 3 * PREDICTED
+"""Simulations of each such trial: without effect, with the chosen one, with the control."""
 
 
 @dataclass(frozen=True, eq=False)
-class Dropped:
-    """What the dropped trials do.
+class ScreenedOut:
+    """What the screened-out trials do.
 
     Attributes:
         trials: indices in the campaign, shape (n,).
         group: by which each is judged, shape (n,).
         certain: whether it does the same whenever it is simulated without effect, shape (n,).
-        before, after, placebo: probability of overturning without effect, with the effect chosen on
-            the other motions, and with the placebo so chosen, each (n,).
+        before, after, negative_control: probability of overturning without effect, with the effect
+            chosen on the other motions, and with the negative control so chosen, each (n,).
     """
 
     trials: NDArray[np.int64]
@@ -43,26 +43,26 @@ class Dropped:
     certain: NDArray[np.bool_]
     before: Array
     after: Array
-    placebo: Array
+    negative_control: Array
 
 
-def simulate_dropped(
-    store: Bank, screening: Screening, shrinkage: Shrinkage, motion: NDArray[np.int64]
-) -> Dropped:
+def simulate_screened_out(
+    store: SimulationCache, screening: Screening, held_out: HeldOutLosses, motion: NDArray[np.int64]
+) -> ScreenedOut:
     """Simulate them without effect and under the models of their motions' group.
 
     Motions none of whose trials was kept belong to the first group: no model saw them.
 
     Args:
         store: of simulations.
-        screening: which trials were dropped.
-        shrinkage: the models of each group of kept trials.
+        screening: which trials were screened out.
+        held_out: the models of each group of kept trials.
         motion: index of each trial's ground motion, shape (trials,).
     """
     kept = screening.kept
     trials = np.setdiff1d(np.arange(motion.size), kept)
-    names = np.unique(shrinkage.group)
-    group_of = dict(zip(motion[kept].tolist(), shrinkage.group.tolist(), strict=True))
+    names = np.unique(held_out.group)
+    group_of = dict(zip(motion[kept].tolist(), held_out.group.tolist(), strict=True))
     group = np.array([group_of.get(int(m), names[0]) for m in motion[trials]], dtype=np.int64)
 
     def overturned(role: str) -> Array:
@@ -70,7 +70,7 @@ def simulate_dropped(
         requests = [
             Request(int(trial), effects, nuisance, 1)
             for trial, k in zip(trials, np.searchsorted(names, group).tolist(), strict=True)
-            for effects, nuisance in shrinkage.draws[shrinkage.chosen[role][k]][k]
+            for effects, nuisance in held_out.draws[held_out.chosen[role][k]][k]
         ]
         if not requests:
             return np.zeros((0, PREDICTED))
@@ -79,15 +79,17 @@ def simulate_dropped(
     # What all simulations agree on is as certain as all of them make it.
     alike, likely = screening.alike[trials], screening.probability[trials] > 0.5
 
-    def told(table: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def predicted(table: Array) -> tuple[Array, NDArray[np.bool_]]:
         count = np.isfinite(table).sum(axis=1)
         own = (np.nansum(table, axis=1) + 0.5) / (count + 1)
         same = alike & ((table > 0.5) == likely[:, None]).all(axis=1)
         return np.where(same, screening.probability[trials], own), same
 
-    before, certain = told(overturned("before"))
-    after, placebo = (told(overturned(role))[0] for role in ("after", "placebo"))
-    return Dropped(trials, group, certain, before, after, placebo)
+    before, certain = predicted(overturned("before"))
+    after, negative_control = (
+        predicted(overturned(role))[0] for role in ("after", "negative_control")
+    )
+    return ScreenedOut(trials, group, certain, before, after, negative_control)
 
 
 def surprise_p(outcome: Array, probability: Array) -> float:

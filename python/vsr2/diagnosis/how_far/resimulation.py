@@ -1,4 +1,4 @@
-"""Kept trials simulated anew under what is found: whether the effect does what was foretold of it.
+"""Kept trials re-simulated under what is found: whether the effect does what was predicted of it.
 
 The held-out losses of kept trials are the emulator's. Before an effect is named, these trials are
 simulated again without effect and with the one chosen on the other motions, parameters and
@@ -13,67 +13,80 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.shrinkage import Interval, Shrinkage, interval, resampled_means
+from vsr2.diagnosis.how_far.held_out import HeldOutLosses, Interval, interval, resampled_means
 from vsr2.diagnosis.likelihood.evidence import PREDICTED, Data
 from vsr2.diagnosis.likelihood.score import by_kind
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.simulator import Request
 
 Array = NDArray[np.float64]
 
-ANEW_RUNS = 2 * PREDICTED
+RESIMULATION_RUNS = 2 * PREDICTED
 """Simulations of each kept trial: without effect, and with the chosen one."""
 FRESH = 2
 """Replicate of starts and noise: that of no other simulation with nuisances."""
-LEAST_KEPT = 0.5
-"""Share of what the emulator foretells that simulations must close, if significantly less."""
 
 
 @dataclass(frozen=True)
-class Anew:
+class ResimulationConstants:
+    """How a re-simulation is judged; chosen by hand.
+
+    Attributes:
+        least_closed: share of what the emulator predicts that simulations must close, if
+            significantly less.
+    """
+
+    least_closed: float = 0.5
+
+
+RESIMULATION = ResimulationConstants()
+
+
+@dataclass(frozen=True)
+class Resimulation:
     """What simulations close of the gap of the kept trials.
 
     Attributes:
         closure: their closure, with its interval over motions. Its floor is what simulations
             without effect lose when each is judged by the others.
-        foretold: the emulator's on the same trials.
-        short: whether it is significantly less than `LEAST_KEPT` of what was foretold.
+        predicted: the emulator's on the same trials.
+        short: whether it is significantly less than `RESIMULATION.least_closed` of that.
     """
 
     closure: Interval
-    foretold: float
+    predicted: float
     short: bool
 
 
-def simulate_anew(
-    store: Bank,
+def resimulate(
+    store: SimulationCache,
     seen: Observations,
     screening: Screening,
-    shrinkage: Shrinkage,
+    held_out: HeldOutLosses,
     floor: Array,
     seed: int,
-) -> Anew:
+) -> Resimulation:
     """Simulate the kept trials without effect and with what was chosen, and judge both.
 
     Args:
         store: of simulations.
         seen: the observed campaign.
         screening: which trials were kept.
-        shrinkage: the models of each group of kept trials, and their losses.
+        held_out: the models of each group of kept trials, and their losses.
         floor: mean loss of each kept trial in campaigns without effect.
         seed: of noise and resamples.
     """
     kept = screening.kept
-    groups = np.searchsorted(np.unique(shrinkage.group), shrinkage.group).tolist()
+    groups = np.searchsorted(np.unique(held_out.group), held_out.group).tolist()
 
     def simulated(role: str) -> Data:
         """`PREDICTED` campaigns."""
         requests = [
             Request(int(trial), effects, nuisance, FRESH)
             for trial, k in zip(kept, groups, strict=True)
-            for effects, nuisance in shrinkage.draws[shrinkage.chosen[role][k]][k]
+            for effects, nuisance in held_out.draws[held_out.chosen[role][k]][k]
         ]
         found = store.run(requests)
         shape = (kept.size, PREDICTED)
@@ -94,15 +107,15 @@ def simulate_anew(
         loss + by_kind(np.where(both, score, 0.0))
         for loss, score in zip((before, after), scores, strict=True)
     )
-    closed, foretold = before - after, shrinkage.before - shrinkage.after
-    gaps = [before - _own_loss(parts[0], both), shrinkage.before - floor]
-    values = np.stack([closed, foretold, *gaps])
+    closed, predicted = before - after, held_out.before - held_out.after
+    gaps = [before - _own_loss(parts[0], both), held_out.before - floor]
+    values = np.stack([closed, predicted, *gaps])
     means, draws = values.mean(axis=1), resampled_means(values, seen.motion[kept], seed=seed)
     own, emulated = (max(float(gap), 1e-9) for gap in means[2:])
-    return Anew(
+    return Resimulation(
         interval(float(means[0]) / own, draws[:, 0] / np.maximum(draws[:, 2], 1e-9)),
         float(means[1]) / emulated,
-        bool(np.quantile(draws[:, 0] - LEAST_KEPT * draws[:, 1], 0.975) < 0),
+        bool(np.quantile(draws[:, 0] - RESIMULATION.least_closed * draws[:, 1], 0.975) < 0),
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,19 +66,23 @@ class Interval:
     low: float
     high: float
 
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in `diagnosis.json`."""
+        return {"value": self.value, "ci95": [self.low, self.high]}
+
 
 @dataclass(frozen=True, eq=False)
-class Shrinkage:
+class HeldOutLosses:
     """Held-out losses of each trial.
 
     Attributes:
         before: without effect.
         after: with the effect chosen on the other motions.
-        placebo: with the best effect of another class, so chosen.
+        negative_control: with the best effect of another class, so chosen.
         recalibrated: without effect, the probabilities' logits rescaled and shifted.
         each: with each effect.
         pair: with the best pair; None: none was tried.
-        chosen: hypotheses by group, of `before`, `after`, `placebo` and `pair`.
+        chosen: hypotheses by group, of `before`, `after`, `negative_control` and `pair`.
         draws: of every hypothesis, by group: see :func:`posterior_draws`.
         scaling: shift and slope of the logits behind `recalibrated`, by group, shape (groups, 2).
         predicted_before, predicted_after: probabilities of overturning.
@@ -88,7 +93,7 @@ class Shrinkage:
 
     before: Array
     after: Array
-    placebo: Array
+    negative_control: Array
     recalibrated: Array
     each: dict[str, Array]
     pair: Array | None
@@ -101,26 +106,26 @@ class Shrinkage:
     group: NDArray[np.int64]
     ranked: list[list[str]]
 
-    def of_pair(self, outside: Collection[str]) -> Shrinkage:
+    def of_pair(self, outside: Collection[str]) -> HeldOutLosses:
         """The same with the pair as what was chosen; as it is if none was tried.
 
         Args:
-            outside: effects that the placebo may not be.
+            outside: effects that the negative control may not be.
         """
         if self.pair is None or self.predicted_pair is None:
             return self
-        placebo, names = np.zeros_like(self.before), []
+        negative_control, names = np.zeros_like(self.before), []
         for k, ranked in zip(np.unique(self.group), self.ranked, strict=True):
             name = next((name for name in ranked if name not in outside), NONE)
             losses_of = self.before if name == NONE else self.each[name]
-            placebo[self.group == k] = losses_of[self.group == k]
+            negative_control[self.group == k] = losses_of[self.group == k]
             names.append(name)
         return replace(
             self,
             after=self.pair,
             predicted_after=self.predicted_pair,
-            placebo=placebo,
-            chosen=self.chosen | {"after": [PAIR] * len(names), "placebo": names},
+            negative_control=negative_control,
+            chosen=self.chosen | {"after": [PAIR] * len(names), "negative_control": names},
         )
 
 
@@ -134,7 +139,7 @@ def judge(
     nuisances: Array,
     *,
     pairs: bool,
-) -> Shrinkage:
+) -> HeldOutLosses:
     """Hold every group of motions out once.
 
     Args:
@@ -143,17 +148,16 @@ def judge(
         tables: of "none" and every effect.
         observed: one campaign.
         group: of each trial; no motion stands in two.
-        chosen_class: effects that the verdict does not tell apart; the placebo is none of them.
+        chosen_class: effects that the verdict does not tell apart; none is the negative control.
         nuisances: standardised draws 1, 2, ..., shape (draws, nuisances).
         pairs: also try pairs.
     """
-    trials = observed.overturned.shape[1]
-    blank = np.zeros(trials)
-    before, after, placebo, recalibrated = (blank.copy() for _ in range(4))
+    blank = np.zeros(observed.overturned.shape[1])
+    roles = {role: blank.copy() for role in ("before", "after", "negative_control")}
     p_before, p_after = blank.copy(), blank.copy()
     each = {name: blank.copy() for name in library}
     pair, p_pair = (blank.copy(), blank.copy()) if pairs else (None, None)
-    chosen: dict[str, list[str]] = {"before": [], "after": [], "placebo": [], "pair": []}
+    chosen: dict[str, list[str]] = {role: [] for role in (*roles, "pair")}
     draws: dict[str, list[list[Draw]]] = {name: [] for name in (NONE, PAIR, *library)}
     order = []
     for k in np.unique(group):
@@ -166,16 +170,13 @@ def judge(
         order.append(ranked)
         best = ranked[0]
         wrong = next((name for name in ranked if name not in chosen_class), NONE)
-        before[judged] = loss[NONE][judged]
-        after[judged] = loss[best][judged]
-        placebo[judged] = loss[wrong][judged]
+        for role, name in zip(roles, (NONE, best, wrong), strict=True):
+            chosen[role].append(name)
+            roles[role][judged] = loss[name][judged]
         p_before[judged] = predicted[NONE].probability[0, judged]
         p_after[judged] = predicted[best].probability[0, judged]
         for name in library:
             each[name][judged] = loss[name][judged]
-        chosen["before"].append(NONE)
-        chosen["after"].append(best)
-        chosen["placebo"].append(wrong)
         for name in (NONE, *library):
             given = () if name == NONE else (name,)
             draws[name].append(
@@ -188,29 +189,34 @@ def judge(
             p_pair[judged] = both.probability[0, judged]
             chosen["pair"].append(second)
             draws[PAIR].append(posterior_draws(library, (best, second), table, own, nuisances))
-    plain = crossfitted(tables[NONE], observed, group)
+    recalibrated, scaling = _recalibrated(tables[NONE], observed, group)
+    return HeldOutLosses(
+        **roles,
+        recalibrated=recalibrated,
+        each=each,
+        pair=pair,
+        chosen=chosen,
+        draws=draws,
+        scaling=scaling,
+        predicted_before=p_before,
+        predicted_after=p_after,
+        predicted_pair=p_pair,
+        group=group,
+        ranked=order,
+    )
+
+
+def _recalibrated(none: Table, observed: Data, group: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Losses with rescaled probabilities, shape (trials,), and the scaling of each group."""
+    plain = crossfitted(none, observed, group)
+    out = np.zeros(group.size)
     scaling = []
     for k in np.unique(group):
         judged = group == k
         scaling.append(_scaling(plain, observed, judged))
         scaled = replace(plain, probability=rescaled(plain.probability, scaling[-1]))
-        recalibrated[judged] = losses(scaled, observed)[0][judged]
-    return Shrinkage(
-        before,
-        after,
-        placebo,
-        recalibrated,
-        each,
-        pair,
-        chosen,
-        draws,
-        np.array(scaling),
-        p_before,
-        p_after,
-        p_pair,
-        group,
-        order,
-    )
+        out[judged] = losses(scaled, observed)[0][judged]
+    return out, np.array(scaling)
 
 
 def posterior_draws(
@@ -304,39 +310,39 @@ def interval(value: float, draws: Array) -> Interval:
 
 
 def found_pair(
-    shrinkage: Shrinkage, floor: Array, motion: NDArray[np.int64], seed: int
+    held_out: HeldOutLosses, floor: Array, motion: NDArray[np.int64], seed: int
 ) -> Pair | None:
     """The pair that most groups chose, if its gain over one effect has a lower bound above zero.
 
     Groups that chose what theory takes for about the same count.
 
     Args:
-        shrinkage: of the kept trials.
+        held_out: of the kept trials.
         floor: mean loss of each in campaigns without effect.
         motion: of each.
         seed: of resamples.
     """
-    if shrinkage.pair is None:
+    if held_out.pair is None:
         return None
-    gain = shrinkage.after - shrinkage.pair
+    gain = held_out.after - held_out.pair
     gains = resampled_means(gain[None], motion, seed=seed)[:, 0]
     names = [
         (first, second) if first < second else (second, first)
-        for first, second in zip(shrinkage.chosen["after"], shrinkage.chosen["pair"], strict=True)
+        for first, second in zip(held_out.chosen["after"], held_out.chosen["pair"], strict=True)
     ]
     common = max(sorted(set(names)), key=names.count)
     if np.quantile(gains, 0.025) <= 0 or 2 * sum(_alike(common, n) for n in names) <= len(names):
         return None
     before, after, left = (
         float((losses - floor).mean())
-        for losses in (shrinkage.before, shrinkage.after, shrinkage.pair)
+        for losses in (held_out.before, held_out.after, held_out.pair)
     )
     return Pair(
         common,
         probability=float((gains > 0).mean()),
         left=left / max(before, 1e-9),
         closed=float(gain.mean()) / max(after, 1e-9),
-        beyond=float((shrinkage.recalibrated - shrinkage.pair).mean()) / max(before, 1e-9),
+        beyond=float((held_out.recalibrated - held_out.pair).mean()) / max(before, 1e-9),
     )
 
 

@@ -6,20 +6,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from planar import PLANAR_LIBRARY, PlanarSimulator
+from planted import shaken_campaign
 from vsr2.diagnosis.budget import Budget
-from vsr2.diagnosis.diagnose import _gap_low, diagnose_with
-from vsr2.diagnosis.floor import noise_floor
-from vsr2.diagnosis.how_far.anew import ANEW_RUNS, FRESH, simulate_anew
-from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS, simulate_dropped, surprise_p
-from vsr2.diagnosis.how_far.shrinkage import Shrinkage, found_pair, posterior_draws
-from vsr2.diagnosis.how_far.whole import Whole
+from vsr2.diagnosis.conclusion import gap_interval_low
+from vsr2.diagnosis.how_far.campaign_loss import CampaignLoss
+from vsr2.diagnosis.how_far.held_out import HeldOutLosses, found_pair, posterior_draws
+from vsr2.diagnosis.how_far.resimulation import FRESH, RESIMULATION_RUNS, resimulate
+from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS, simulate_screened_out, surprise_p
 from vsr2.diagnosis.likelihood.evidence import PREDICTED, Posterior
+from vsr2.diagnosis.noise_floor import noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.planted import shaken_campaign
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.pipeline import diagnose_with
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.library import NONE
-from vsr2.diagnosis.simulated.planar import PLANAR_LIBRARY, PlanarSimulator
 from vsr2.diagnosis.simulated.simulator import Responses
 
 TRIALS = 12
@@ -34,9 +35,6 @@ class Thresholds:
     variants = ()
     nuisance_names = ("a", "b")
 
-    def trial_key(self, trial):
-        return str(trial)
-
     def nuisance_draw(self, index):
         return np.array([0.1 * index, 0.0])
 
@@ -49,19 +47,22 @@ class Thresholds:
         return Responses(np.array(down), np.zeros(len(down)), None)
 
 
-def shrinkage(push, placebo=0.9, recalibrated=0.8, after=0.2, wrong=0.0):
-    """Of two groups; in the second the effect chosen is half as strong; `wrong`: the placebo's."""
+def held_out(push, negative_control=0.9, recalibrated=0.8, after=0.2, wrong=0.0):
+    """Of two groups; in the second the effect chosen is half as strong; `wrong`: the control's."""
     blank = np.zeros(KEPT.size)
 
     def draws(value):
         return [((("wear", (value,)),), 1 + i) for i in range(PREDICTED)]
 
-    return Shrinkage(
+    return HeldOutLosses(
         before=blank + 1.0, after=blank + after,
-        placebo=blank + placebo, recalibrated=blank + recalibrated,
+        negative_control=blank + negative_control, recalibrated=blank + recalibrated,
         each={"wear": blank + after, "catch": blank + 0.9, "table_gain": blank + 0.5},
         pair=None,
-        chosen={"before": [NONE] * 2, "after": ["wear"] * 2, "placebo": ["catch"] * 2, "pair": []},
+        chosen={
+            "before": [NONE] * 2, "after": ["wear"] * 2, "negative_control": ["catch"] * 2,
+            "pair": [],
+        },
         draws={
             NONE: [[((), 1 + i) for i in range(PREDICTED)]] * 2,
             "wear": [draws(push), draws(push / 2)],
@@ -84,19 +85,21 @@ SCREENING = Screening(
 )
 
 
-def whole(push, overturned, gap_low=-1.0, motion=MOTION, **losses):
+def losses_of(push, overturned, gap_low=-1.0, motion=MOTION, **losses):
     campaign = shaken_campaign(3, 4)
     rows = tuple(
         dataclasses.replace(trial, overturned=bool(down))
         for trial, down in zip(campaign.trials, overturned, strict=True)
     )
     seen = dataclasses.replace(campaign, trials=rows)
-    told = shrinkage(push, **losses)
-    with Bank(Thresholds()) as store:
-        dropped = simulate_dropped(store, SCREENING, told, motion)
-        assert store.asked <= DROPPED_RUNS * dropped.trials.size
+    stated = held_out(push, **losses)
+    with SimulationCache(Thresholds()) as store:
+        screened_out = simulate_screened_out(store, SCREENING, stated, motion)
+        assert store.asked <= SCREENED_OUT_RUNS * screened_out.trials.size
     observed = dataclasses.replace(observe_like(seen), motion=motion)
-    return dropped, Whole(observed, KEPT, np.full(KEPT.size, 0.1), told, dropped, gap_low)
+    return screened_out, CampaignLoss(
+        observed, KEPT, np.full(KEPT.size, 0.1), stated, screened_out, gap_low
+    )
 
 
 def observe_like(campaign):
@@ -121,29 +124,31 @@ def observe_like(campaign):
     )
 
 
-def test_dropped_trials_do_what_the_effect_makes_of_them() -> None:
-    dropped, _ = whole(0.6, np.zeros(TRIALS))
-    np.testing.assert_array_equal(dropped.trials, np.arange(4, 12))
+def test_screened_out_trials_do_what_the_effect_makes_of_them() -> None:
+    screened_out, _ = losses_of(0.6, np.zeros(TRIALS))
+    np.testing.assert_array_equal(screened_out.trials, np.arange(4, 12))
     # Motion 2 has no kept trial: its trial 8 is judged with the first group.
-    np.testing.assert_array_equal(dropped.group, [0, 1, 0, 1, 0, 0, 1, 0])
+    np.testing.assert_array_equal(screened_out.group, [0, 1, 0, 1, 0, 0, 1, 0])
     standing = (0 + 0.5) / (PREDICTED + 1)
     fallen = 1 - standing
-    # As certain as all simulations make it where nothing changes; as told by its own where it does.
-    np.testing.assert_allclose(dropped.before, [0.02] * 5 + [0.98] * 3)
-    np.testing.assert_allclose(dropped.placebo, dropped.before)
+    # As certain as all simulations make it where nothing changes; its own where it does.
+    np.testing.assert_allclose(screened_out.before, [0.02] * 5 + [0.98] * 3)
+    np.testing.assert_allclose(screened_out.negative_control, screened_out.before)
     # 4 / 12 and 6 / 12 are below 0.6, 5 / 12 and 7 / 12 not below 0.3, 8 / 12 is above 0.6.
-    np.testing.assert_allclose(dropped.after, [fallen, 0.02, fallen, 0.02, 0.02, 0.98, 0.98, 0.98])
-    assert dropped.certain.all()
+    np.testing.assert_allclose(
+        screened_out.after, [fallen, 0.02, fallen, 0.02, 0.02, 0.98, 0.98, 0.98]
+    )
+    assert screened_out.certain.all()
 
 
 def test_an_effect_that_turns_trials_wrongly_closes_less() -> None:
     """All trials do as without effect; of the kept ones, the effect seems to explain much."""
     stands = (np.arange(TRIALS) >= 9).astype(float)
-    _, calm = whole(0.2, stands)
-    turned, harmed = whole(0.6, stands)
-    assert calm.turned == 0
-    assert harmed.turned == 2
-    lost = -np.log(1 - turned.after[[0, 2]]) + np.log(0.98)
+    _, calm = losses_of(0.2, stands)
+    moved, harmed = losses_of(0.6, stands)
+    assert calm.changed == 0
+    assert harmed.changed == 2
+    lost = -np.log(1 - moved.after[[0, 2]]) + np.log(0.98)
     assert harmed.mean("after")["value"] - calm.mean("after")["value"] == pytest.approx(
         lost.sum() / TRIALS
     )
@@ -155,26 +160,26 @@ def test_an_effect_that_turns_trials_wrongly_closes_less() -> None:
     assert harmed.mean("wear")["value"] == harmed.mean("after")["value"]
 
 
-def test_a_placebo_answers_for_what_it_does_to_dropped_trials() -> None:
+def test_a_control_answers_for_what_it_does_to_screened_out_trials() -> None:
     found = (np.arange(TRIALS) >= 9).astype(float)
     found[[4, 6]] = 1.0
-    idle, busy = (whole(0.2, found, wrong=push)[1] for push in (0.0, 0.6))
-    dropped = whole(0.2, found, wrong=0.6)[0]
+    idle, busy = (losses_of(0.2, found, wrong=push)[1] for push in (0.0, 0.6))
+    screened_out = losses_of(0.2, found, wrong=0.6)[0]
     # 4 / 12 to 7 / 12 are below 0.6: two of these trials fell, two stood.
     fallen = 1 - 0.5 / (PREDICTED + 1)
-    np.testing.assert_allclose(dropped.placebo, [fallen] * 4 + [0.02] + [0.98] * 3)
+    np.testing.assert_allclose(screened_out.negative_control, [fallen] * 4 + [0.02] + [0.98] * 3)
     gain = 2 * (np.log(fallen) - np.log(0.02)) + 2 * (np.log(1 - fallen) - np.log(0.98))
-    assert idle.mean("placebo")["value"] - busy.mean("placebo")["value"] == pytest.approx(
-        gain / TRIALS
-    )
-    assert busy.mean("catch")["value"] == pytest.approx(busy.mean("placebo")["value"])
+    assert idle.mean("negative_control")["value"] - busy.mean("negative_control")[
+        "value"
+    ] == pytest.approx(gain / TRIALS)
+    assert busy.mean("catch")["value"] == pytest.approx(busy.mean("negative_control")["value"])
 
 
 def test_an_effect_that_turns_trials_rightly_closes_more() -> None:
     found = (np.arange(TRIALS) >= 9).astype(float)
     found[[4, 6]] = 1.0
-    _, without = whole(0.2, found)
-    _, with_them = whole(0.6, found)
+    _, without = losses_of(0.2, found)
+    _, with_them = losses_of(0.6, found)
     assert with_them.left < 0.3 < without.left
 
 
@@ -182,25 +187,25 @@ def test_an_effect_that_turns_trials_rightly_closes_more() -> None:
     ("losses", "spared"),
     [
         ({}, 0.2),
-        ({"placebo": 0.5}, 0.5),
-        # Placebos that make it worse add nothing.
-        ({"placebo": 1.2, "recalibrated": 1.4}, 0.0),
+        ({"negative_control": 0.5}, 0.5),
+        # Controls that make it worse add nothing.
+        ({"negative_control": 1.2, "recalibrated": 1.4}, 0.0),
     ],
 )
-def test_the_headline_is_closure_minus_the_better_placebo_s(losses, spared) -> None:
+def test_the_headline_is_closure_minus_the_better_control_s(losses, spared) -> None:
     stands = (np.arange(TRIALS) >= 9).astype(float)
-    _, found = whole(0.2, stands, gap_low=0.01, motion=np.arange(TRIALS) % 2, **losses)
+    _, found = losses_of(0.2, stands, gap_low=0.01, motion=np.arange(TRIALS) % 2, **losses)
     # Of the four trials that are kept; the others lie on the floor.
     assert found.closure("after")["value"] == pytest.approx((1.0 - 0.2) / (1.0 - 0.1))
     assert found.headline()["value"] == pytest.approx((1.0 - 0.2 - spared) / (1.0 - 0.1))
-    assert whole(0.2, stands, **losses)[1].headline()["value"] is None
+    assert losses_of(0.2, stands, **losses)[1].headline()["value"] is None
 
 
 def test_closure_s_interval_is_over_motions() -> None:
     """A quarter of the resamples of two motions holds either one twice."""
     stands = (np.arange(TRIALS) >= 9).astype(float)
     after = np.array([0.2, 0.6, 0.2, 0.6])
-    _, found = whole(0.2, stands, gap_low=0.01, motion=np.arange(TRIALS) % 2, after=after)
+    _, found = losses_of(0.2, stands, gap_low=0.01, motion=np.arange(TRIALS) % 2, after=after)
     closure = found.closure("after")
     assert closure["value"] == pytest.approx((0.8 + 0.4) / (0.9 + 0.9))
     assert closure["ci95"] == pytest.approx([0.4 / 0.9, 0.8 / 0.9])
@@ -212,8 +217,8 @@ def test_the_gap_s_interval_is_the_wider_of_two() -> None:
     # Over motions and in gap-free campaigns, whose share of the trials is that of the kept ones.
     stands = (np.arange(TRIALS) >= 9).astype(float)
     alike = np.arange(TRIALS) % 2
-    narrow = whole(0.2, stands, gap_low=0.9, motion=alike)[1].excess("before")["ci95"]
-    wide = whole(0.2, stands, gap_low=-0.3, motion=alike)[1].excess("before")["ci95"]
+    narrow = losses_of(0.2, stands, gap_low=0.9, motion=alike)[1].excess("before")["ci95"]
+    wide = losses_of(0.2, stands, gap_low=-0.3, motion=alike)[1].excess("before")["ci95"]
     assert narrow[0] > 0
     assert wide == [pytest.approx(-0.3 * KEPT.size / TRIALS), narrow[1]]
 
@@ -222,7 +227,7 @@ def test_the_gap_s_interval_is_the_wider_of_two() -> None:
             floor=np.full(4, 0.1), truth=np.zeros(41), gap=spread * np.linspace(-1, 1, 41)
         )
         found = SimpleNamespace(loss=np.array([0.5, 0.7, 0.5 + second, 0.7 + second]))
-        return _gap_low(SimpleNamespace(calibration=null), found, np.array([0, 0, 1, 1]), 0)
+        return gap_interval_low(SimpleNamespace(calibration=null), found, np.array([0, 0, 1, 1]), 0)
 
     # Both motions have a mean of 0.5 above the floor; 97.5 % of null campaigns lie below 0.95.
     assert lower(0.01) == pytest.approx(0.5 - 0.0095)
@@ -243,7 +248,7 @@ class Jittery(Thresholds):
         return Responses(np.array(down, dtype=float), np.zeros(len(down)), None)
 
 
-def test_the_noise_floor_s_layers_are_told_apart() -> None:
+def test_the_noise_floor_s_layers_are_kept_apart() -> None:
     campaign = shaken_campaign(3, 4)
     observed = observe_like(
         dataclasses.replace(
@@ -251,7 +256,7 @@ def test_the_noise_floor_s_layers_are_told_apart() -> None:
             trials=tuple(dataclasses.replace(t, overturned=False) for t in campaign.trials),
         )
     )
-    with Bank(Jittery()) as store:
+    with SimulationCache(Jittery()) as store:
         layers = noise_floor(store, observed, SCREENING)
     assert (layers["numerical"], layers["input"], layers["nuisance"]) == (0.5, 0.25, 1.0)
     assert layers["time_step"] is layers["solver"] is None
@@ -270,7 +275,7 @@ def test_repeats_are_expected_to_differ_as_often_as_screening_says() -> None:
     alike = np.arange(TRIALS) != 2
     probability = np.where(alike, SCREENING.probability, 0.3)
     screening = dataclasses.replace(SCREENING, alike=alike, probability=probability)
-    with Bank(Jittery()) as store:
+    with SimulationCache(Jittery()) as store:
         layers = noise_floor(store, observed, screening)
     assert (layers["repeats"], layers["physical"]) == (2, 1.0)
     # Of trial 2 one in 0.42, of trial 5, which always ended alike, none.
@@ -340,10 +345,10 @@ def test_draws_follow_the_posterior(tmp_path) -> None:
 
 def test_a_pair_is_found_where_a_second_effect_helps() -> None:
     floor, motion = np.full(KEPT.size, 0.1), np.arange(KEPT.size)
-    one = shrinkage(0.5)
-    told = {"after": ["com_offset", "catch"], "pair": ["catch", "base_slope"]}
+    one = held_out(0.5)
+    stated = {"after": ["com_offset", "catch"], "pair": ["catch", "base_slope"]}
 
-    def found(after, pair, chosen=told):
+    def found(after, pair, chosen=stated):
         losses = {"after": floor + after, "pair": floor + pair}
         tried = dataclasses.replace(one, **losses, chosen=one.chosen | chosen)
         return found_pair(tried, floor, motion, 0)
@@ -369,7 +374,7 @@ class Undecided(Thresholds):
         return Responses(np.array(down), np.zeros(len(down)), None)
 
 
-def anew(push, overturned, simulator=Thresholds):
+def resimulated(push, overturned, simulator=Thresholds):
     campaign = shaken_campaign(3, 4)
     rows = tuple(
         dataclasses.replace(trial, overturned=bool(down))
@@ -383,32 +388,30 @@ def anew(push, overturned, simulator=Thresholds):
             requests.extend(wanted)
             return super().run(wanted)
 
-    with Bank(Noting()) as store:
-        found = simulate_anew(
-            store, seen, SCREENING, shrinkage(push), np.full(KEPT.size, 0.1), seed=0
-        )
+    with SimulationCache(Noting()) as store:
+        found = resimulate(store, seen, SCREENING, held_out(push), np.full(KEPT.size, 0.1), seed=0)
     return found, requests
 
 
 def test_what_is_named_must_close_the_gap_in_simulations_too() -> None:
-    found, requests = anew(0.5, [1] * 4 + [0] * 8)
+    found, requests = resimulated(0.5, [1] * 4 + [0] * 8)
     # Trials 0 to 2 fall under the effect of their group, as they did; trial 3 does not.
     before, after, own = np.log(18), -np.log(8.5 / 9), -np.log(7.5 / 8)
     assert found.closure.value == pytest.approx(0.75 * (before - after) / (before - own))
-    assert found.foretold == pytest.approx(0.8 / 0.9)
+    assert found.predicted == pytest.approx(0.8 / 0.9)
     assert not found.short
-    assert len(requests) == ANEW_RUNS * KEPT.size
+    assert len(requests) == RESIMULATION_RUNS * KEPT.size
     assert {request.replicate for request in requests} == {FRESH}
-    useless, _ = anew(0.0, [1] * 4 + [0] * 8)
+    useless, _ = resimulated(0.0, [1] * 4 + [0] * 8)
     assert useless.closure.value == 0.0
-    assert useless.short, "the emulator foretold 0.8 of every trial's loss"
+    assert useless.short, "the emulator predicted 0.8 of every trial's loss"
     # Of the first motion's trials one falls, of the second's none: the more is within chance.
-    doubtful, _ = anew(0.1, [1] * 4 + [0] * 8)
-    assert doubtful.closure.low < 0.5 * doubtful.foretold < doubtful.closure.high
+    doubtful, _ = resimulated(0.1, [1] * 4 + [0] * 8)
+    assert doubtful.closure.low < 0.5 * doubtful.predicted < doubtful.closure.high
     assert not doubtful.short
     # The floor is what simulations without effect lose, however those with it scatter.
-    scattered, _ = anew(0.5, [1] * 4 + [0] * 8, Undecided)
+    scattered, _ = resimulated(0.5, [1] * 4 + [0] * 8, Undecided)
     assert scattered.closure.value == pytest.approx((before - np.log(2)) / (before - own))
-    worse, _ = anew(0.5, [0] * 12)
+    worse, _ = resimulated(0.5, [0] * 12)
     assert worse.closure.value < 0
     assert worse.short

@@ -1,4 +1,4 @@
-"""A bank of simulations on disk: what was simulated once is never simulated again."""
+"""The simulation cache: what was simulated once is never simulated again."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ CHUNK = 512
 """Simulations between two commits."""
 
 
-class Bank:
+class SimulationCache:
     """Simulations of one simulator, kept in an SQLite file.
 
-    A row's key is the hash of the simulator's identity, the trial's key, effects with their values
-    (and the code of those that are not this package's), the nuisances' values, and the replicate.
-    Rows are committed chunk by chunk, so that an
-    interruption loses at most the chunk that was running. Several scenes may share a file.
+    A row's key is the hash of the simulator's identity, the trial's index, effects with their
+    values (and the code of those that are not this package's), the nuisances' values, and the
+    replicate. Rows are committed chunk by chunk, so that an interruption loses at most the chunk
+    that was running. Several scenes may share a file.
 
     Args:
         simulator: makes what is missing.
@@ -39,7 +39,7 @@ class Bank:
         simulated: number of simulations run since it was opened.
 
     Raises:
-        DiagnosisError: the file is no bank or cannot be used.
+        DiagnosisError: the file is no simulation cache or cannot be used.
     """
 
     def __init__(
@@ -49,7 +49,6 @@ class Bank:
         self.simulated = 0
         self._asked: set[bytes] = set()
         self._chunk = chunk
-        self._trials: dict[int, str] = {}
         self._codes: dict[str, str] = {}
         self._path = path
         with self._usable():
@@ -68,14 +67,16 @@ class Bank:
         try:
             yield
         except sqlite3.Error as error:
-            if "locked" in str(error):
+            # The primary code; extended ones have more in the higher bits.
+            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+            if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
                 remedy = "another process writes to it: wait until that ends, or choose another"
             elif isinstance(error, sqlite3.OperationalError):
                 remedy = "see that its folder may be written to and has room, or choose another"
             else:
                 remedy = "remove it, and its simulations are made again, or choose another"
             raise DiagnosisError(
-                f"{self._path}: cannot be used as a bank of simulations ({error}); {remedy} folder"
+                f"{self._path}: cannot be used as a simulation cache ({error}); {remedy} folder"
             ) from error
 
     @property
@@ -159,12 +160,8 @@ class Bank:
         return Responses(table[:, 0].copy(), table[:, 1].copy(), features)
 
     def _key(self, request: Request) -> bytes:
-        if request.trial not in self._trials:
-            self._trials[request.trial] = (
-                f"{self.simulator.identity}|{self.simulator.trial_key(request.trial)}"
-            )
         nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
-        text = f"{self._trials[request.trial]}|{request.effects!r}|{request.nuisance}"
+        text = f"{self.simulator.identity}|{request.trial}|{request.effects!r}|{request.nuisance}"
         text += "".join(self._code(name) for name, _ in request.effects)
         digest = hashlib.blake2b(text.encode(), digest_size=16)
         digest.update(nuisances + struct.pack("<q", request.replicate))

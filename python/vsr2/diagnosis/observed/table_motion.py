@@ -37,22 +37,38 @@ TABLE_FEATURES = (
 )
 """Acceleration over displacement: logarithm of the gain, and phase lead [rad], over their errors;
 slow: 0.5 to 2 Hz, fast: 2 to 12 Hz."""
-BANDS = (((0.5, 1.0), (1.0, 2.0)), ((2.0, 4.0), (4.0, 8.0), (8.0, 12.0)))
-"""Taken together: slow, fast [Hz]."""
-CALIBRATION = 0.01
-"""Standard error of the logarithm of the two instruments' gain against each other, and of their
-phase [rad]."""
-LEAST_COHERENCE = 0.9
-"""Of a band that is used."""
-LEAST_POWER = 1e-4
-"""Share of the motion's power up to the last band that such a band must have: less may be leakage.
-Beyond it a displacement's second difference is mostly noise."""
-TAPER = 0.1
-"""Share of a record over which its ends fade, so that their steps do not fill other bands."""
-LEAST_FREQUENCIES = 4
-"""In such a band: fewer are always coherent."""
-MOST = 4.0
-"""Standard errors that one record counts at most."""
+
+
+@dataclass(frozen=True)
+class TableConstants:
+    """How the table's two recordings are compared; chosen by hand.
+
+    Attributes:
+        bands: taken together: slow, fast [Hz].
+        calibration: standard error of the logarithm of the two instruments' gain against each
+            other, and of their phase [rad].
+        least_coherence: of a band that is used.
+        least_power: share of the motion's power up to the last band that such a band must have:
+            less may be leakage. Beyond it a displacement's second difference is mostly noise.
+        taper: share of a record over which its ends fade, so that their steps do not fill other
+            bands.
+        least_frequencies: in such a band: fewer are always coherent.
+        most: standard errors that one record counts at most.
+    """
+
+    bands: tuple[tuple[tuple[float, float], ...], ...] = (
+        ((0.5, 1.0), (1.0, 2.0)),
+        ((2.0, 4.0), (4.0, 8.0), (8.0, 12.0)),
+    )
+    calibration: float = 0.01
+    least_coherence: float = 0.9
+    least_power: float = 1e-4
+    taper: float = 0.1
+    least_frequencies: int = 4
+    most: float = 4.0
+
+
+TABLE = TableConstants()
 
 
 def agreement(record: Record) -> Array:
@@ -71,19 +87,19 @@ def agreement(record: Record) -> Array:
     second = np.diff(record.displacement, 2) / interval**2
     measured = record.acceleration[1:-1] - np.mean(record.acceleration)
     frequency = np.fft.rfftfreq(second.size, interval)
-    window = tukey(second.size, TAPER)
+    window = tukey(second.size, TABLE.taper)
     x = np.fft.rfft(window * second) / np.sinc(frequency * interval) ** 2
     y = np.fft.rfft(window * measured)
-    least = LEAST_POWER * float((np.abs(x[frequency < BANDS[-1][-1][1]]) ** 2).sum())
-    for k, bands in enumerate(BANDS):
+    least = TABLE.least_power * float((np.abs(x[frequency < TABLE.bands[-1][-1][1]]) ** 2).sum())
+    for k, bands in enumerate(TABLE.bands):
         rows = []
         for low, high in bands:
             inside = (frequency >= low) & (frequency < high)
             if high <= 0.4 / interval:
                 rows += _of_band(x[inside], y[inside], least)
         if rows:
-            gain, phase, variance, shared = np.array(rows).T
-            out[2 * k] = _together(gain, variance, shared)
+            gain, phase, variance, common = np.array(rows).T
+            out[2 * k] = _together(gain, variance, common)
             out[2 * k + 1] = _together(phase, variance, np.zeros_like(phase))
     return out
 
@@ -91,16 +107,16 @@ def agreement(record: Record) -> Array:
 def _of_band(
     x: NDArray[np.complex128], y: NDArray[np.complex128], least: float
 ) -> list[tuple[float, float, float, float]]:
-    """Log gain, phase, their variance and the gain's shared error; nothing if not coherent.
+    """Log gain, phase, their variance and the gain's common error; nothing if not coherent.
 
     Nor is there anything where the power is not above `least`.
     """
     xx, yy = float((np.abs(x) ** 2).sum()), float((np.abs(y) ** 2).sum())
-    if x.size < LEAST_FREQUENCIES or xx <= least or yy <= 0:
+    if x.size < TABLE.least_frequencies or xx <= least or yy <= 0:
         return []
     xy = complex((np.conj(x) * y).sum())
     coherence = min(abs(xy) ** 2 / (xx * yy), 1 - 1e-9)
-    if coherence < LEAST_COHERENCE:
+    if coherence < TABLE.least_coherence:
         return []
     # About how many frequencies share the band's power.
     count = xx**2 / float((np.abs(x) ** 4).sum())
@@ -108,13 +124,13 @@ def _of_band(
     return [(0.5 * np.log(yy / xx), float(np.angle(xy)), variance, -0.5 * np.log(coherence))]
 
 
-def _together(value: Array, variance: Array, shared: Array) -> tuple[float, float]:
+def _together(value: Array, variance: Array, common: Array) -> tuple[float, float]:
     """Mean, each weighted by what is known of it, and its standard error."""
-    own = variance + shared**2
+    own = variance + common**2
     weight = 1.0 / own
     weight /= weight.sum()
     mean = float(weight @ value)
-    error = np.sqrt((weight**2 * variance).sum() + float(weight @ shared) ** 2)
+    error = np.sqrt((weight**2 * variance).sum() + float(weight @ common) ** 2)
     if value.size > 1:
         excess = float(((value - mean) ** 2 / own).sum()) / (value.size - 1)
         error *= np.sqrt(max(excess, 1.0))
@@ -157,10 +173,10 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
         return None
     index = np.array([names.index(name) for name in files])
     value, noise = np.moveaxis(found, 2, 0)
-    error = np.hypot(noise, CALIBRATION)
+    error = np.hypot(noise, TABLE.calibration)
     rng = np.random.default_rng([seed, 8])
     drawn = noise * rng.standard_normal((null, *value.shape))
-    drawn += CALIBRATION * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
+    drawn += TABLE.calibration * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
     return TableResiduals(
         _clipped(value / error)[index].T,
         np.isfinite(value).astype(np.float64)[index].T,
@@ -169,7 +185,7 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
 
 
 def _clipped(residual: Array) -> Array:
-    return np.asarray(np.clip(np.nan_to_num(residual), -MOST, MOST), dtype=np.float64)
+    return np.asarray(np.clip(np.nan_to_num(residual), -TABLE.most, TABLE.most), dtype=np.float64)
 
 
 def _of_file(campaign: Campaign, name: str | None) -> Array:

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.campaign import Campaign
-from vsr2.config.motion_source import Filter
-from vsr2.diagnosis.simulated.planar.block import (
+from planar.block import (
     DEFAULTS,
     GRAVITY,
     STEP,
     PlanarBlocks,
     simulate_planar,
 )
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY, Lanes, PlanarEffect
+from planar.library import PLANAR_LIBRARY, Lanes, PlanarEffect
+from vsr2.campaign import Campaign
+from vsr2.config.motion_source import Filter
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.errors import DiagnosisError
 from vsr2.motion import build_recorded_motion
@@ -107,10 +107,6 @@ class PlanarSimulator:
     def identity(self) -> str:
         """Hash of block, priors and motions."""
         return self._identity
-
-    def trial_key(self, trial: int) -> str:
-        """Place of the trial; its motion is part of the identity."""
-        return str(trial)
 
     @property
     def variants(self) -> tuple[int, ...]:

@@ -1,21 +1,21 @@
-"""WHERE: places in which residuals are too large, with control over the whole family of places.
+"""WHERE: locations in which residuals are too large, with control over their whole family.
 
-The score of a place is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of a trial against the
-cross-fitted model without effects, v its variance, w the place's weights (1 inside, 0 outside; a
+The score of a location is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of a trial against
+the cross-fitted model without effects, v its variance, w its weights (1 inside, 0 outside; a
 centred trend; a step). The nulls are
 
-- for every place: campaigns simulated without effect, nuisances drawn. The engine's own are few: n
-  of them can show p = 1 / (n + 1) at best. Where none of them reaches a score, 999 campaigns drawn
-  from the model of no effect that was fitted to them tell how rare it is; else the larger p counts;
-- for places over the order of execution besides: permutations of the observed residuals in which
-  whole sessions change places (in a campaign of one session, and for sessions themselves: whole
-  motions). Residuals that hang together within a session look like a trend; permuting
+- for every location: campaigns simulated without effect, nuisances drawn. The engine's own are few:
+  n of them can show p = 1 / (n + 1) at best. Where none of them reaches a score, 999 campaigns are
+  drawn from the model of no effect that was fitted to them; else the larger p counts;
+- for those over the order of execution besides: permutations of the observed residuals in which
+  complete sessions are permuted (in a campaign of one session, and for sessions themselves:
+  complete motions). Residuals that hang together within a session look like a trend; permuting
   less than sessions would take that for significant. The larger p value counts. Where sessions, or
-  motions, come back again and again, no whole one can change places, and nothing is found.
+  motions, come back again and again, no complete one can be permuted, and nothing is found.
 
 Each score is divided by its null deviation, a drawn campaign's by that of the drawn ones, so that
-the drawn ones tell only how places and channels hang together; the family's p value is that of the
-largest score (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
+the drawn ones tell only how locations and channels hang together; the family's p value is that of
+the largest score (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
 """
 
 from __future__ import annotations
@@ -30,31 +30,43 @@ from vsr2.diagnosis.observed.features import Feature
 
 Array = NDArray[np.float64]
 
-PERMUTATIONS = 999
-TIE = 1e-9
-"""Relative difference of two scores up to which they are one, but for rounding."""
-MOST_RUNS = 2
-"""Runs of a session or motion, on average, up to which they are taken for whole ones."""
-SIGNIFICANT = 0.05
-"""Family-wise p value up to which a place counts as found."""
+
+@dataclass(frozen=True)
+class ScanConstants:
+    """How locations are scanned; chosen by hand.
+
+    Attributes:
+        permutations: of sessions or motions: the least p value is 0.001.
+        tie: relative difference of two scores up to which they are one, but for rounding.
+        most_runs: runs of a session or motion, on average, up to which they are taken for complete.
+        significant: family-wise p value up to which a location counts as found.
+    """
+
+    permutations: int = 999
+    tie: float = 1e-9
+    most_runs: int = 2
+    significant: float = 0.05
+
+
+SCAN = ScanConstants()
 OUTCOME = Feature("outcome", "outcome", "whole response")
 EVERYWHERE = "all trials"
 
 
 @dataclass(frozen=True)
-class Place:
-    """One place of the family and what was found there.
+class Location:
+    """One location of the family and what was found there.
 
     Attributes:
-        place: name.
+        name: of it, without the feature.
         axis: conditions, order, session or specimen.
         feature: of the response: which channel and which phase.
         effect_size: mean residual inside over its noise, in standard deviations of one trial.
-        p_familywise: of the largest score of the whole family.
-        trials: inside the place, of those scanned.
+        p_familywise: of the largest score of the family.
+        trials: inside, of those scanned.
     """
 
-    place: str
+    name: str
     axis: str
     feature: Feature
     effect_size: float
@@ -62,14 +74,24 @@ class Place:
     trials: tuple[int, ...] = ()
 
     @property
-    def is_whole(self) -> bool:
+    def label(self) -> str:
+        """With the feature, where it is not the outcome."""
+        return self.name if self.feature == OUTCOME else f"{self.feature.name}: {self.name}"
+
+    @property
+    def is_everywhere(self) -> bool:
         """A feature over all trials."""
-        return self.place.endswith(EVERYWHERE)
+        return self.name == EVERYWHERE
+
+    @property
+    def is_significant(self) -> bool:
+        """Once all locations are accounted for."""
+        return self.p_familywise <= SCAN.significant
 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What places are made of, one value a trial.
+    """What locations are made of, one value a trial.
 
     Attributes:
         log_pga, log_ratio: logarithms of PGA and of PGV / PGA.
@@ -110,8 +132,8 @@ def scan(
     *,
     drawn: tuple[Array, Array] | None = None,
     seed: int = 0,
-) -> list[Place]:
-    """Scan all places.
+) -> list[Location]:
+    """Scan all locations.
 
     Args:
         observed: residuals and variances, shape (1, channels, trials).
@@ -122,9 +144,9 @@ def scan(
         seed: of permutations.
 
     Returns:
-        All places, most significant first.
+        All locations, most significant first.
     """
-    names, axes, weights = _places(conditions)
+    names, axes, weights = _family(conditions)
     by_order = np.array([axis == "order" for axis in axes])
     by_session = np.array([axis == "session" for axis in axes])
     residual, variance = observed[0][0], observed[1][0]
@@ -142,7 +164,7 @@ def scan(
         if interleaved(runs):
             p_value[:, inside] = 1.0
         elif inside.any():
-            orders = np.stack([_permutation(runs, rng) for _ in range(PERMUTATIONS)])
+            orders = np.stack([_permutation(runs, rng) for _ in range(SCAN.permutations)])
             moved = _scores(
                 residual[:, orders].swapaxes(0, 1),
                 variance[:, orders].swapaxes(0, 1),
@@ -154,21 +176,20 @@ def scan(
         for j, name in enumerate(names):
             inside = np.abs(weights[j]) > 0
             count = max(int(np.count_nonzero(variance[c] * inside)), 1)
-            label = name if feature is OUTCOME else f"{feature.name}: {name}"
             size = float(score[c, j] / np.sqrt(count))
             # Of a trend, the later half; of a step, what follows it.
             members = tuple(int(i) for i in np.flatnonzero(weights[j] > 0))
-            out.append(Place(label, axes[j], feature, size, float(p_value[c, j]), members))
-    return sorted(out, key=lambda place: (place.p_familywise, -abs(place.effect_size)))
+            out.append(Location(name, axes[j], feature, size, float(p_value[c, j]), members))
+    return sorted(out, key=lambda one: (one.p_familywise, -abs(one.effect_size)))
 
 
 def _scores(residual: Array, variance: Array, weights: Array) -> Array:
-    """Shape (campaigns, channels, places)."""
+    """Shape (campaigns, channels, locations)."""
     top = residual @ weights.T
     return np.asarray(top / np.sqrt(variance @ (weights**2).T + 1e-3), dtype=np.float64)
 
 
-def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
+def _family(conditions: Conditions) -> tuple[list[str], list[str], Array]:
     names: list[str] = [EVERYWHERE]
     axes: list[str] = ["conditions"]
     weights: list[Array] = [np.ones(conditions.order.size)]
@@ -208,7 +229,7 @@ def _places(conditions: Conditions) -> tuple[list[str], list[str], Array]:
 
 
 def _family_p(score: Array, null: Array, reference: Array | None = None) -> Array:
-    """P value of each score among the largest of the family, shape (channels, places).
+    """P value of each score among the largest of the family, shape (channels, locations).
 
     What lies within rounding of the score counts as reaching it: a permutation that leaves all as
     it was. The score is divided by the deviation of `reference`; None: of the null scores
@@ -216,7 +237,7 @@ def _family_p(score: Array, null: Array, reference: Array | None = None) -> Arra
     """
     largest = np.abs(null / _deviation(null)).reshape(len(null), -1).max(axis=1)
     own = np.abs(score / _deviation(null if reference is None else reference))
-    above = (largest[:, None, None] >= (1 - TIE) * own[None]).sum(axis=0)
+    above = (largest[:, None, None] >= (1 - SCAN.tie) * own[None]).sum(axis=0)
     return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
 
 
@@ -226,11 +247,11 @@ def _deviation(null: Array) -> Array:
 
 def interleaved(label: NDArray[np.int64]) -> bool:
     """Whether labels come back so often that runs of one are only parts of what hangs together."""
-    return bool(1 + np.count_nonzero(np.diff(label)) > MOST_RUNS * np.unique(label).size)
+    return bool(1 + np.count_nonzero(np.diff(label)) > SCAN.most_runs * np.unique(label).size)
 
 
 def _permutation(label: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """Trials after whole runs of one label changed places in the order, shape (trials,)."""
+    """Trials after complete runs of one label were permuted, shape (trials,)."""
     starts = np.flatnonzero(np.concatenate([[True], np.diff(label) != 0]))
     ends = np.append(starts[1:], label.size)
     return np.concatenate([np.arange(starts[k], ends[k]) for k in rng.permutation(starts.size)])

@@ -2,36 +2,56 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.bank import Bank
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 
 Array = NDArray[np.float64]
 
-REPLICATES = 4
-MAX_TRIALS = 40
-FLOOR_RUNS = 1 + 3 * REPLICATES + 2
-REPEATED = 0.02
-"""Greatest difference of ln PGA and of ln PGV between recordings of one motion repeated: for noise
-of the records and the table's scatter; the next amplitude of a campaign lies 5 % off or more."""
+
+@dataclass(frozen=True)
+class NoiseFloorConstants:
+    """How the noise floor is measured; chosen by hand.
+
+    Attributes:
+        replicates: simulations of a trial in each layer that is drawn.
+        most_trials: uncertain trials that are used.
+        repeated: greatest difference of ln PGA and of ln PGV between recordings of one motion
+            repeated: for noise of the records and the table's scatter. The next amplitude of a
+            campaign lies 5 % off or more.
+    """
+
+    replicates: int = 4
+    most_trials: int = 40
+    repeated: float = 0.02
+
+    @property
+    def runs(self) -> int:
+        """Simulations of each trial used: nominal, three drawn layers, two numerical variants."""
+        return 1 + 3 * self.replicates + 2
+
+
+NOISE_FLOOR = NoiseFloorConstants()
 
 
 def noise_floor(
-    bank: Bank,
+    cache: SimulationCache,
     seen: Observations,
     screening: Screening,
     *,
-    most: int = MAX_TRIALS,
+    most: int = NOISE_FLOOR.most_trials,
     seed: int = 0,
 ) -> dict[str, float | int | None]:
     """Share of outcomes that differ from the nominal simulation's, layer by layer.
 
     Args:
-        bank: of simulations.
+        cache: of simulations.
         seen: the observed campaign.
         screening: which trials are uncertain, and how they ended.
         most: uncertain trials that are used, drawn at random.
@@ -44,7 +64,7 @@ def noise_floor(
         fresh geometry, contact and the like; `physical`: between repeats in the campaign (of one
         motion file, or of one motion with PGA and PGV within 2 %), None without repeats;
         `physical_expected`: the same where each repeat has the share of overturned that screening
-        found, nuisances, starts and effects drawn anew: no fewer than if some of these were
+        found, nuisances, starts and effects drawn again: no fewer than if some of these were
         common to both; `trials` and `repeats` behind them. Shares are of the uncertain trials, but
         of repeats of all.
     """
@@ -52,19 +72,19 @@ def noise_floor(
     count = min(screening.kept.size, most)
     trials = np.sort(rng.choice(screening.kept, size=count, replace=False))
     spots = [(0, 0)]
-    spots += [(0, PERTURBED - r) for r in range(REPLICATES)]
-    spots += [(0, r) for r in range(1, REPLICATES + 1)]
-    spots += [(n, 0) for n in range(1, REPLICATES + 1)]
-    variants = [v for v in (HALF_STEP, FINE_SOLVER) if v in bank.simulator.variants]
+    spots += [(0, PERTURBED - r) for r in range(NOISE_FLOOR.replicates)]
+    spots += [(0, r) for r in range(1, NOISE_FLOOR.replicates + 1)]
+    spots += [(n, 0) for n in range(1, NOISE_FLOOR.replicates + 1)]
+    variants = [v for v in (HALF_STEP, FINE_SOLVER) if v in cache.simulator.variants]
     spots += [(0, v) for v in variants]
     requests = [Request(int(t), (), n, r) for n, r in spots for t in trials]
-    found = bank.run(requests).overturned.reshape(len(spots), -1)
+    found = cache.run(requests).overturned.reshape(len(spots), -1)
     differs = np.where(
         np.isfinite(found[1:]) & np.isfinite(found[0]), found[1:] != found[0], np.nan
     )
-    layers = differs[: 3 * REPLICATES].reshape(3, REPLICATES, -1)
+    layers = differs[: 3 * NOISE_FLOOR.replicates].reshape(3, NOISE_FLOOR.replicates, -1)
     numerical, own, nuisance = (float(np.nanmean(layer)) for layer in layers)
-    varied = dict(zip(variants, differs[3 * REPLICATES :], strict=True))
+    varied = dict(zip(variants, differs[3 * NOISE_FLOOR.replicates :], strict=True))
     shares = {v: float(np.nanmean(row)) for v, row in varied.items()}
     pairs, unequal = _repeats(seen)
     expected = _expected(screening)[pairs].mean() if len(pairs) else None
@@ -82,7 +102,7 @@ def noise_floor(
 
 
 def _expected(screening: Screening) -> Array:
-    """Chance that a trial and its repeat end otherwise, all drawn anew, shape (trials,)."""
+    """Chance that a trial and its repeat end otherwise, all drawn again, shape (trials,)."""
     p = np.where(screening.alike, 0.0, screening.probability)
     return np.asarray(2 * p * (1 - p), dtype=np.float64)
 
@@ -91,13 +111,13 @@ def _repeats(seen: Observations) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Trials of which a later one is a repeat, once for each, and whether the two end otherwise.
 
     Repeats have one specimen and one ground motion, and the same motion file or, as each trial has
-    a recording of its own, PGA and PGV within `REPEATED`.
+    a recording of its own, PGA and PGV within `NOISE_FLOOR.repeated`.
     """
     same = (seen.motion[:, None] == seen.motion) & (seen.specimen[:, None] == seen.specimen)
     files = np.array([trial.motion_file or "" for trial in seen.campaign.trials])
     log_pgv = seen.log_pga + seen.log_ratio
-    near = np.abs(seen.log_pga[:, None] - seen.log_pga) <= REPEATED
-    near &= np.abs(log_pgv[:, None] - log_pgv) <= REPEATED
+    near = np.abs(seen.log_pga[:, None] - seen.log_pga) <= NOISE_FLOOR.repeated
+    near &= np.abs(log_pgv[:, None] - log_pgv) <= NOISE_FLOOR.repeated
     near |= files[:, None] == files
     one, other = np.nonzero(np.triu(same & near, k=1))
     return one, seen.overturned[one] != seen.overturned[other]

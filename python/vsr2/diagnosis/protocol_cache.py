@@ -20,20 +20,20 @@ KEPT = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
+class ProtocolCache:
     """Simulations and fitted models, for diagnoses one after the other.
 
     Campaigns of one protocol have the same trials: motions, order, sessions. What is simulated and
     fitted for one serves all.
 
     Attributes:
-        bank: file of simulations.
+        file: of simulations.
         series: simulate series too, also for diagnoses that do not use them, so that those that do
             find their simulations.
         sampling: of series, where a campaign comes without them.
     """
 
-    bank: Path
+    file: Path
     series: bool = False
     sampling: Sampling | None = None
     _models: OrderedDict[str, Prepared] = field(default_factory=OrderedDict, repr=False)

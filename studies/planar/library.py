@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.simulated.planar.block import GRAVITY
+from planar.block import GRAVITY
 
 Array = NDArray[np.float64]
 

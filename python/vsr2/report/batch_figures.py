@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,20 +11,27 @@ import numpy as np
 
 from vsr2.errors import ResultError
 from vsr2.report.figures import overturning_diagram, time_histories, tracking_figure
+from vsr2.report.panels import save_figure
 from vsr2.report.text import printable
-from vsr2.results import BatchResult, TrialLog, load_trial_log, logged_trials
-from vsr2.results.atomic import write_atomic
+from vsr2.results import (
+    OUTCOMES,
+    BatchResult,
+    Outcome,
+    Status,
+    TrialLog,
+    load_trial_log,
+    logged_trials,
+)
+from vsr2.results.atomic import write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_TRIALS = 6
 """Trials whose time histories are drawn unless told otherwise."""
-DIAGRAM_FILE = "overturning_diagram.png"
-TRACKING_FILE = "tracking.png"
+DIAGRAM, TRACKING = "overturning_diagram", "tracking"
 NOTE_FILE = "README.md"
-_OWN_FILES = (DIAGRAM_FILE, TRACKING_FILE, NOTE_FILE, "time_history_*.png")
-_ORDER = ("overturned", "rotated", "slid", "rocked", "stable", "failed")
+_OWN_FILES = (f"{DIAGRAM}.png", f"{TRACKING}.png", NOTE_FILE, "time_history_*.png")
 
 
 def representative_trials(
@@ -34,7 +40,7 @@ def representative_trials(
     """Trials worth looking at, as many kinds of outcome as there are.
 
     The outcomes take turns, the gravest first. Among the overturned the one under the smallest PGA
-    comes first, among the others the one with the largest peak tilt: the nearest to the verge.
+    comes first, among the others the one with the largest peak tilt: the nearest to overturning.
 
     Args:
         result: the result.
@@ -48,13 +54,13 @@ def representative_trials(
         among = [i for i, log in enumerate(result.logs) if log is not None]
 
     def nearness(i: int) -> tuple[bool, float]:
-        overturned = result["outcome"][i] == "overturned"
+        overturned = result["outcome"][i] == Outcome.overturned.name
         value = float(result["pga"][i] if overturned else -result["peak_tilt"][i])
         return bool(np.isnan(value)), value
 
     kinds = [
         sorted((i for i in among if result["outcome"][i] == outcome), key=nearness)
-        for outcome in _ORDER
+        for outcome in (*reversed(OUTCOMES[:-1]), Outcome.failed.name)
     ]
     chosen: list[int] = []
     while len(chosen) < limit and any(kinds):
@@ -96,9 +102,15 @@ def write_figures(
     except OSError as error:
         raise ResultError(f"{path}: cannot be used for figures ({error.strerror})") from error
     shown: dict[str, str] = {}
-    _save(overturning_diagram(result), path / DIAGRAM_FILE)
-    shown[DIAGRAM_FILE] = (
-        f"Outcomes of {len(result)} trials in PGA [g] against PGV/PGA [s] of the motions as driven."
+
+    def draw(name: str, figure: Figure, caption: str) -> None:
+        [file] = save_figure(figure, path / name, ("png",), dpi=150)
+        shown[file.name] = caption
+
+    draw(
+        DIAGRAM,
+        overturning_diagram(result),
+        f"Outcomes of {len(result)} trials in PGA [g] against PGV/PGA [s] of the motions as driven",
     )
     among = None if logs_from is None else logged_trials(logs_from)
     logs: dict[int, TrialLog] = {}
@@ -107,26 +119,25 @@ def write_figures(
         if len(log.time):
             logs[i] = log
     for i, log in logs.items():
-        outcome, status = result["outcome"][i], result["status"][i]
-        what = f"trial {i} ({printable(result['name'][i])}): {outcome}"
-        what += "" if status == "ok" else f", {status}"
-        name = f"time_history_{i:06d}.png"
-        _save(time_histories(log, what), path / name)
-        shown[name] = (
-            f"Pedestal position commanded and actual [m], tilt [deg], slip [mm] and change of "
-            f"roll, pitch, yaw [deg] against time [s]; {what}."
+        status = result["status"][i]
+        what = f"trial {i} ({printable(result['name'][i])}): {result['outcome'][i]}"
+        what += "" if status == Status.ok.name else f", {status}"
+        draw(
+            f"time_history_{i:06d}",
+            time_histories(log, what),
+            "Pedestal position commanded and actual [m], tilt [deg], slip [mm] and change of "
+            f"roll, pitch, yaw [deg] against time [s]; {what}",
         )
-    tracked = _tracked(result, logs)
-    if tracked:
-        _save(tracking_figure(tracked), path / TRACKING_FILE)
-        shown[TRACKING_FILE] = (
+    if tracked := _tracked(result, logs):
+        draw(
+            TRACKING,
+            tracking_figure(tracked),
             "Commanded against actual pedestal motion (supplement Fig. S1): position [m], error "
             "[mm], power spectral density of both accelerations, gain and phase [deg] against "
-            f"frequency [Hz]; {', '.join(tracked)}."
+            f"frequency [Hz]; {', '.join(tracked)}",
         )
-    note = ["# Figures", ""] + [f"- `{name}`: {text}" for name, text in shown.items()]
-    content = ("\n".join(note) + "\n").encode("utf-8", "replace")
-    write_atomic(path / NOTE_FILE, lambda file: file.write(content))
+    note = "".join(f"- `{name}`: {text}.\n" for name, text in shown.items())
+    write_text(path / NOTE_FILE, f"# Figures\n\n{note}")
     return [path / name for name in (*shown, NOTE_FILE)]
 
 
@@ -144,10 +155,3 @@ def _tracked(result: BatchResult, logs: Mapping[int, TrialLog]) -> dict[str, Tri
         if len(usable) == 2:
             break
     return usable
-
-
-def _save(figure: Figure, path: Path) -> None:
-    with warnings.catch_warnings():
-        # A name in a script the font lacks shows boxes; that is no reason to alarm.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        write_atomic(path, lambda file: figure.savefig(file, format="png", dpi=150))

@@ -14,7 +14,7 @@ from typing import Any
 
 from vsr2.results.atomic import write_atomic
 
-SCHEMA = "vsr2.diagnosis/1"
+SCHEMA = "vsr2.diagnosis/2"
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
 PAGE_TITLE = "Diagnosis of"

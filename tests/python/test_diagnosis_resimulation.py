@@ -1,11 +1,11 @@
-"""Losses by simulations alone, of trials simulated anew."""
+"""Losses by simulations alone, of trials simulated again."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.how_far.anew import feature_scores, outcome_loss
+from vsr2.diagnosis.how_far.resimulation import feature_scores, outcome_loss
 from vsr2.diagnosis.likelihood.evidence import Data
 
 

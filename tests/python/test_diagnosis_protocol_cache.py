@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import pytest
 
-from vsr2.diagnosis import Budget, Shared, diagnose_with
+from planar.library import PLANAR_LIBRARY
+from planar.simulator import PlanarSimulator
+from planted import observe, shaken_campaign
+from vsr2.diagnosis import Budget, ProtocolCache, diagnose_with
 from vsr2.diagnosis import diagnose as api
-from vsr2.diagnosis.how_far.dropped import DROPPED_RUNS
-from vsr2.diagnosis.planted import observe, shaken_campaign
-from vsr2.diagnosis.simulated.planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.planar.simulator import PlanarSimulator
+from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS
+from vsr2.diagnosis.simulated.design import SCREENING
 from vsr2.errors import DiagnosisError
 
 
 def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("vsr2.diagnosis.simulated.design.LEAST_NONE", 12)
+    few = replace(SCREENING, least_none=12)
+    monkeypatch.setattr("vsr2.diagnosis.simulated.design.SCREENING", few)
     monkeypatch.setattr("vsr2.diagnosis.which.amortised.TREES", 30)
     protocol = shaken_campaign(6, 7, duration=2.0, pga=(0.55, 1.15), session_size=14)
     truth = PlanarSimulator(protocol, seed=99)
@@ -28,20 +31,22 @@ def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
     ]
     alone = diagnose_with(simulator, campaigns[1], budget=Budget(draws=6))
 
-    module = sys.modules["vsr2.diagnosis.diagnose"]
+    module = sys.modules["vsr2.diagnosis.pipeline"]
 
     fits = []
     fit = module.prepare
     monkeypatch.setattr(module, "prepare", lambda *a, **k: fits.append(1) or fit(*a, **k))
-    shared = Shared(tmp_path / "bank.sqlite")
+    reuse = ProtocolCache(tmp_path / "simulations.sqlite")
     together = [
-        diagnose_with(simulator, campaign, budget=Budget(draws=6), shared=shared)
+        diagnose_with(simulator, campaign, budget=Budget(draws=6), cache=reuse)
         for campaign in campaigns
     ]
     assert len(fits) == 1
-    # All but the dropped trials under what this campaign's own trials favour.
-    dropped = sum(not row["uncertain"] for row in together[1].trials)
-    assert together[1].content["provenance"]["budget"]["simulated"] <= DROPPED_RUNS * dropped
+    # All but the screened-out trials under what this campaign's own trials favour.
+    screened_out = sum(not row["uncertain"] for row in together[1].trials)
+    assert (
+        together[1].content["provenance"]["budget"]["simulated"] <= SCREENED_OUT_RUNS * screened_out
+    )
     assert without_cost(together[1]) == without_cost(alone)
     assert without_cost(together[0]) != without_cost(alone)
 

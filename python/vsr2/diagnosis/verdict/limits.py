@@ -1,0 +1,317 @@
+"""What the data, or the budget, cannot support: the limits that stand in a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import factorial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.likelihood.equivalence import takes_for_alike
+from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.simulated.design import Screening
+from vsr2.diagnosis.simulated.library import NONE, Library, free_parameters
+from vsr2.diagnosis.verdict.rules import LEAST_UNKNOWN, Findings, Verdict
+from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode, Statement, VerdictKind
+from vsr2.diagnosis.where.scan import SCAN, interleaved
+from vsr2.diagnosis.which.novelty import PRIOR
+from vsr2.diagnosis.which.routes import Prepared
+
+
+@dataclass(frozen=True)
+class LimitConstants:
+    """From where on a limit is stated; chosen by hand.
+
+    Attributes:
+        few_trials: fewer are called few; about what an experiment of one day has.
+        few_motions: fewer are called few.
+        few_uncertain: uncertain trials; fewer are called few.
+        low_detection_rate: of causes outside the library.
+        all_of_prior: share of a prior's range beyond which an interval determines no size.
+        scatter: standard deviations by which repeats must differ more than expected.
+        moved_outcomes: outcomes that an effect must move for a campaign to respond to it.
+        moved_features: the same for a feature, as a sum of squares in standard deviations.
+        locations: the most significant that are written down, beside those of all trials.
+    """
+
+    few_trials: int = 100
+    few_motions: int = 10
+    few_uncertain: int = 20
+    low_detection_rate: float = 0.5
+    all_of_prior: float = 0.85
+    scatter: float = 3.0
+    moved_outcomes: float = 2.0
+    moved_features: float = 4.0
+    locations: int = 20
+
+
+LIMITS = LimitConstants()
+
+
+def limits_of_the_verdict(
+    verdict: Verdict,
+    findings: Findings,
+    headline: Mapping[str, Any],
+    conformal_set: Sequence[str],
+    prepared: Prepared,
+    effects: Sequence[Mapping[str, Any]],
+    provenance: Mapping[str, Any],
+) -> list[Statement]:
+    """What limits what is named.
+
+    Args:
+        verdict: what is said.
+        findings: what it rests on.
+        headline: closure over the better negative control's.
+        conformal_set: the 90 % set.
+        prepared: effects and their tables.
+        effects: of the document.
+        provenance: of the document.
+    """
+    return [
+        *_doubts(verdict, headline, findings),
+        *_not_in_set(verdict, conformal_set),
+        *equivalents_of_a_pair(verdict, prepared.library),
+        *excluded_equivalents(verdict, provenance.get("excluded", ())),
+        *beyond_tolerance(verdict, provenance.get("nuisances", ())),
+        *open_sizes(prepared.library, verdict, effects),
+    ]
+
+
+def limits_of_the_data(
+    seen: Observations,
+    screening: Screening,
+    prepared: Prepared,
+    changed: int,
+    layers: Mapping[str, Any],
+    provenance: Mapping[str, Any],
+) -> list[Statement]:
+    """What limits any statement about this campaign.
+
+    Args:
+        seen: the observed campaign.
+        screening: which trials were kept.
+        prepared: effects and their tables.
+        changed: trials that do otherwise with the chosen effect, and only with it.
+        layers: of the noise floor.
+        provenance: of the document.
+    """
+    session, motion = seen.session[screening.kept], seen.motion[screening.kept]
+    return [
+        *_left_out(seen, provenance),
+        *_scarce(seen),
+        *_unused(seen),
+        *_one_outcome(seen),
+        *_detection(prepared),
+        *few_sessions(session, motion),
+        *_sensitivity(screening, prepared),
+        *([Statement.of(LimitCode.CERTAIN_TRIALS_CHANGE, count=changed)] if changed else ()),
+        *_budget(provenance["budget"]),
+        *repeats_scatter(layers),
+        *(
+            [Statement.of(LimitCode.MEASURES_LACKING)]
+            if not np.isfinite(seen.log_pga).all()
+            else ()
+        ),
+    ]
+
+
+def _doubts(
+    verdict: Verdict, headline: Mapping[str, Any], findings: Findings
+) -> Iterator[Statement]:
+    if not verdict.named:
+        return
+    if findings.unknown_probability > LEAST_UNKNOWN:
+        yield Statement.of(
+            LimitCode.POSSIBLY_OUT_OF_LIBRARY,
+            worse_than=1 - findings.novelty_p,
+            probability=findings.unknown_probability,
+            prior=PRIOR,
+        )
+    if not findings.halves:
+        yield Statement.of(LimitCode.HALVES_TOO_SMALL)
+    if headline["ci95"] is not None and headline["ci95"][0] <= 0:
+        yield Statement.of(LimitCode.CONTROL_CLOSES_AS_MUCH)
+
+
+def _not_in_set(verdict: Verdict, inside: Sequence[str]) -> Iterator[Statement]:
+    """Members of a class that the 90 % set does not hold."""
+    outside = tuple(name for name in verdict.effects if name not in inside)
+    if verdict.kind is VerdictKind.CLASS and outside:
+        yield Statement.of(LimitCode.NOT_IN_SET, effects=outside, leading=verdict.effects[0])
+
+
+def equivalents_of_a_pair(verdict: Verdict, library: Library) -> Iterator[Statement]:
+    """Effects that theory takes for about the same as one of a pair."""
+    if verdict.kind is not VerdictKind.PAIR:
+        return
+    alike = takes_for_alike()
+    for name in verdict.effects:
+        others = tuple(o for o in library if o not in verdict.effects and alike(name, o))
+        if others:
+            yield Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=others)
+
+
+def excluded_equivalents(verdict: Verdict, excluded: Sequence[str]) -> Iterator[Statement]:
+    """What was excluded and theory takes for about the same as what is named."""
+    alike = takes_for_alike()
+    for name in verdict.named:
+        others = tuple(other for other in excluded if alike(name, other))
+        if others:
+            yield Statement.of(LimitCode.EQUIVALENT_EXCLUDED, effect=name, others=others)
+
+
+def beyond_tolerance(verdict: Verdict, nuisances: Sequence[str]) -> Iterator[Statement]:
+    """Nuisances, by their effect, that would look like what is named.
+
+    They are integrated over within their tolerances. A set-up that lies further off than these say
+    is a gap, and effects that act alike are all that can be named for it.
+    """
+    alike = takes_for_alike()
+    same = tuple(n for n in nuisances if any(n == name or alike(n, name) for name in verdict.named))
+    if same:
+        yield Statement.of(LimitCode.BEYOND_TOLERANCE, nuisances=same)
+
+
+def open_sizes(
+    library: Library, verdict: Verdict, effects: Sequence[Mapping[str, Any]]
+) -> Iterator[Statement]:
+    """Parameters of what is named whose size the campaign does not determine."""
+    for row in effects:
+        if row["name"] not in verdict.named:
+            continue
+        for parameter in free_parameters(library[row["name"]]):
+            if parameter.secondary:
+                continue
+            low, high = row["parameters"][parameter.name]["ci95"]
+            size = {
+                "effect": row["name"],
+                "parameter": parameter.name,
+                "low": low,
+                "high": high,
+                "unit": parameter.unit,
+            }
+            if low <= parameter.null <= high:
+                yield Statement.of(LimitCode.SIZE_MAY_BE_NULL, null=parameter.null, **size)
+            elif high - low > LIMITS.all_of_prior * (parameter.upper - parameter.lower):
+                yield Statement.of(LimitCode.SIZE_AS_WIDE_AS_PRIOR, **size)
+
+
+def _left_out(seen: Observations, provenance: Mapping[str, Any]) -> Iterator[Statement]:
+    if provenance.get("left_out"):
+        yield Statement.of(LimitCode.TRIALS_INCOMPLETE, count=provenance["left_out"])
+    if provenance.get("excluded"):
+        yield Statement.of(LimitCode.EFFECTS_EXCLUDED, effects=tuple(provenance["excluded"]))
+    for name, error in provenance.get("unavailable", {}).items():
+        yield Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect=name, error=error)
+    if seen.specimen.max() > 0:
+        names = tuple(sorted({trial.specimen for trial in seen.campaign.trials}))
+        yield Statement.of(LimitCode.SPECIMENS, specimens=names)
+
+
+def _scarce(seen: Observations) -> Iterator[Statement]:
+    motions = int(seen.motion.max() + 1)
+    if len(seen) < LIMITS.few_trials:
+        yield Statement.of(LimitCode.FEW_TRIALS, count=len(seen))
+    if motions < LIMITS.few_motions:
+        yield Statement.of(LimitCode.FEW_MOTIONS, count=motions)
+    if seen.tier == "B":
+        yield Statement.of(LimitCode.OUTCOMES_ALONE)
+        return
+    lacking = int((np.isnan(seen.features[:, 0]) & (seen.overturned < 0.5)).sum())
+    if lacking:
+        yield Statement.of(LimitCode.TILTS_LACKING, count=lacking)
+
+
+def _unused(seen: Observations) -> Iterator[Statement]:
+    """What some trials have and the tier leaves out."""
+    trials = seen.campaign.trials
+    standing = [t for t in trials if not t.overturned]
+    tilts = sum(t.peak_tilt is not None for t in standing)
+    series = sum(t.series is not None for t in trials)
+    if seen.tier == "B" and tilts:
+        yield Statement.of(LimitCode.TILTS_UNUSED, count=tilts, of=len(standing))
+    if seen.tier == "M" and series:
+        yield Statement.of(LimitCode.SERIES_UNUSED, count=series, of=len(trials))
+
+
+def _one_outcome(seen: Observations) -> Iterator[Statement]:
+    alike = set(seen.overturned[np.isfinite(seen.overturned)])
+    if len(alike) == 1:
+        yield Statement.of(LimitCode.ALL_OVERTURNED if alike == {1.0} else LimitCode.ALL_STOOD)
+
+
+def _detection(prepared: Prepared) -> Iterator[Statement]:
+    rate = prepared.calibration.out_of_library.detection_rate
+    if rate is None:
+        yield Statement.of(LimitCode.NO_DETECTION_RATE)
+    elif rate < LIMITS.low_detection_rate:
+        yield Statement.of(LimitCode.LOW_DETECTION_RATE, rate=rate)
+
+
+def few_sessions(session: NDArray[np.int64], motion: NDArray[np.int64]) -> Iterator[Statement]:
+    """What sessions and motions of these trials, in their order, cannot tell."""
+    alone = session.max() == 0
+    orders = factorial(1 + np.count_nonzero(np.diff(session)))
+    if interleaved(motion if alone else session):
+        yield Statement.of(
+            LimitCode.INTERLEAVED_IN_ONE_SESSION if alone else LimitCode.INTERLEAVED_SESSIONS
+        )
+    elif alone:
+        yield Statement.of(LimitCode.ONE_SESSION)
+    elif 1 / orders > SCAN.significant:
+        yield Statement.of(LimitCode.FEW_SESSIONS, orders=orders, p=1 / orders)
+    if not alone and interleaved(motion):
+        yield Statement.of(LimitCode.INTERLEAVED_MOTIONS)
+
+
+def _sensitivity(screening: Screening, prepared: Prepared) -> Iterator[Statement]:
+    uncertain = int(screening.kept.size - screening.guard.size)
+    if uncertain < LIMITS.few_uncertain and not screening.left_out:
+        yield Statement.of(LimitCode.FEW_UNCERTAIN, count=uncertain)
+    names = tuple(n for n in prepared.tables if n != NONE and insensitive(prepared, n))
+    if names:
+        yield Statement.of(LimitCode.INSENSITIVE, effects=names)
+    if screening.left_out:
+        yield Statement.of(LimitCode.TRIALS_BEYOND_BUDGET, count=screening.left_out)
+
+
+def insensitive(prepared: Prepared, name: str) -> bool:
+    """Whether even large values of an effect move no more than two outcomes, nor any feature."""
+    table, plain = prepared.tables[name], prepared.tables[NONE]
+    p = 1 / (1 + np.exp(-table.coarse.logit))
+    q = 1 / (1 + np.exp(-plain.coarse.logit))
+    moved = np.abs(p - q).sum(axis=1).max()
+    tilts = [
+        np.abs(centre - own) / np.sqrt(variance)
+        for centre, own, variance in zip(
+            table.coarse.centre, plain.coarse.centre, table.coarse.variance, strict=True
+        )
+    ]
+    shifted = max((float((t**2).sum(axis=1).max()) for t in tilts), default=0.0)
+    return bool(moved < LIMITS.moved_outcomes and shifted < LIMITS.moved_features)
+
+
+def _budget(budget: Mapping[str, Any]) -> Iterator[Statement]:
+    if budget["state"] == BudgetState.EXCEEDED:
+        yield Statement.of(
+            LimitCode.BUDGET_EXCEEDED,
+            simulations=budget["simulations"],
+            allowed=budget["allowed"],
+        )
+    if budget["state"] != BudgetState.SUFFICIENT:
+        yield Statement.of(LimitCode.BUDGET_ENDED_EARLY)
+
+
+def repeats_scatter(layers: Mapping[str, Any]) -> Iterator[Statement]:
+    """What repeats in the campaign say of the floor."""
+    if layers.get("physical") is None:
+        yield Statement.of(LimitCode.NO_REPEATS)
+        return
+    share, expected, pairs = layers["physical"], layers["physical_expected"], layers["repeats"]
+    margin = LIMITS.scatter * np.sqrt(max(expected * pairs, 1.0))
+    if share * pairs > expected * pairs + margin:
+        yield Statement.of(LimitCode.REPEATS_SCATTER, pairs=pairs, share=share, expected=expected)

@@ -1,0 +1,172 @@
+"""What a diagnosis states, as data: codes with typed values.
+
+Nothing here is worded. :mod:`vsr2.report.messages` makes sentences of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Self
+
+NAMES: type = tuple
+"""Type of a value that lists names."""
+
+
+class VerdictKind(StrEnum):
+    """What a verdict says; `PAIR` names two effects that act together."""
+
+    NONE = "none"
+    EFFECT = "effect"
+    CLASS = "class"
+    PAIR = "pair"
+    UNKNOWN = "unknown"
+    UNRESOLVED = "unresolved"
+
+
+class GapState(StrEnum):
+    """Whether there is a gap, and whether the interval of its size lies above zero."""
+
+    NOT_FOUND = "not_found"
+    SIZE_OPEN = "size_open"
+    FOUND = "found"
+
+
+class BudgetState(StrEnum):
+    """Whether the budget sufficed, ended the rounds early, or is less than the trials need."""
+
+    SUFFICIENT = "sufficient"
+    ENDED_EARLY = "ended_early"
+    EXCEEDED = "exceeded"
+
+
+class Code(StrEnum):
+    """A code, with the type of each value that goes with it."""
+
+    types: Mapping[str, type]
+
+    def __new__(cls, code: str, types: Mapping[str, type] | None = None) -> Self:
+        """A member: its text, and the types."""
+        member = str.__new__(cls, code)
+        member._value_ = code
+        member.types = {} if types is None else types
+        return member
+
+
+class ReasonCode(Code):
+    """Why a verdict is what it is. Shares and probabilities are in [0, 1]."""
+
+    NO_GAP = "no_gap", {"p_size": float, "p_direction": float, "size_significant": bool}
+    NONE_IMPROBABLE = "none_improbable", {"none": float, "favoured": str}
+    NONE_NOT_IN_SET = "none_not_in_set", {"none": float, "favoured": str}
+    NONE_LESS_PROBABLE = "none_less_probable", {"favoured": str, "out_of_library": bool}
+    GAP = "gap", {"p_size": float, "p_direction": float}
+    SIGNS_OF_GAP = "signs_of_gap", {"p_size": float, "p_direction": float}
+    SURPRISING_OUTCOMES = "surprising_outcomes", {"p": float}
+    SIZE_OPEN = "size_open", {"leading": str}
+    ROUTE_SET_EXCLUDES = "route_set_excludes", {"route": str, "effects": NAMES}
+    ROUTE_FAVOURS_OTHER = "route_favours_other", {"route": str, "effect": str}
+    HALVES_DISAGREE = "halves_disagree"
+    TOO_MANY_EQUIVALENT = "too_many_equivalent", {"count": int, "offered": int}
+    TOO_MANY_NEEDED = (
+        "too_many_needed",
+        {"first": NAMES, "probability": float, "wanted": float, "count": int, "offered": int},
+    )
+    GAP_LEFT = "gap_left", {"left": float}
+    GAP_LEFT_AND_MISFIT = "gap_left_and_misfit", {"left": float, "worse_than": float}
+    FLOOR_EXCEEDED = "floor_exceeded", {"times": float}
+    RESIMULATION_SHORT = "resimulation_short", {"closure": float, "predicted": float}
+    NONE_BEATS_OUT_OF_LIBRARY = (
+        "none_beats_out_of_library",
+        {"none": float, "out_of_library": float},
+    )
+    MISFIT = "misfit", {"worse_than": float}
+    PAIR_LEAVES_GAP = "pair_leaves_gap", {"effects": NAMES, "left": float}
+    PART_OF_THE_CAUSE = "part_of_the_cause", {"effect": str, "closed": float}
+    SECOND_EFFECT_HELPS = "second_effect_helps"
+    EQUIVALENT_HERE = "equivalent_here"
+    OTHERS_FIT_WORSE = "others_fit_worse", {"first": NAMES, "probability": float, "wanted": float}
+
+
+class LimitCode(Code):
+    """What the data, or the budget, cannot support. Shares and probabilities are in [0, 1]."""
+
+    POSSIBLY_OUT_OF_LIBRARY = (
+        "possibly_out_of_library",
+        {"worse_than": float, "probability": float, "prior": float},
+    )
+    HALVES_TOO_SMALL = "halves_too_small"
+    CONTROL_CLOSES_AS_MUCH = "control_closes_as_much"
+    NOT_IN_SET = "not_in_set", {"effects": NAMES, "leading": str}
+    EQUIVALENT_TO_MEMBER = "equivalent_to_member", {"effect": str, "others": NAMES}
+    EQUIVALENT_EXCLUDED = "equivalent_excluded", {"effect": str, "others": NAMES}
+    BEYOND_TOLERANCE = "beyond_tolerance", {"nuisances": NAMES}
+    SIZE_MAY_BE_NULL = (
+        "size_may_be_null",
+        {"effect": str, "parameter": str, "low": float, "high": float, "unit": str, "null": float},
+    )
+    SIZE_AS_WIDE_AS_PRIOR = (
+        "size_as_wide_as_prior",
+        {"effect": str, "parameter": str, "low": float, "high": float, "unit": str},
+    )
+    TRIALS_INCOMPLETE = "trials_incomplete", {"count": int}
+    EFFECTS_EXCLUDED = "effects_excluded", {"effects": NAMES}
+    EFFECT_UNAVAILABLE = "effect_unavailable", {"effect": str, "error": str}
+    SPECIMENS = "specimens", {"specimens": NAMES}
+    FEW_TRIALS = "few_trials", {"count": int}
+    FEW_MOTIONS = "few_motions", {"count": int}
+    OUTCOMES_ALONE = "outcomes_alone"
+    TILTS_LACKING = "tilts_lacking", {"count": int}
+    TILTS_UNUSED = "tilts_unused", {"count": int, "of": int}
+    SERIES_UNUSED = "series_unused", {"count": int, "of": int}
+    ALL_OVERTURNED = "all_overturned"
+    ALL_STOOD = "all_stood"
+    LOW_DETECTION_RATE = "low_detection_rate", {"rate": float}
+    NO_DETECTION_RATE = "no_detection_rate"
+    INTERLEAVED_SESSIONS = "interleaved_sessions"
+    INTERLEAVED_IN_ONE_SESSION = "interleaved_in_one_session"
+    INTERLEAVED_MOTIONS = "interleaved_motions"
+    ONE_SESSION = "one_session"
+    FEW_SESSIONS = "few_sessions", {"orders": int, "p": float}
+    FEW_UNCERTAIN = "few_uncertain", {"count": int}
+    INSENSITIVE = "insensitive", {"effects": NAMES}
+    TRIALS_BEYOND_BUDGET = "trials_beyond_budget", {"count": int}
+    CERTAIN_TRIALS_CHANGE = "certain_trials_change", {"count": int}
+    BUDGET_EXCEEDED = "budget_exceeded", {"simulations": int, "allowed": int}
+    BUDGET_ENDED_EARLY = "budget_ended_early"
+    NO_REPEATS = "no_repeats"
+    REPEATS_SCATTER = "repeats_scatter", {"pairs": int, "share": float, "expected": float}
+    MEASURES_LACKING = "measures_lacking"
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A code and its values.
+
+    Attributes:
+        code: of a reason or limit.
+        values: one of each name that the code declares, of its type.
+
+    Raises:
+        TypeError: another name, or a value of another type.
+    """
+
+    code: Code
+    values: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        if set(self.values) != set(self.code.types):
+            raise TypeError(f"{self.code}: has values {sorted(self.values)}")
+        for name, kind in self.code.types.items():
+            if not isinstance(self.values[name], (int, float) if kind is float else kind):
+                raise TypeError(f"{self.code}: {name} is {self.values[name]!r}")
+
+    @classmethod
+    def of(cls, code: Code, **values: Any) -> Statement:
+        """A statement with values by name."""
+        return cls(code, values)
+
+    def to_json(self) -> dict[str, Any]:
+        """As it stands in `diagnosis.json`."""
+        return {"code": str(self.code), "values": dict(self.values)}

@@ -1,0 +1,95 @@
+"""Sentences about the results of runs: batches, fragility, calibration; each written once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from vsr2.results import NO_HAND_OVER, Status
+
+if TYPE_CHECKING:
+    from vsr2.calibration import Profile
+    from vsr2.fragility import FragilityFit, FragilityResult
+
+# Batches
+
+STATUS_MEANING = {
+    Status.ok.name: "finished",
+    Status.settling_timeout.name: "not at rest before the motion; no outcome",
+    Status.tail_timeout.name: "not at rest in the end; the outcome is of the last state",
+    Status.diverged.name: "the state became infinite or NaN; no outcome",
+    Status.error.name: "see the message; no outcome",
+    Status.cancelled.name: "stopped while it ran; no outcome",
+    Status.not_run.name: "not started; no outcome",
+}
+
+
+def engine_in_use(engine: str, hand_over: str) -> str:
+    """The engine that ran a trial, and why another went on with it."""
+    if hand_over == NO_HAND_OVER:
+        return engine
+    return f"{engine}, then exact ({hand_over.replace('_', ' ')})"
+
+
+# Fragility
+
+
+def fit_note(fit: FragilityFit) -> str:
+    """What keeps a fit from being a curve, or a surface from rising; empty: nothing."""
+    from vsr2.fragility import FitNote
+    from vsr2.fragility.fit import FALL
+
+    if fit.falling:
+        return (
+            f"falls with {' and '.join(fit.falling)} in part of the range, by more than {FALL:g}: "
+            "see whether the trials do, or set `surface: linear`"
+        )
+    match fit.note:
+        case FitNote.ALL_OVERTURNED:
+            return "all trials overturned: no curve; widen the range of intensities"
+        case FitNote.ALL_STOOD:
+            return "all trials stood: no curve; widen the range of intensities"
+        case FitNote.NOT_RISING:
+            return "the probability does not rise with the measure: no lognormal curve"
+    return ""
+
+
+def fit_caveats(fit: FragilityFit) -> str:
+    """What to know of a curve, parted by semicolons; empty: nothing."""
+    found = [
+        "outcomes separated without error: the steepness is the prior's" if fit.separated else "",
+        "curved: a lognormal does not fit" if fit.lognormal and not fit.lognormal.fits else "",
+        fit_note(fit),
+    ]
+    return "; ".join(filter(None, found))
+
+
+def lognormal_text(result: FragilityResult) -> str:
+    """One line a curve: median, beta, and what to know of them."""
+    lines = []
+    for name, fit in result.curves.items():
+        parts = [
+            f"{name}: {fit.trials} trials of {fit.groups} motions, {fit.overturned} overturned"
+        ]
+        if (found := fit.lognormal) is not None:
+            parts.append(
+                f"median {found.median:.4g} [{found.median_lower:.4g}, {found.median_upper:.4g}], "
+                f"beta {found.beta:.3g} [{found.beta_lower:.3g}, {found.beta_upper:.3g}]"
+            )
+        lines.append("; ".join(filter(None, [*parts, fit_caveats(fit)])))
+    return "\n".join(lines)
+
+
+# Calibration
+
+
+def compatible_values(profile: Profile) -> str:
+    """The compatible values of a parameter, and how much of its range no set has tried."""
+    kept = [cell for cell in profile.cells if cell.compatible]
+    if kept and kept[0].low == kept[0].high:
+        text = ", ".join(
+            cell.low if isinstance(cell.low, str) else f"{cell.low:g}" for cell in kept
+        )
+    else:
+        text = f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
+    untried = sum(cell.sets == 0 for cell in profile.cells)
+    return text + (f"; {untried} of {len(profile.cells)} parts untried" if untried else "")
