@@ -243,8 +243,9 @@ def test_a_pack_of_others_is_diagnosed_and_scored(tmp_path) -> None:
     campaign, scene, how = by_name["Hall.1"]
     assert [trial.trial for trial in campaign.trials] == list(TRIALS)
     assert (scene, how["exclude"]) == ("scene.yaml", ("wind",))
-    assert how["nuisances"].slenderness == pytest.approx(0.05)
-    assert how["nuisances"].trial_gain == pytest.approx(0.004)
+    deviations = {one.name: one.prior.sd for one in how["nuisances"]}
+    assert deviations["slenderness"] == pytest.approx(0.05)
+    assert deviations["trial_gain"] == pytest.approx(0.004)
     assert by_name["Hall.2"][2]["exclude"] == ()
 
     scored = score_pack(data, tmp_path / "away", tmp_path / "out", tmp_path / "scores")
