@@ -20,13 +20,12 @@ import vsr2.blind
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
-from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
+from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.make import Made
-from vsr2.blind.custodian.shake import Nuisances as DrawnNuisances
-from vsr2.blind.custodian.shake import Shake
-from vsr2.blind.diagnose import at_tier, uncertainties
+from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
-from vsr2.blind.form.verdict import DIAGNOSIS_FILE
+from vsr2.blind.pack_diagnoses import at_tier, uncertainties
 from vsr2.campaign import (
     load_campaign,
 )
@@ -173,7 +172,7 @@ def test_what_is_not_there_is_refused(small, tmp_path) -> None:
 
 def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
     sizes = ["--trials", "40", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
-    sizes += ["--replicates", "4", "--floor-trials", "8"]
+    sizes += ["--replicates", "4", "--signal-trials", "8"]
     counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
     pack = tmp_path / "pack"
     command = ["blind", "make", str(SCENE), str(pack), "--seed", "4", *sizes, *counts]
@@ -244,7 +243,7 @@ def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> N
     monkeypatch.setattr(vsr2.blind, "make_pack", lambda *args, **how: found)
     assert main(["blind", "make", str(SCENE), str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert "bullet: no magnitudes from 0.5 to 6 detection floors, not drawn: base_asperity" in said
+    assert "bullet: no magnitudes from 0.5 to 6 detection limits, not drawn: base_asperity" in said
     assert "wear below 0" in said
     assert "not drawn for so many campaigns: inertia (2)" in said
 
@@ -315,7 +314,7 @@ def diagnosed(tmp_path_factory):
         sessions=2,
         effects=EFFECTS,
         replicates=4,
-        floor_trials=4,
+        signal_trials=4,
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(make_module, "catalogue", pulses)
@@ -374,7 +373,7 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     assert main(score) == 0
     told = capsys.readouterr().out
     assert "| score | M | T |" in told
-    for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none", "floor x"):
+    for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none", "limit x"):
         assert f"### {group}" in told
 
 
@@ -411,7 +410,7 @@ def test_all_nuisances_reach_the_simulation(name, study) -> None:
     engine = build_engine(name, study)
     time = np.arange(0.0, 2.0, 0.005)
     moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
-    base = Shake(0.005, moved * 6.0 / (np.abs(np.diff(moved, 2)).max() / 0.005**2), yaw=0.02)
+    base = TrialInput(0.005, moved * 6.0 / (np.abs(np.diff(moved, 2)).max() / 0.005**2), yaw=0.02)
 
     def seen(**changes):
         own = {key: changes.pop(key) for key in ("yaw", "offset", "effects") if key in changes}
@@ -458,7 +457,7 @@ def test_an_obj_of_a_box_rocks_as_the_box(study, weight) -> None:
     peaks = []
     for rock in rocks:
         engine = build_engine("mujoco", Study.model_validate(given | {"rock": rock}))
-        shakes = [Shake(0.005, factor * moved, nuisances=wider) for factor in (1.0, 4.4)]
+        shakes = [TrialInput(0.005, factor * moved, nuisances=wider) for factor in (1.0, 4.4)]
         peaks.append([seen.peak_tilt for seen in engine.run(shakes, 0.02)])
     assert peaks[0][1] > 0.02
     # Corners are written with five decimals of a metre, and stand in another order.
@@ -471,7 +470,7 @@ def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
     time = np.arange(0.0, 2.0, 0.005)
     moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
     peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
-    shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    shakes = [TrialInput(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
     study = study.model_copy(
         update={"engine": study.engine.model_copy(update={"time_step": 0.001})}
     )

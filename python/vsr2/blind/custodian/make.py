@@ -9,7 +9,7 @@ import platform
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,16 @@ import numpy as np
 from vsr2.blind.custodian.design import (
     Protocol,
     catalogue,
+    draw_inputs,
     draw_protocol,
-    log_uniform,
 )
-from vsr2.blind.custodian.engines import build_engine
-from vsr2.blind.custodian.floor import Floor, draw_nuisances, draw_own, shake_of
-from vsr2.blind.custodian.measure import Measures, Say
+from vsr2.blind.custodian.detection_limit import DetectionLimit
+from vsr2.blind.custodian.engine import Engine, TrialInput, build_engine
+from vsr2.blind.custodian.measurements import Measurements, Say
 from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.shake import Engine, Observed, Shake
-from vsr2.blind.custodian.write import RANGE, written_campaign
+from vsr2.blind.custodian.recording import RANGE, recorded_campaign
+from vsr2.blind.form.pack_form import Axis
+from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -44,16 +45,16 @@ from vsr2.blind.form.seal import (
     set_time_stamps,
     write_json,
 )
-from vsr2.blind.form.settings import PackSettings
+from vsr2.blind.mujoco import Response
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 4
+FORM = 5
 """Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
 _STATE = "custodian.json"
-_FLOORS = "floors.json"
+_MEASUREMENTS = "measurements.json"
 _ENTRIES = "entries"
 PLACEMENTS = 6
 """Draws of a campaign, until its rock rests before every motion."""
@@ -66,11 +67,12 @@ class Made:
     Attributes:
         campaigns: number of them.
         commitment: SHA-256 that is published with the data.
-        not_drawn: by engine, effects of which no magnitude was found from 0.5 to 6 floors, or the
-            sides of their null (`table_gain below 0`) where there is one on the other.
+        not_drawn: by engine, effects of which no magnitude was found from 0.5 to 6 detection
+            limits, or the sides of their null (`table_gain below 0`) where there is one on the
+            other.
         refused: by engine and effect, for how many campaigns every draw of it was measured outside
-            0.5 to 6 floors, so that they got another effect, or were not made where each effect is
-            left out in turn.
+            0.5 to 6 detection limits, so that they got another effect, or were not made where each
+            effect is left out in turn.
     """
 
     campaigns: int
@@ -136,22 +138,21 @@ def make_pack(
         _write_scene(study, data)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
-    measures = Measures(key / _FLOORS, engines, settings, number, say)
-    thresholds = measures.thresholds(settings.engines[0], motions)
+    measured = Measurements(key / _MEASUREMENTS, engines, settings, number, say)
+    thresholds = measured.thresholds(settings.engines[0], motions)
     protocols = [
         draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
         for i in range(settings.protocols)
     ]
-    floors = measures.floors(effects, protocols)
-    drawn = draw_plan(number, settings, effects, floors, partial(measures.relative, protocols))
+    limits = measured.limits(effects, protocols)
+    drawn = draw_plan(number, settings, effects, limits, partial(measured.relative, protocols))
     plan = drawn.campaigns
     for done, planned in enumerate(plan):
         file = key / _ENTRIES / f"{planned.id}.json"
         if file.exists() and (data / planned.id).is_dir():
             continue
-        engine = engines[planned.engine]
         protocol = protocols[planned.protocol]
-        entry = _campaign(data, planned, engine, protocol, settings, number)
+        entry = _campaign(data, planned, engines[planned.engine], protocol, settings, number)
         write_json(file, entry, private=True)
         say(f"campaign {done + 1} of {len(plan)}")
     if not (data / PACK_FILE).exists():
@@ -162,14 +163,14 @@ def make_pack(
         open_key(data, key)
         sealed = str(read_json(data / PACK_FILE)["commitment"]["sha256"])
     else:
-        sealed = _seal(data, key, state, settings, engines, floors, entries)
+        sealed = _seal(data, key, state, settings, engines, limits, entries)
     set_time_stamps(data)
     refused = {
         name: {e: count for (on, e), count in sorted(drawn.refused.items()) if on == name}
         for name in effects
     }
     return Made(
-        len(plan), sealed, {name: not_drawn(effects, floors, name) for name in effects}, refused
+        len(plan), sealed, {name: not_drawn(effects, limits, name) for name in effects}, refused
     )
 
 
@@ -290,7 +291,7 @@ def _campaign(
 ) -> dict[str, Any]:
     """Simulate and write one campaign; returns its entry of the key.
 
-    Where a rock does not come to rest, all draws are made anew, as it would be placed anew.
+    Where a rock does not come to rest, all draws are repeated, as it would be placed again.
 
     Raises:
         SimulationError: nor does it in any of `PLACEMENTS` draws.
@@ -313,36 +314,20 @@ def _drawn(
 ) -> dict[str, Any]:
     number, attempt = seed
     rng = np.random.default_rng([number, 401, planned.index, *([attempt] if attempt else [])])
-    rows = protocol.rows
-    nuisances = draw_nuisances(rng, settings)
-    gain = log_uniform(rng, *settings.tolerances.input_gain)
-    own = [draw_own(rng, settings, gain) for _ in rows]
-    seeds = rng.integers(0, 2**31, size=len(rows) + 1)
-
-    def shakes(effects: dict[str, dict[str, float]]) -> list[Shake]:
-        return [
-            shake_of(
-                row,
-                motion,
-                i / max(1, len(rows) - 1),
-                settings.sessions,
-                nuisances,
-                own[i],
-                effects,
-                (int(seeds[-1]), int(seeds[i])),
-            )
-            for i, (row, motion) in enumerate(zip(rows, protocol.motions, strict=True))
-        ]
-
+    gain, inputs = draw_inputs(rng, protocol, settings)
+    *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
+    plain = [
+        replace(one, context=replace(one.context, campaign_seed=common, trial_seed=own))
+        for one, own in zip(inputs, seeds, strict=True)
+    ]
     acting = {effect.name: effect.values for effect in planned.effects}
-    interval = settings.series_interval or 1.0
-    seen = list(engine.run(shakes(acting), interval))
+    shaken: list[TrialInput] = [replace(one, effects=acting) for one in plain]
+    seen = list(engine.run(shaken, settings.series_interval or 1.0))
     weights: list[float] = []
     if acting:
         # The same campaign without the effect, all else equal: where the effect acts.
-        plain = list(engine.run(shakes({}), 1.0))
-        weights = [_change(a, b) for a, b in zip(seen, plain, strict=True)]
-    campaign = written_campaign(planned.id, protocol, seen, settings, rng)
+        weights = [_change(a, b) for a, b in zip(seen, engine.run(plain, 1.0), strict=True)]
+    campaign = recorded_campaign(planned.id, protocol, seen, settings, rng)
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
@@ -355,7 +340,7 @@ def _drawn(
             "effects": [asdict(effect) for effect in planned.effects],
             "exclude": list(planned.exclude),
             "protocol": planned.protocol,
-            "nuisances": asdict(nuisances) | {"input_gain": gain},
+            "nuisances": asdict(inputs[0].nuisances) | {"input_gain": gain},
             "where": {"axis": _axis(planned.effects), "weights": weights},
             "data_sha256": folder_sha256(folder),
         }
@@ -375,15 +360,15 @@ def _write_together(data: Path, names: Sequence[str]) -> None:
         fresh.rename(data / name)
 
 
-def _change(a: Observed, b: Observed) -> float:
+def _change(a: Response, b: Response) -> float:
     tilts = [min(max(x.peak_tilt, 1e-3), RANGE) for x in (a, b)]
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
-def _axis(effects: tuple[Drawn, ...]) -> str:
+def _axis(effects: tuple[Drawn, ...]) -> Axis:
     if not effects:
-        return "none"
-    return "order" if any(effect.drifts for effect in effects) else "conditions"
+        return Axis.NONE
+    return Axis.ORDER if any(effect.drifts for effect in effects) else Axis.CONDITIONS
 
 
 def _seal(
@@ -392,7 +377,7 @@ def _seal(
     state: Mapping[str, Any],
     settings: PackSettings,
     engines: Mapping[str, Engine],
-    floors: Mapping[tuple[str, str, int], Floor],
+    limits: Mapping[tuple[str, str, int], DetectionLimit],
     entries: dict[str, Any],
 ) -> str:
     versions = {"numpy": np.__version__, "python": platform.python_version()}
@@ -405,11 +390,11 @@ def _seal(
             **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
             "versions": versions,
-            "floors": {
-                f"{engine} {name} {sign:+d}": floor.magnitude
-                if math.isfinite(floor.magnitude)
+            "detection_limits": {
+                f"{engine} {name} {sign:+d}": limit.magnitude
+                if math.isfinite(limit.magnitude)
                 else None
-                for (engine, name, sign), floor in floors.items()
+                for (engine, name, sign), limit in limits.items()
             },
         }
     )
@@ -419,14 +404,13 @@ def _seal(
         {"schema": KEY_SCHEMA, "salt": state["salt"], "key": content},
         private=True,
     )
-    tolerances = asdict(settings.tolerances)
     published = {
         "schema": PACK_SCHEMA,
         "development": settings.development,
         "scene": SCENE_FILE,
         "tiers": ["B", "M", "T"] if settings.series_interval else ["B", "M"],
         "classes": settings.classes,
-        "tolerances": tolerances,
+        "tolerances": settings.tolerances.model_dump(),
         "campaigns": [
             {
                 "id": name,

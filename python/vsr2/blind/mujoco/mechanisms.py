@@ -50,7 +50,7 @@ class RelativeMotion:
         self.pose = data.qpos[joints:]
         self.speed = data.qvel[joints:]
         self._table_q, self._table_v = data.qpos[:joints], data.qvel[:joints]
-        self._places = [
+        self._slides = [
             (i, "xyz".index(channel)) for i, channel in enumerate(used) if channel != "pitch"
         ]
         self._pitch = joints - 1 if "pitch" in used else None
@@ -59,18 +59,25 @@ class RelativeMotion:
     def table(self) -> Array:
         """Velocity of the table's rigid motion at the mass centre; turning in body axes."""
         out = np.zeros(6)
-        for i, axis in self._places:
+        for i, axis in self._slides:
             out[axis] = self._table_v[i]
         if self._pitch is not None:
             rate = float(self._table_v[self._pitch])
             out[0] += rate * (self.pose[2] + self._pivot)
             out[2] -= rate * (self.pose[0] - self._table_q[0])
-            w, x, y, z = self.pose[3:]
-            # second row of the rotation matrix: the world's y axis in body axes
-            out[3:] = rate * np.array(
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-            )
+            out[3:] = rate * self.rotation()[1]  # the world's y axis in body axes
         return out
+
+    def rotation(self) -> Array:
+        """From body axes to the world's, shape (3, 3)."""
+        w, x, y, z = self.pose[3:]
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
 
     def tilt(self) -> float:
         """Of the body from the vertical [rad]."""
@@ -168,17 +175,10 @@ class _Catch:
         if tilt <= self._slack:
             self._torque[:] = 0
             return
-        w, x, y, z = self._motion.pose[3:]
+        turn = self._motion.rotation()
         # the axis about which the body's vertical leans: world z cross body z
-        axis = np.array([-2 * (y * z - w * x), 2 * (x * z + w * y), 0.0])
+        axis = np.array([-turn[1, 2], turn[0, 2], 0.0])
         axis /= np.linalg.norm(axis)
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
         rate = float(axis @ turn @ self._motion.speed[3:])
         pull = self._stiffness * (tilt - self._slack) + self._damping * max(rate, 0.0)
         self._torque[:] = -pull * axis
@@ -199,14 +199,7 @@ class _Friction:
         if step < 0:
             return
         relative = self._motion.speed - self._motion.table()
-        w, x, y, z = self._motion.pose[3:]
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        turn = self._motion.rotation()
         arms = self._points @ turn.T
         arm = arms[arms[:, 2].argmin()]
         slip = relative[:3] + np.cross(turn @ relative[3:], arm)

@@ -237,16 +237,9 @@ def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: fl
 
 def _away(turned: Array, rest: Array) -> Array:
     """Turn away from the rest, q q0* of MuJoCo's w, x, y, z, as x, y, z, w."""
-    w, x, y, z = turned.T
-    a, b, c, d = rest[0], -rest[1], -rest[2], -rest[3]
-    out = np.stack(
-        [
-            w * b + x * a + y * d - z * c,
-            w * c - x * d + y * a + z * b,
-            w * d + x * c - y * b + z * a,
-            w * a - x * b - y * c - z * d,
-        ],
-        axis=1,
-    )
-    unit: Array = out / np.linalg.norm(out, axis=1, keepdims=True)
-    return unit
+    from scipy.spatial.transform import Rotation
+
+    order = [1, 2, 3, 0]
+    away = Rotation.from_quat(turned[:, order]) * Rotation.from_quat(rest[order]).inv()
+    quaternions: Array = away.as_quat()
+    return quaternions

@@ -1,0 +1,304 @@
+"""Runs a diagnosis over a pack, campaign by campaign, from the data alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Protocol
+
+from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
+from vsr2.blind.form.pack_form import TIERS
+from vsr2.blind.form.seal import (
+    KEY_FILE,
+    PACK_FILE,
+    folder_around,
+    make_folder,
+    read_json,
+    read_pack,
+    write_json,
+)
+from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.config import load_study
+from vsr2.errors import BlindError, Vsr2Error
+
+BANK_FILE = "bank.sqlite"
+DRAWS = 48
+"""Of every effect."""
+
+
+class Saved(Protocol):
+    """What a diagnosis returns."""
+
+    def save(self, folder: Path, /) -> object:
+        """Write `diagnosis.json` and what else there is."""
+        ...
+
+
+Diagnose = Callable[..., Saved]
+"""As :func:`vsr2.diagnosis.diagnose`: campaign, scene and keywords."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What came of a run over a pack.
+
+    Attributes:
+        done: diagnoses that are there now.
+        failed: campaigns and tiers without one.
+    """
+
+    done: int
+    failed: tuple[str, ...]
+
+
+def at_tier(campaign: Campaign, tier: Tier) -> Campaign:
+    """The campaign with nothing beyond a tier: what is left out cannot be used by accident."""
+    if tier == "T":
+        return campaign
+    noise = replace(campaign.noise, tilt=None, position=None, orientation=None)
+    if tier == "B":
+        noise = replace(noise, peak_tilt=None)
+    trials = tuple(
+        replace(t, series=None, peak_tilt=t.peak_tilt if tier == "M" else None)
+        for t in campaign.trials
+    )
+    return replace(campaign, trials=trials, noise=noise)
+
+
+def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
+    """Standard deviations for the diagnosis from those that a pack publishes.
+
+    What it does not publish keeps the diagnosis' own. Edges that are off by s change the frequency
+    parameter p^2 by s, as a moment of inertia does that is off by 4 s: of the moment about an edge,
+    4/3 m R^2, a quarter is about the centre.
+    """
+    tolerances = {name: value for name, value in tolerances.items() if value is not None}
+    out: dict[str, float] = {}
+    if {"width", "height"} <= set(tolerances):
+        out["slenderness"] = math.hypot(tolerances["width"], tolerances["height"])
+        out["inertia"] = 4 * tolerances["height"]
+    if "friction" in tolerances:
+        out["friction"] = tolerances["friction"]
+    if "yaw" in tolerances:
+        out["yaw"] = math.degrees(tolerances["yaw"])
+    if "offset" in tolerances:
+        out["offset"] = tolerances["offset"]
+    if "input_gain" in tolerances:
+        # Root mean square of a log-uniform draw.
+        low, high = tolerances["input_gain"]
+        spread = 2 * math.log(high / low) if high > low > 0 else 0.0
+        out["trial_gain"] = math.sqrt((high**2 - low**2) / spread) if spread else high
+    return out
+
+
+def diagnose_pack(
+    data: Path,
+    out: Path,
+    *,
+    tiers: Sequence[Tier] | None = None,
+    campaigns: Sequence[str] | None = None,
+    draws: int | None = DRAWS,
+    budget_minutes: float = 10.0,
+    threads: int | None = None,
+    seed: int = 0,
+    diagnose: Diagnose | None = None,
+    say: Callable[[str], None] = lambda text: None,
+) -> Progress:
+    """Diagnose the campaigns of a pack; what is there already is kept.
+
+    Results go to `out/<campaign>/<tier>/`, simulations to `out/bank.sqlite`: those for one campaign
+    serve all of its protocol, and with a fixed number of draws so do fitted models. Therefore
+    campaigns of one protocol that lack the same effects come one after the other. Only the data
+    folder is read. A campaign whose diagnosis ends with an error of ours gets a `failed.json`, and
+    is tried again by the next run.
+
+    Args:
+        data: a pack's data folder.
+        out: gets the diagnoses.
+        tiers: information to use; None: all that the pack has.
+        campaigns: ids; None: all.
+        draws: as in the diagnosis; None: by `budget_minutes`.
+        budget_minutes: as in the diagnosis, without draws.
+        threads: as in the diagnosis.
+        seed: as in the diagnosis.
+        diagnose: stands in for :func:`vsr2.diagnosis.diagnose`.
+        say: gets a line for each campaign.
+
+    Raises:
+        BlindError: no pack, one of a wrong form, a campaign or tier that it does not have, or
+            options that no diagnosis can use; nothing is written then.
+        ConfigError, GeometryError: the scene cannot be used.
+    """
+    pack = read_pack(data)
+    listed = {entry["id"]: entry for entry in pack["campaigns"]}
+    chosen = list(listed) if campaigns is None else list(campaigns)
+    unknown = set(chosen) - set(listed)
+    if unknown:
+        some = ", ".join(sorted(listed)[:3])
+        raise BlindError(
+            f"{data}: has no campaign {min(unknown)!r}; it has {len(listed)}: {some} ..."
+        )
+    gone = [name for name in chosen if not (data / name).is_dir()]
+    if gone:
+        raise BlindError(
+            f"{data}: {PACK_FILE} lists {gone[0]!r}, but there is no such folder: the pack is not "
+            "whole; fetch it again"
+        )
+    offered = [tier for tier in TIERS if tier in pack["tiers"]]
+    wanted = offered if tiers is None else list(tiers)
+    beyond = [tier for tier in wanted if tier not in offered]
+    if beyond:
+        raise BlindError(f"{data}: has no tier {beyond[0]}; it has {', '.join(offered)}")
+    known: Collection[str] | None = None
+    if diagnose is None:
+        from vsr2.diagnosis import diagnose as installed
+        from vsr2.effects import library
+
+        diagnose, known = installed, library()
+    from vsr2.diagnosis import Nuisances, Shared
+    from vsr2.diagnosis.observed.observations import series_sampling
+
+    _check_options(draws, budget_minutes, threads, seed)
+    budget: dict[str, Any] = {"draws": draws}
+    if draws is None:
+        budget = {"budget_minutes": budget_minutes}
+    scene = data / pack["scene"]
+    load_study(scene)
+    _check_folder(out, data)
+    excluded = {name: _excluded(data, listed[name], known, say) for name in chosen}
+    _check_tiers(data, chosen, wanted)
+    _same_submission(out, pack, budget | {"seed": seed})
+    nuisances = Nuisances(**uncertainties(pack.get("tolerances") or {}))
+    shared = Shared(out / BANK_FILE, series="T" in offered)
+    failed = []
+    for tier, name in _in_groups(wanted, chosen, listed):
+        folder = out / name / tier
+        if (folder / DIAGNOSIS_FILE).exists():
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            whole = load_campaign(data / name)
+            result = diagnose(
+                at_tier(whole, tier),
+                scene,
+                tier=tier,
+                threads=threads,
+                exclude=excluded[name],
+                # Without series too, simulate them as this campaign measured them.
+                shared=replace(shared, sampling=series_sampling(whole)),
+                nuisances=nuisances,
+                seed=seed,
+                **budget,
+            )
+            result.save(folder)
+            read_verdict(folder)
+        except Vsr2Error as error:
+            (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
+            write_json(folder / FAILED_FILE, {"error": str(error)})
+            failed.append(f"{name} {tier}")
+            say(f"{name} {tier}: failed: {error}")
+            continue
+        (folder / FAILED_FILE).unlink(missing_ok=True)
+        say(f"{name} {tier}: {read_verdict(folder).kind}")
+    return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
+
+
+def _check_options(
+    draws: int | None, budget_minutes: float, threads: int | None, seed: int
+) -> None:
+    """Refuse before anything is noted what every diagnosis would refuse."""
+    from vsr2.diagnosis.budget import FEWEST_DRAWS
+
+    if draws is not None and draws < FEWEST_DRAWS:
+        raise BlindError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
+    if draws is None and not 0 < budget_minutes < math.inf:
+        raise BlindError(f"budget_minutes is {budget_minutes}; give more than 0")
+    if threads is not None and threads < 1:
+        raise BlindError(f"threads is {threads}; give at least 1, or leave it out for all")
+    if seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
+
+
+def _check_folder(out: Path, data: Path) -> None:
+    """Refuse to write among the pack's own files, whose hashes are sealed."""
+    place, pack = out.resolve(), data.resolve()
+    if place == pack or pack in place.parents:
+        raise BlindError(f"{out}: lies in the pack's data folder; choose another --out")
+    for file, what in ((PACK_FILE, "pack's data"), (KEY_FILE, "key")):
+        other = folder_around(out, file)
+        if other is not None:
+            raise BlindError(f"{out}: lies in a {what} folder, {other}; choose another --out")
+
+
+def _excluded(
+    data: Path, entry: Mapping[str, Any], known: Collection[str] | None, say: Callable[[str], None]
+) -> tuple[str, ...]:
+    """What to leave out of the library for a campaign.
+
+    A custodian may withhold effects that the library never had; a name that is nearly one of the
+    library's is a slip, which would let the effect in.
+    """
+    names = tuple(entry.get("exclude") or ())
+    if known is None:
+        return names
+    for name in names:
+        if name in known:
+            continue
+        near = get_close_matches(name, known, n=1, cutoff=0.8)
+        if near:
+            raise BlindError(
+                f"{data / PACK_FILE}: exclude of {entry['id']} names {name!r}, which the library "
+                f"lacks; if {near[0]} is meant, publish that name"
+            )
+        say(f"{entry['id']}: exclude names {name!r}, which the library lacks anyway")
+    return tuple(name for name in names if name in known)
+
+
+def _check_tiers(data: Path, names: Sequence[str], tiers: Sequence[Tier]) -> None:
+    """That some campaign has what each tier uses; one that has not, or is damaged, fails alone."""
+    for tier, key, what in (("M", "peak_tilt", "largest tilts"), ("T", "series", "time series")):
+        if tier in tiers and not any(_measures(data / name, key) for name in names):
+            raise BlindError(
+                f"{data}: no campaign has {what}, which tier {tier} uses; diagnose at other tiers "
+                "(--tier)"
+            )
+
+
+def _measures(folder: Path, key: str) -> bool:
+    try:
+        return any(getattr(trial, key) is not None for trial in load_campaign(folder).trials)
+    except Vsr2Error:
+        return False
+
+
+def _in_groups(
+    tiers: Sequence[Tier], names: Sequence[str], listed: Mapping[str, Mapping[str, Any]]
+) -> list[tuple[Tier, str]]:
+    """Tiers and campaigns such that those that share fitted models are neighbours."""
+
+    def group(name: str) -> tuple[int, list[str]]:
+        entry = listed[name]
+        return int(entry.get("protocol") or 0), sorted(entry.get("exclude") or ())
+
+    ordered = sorted(names, key=group)
+    return [(tier, name) for tier in tiers for name in ordered]
+
+
+def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> None:
+    """Note which pack the diagnoses are of, and refuse to mix two."""
+    path = out / "submission.json"
+    mine = {"schema": "vsr2.blind-submission/1", "pack": pack["commitment"]["sha256"], **how}
+    if path.exists():
+        there = read_json(path)
+        differs = [key for key in mine if there.get(key) != mine[key]]
+        if differs:
+            raise BlindError(
+                f"{path}: was begun with {differs[0]} {there.get(differs[0])!r}, not "
+                f"{mine[differs[0]]!r}; continue with the same, or choose another folder"
+            )
+        return
+    make_folder(out)
+    write_json(path, mine)
