@@ -8,9 +8,9 @@
 Reads keys and verdicts of `--results` (:mod:`blind_results`). Each effect is simulated at its
 sealed values on its campaign's protocol (`SignalMeter` of
 :mod:`vsr2.blind.custodian.detection_limit`). Its signal over noise over 3 is written to
-`signals.csv` there, beside what was sealed; what is there is kept. `signals.md` then holds the scores in groups of what was measured. Effects are those of the present
-version: where an engine's effect was changed since, or taken out, its campaigns say little or are
-left out.
+`signals.csv` there, beside what was sealed; what is there is kept. `signals.md` then holds the
+scores in groups of what was measured. Effects are those of the present version: where an engine's
+effect was changed since, or taken out, its campaigns say little or are left out.
 """
 
 from __future__ import annotations

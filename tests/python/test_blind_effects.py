@@ -36,6 +36,7 @@ from vsr2.blind.mujoco.model import build_model
 from vsr2.effects.order import ChangePoint
 from vsr2.effects.setup import Circumstances
 
+FIRST = TrialContext()
 THRESHOLD = G * math.tan(BLOCK.slenderness_angle)
 
 
@@ -48,20 +49,20 @@ def middle(name, strength=None):
     return values
 
 
-def under(name, base, place=None, **values):
-    return with_effects(base, {name: middle(name) | values}, place)
+def under(name, base, context=FIRST, **values):
+    return with_effects(base, {name: middle(name) | values}, context)
 
 
-def lifts_at(factor, name, place=None, **values):
+def lifts_at(factor, name, context=FIRST, **values):
     """Whether the block lifts at a multiple of its own static threshold, under an effect."""
-    changed = under(name, situation(factor * THRESHOLD), place, **values)
+    changed = under(name, situation(factor * THRESHOLD), context, **values)
     return run_trial(changed).peak_tilt > 5e-5
 
 
-def assert_threshold(expected, name, place=None, **values):
+def assert_threshold(expected, name, context=FIRST, **values):
     """The static threshold over the block's own is `expected`, within 2 %."""
-    assert not lifts_at(0.98 * expected, name, place, **values)
-    assert lifts_at(1.03 * expected, name, place, **values)
+    assert not lifts_at(0.98 * expected, name, context, **values)
+    assert lifts_at(1.03 * expected, name, context, **values)
 
 
 def test_there_are_the_canonical_names_but_friction() -> None:
@@ -84,7 +85,7 @@ def test_an_effect_at_its_null_changes_nothing(name: str) -> None:
 
 def strongest(name):
     strength = EFFECTS[name].strength
-    if strength.scale == "reciprocal":
+    if strength.reciprocal:
         return strength.low
     return max(strength.low, strength.high, key=lambda v: abs(v - strength.null))
 
@@ -95,14 +96,14 @@ def test_an_effect_at_its_end_changes_the_response(name: str) -> None:
     # moved by a micrometre changes the largest tilt by less than 1e-3 of itself.
     table = TableMotion(INTERVAL, burst(0.8) * 6.0)
     base = situation(yaw=0.2, friction=0.4, table=table)
-    place = TrialContext(order=1.0, campaign_seed=1, trial_seed=2)
+    context = TrialContext(order=1.0, campaign_seed=1, trial_seed=2)
     plain = run_trial(base)
     moved = run_trial(replace(base, offset=(1e-6, 0.0)))
-    floor = abs(moved.peak_tilt - plain.peak_tilt)
+    scatter = abs(moved.peak_tilt - plain.peak_tilt)
     values = {name: middle(name, strongest(name))}
-    changed = observe(run_trial(with_effects(base, values, place)), values, place)
-    assert floor < 1e-3 * plain.peak_tilt
-    assert abs(changed.peak_tilt - plain.peak_tilt) > 5 * floor + 1e-3 * plain.peak_tilt
+    changed = observe(run_trial(with_effects(base, values, context)), values, context)
+    assert scatter < 1e-3 * plain.peak_tilt
+    assert abs(changed.peak_tilt - plain.peak_tilt) > 5 * scatter + 1e-3 * plain.peak_tilt
 
 
 def test_effects_have_one_order() -> None:
@@ -133,8 +134,8 @@ def test_wear_takes_slenderness_in_proportion_to_the_order(order: float) -> None
 
 @pytest.mark.parametrize(("session", "expected"), [(3, 1.0), (4, 0.9)])
 def test_a_change_point_is_a_step(session: int, expected: float) -> None:
-    place = TrialContext(session=session, sessions=8)
-    assert_threshold(expected, "change_point", place, slenderness_change=-0.1, at=0.5)
+    context = TrialContext(session=session, sessions=8)
+    assert_threshold(expected, "change_point", context, slenderness_change=-0.1, at=0.5)
 
 
 @pytest.mark.parametrize("sessions", [1, 2, 3, 4, 8])
@@ -143,7 +144,7 @@ def test_a_change_point_acts_from_the_nearest_bound_of_sessions_on(sessions: int
     for at in np.linspace(0.1, 0.9, 33):
         values = {"change_point": {"slenderness_change": -0.1, "at": float(at)}}
         places = [TrialContext(i / 15, i * sessions // 16, sessions) for i in range(16)]
-        acts = [with_effects(base, values, place) is not base for place in places]
+        acts = [with_effects(base, values, context) is not base for context in places]
         # As the library has it; before and after there is a trial at least.
         names = tuple(f"S{i}" for i in range(sessions))
         expected = [

@@ -101,7 +101,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
         assert how["tier"] == "T" or campaign.noise.tilt is None
     whole = load_campaign(small / Stub.calls[0][0].name)
     assert at_tier(whole, "T") is whole
-    # All tiers share one bank of simulations.
+    # All tiers share one cache of simulations.
     shared = Stub.calls[0][1]["shared"]
     scene = load_study(small / "scene.yaml")
     simulators = [
@@ -364,7 +364,7 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
         for tier in "MT"
     }
     # Campaigns of one protocol share their simulations, but for what is named of each.
-    assert sum(simulated.values()) == len(bank_keys(out / "bank.sqlite"))
+    assert sum(simulated.values()) == len(cache_keys(out / "simulations.sqlite"))
     assert sorted(simulated[name, "M"] for name in names)[:9] == [0] * 9
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 2
@@ -377,7 +377,7 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
         assert f"### {group}" in told
 
 
-def bank_keys(path):
+def cache_keys(path):
     with contextlib.closing(sqlite3.connect(path)) as file:
         return file.execute("SELECT key FROM runs").fetchall()
 
@@ -487,7 +487,7 @@ def test_the_library_is_drawn_from(study) -> None:
     assert effects["restitution"].strength.null == 1.0
     assert effects["table_bandwidth"].strength.reciprocal
     assert effects["wear"].drifts
-    assert [name for name, _, _ in effects["base_slope"].others] == ["azimuth"]
+    assert [other.name for other in effects["base_slope"].others] == ["azimuth"]
     assert effects["change_point"].strength.name == "slenderness_change"
     # Names and units of strengths are the same on both engines, so that one verdict fits both.
     both = build_engine("mujoco", study).effects

@@ -24,7 +24,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
 from vsr2.errors import BlindError, Vsr2Error
 
-BANK_FILE = "bank.sqlite"
+CACHE_FILE = "simulations.sqlite"
 DRAWS = 48
 """Of every effect."""
 
@@ -109,11 +109,11 @@ def diagnose_pack(
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
-    Results go to `out/<campaign>/<tier>/`, simulations to `out/bank.sqlite`: those for one campaign
-    serve all of its protocol, and with a fixed number of draws so do fitted models. Therefore
-    campaigns of one protocol that lack the same effects come one after the other. Only the data
-    folder is read. A campaign whose diagnosis ends with an error of ours gets a `failed.json`, and
-    is tried again by the next run.
+    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.sqlite`: those for one
+    campaign serve all of its protocol, and with a fixed number of draws so do fitted models.
+    Therefore campaigns of one protocol that lack the same effects come one after the other. Only
+    the data folder is read. A campaign whose diagnosis ends with an error of ours gets a
+    `failed.json`, and is tried again by the next run.
 
     Args:
         data: a pack's data folder.
@@ -134,19 +134,7 @@ def diagnose_pack(
     """
     pack = read_pack(data)
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
-    chosen = list(listed) if campaigns is None else list(campaigns)
-    unknown = set(chosen) - set(listed)
-    if unknown:
-        some = ", ".join(sorted(listed)[:3])
-        raise BlindError(
-            f"{data}: has no campaign {min(unknown)!r}; it has {len(listed)}: {some} ..."
-        )
-    gone = [name for name in chosen if not (data / name).is_dir()]
-    if gone:
-        raise BlindError(
-            f"{data}: {PACK_FILE} lists {gone[0]!r}, but there is no such folder: the pack is not "
-            "whole; fetch it again"
-        )
+    chosen = _chosen(data, listed, campaigns)
     offered = [tier for tier in TIERS if tier in pack["tiers"]]
     wanted = offered if tiers is None else list(tiers)
     beyond = [tier for tier in wanted if tier not in offered]
@@ -162,39 +150,39 @@ def diagnose_pack(
     from vsr2.diagnosis.observed.observations import series_sampling
 
     _check_options(draws, budget_minutes, threads, seed)
-    budget: dict[str, Any] = {"draws": draws}
-    if draws is None:
-        budget = {"budget_minutes": budget_minutes}
+    how = {"budget_minutes": budget_minutes} if draws is None else {"draws": draws}
+    how["seed"] = seed
     scene = data / pack["scene"]
     load_study(scene)
     _check_folder(out, data)
     excluded = {name: _excluded(data, listed[name], known, say) for name in chosen}
     _check_tiers(data, chosen, wanted)
-    _same_submission(out, pack, budget | {"seed": seed})
+    _same_submission(out, pack, how)
     nuisances = Nuisances(**uncertainties(pack.get("tolerances") or {}))
-    shared = Shared(out / BANK_FILE, series="T" in offered)
+    shared = Shared(out / CACHE_FILE, series="T" in offered)
     failed = []
-    for tier, name in _in_groups(wanted, chosen, listed):
+    # Campaigns whose fitted models are the same are neighbours.
+    chosen.sort(key=lambda name: (int(listed[name].get("protocol") or 0), sorted(excluded[name])))
+    for tier, name in ((tier, name) for tier in wanted for name in chosen):
         folder = out / name / tier
         if (folder / DIAGNOSIS_FILE).exists():
             continue
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            whole = load_campaign(data / name)
+            campaign = load_campaign(data / name)
             result = diagnose(
-                at_tier(whole, tier),
+                at_tier(campaign, tier),
                 scene,
                 tier=tier,
                 threads=threads,
                 exclude=excluded[name],
                 # Without series too, simulate them as this campaign measured them.
-                shared=replace(shared, sampling=series_sampling(whole)),
+                shared=replace(shared, sampling=series_sampling(campaign)),
                 nuisances=nuisances,
-                seed=seed,
-                **budget,
+                **how,
             )
             result.save(folder)
-            read_verdict(folder)
+            kind = read_verdict(folder).kind
         except Vsr2Error as error:
             (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
             write_json(folder / FAILED_FILE, {"error": str(error)})
@@ -202,8 +190,23 @@ def diagnose_pack(
             say(f"{name} {tier}: failed: {error}")
             continue
         (folder / FAILED_FILE).unlink(missing_ok=True)
-        say(f"{name} {tier}: {read_verdict(folder).kind}")
+        say(f"{name} {tier}: {kind}")
     return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
+
+
+def _chosen(data: Path, listed: Collection[str], campaigns: Sequence[str] | None) -> list[str]:
+    """The campaigns to diagnose, all of which are there."""
+    chosen = list(listed if campaigns is None else campaigns)
+    for name in chosen:
+        if name not in listed:
+            some = ", ".join(sorted(listed)[:3])
+            raise BlindError(f"{data}: has no campaign {name!r}; it has {len(listed)}: {some} ...")
+        if not (data / name).is_dir():
+            raise BlindError(
+                f"{data}: {PACK_FILE} lists {name!r}, but there is no such folder: the pack is not "
+                "complete; fetch it again"
+            )
+    return chosen
 
 
 def _check_options(
@@ -224,8 +227,7 @@ def _check_options(
 
 def _check_folder(out: Path, data: Path) -> None:
     """Refuse to write among the pack's own files, whose hashes are sealed."""
-    place, pack = out.resolve(), data.resolve()
-    if place == pack or pack in place.parents:
+    if out.resolve().is_relative_to(data.resolve()):
         raise BlindError(f"{out}: lies in the pack's data folder; choose another --out")
     for file, what in ((PACK_FILE, "pack's data"), (KEY_FILE, "key")):
         other = folder_around(out, file)
@@ -242,63 +244,47 @@ def _excluded(
     library's is a slip, which would let the effect in.
     """
     names = tuple(entry.get("exclude") or ())
-    if known is None:
-        return names
-    for name in names:
-        if name in known:
-            continue
-        near = get_close_matches(name, known, n=1, cutoff=0.8)
-        if near:
+    for name in names if known is not None else ():
+        near = get_close_matches(name, known or (), n=1, cutoff=0.8)
+        if name not in (known or ()) and near:
             raise BlindError(
                 f"{data / PACK_FILE}: exclude of {entry['id']} names {name!r}, which the library "
                 f"lacks; if {near[0]} is meant, publish that name"
             )
-        say(f"{entry['id']}: exclude names {name!r}, which the library lacks anyway")
-    return tuple(name for name in names if name in known)
+        if not near:
+            say(f"{entry['id']}: exclude names {name!r}, which the library lacks anyway")
+    return tuple(name for name in names if known is None or name in known)
 
 
 def _check_tiers(data: Path, names: Sequence[str], tiers: Sequence[Tier]) -> None:
     """That some campaign has what each tier uses; one that has not, or is damaged, fails alone."""
+
+    def measured(name: str, key: str) -> bool:
+        try:
+            return any(getattr(t, key) is not None for t in load_campaign(data / name).trials)
+        except Vsr2Error:
+            return False
+
     for tier, key, what in (("M", "peak_tilt", "largest tilts"), ("T", "series", "time series")):
-        if tier in tiers and not any(_measures(data / name, key) for name in names):
+        if tier in tiers and not any(measured(name, key) for name in names):
             raise BlindError(
                 f"{data}: no campaign has {what}, which tier {tier} uses; diagnose at other tiers "
                 "(--tier)"
             )
 
 
-def _measures(folder: Path, key: str) -> bool:
-    try:
-        return any(getattr(trial, key) is not None for trial in load_campaign(folder).trials)
-    except Vsr2Error:
-        return False
-
-
-def _in_groups(
-    tiers: Sequence[Tier], names: Sequence[str], listed: Mapping[str, Mapping[str, Any]]
-) -> list[tuple[Tier, str]]:
-    """Tiers and campaigns such that those that share fitted models are neighbours."""
-
-    def group(name: str) -> tuple[int, list[str]]:
-        entry = listed[name]
-        return int(entry.get("protocol") or 0), sorted(entry.get("exclude") or ())
-
-    ordered = sorted(names, key=group)
-    return [(tier, name) for tier in tiers for name in ordered]
-
-
 def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> None:
     """Note which pack the diagnoses are of, and refuse to mix two."""
     path = out / "submission.json"
     mine = {"schema": "vsr2.blind-submission/1", "pack": pack["commitment"]["sha256"], **how}
-    if path.exists():
-        there = read_json(path)
-        differs = [key for key in mine if there.get(key) != mine[key]]
-        if differs:
-            raise BlindError(
-                f"{path}: was begun with {differs[0]} {there.get(differs[0])!r}, not "
-                f"{mine[differs[0]]!r}; continue with the same, or choose another folder"
-            )
+    if not path.exists():
+        make_folder(out)
+        write_json(path, mine)
         return
-    make_folder(out)
-    write_json(path, mine)
+    there = read_json(path)
+    for key in mine:
+        if there.get(key) != mine[key]:
+            raise BlindError(
+                f"{path}: was begun with {key} {there.get(key)!r}, not {mine[key]!r}; continue "
+                "with the same, or choose another folder"
+            )

@@ -23,7 +23,7 @@ from vsr2.blind.custodian.design import (
     draw_protocol,
 )
 from vsr2.blind.custodian.detection_limit import DetectionLimit
-from vsr2.blind.custodian.engine import Engine, TrialInput, build_engine
+from vsr2.blind.custodian.engine import Drawable, Engine, TrialInput, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Say
 from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.custodian.recording import RANGE, recorded_campaign
@@ -174,56 +174,43 @@ def make_pack(
     )
 
 
-def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
+def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Drawable]:
+    """The effects that may be drawn."""
     unknown = set(settings.effects) - set(engine.effects)
     if unknown:
         raise BlindError(
             f"engine {engine.name} has no effect {min(unknown)!r}; it has "
             f"{', '.join(engine.effects)}"
         )
-    return {
-        name: effect
-        for name, effect in engine.effects.items()
-        if not settings.effects or name in settings.effects
-    }
-
-
-def _differing(state: dict[str, Any], asked: dict[str, Any]) -> list[str]:
-    """What a pack was begun with that is not asked for now; of settings each by its name."""
-    out = []
-    for name in asked:
-        before, now = state.get(name), asked[name]
-        if isinstance(before, dict) and isinstance(now, dict):
-            out += [key for key in now if before.get(key) != now[key]]
-        elif before != now:
-            out.append(name)
-    return out
+    allowed = settings.effects or engine.effects
+    return {name: effect for name, effect in engine.effects.items() if name in allowed}
 
 
 def _begin(
     study: Study, data: Path, key: Path, settings: PackSettings, seed: int | None
 ) -> dict[str, Any]:
     """The custodian's state: read where the pack was begun, else drawn and written."""
-    scene = _scene(study)
-    asked = {
+    asked: dict[str, Any] = {
         "form": FORM,
-        "settings": settings.to_json(),
-        "scene_sha256": hashlib.sha256(canonical(scene)).hexdigest(),
+        # Through JSON, so that tuples compare as the lists that a file holds.
+        "settings": _read_back(settings.to_json()),
+        "scene_sha256": hashlib.sha256(canonical(_scene(study))).hexdigest(),
     }
     file = getattr(study.rock, "file", None)
     if file is not None:
         asked["model_sha256"] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    # Through JSON, so that tuples compare as the lists that a file holds.
-    asked = dict(_read_back(asked))
     path = key / _STATE
     if path.exists():
         state = read_json(path)
-        differs = [name for name in asked if state.get(name) != asked[name]]
-        if differs or seed not in (None, int(state["seed"])):
-            what = ", ".join(_differing(state, asked)) if differs else "seed"
+        before = {**state, **(state.get("settings") or {})}
+        now = {**asked, **asked["settings"]}
+        differs = [name for name in now if name != "settings" and before.get(name) != now[name]]
+        if seed not in (None, int(state["seed"])):
+            differs.append("seed")
+        if differs:
             raise BlindError(
-                f"{path}: was begun with another {what}; continue it with the same, or choose "
-                "other folders"
+                f"{path}: was begun with another {', '.join(differs)}; continue it with the same, "
+                "or choose other folders"
             )
         if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
@@ -237,11 +224,10 @@ def _begin(
     for folder in (data, key):
         make_folder(folder)
     key.chmod(0o700)
+    salt = hashlib.sha256(f"salt {seed}".encode()).hexdigest()
     state = asked | {
         "seed": str(secrets.randbits(63) if seed is None else seed),
-        "salt": secrets.token_hex(SALT_BYTES)
-        if seed is None
-        else hashlib.sha256(f"salt {seed}".encode()).hexdigest(),
+        "salt": secrets.token_hex(SALT_BYTES) if seed is None else salt,
     }
     write_json(path, state, private=True)
     return state

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import PurePosixPath
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from vsr2.blind.form.pack_settings import Kind, Tolerances
-from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, misfit, parsed
+from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, misfit
 from vsr2.campaign import Tier
 from vsr2.campaign.campaign import id_fault
 from vsr2.effects import library
@@ -80,7 +80,9 @@ class _Commitment(Part):
     sha256: Sha256
 
 
-class _Pack(Part):
+class Pack(Part):
+    """Content of a `pack.json`."""
+
     development: bool = False
     scene: Annotated[Name, AfterValidator(_in_folder)]
     tiers: Tiers
@@ -90,7 +92,7 @@ class _Pack(Part):
     commitment: _Commitment
 
     @model_validator(mode="after")
-    def _check_ids(self) -> _Pack:
+    def _check_ids(self) -> Pack:
         ids = [campaign.id for campaign in self.campaigns]
         twice = next((name for i, name in enumerate(ids) if name in ids[:i]), None)
         if twice is not None:
@@ -164,14 +166,16 @@ class _Sealed(Part):
     tolerances: Tolerances | None = None
 
 
-class _Key(Part):
+class Key(Part):
+    """The `key` of a `key.json`: values, and that they make sense together."""
+
     settings: _Sealed
     campaigns: dict[str, _Entry]
     scene_sha256: Sha256 | None = None
     model_sha256: Sha256 | None = None
 
     @model_validator(mode="after")
-    def _check_classes(self) -> _Key:
+    def _check_classes(self) -> Key:
         classes = [set(members) for members in self.settings.classes]
         for name, entry in self.campaigns.items():
             here, exclude = f"campaigns.{name}", set(entry.exclude)
@@ -185,29 +189,3 @@ class _Key(Part):
                 wanted = "it should be two effects of different classes"
                 raise misfit(f"{here}.effects", entry.names, wanted)
         return self
-
-
-def check_pack(content: Mapping[str, Any], label: str) -> None:
-    """Check the content of a `pack.json`.
-
-    Args:
-        content: of it.
-        label: the file, in front of messages.
-
-    Raises:
-        BlindError: a value is missing or of a wrong kind.
-    """
-    parsed(_Pack, content, label)
-
-
-def check_key(content: Mapping[str, Any], label: str) -> None:
-    """Check the `key` of a `key.json`.
-
-    Args:
-        content: of it.
-        label: the file, in front of messages.
-
-    Raises:
-        BlindError: a value is missing or of a wrong kind, or makes no sense.
-    """
-    parsed(_Key, content, label, "key")

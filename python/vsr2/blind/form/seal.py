@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vsr2.blind.form.pack_form import check_key, check_pack
+from vsr2.blind.form.pack_form import Key, Pack
+from vsr2.blind.form.reader import parsed
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 from vsr2.results.atomic import write_atomic
@@ -119,7 +120,7 @@ def read_pack(data: Path) -> dict[str, Any]:
     pack = read_json(path)
     if pack.get("schema") != PACK_SCHEMA:
         raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
-    check_pack(pack, str(path))
+    parsed(Pack, pack, str(path))
     return pack
 
 
@@ -155,7 +156,7 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
             "is of another pack, or was changed; nothing is scored"
         )
     key: dict[str, Any] = sealed["key"]
-    check_key(key, str(path))
+    parsed(Key, key, str(path), "key")
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
     if set(listed) != set(key["campaigns"]):
         raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")

@@ -65,23 +65,24 @@ class RelativeMotion:
             rate = float(self._table_v[self._pitch])
             out[0] += rate * (self.pose[2] + self._pivot)
             out[2] -= rate * (self.pose[0] - self._table_q[0])
-            out[3:] = rate * self.rotation()[1]  # the world's y axis in body axes
+            out[3:] = rate * _rotation(self.pose)[1]  # the world's y axis in body axes
         return out
-
-    def rotation(self) -> Array:
-        """From body axes to the world's, shape (3, 3)."""
-        w, x, y, z = self.pose[3:]
-        return np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
 
     def tilt(self) -> float:
         """Of the body from the vertical [rad]."""
         return 2 * math.asin(min(1.0, math.hypot(self.pose[4], self.pose[5])))
+
+
+def _rotation(pose: Array) -> Array:
+    """Of a pose (x, y, z, then quaternion w, x, y, z) from body axes to the world's, (3, 3)."""
+    w, x, y, z = pose[3:]
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
 
 
 class _Impacts:
@@ -175,7 +176,7 @@ class _Catch:
         if tilt <= self._slack:
             self._torque[:] = 0
             return
-        turn = self._motion.rotation()
+        turn = _rotation(self._motion.pose)
         # the axis about which the body's vertical leans: world z cross body z
         axis = np.array([-turn[1, 2], turn[0, 2], 0.0])
         axis /= np.linalg.norm(axis)
@@ -199,7 +200,7 @@ class _Friction:
         if step < 0:
             return
         relative = self._motion.speed - self._motion.table()
-        turn = self._motion.rotation()
+        turn = _rotation(self._motion.pose)
         arms = self._points @ turn.T
         arm = arms[arms[:, 2].argmin()]
         slip = relative[:3] + np.cross(turn @ relative[3:], arm)
