@@ -41,7 +41,7 @@ class Part:
     Attributes:
         number: of the part, from 1.
         cases: one a campaign and tier.
-        withheld: by campaign and tier, the code of the reason why nothing is named.
+        withheld: by campaign and tier, the code of the last reason of an unresolved verdict.
     """
 
     number: int

@@ -104,19 +104,32 @@ ROWS = (
 
 STRONG_MAGNITUDE = 2.0
 """Magnitude over the detection limit from which an effect counts as strong."""
+_ANY: tuple[str, ...] = ()
 OUTCOMES = (
-    ("effects named", ("effect", "class", "pair"), None),
-    ("`none`", ("none",), None),
-    ("`unknown`", ("unknown",), None),
-    ("`unresolved`: the gap's interval touches zero", ("unresolved",), "gap_interval"),
-    ("`unresolved`: the routes disagree", ("unresolved",), "routes_disagree"),
-    ("`unresolved`: too many effects", ("unresolved",), "undecided"),
-    ("`unresolved`: too much of the gap is left", ("unresolved",), "gap_left"),
-    ("`unresolved`: half of the draws leads elsewhere", ("unresolved",), "draws_disagree"),
-    ("`unresolved`: otherwise", ("unresolved",), None),
+    ("effects named", ("effect", "class", "pair"), _ANY),
+    ("`none`", ("none",), _ANY),
+    ("`unknown`", ("unknown",), _ANY),
+    ("`unresolved`: the gap's interval touches zero", ("unresolved",), ("size_open",)),
+    (
+        "`unresolved`: the routes disagree",
+        ("unresolved",),
+        ("route_favours_other", "route_set_excludes"),
+    ),
+    (
+        "`unresolved`: too many effects",
+        ("unresolved",),
+        ("too_many_equivalent", "too_many_needed"),
+    ),
+    (
+        "`unresolved`: too much of the gap is left",
+        ("unresolved",),
+        ("gap_left", "gap_left_and_misfit", "pair_leaves_gap", "floor_exceeded"),
+    ),
+    ("`unresolved`: half of the draws leads elsewhere", ("unresolved",), ("halves_disagree",)),
+    ("`unresolved`: otherwise", ("unresolved",), _ANY),
 )
-"""What is counted: its label, kinds of verdict, and the code of the reason for withholding (None:
-any); each verdict counts in the first line that it fits."""
+"""What is counted: its label, kinds of verdict, and codes of the last reason (none: any); each
+verdict counts in the first line that it fits."""
 
 
 def main() -> None:
@@ -156,8 +169,8 @@ def _outcome(row: dict[str, Any]) -> int:
     """The line of `OUTCOMES` that a verdict counts in."""
     return next(
         line
-        for line, (_, kinds, code) in enumerate(OUTCOMES)
-        if row["verdict"] in kinds and code in (None, row["withheld"])
+        for line, (_, kinds, codes) in enumerate(OUTCOMES)
+        if row["verdict"] in kinds and (not codes or row["withheld"] in codes)
     )
 
 

@@ -36,7 +36,7 @@ def pack(tmp_path):
     extra = {"unknown": {"probability": 0.1, "novelty_p": 0.4, "why": "long"}}
     extra |= {"provenance": {}, "campaign": {"trials": 3}}
     verdicts["d"] = verdicts["d"] | extra | {"none_probability": 0.8}
-    reasons = {"reasons": [{"code": "gap", "text": "a gap"}, {"code": "undecided", "text": "so"}]}
+    reasons = {"reasons": [{"code": "gap", "text": "a gap"}, {"code": "size_open", "text": "so"}]}
     verdicts["h"] = verdicts["h"] | {"verdict": verdicts["h"]["verdict"] | reasons}
     data, key, out = hand_made(tmp_path, CAMPAIGNS, verdicts)
     (out / "e" / "M" / "diagnosis.json").unlink()
@@ -53,7 +53,7 @@ def test_cases_from_what_is_committed_are_those_of_the_folders(pack) -> None:
     assert next(c for c in cases if c.id == "e").verdict.failed == "no memory"
     # Nothing else is kept but why an unresolved one names nothing.
     assert not {"provenance", "campaign"} & set(content["verdicts"]["d"]["M"])
-    assert content["withheld"] == {"h M": "undecided"}
+    assert content["withheld"] == {"h M": "size_open"}
 
 
 def test_what_is_committed_is_of_its_key(pack) -> None:

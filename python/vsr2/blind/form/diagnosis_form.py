@@ -15,7 +15,8 @@ from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
-DIAGNOSIS_SCHEMA = "vsr2.diagnosis/1"
+DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
+"""What is read here stands alike in both."""
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 NONE, UNKNOWN = "none", "unknown"
@@ -206,9 +207,10 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
     Raises:
         BlindError: a value is missing or of a wrong kind.
     """
-    if content.get("schema") != DIAGNOSIS_SCHEMA:
+    if content.get("schema") not in DIAGNOSIS_SCHEMAS:
         raise BlindError(
-            f"{label}: schema is {shown(content.get('schema'))}; it should be {DIAGNOSIS_SCHEMA!r}"
+            f"{label}: schema is {shown(content.get('schema'))}; it should be "
+            f"{' or '.join(DIAGNOSIS_SCHEMAS)}"
         )
     read = parsed(_Diagnosis, content, label)
     probabilities = read.probabilities()
