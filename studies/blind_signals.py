@@ -29,7 +29,7 @@ from pydantic import TypeAdapter
 
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pga
-from vsr2.blind.custodian.detection_limit import DETECTED, WINDOW, SignalMeter
+from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.scoring.score import FIRST, score_cases
 from vsr2.config import load_study
@@ -151,7 +151,7 @@ def measured(
             rng = np.random.default_rng([number, 402, place[1]])
             protocol = draw_protocol(rng, motions, thresholds, settings)
             meters[place] = SignalMeter(engine, protocol, settings, seed)
-        relative = meters[place].signal(effect["name"], effect["values"]) / DETECTED
+        relative = meters[place].signal(effect["name"], effect["values"]) / RULES.detected
         yield {
             "campaign": name,
             "engine": entry["engine"],
@@ -221,11 +221,11 @@ def spread(name: str, scene: Path, path: Path, count: int) -> None:
             for values in sizes if effect in engine.effects else ():
                 label = f"{effect} " + " ".join(f"{k}={v:g}" for k, v in values.items())
                 row = rows.setdefault(label, {"effect": label})
-                row[f"seed {seed}"] = f"{meter.signal(effect, values) / DETECTED:.3g}"
+                row[f"seed {seed}"] = f"{meter.signal(effect, values) / RULES.detected:.3g}"
         write_rows(path, ("effect", *(f"seed {s}" for s in seeds)), list(rows.values()))
         print(f"seed {seed}", flush=True)
     table = np.array([[float(row[f"seed {s}"]) for s in seeds] for row in rows.values()])
-    table = table[np.median(table, axis=1) >= WINDOW[0]]  # weaker ones are not drawn
+    table = table[np.median(table, axis=1) >= RULES.window[0]]  # weaker ones are not drawn
     off = np.abs(np.log(table / np.median(table, axis=1, keepdims=True)))
     ratio = np.percentile(table.max(axis=1) / table.min(axis=1), [50, 80, 100])
     near = np.mean(off < math.log(1.5))

@@ -12,13 +12,13 @@ from blind_samples import SMALL, QuickEngine, make, protocol, pulses
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.custodian.detection_limit import (
-    DETECTED,
+    RULES,
     DetectionLimit,
     SignalMeter,
     squared_signal,
 )
 from vsr2.blind.custodian.engine import Drawable, Nuisances, TrialInput, build_engine
-from vsr2.blind.custodian.plan import ATTEMPTS, draw_plan, not_drawn
+from vsr2.blind.custodian.plan import draw_plan, not_drawn
 from vsr2.blind.form.seal import open_key, read_json
 from vsr2.blind.mujoco import Parameter
 from vsr2.errors import BlindError
@@ -214,7 +214,7 @@ def test_what_is_never_measured_inside_gives_way_to_the_next_and_is_leak() -> No
     assert names == set(QuickEngine.effects) - {"friction", "inertia"}
     assert set(found.refused) == {("mujoco", "friction"), ("mujoco", "inertia")}
     for (_, name), count in found.refused.items():
-        assert calls[name] == ATTEMPTS * count
+        assert calls[name] == RULES.attempts * count
     with pytest.raises(BlindError, match="no effect that may still be drawn"):
         plan(lambda *args: 38.0, single=1)
 
@@ -256,7 +256,8 @@ def test_the_key_holds_the_signal_on_the_campaigns_own_protocol(quick, study, tm
     assert len({entry["protocol"] for entry in found}) == 2
     for entry in found:
         for effect in entry["effects"]:
-            own = meters[entry["protocol"]].signal(effect["name"], effect["values"]) / DETECTED
+            signal = meters[entry["protocol"]].signal(effect["name"], effect["values"])
+            own = signal / RULES.detected
             assert effect["relative"] == pytest.approx(own, rel=1e-3)
     assert made.refused.keys() == {"mujoco"}
 

@@ -16,21 +16,42 @@ from vsr2.blind.form.pack_settings import PackSettings
 
 Array = NDArray[np.float64]
 
-DETECTED = 3.0
-"""Signal over noise at the detection limit."""
-WINDOW = (0.5, 6.0)
-"""Signals that are drawn, over that at the detection limit."""
-_SMALL = 0.05
-"""Standard deviation of ln tilt beyond what replicates show."""
-_MOST = 3.0
-"""Own standard deviations that the mean change of one observation counts for at most."""
-_TRIES = 6
-_TILTS = (0.005, 1.0)
+
+@dataclass(frozen=True)
+class SignalRules:
+    """How signals are measured and magnitudes drawn; sealed with a pack.
+
+    All are choices, none is fitted; `studies/blind_signals.py --spread` shows the scatter of the
+    signals that they give.
+
+    Attributes:
+        detected: signal over noise at the detection limit.
+        window: least and greatest magnitude that is drawn, over the detection limit.
+        extra_scatter: standard deviation of ln tilt beyond what replicates show.
+        most_deviations: own standard deviations that the mean change of one observation counts for
+            at most.
+        tilts: to which largest tilts are clipped [rad].
+        search_steps: magnitudes that a search tries at most.
+        attempts: draws of an effect for a campaign, until one is measured in `window`.
+        step: by which a measured draw moves the next ones at most.
+    """
+
+    detected: float = 3.0
+    window: tuple[float, float] = (0.5, 6.0)
+    extra_scatter: float = 0.05
+    most_deviations: float = 3.0
+    tilts: tuple[float, float] = (0.005, 1.0)
+    search_steps: int = 6
+    attempts: int = 8
+    step: float = 4.0
+
+
+RULES = SignalRules()
 
 
 def observations(overturned: Sequence[bool], peak_tilt: Sequence[float]) -> Array:
     """Outcome and logarithm of the largest tilt (clipped to 0.005 to 1 rad), shape (2 n,)."""
-    tilt = np.log(np.clip(np.asarray(peak_tilt, dtype=np.float64), *_TILTS))
+    tilt = np.log(np.clip(np.asarray(peak_tilt, dtype=np.float64), *RULES.tilts))
     return np.concatenate([np.asarray(overturned, dtype=np.float64), tilt])
 
 
@@ -40,7 +61,7 @@ class DetectionLimit:
 
     Attributes:
         magnitude: distance of the strength from its null at which signal over noise is about 3, in
-            the strength's scale; infinity where none was found within `WINDOW` of the limit.
+            the strength's scale; infinity where none was found in the window.
         signal: (magnitude, signal over noise) as measured.
     """
 
@@ -123,7 +144,7 @@ class SignalMeter:
         outcomes = len(self.trials)
         chance = (self._null[:, :outcomes].sum(axis=0) + 1) / (count + 2)
         scatter[:outcomes] = np.maximum(scatter[:outcomes], chance * (1 - chance))
-        scatter[outcomes:] += _SMALL**2
+        scatter[outcomes:] += RULES.extra_scatter**2
         # All of the campaign's trials, of which the design is a part; and the slopes' own error,
         # without which a nuisance in disguise would seem to be a signal.
         scale = outcomes / len(self._protocol.rows) + drawn.shape[1] / count
@@ -174,7 +195,7 @@ class SignalMeter:
         changes = np.stack([self._run(r, {effect: values}) - self._null[r] for r in range(count)])
         common, scatter, scale = self._noise
         own = scatter + 0.5 * changes.var(axis=0, ddof=1)
-        own = scale * np.maximum(own, (changes.mean(axis=0) / _MOST) ** 2)
+        own = scale * np.maximum(own, (changes.mean(axis=0) / RULES.most_deviations) ** 2)
         return math.sqrt(max(0.0, squared_signal(changes, common + np.diag(own))))
 
     def limit(self, effect: Drawable, sign: int) -> DetectionLimit:
@@ -195,13 +216,13 @@ class SignalMeter:
             values = effect.values(sign * magnitude, quantiles)
             twins = max(4, self._settings.replicates // 2)
             found[magnitude] = self.signal(effect.name, values, twins=twins)
-            return found[magnitude] / DETECTED
+            return found[magnitude] / RULES.detected
 
         below, above = 0.0, math.inf
         if low < least and ratio_at(least) >= 1:
             return DetectionLimit(math.inf, tuple(found.items()))
         magnitude = max(least, 0.3 * high)
-        for _ in range(_TRIES):
+        for _ in range(RULES.search_steps):
             ratio = ratio_at(magnitude)
             if ratio >= 1:
                 above = min(above, magnitude)
@@ -221,11 +242,11 @@ class SignalMeter:
 
 def _crossing(measured: Sequence[tuple[float, float]], least: float, high: float) -> float:
     """The magnitude at the detection level, from the measured one that is nearest to it."""
-    near = [(m, s) for m, s in measured if WINDOW[0] <= s / DETECTED <= WINDOW[1]]
+    near = [(m, s) for m, s in measured if RULES.window[0] <= s / RULES.detected <= RULES.window[1]]
     if not near:
         return math.inf
-    m, s = min(near, key=lambda pair: abs(math.log(pair[1] / DETECTED)))
-    if m == least and s > DETECTED:
+    m, s = min(near, key=lambda pair: abs(math.log(pair[1] / RULES.detected)))
+    if m == least and s > RULES.detected:
         # Strong wherever it acts: the limit lies below the range.
-        return m * DETECTED / s
-    return min(high, m * DETECTED / s)
+        return m * RULES.detected / s
+    return min(high, m * RULES.detected / s)

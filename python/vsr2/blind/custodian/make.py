@@ -22,7 +22,7 @@ from vsr2.blind.custodian.design import (
     draw_inputs,
     draw_protocol,
 )
-from vsr2.blind.custodian.detection_limit import DetectionLimit
+from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit
 from vsr2.blind.custodian.engine import Drawable, Engine, TrialInput, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Say
 from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
@@ -373,6 +373,7 @@ def _seal(
         {
             "campaigns": entries,
             "settings": settings.to_json(),
+            "rules": asdict(RULES),
             **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
             "versions": versions,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from vsr2.blind.custodian.design import Protocol, overturning_pga
-from vsr2.blind.custodian.detection_limit import DETECTED, DetectionLimit, SignalMeter
+from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit, SignalMeter
 from vsr2.blind.custodian.engine import Drawable, Engine
 from vsr2.blind.custodian.plan import Effects
 from vsr2.blind.form.pack_settings import PackSettings
@@ -95,7 +95,7 @@ class Measurements:
         label = f"{engine} {protocol} {effect.name} {json.dumps(values, sort_keys=True)}"
         if label not in stored:
             meter = self._meter(engine, protocol, protocols)
-            stored[label] = meter.signal(effect.name, values) / DETECTED
+            stored[label] = meter.signal(effect.name, values) / RULES.detected
             self._keep()
             self._say(f"signals of {len(stored)} draws measured")
         return float(stored[label])

@@ -9,15 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsr2.blind.custodian.detection_limit import WINDOW, DetectionLimit
+from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit
 from vsr2.blind.custodian.engine import Drawable
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.errors import BlindError
-
-ATTEMPTS = 8
-"""Draws of an effect for a campaign, until one is measured in `WINDOW`."""
-_STEP = 4.0
-"""By which a measured draw moves the next ones at most."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +68,7 @@ class Plan:
     Attributes:
         campaigns: in the order in which they are simulated.
         refused: by engine and effect, for how many campaigns no draw of it was measured in
-            `WINDOW`, so that they got another.
+            the window, so that they got another.
     """
 
     campaigns: tuple[Planned, ...]
@@ -100,7 +95,7 @@ def directions(effects: Effects, limits: Limits, engine: str) -> list[tuple[str,
         for (on, name, sign), limit in sorted(limits.items())
         if on == engine
         and math.isfinite(limit.magnitude)
-        and effects[engine][name].strength.reach()[sign][0] <= WINDOW[1] * limit.magnitude
+        and effects[engine][name].strength.reach()[sign][0] <= RULES.window[1] * limit.magnitude
     ]
 
 
@@ -151,7 +146,7 @@ def draw_plan(
     Effects come from a shuffled list that is dealt again when it is used up, so that each is drawn
     about as often. Magnitudes are proposed log-uniform from 0.5 to 6 times the detection limit,
     within the range of the strength; what is kept is measured within these bounds at all its
-    values, on the campaign's own protocol. What is not in `ATTEMPTS` draws gives way to the list's
+    values, on the campaign's own protocol. What is not in eight draws gives way to the list's
     next effect; where each effect is left out in turn, its campaign is not made. Decoys are dealt
     to classes in proportion to `unknown` campaigns, so that how often a class is left out does not
     tell the kind.
@@ -243,7 +238,7 @@ def _left_out(
 
 
 class _Drawer:
-    """Draws values of effects until one is measured in `WINDOW`."""
+    """Draws values of effects until one is measured in the window."""
 
     def __init__(
         self, rng: np.random.Generator, effects: Effects, limits: Limits, measure: Measure
@@ -255,7 +250,7 @@ class _Drawer:
         self.refused: Counter[tuple[str, str]] = Counter()
 
     def draw(self, planned: Planned, name: str, sign: int) -> Drawn | None:
-        """An effect of a campaign; None: no draw of it was measured in `WINDOW`.
+        """An effect of a campaign; None: no draw of it was measured in the window.
 
         What a draw outside was measured at moves the limit that the next ones start from.
         """
@@ -264,9 +259,9 @@ class _Drawer:
         strength = effect.strength
         low, high = strength.reach()[sign]
         limit = self._limits[engine, name, sign].magnitude
-        for _ in range(ATTEMPTS):
-            least = min(max(WINDOW[0] * limit, low), high)
-            most = max(min(WINDOW[1] * limit, high), least)
+        for _ in range(RULES.attempts):
+            least = min(max(RULES.window[0] * limit, low), high)
+            most = max(min(RULES.window[1] * limit, high), least)
             magnitude = least * (most / least) ** float(self._rng.random())
             others = [float(q) for q in self._rng.random(len(effect.others))]
             values = {
@@ -274,13 +269,13 @@ class _Drawer:
                 for key, value in effect.values(sign * magnitude, others).items()
             }
             relative = float(f"{self._measure(engine, planned.protocol, effect, values):.4g}")
-            if WINDOW[0] <= relative <= WINDOW[1]:
+            if RULES.window[0] <= relative <= RULES.window[1]:
                 null = strength.null if math.isfinite(strength.null) else None
                 return Drawn(
                     name, values, strength.name, strength.unit, null, relative, effect.drifts
                 )
             there = magnitude / relative if relative > 0 else math.inf
-            limit = min(max(there, limit / _STEP), limit * _STEP)
+            limit = min(max(there, limit / RULES.step), limit * RULES.step)
         self.refused[engine, name] += 1
         return None
 
@@ -367,7 +362,7 @@ def _dealt(
 ) -> tuple[Drawn, ...] | None:
     """Effects of different classes for a campaign, as they come from the deck.
 
-    `only`: the one effect that the campaign may have; None where no draw of it was in `WINDOW`.
+    `only`: the one effect that the campaign may have; None where no draw of it was in the window.
     """
     if only is not None:
         one = drawer.draw(planned, only, deck.sign(only))
@@ -380,7 +375,7 @@ def _dealt(
             raise BlindError(
                 f"engine {deck.engine}: of no effect that may still be drawn for a campaign were "
                 "values measured from 0.5 to 6 times their detection limit in "
-                f"{ATTEMPTS} draws; raise trials, or allow more effects"
+                f"{RULES.attempts} draws; raise trials, or allow more effects"
             )
         one = drawer.draw(planned, name, deck.sign(name))
         if one is None:

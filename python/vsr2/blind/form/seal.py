@@ -257,6 +257,6 @@ def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
 
 
 def set_time_stamps(folder: Path, when: float = 946684800.0) -> None:
-    """Give all below a folder, and it, one time of change: when it was made tells nothing."""
+    """Give all below a folder, and it, one time of change, so that none says when it was made."""
     for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
         os.utime(path, (when, when))

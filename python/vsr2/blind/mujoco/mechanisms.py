@@ -90,8 +90,8 @@ class _Impacts:
 
     An impact begins when a point touches that was off the table, and lasts a few steps. Where the
     body lost the share L of its kinetic energy and a full impact takes L_H (Housner's), the energy
-    is then multiplied by ratio^min(1, L / (0.7 L_H)): the whole ratio for a full impact, of which a
-    part may come after these steps, next to nothing for the touch of one corner after the other.
+    is then multiplied by ratio^min(1, L / (0.7 L_H)): all of the ratio for a full impact, of which
+    a part may come after these steps, next to nothing for the touch of one corner after the other.
     """
 
     def __init__(self, situation: Situation, data: Any, motion: RelativeMotion) -> None:

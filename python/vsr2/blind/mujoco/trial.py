@@ -122,7 +122,7 @@ def _settle(mujoco: Any, model: Any, data: Any, situation: Situation, table: Arr
 def _release(situation: Situation, used: list[Any], positions: Array, accelerations: Array) -> int:
     """Step at which the bond under the base breaks; 0: there is none.
 
-    The bond holds until the base lifts as a whole about its edge: at the moment
+    The bond holds until the base lifts about its edge: at the moment
     (N + strength A) b, b from the mass centre to the edge, A the base's area, N the weight. On a
     table that pitches by theta about y the mass centre, R above its pivot, is accelerated along the
     table by x'' + R theta'' against g theta, and the body turned by theta''; a slope leans the

@@ -111,7 +111,7 @@ def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
 
 
 def rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
-    """How well the overturn rate, in either direction, tells one kind of campaign from singles.
+    """How well the overturn rate, in either direction, separates one kind from singles.
 
     Area under the ROC, 0.5 by chance or up to 0.5 + 0.57 (1/m + 1/n)^(1/2) in 19 of 20 packs
     of m and n campaigns.
