@@ -31,7 +31,7 @@ from typing import Any
 
 from blind_results import SCORES, committed_verdicts, recompute, write_gz
 
-from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind import DiagnosisOptions, PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.form.seal import (
     folder_sha256,
     is_open,
@@ -141,8 +141,7 @@ def main() -> int:
                 folder / "data",
                 folder / "verdicts",
                 tiers=options.tier,
-                draws=check.draws,
-                threads=options.threads,
+                options=DiagnosisOptions(check.draws, threads=options.threads),
                 say=say,
             )
             print(f"{folder}: {progress.done} diagnoses, {len(progress.failed)} failed")

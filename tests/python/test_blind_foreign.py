@@ -13,7 +13,7 @@ import pytest
 from blind_check import pool_packs
 
 from blind_samples import hand_made
-from vsr2.blind import diagnose_pack, score_pack
+from vsr2.blind import DiagnosisOptions, diagnose_pack, score_pack
 from vsr2.blind.form.diagnosis_form import verdict_of
 from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.blind.pack_diagnoses import _excluded, uncertainties
@@ -751,7 +751,7 @@ def test_junk_in_a_diagnosis_is_refused_or_does_no_harm(pack) -> None:
 def test_options_are_refused_before_the_submission_is_begun(options, message, tmp_path) -> None:
     data, _ = write_pack(tmp_path)
     with pytest.raises(BlindError, match=message):
-        diagnose_pack(data, tmp_path / "out", diagnose=Told, **options)
+        diagnose_pack(data, tmp_path / "out", diagnose=Told, options=DiagnosisOptions(**options))
     assert not (tmp_path / "out").exists()
     assert diagnose_pack(data, tmp_path / "out", diagnose=Told).done == 6
 

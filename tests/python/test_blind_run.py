@@ -19,7 +19,13 @@ import pytest
 import vsr2.blind
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
-from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind import (
+    DiagnosisOptions,
+    PackSettings,
+    diagnose_pack,
+    make_pack,
+    score_pack,
+)
 from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
 from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.make import Made
@@ -87,7 +93,9 @@ def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) 
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, draws=9)
+    progress = diagnose_pack(
+        small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(9, seed=7)
+    )
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
@@ -135,7 +143,7 @@ def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
     assert (progress.done, len(Stub.calls)) == (4, 5)
     assert not failed.exists()
     with pytest.raises(BlindError, match="seed 0, not 1"):
-        diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=1)
+        diagnose_pack(small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(seed=1))
 
 
 def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path) -> None:
@@ -272,7 +280,7 @@ except (FileNotFoundError, PermissionError):
 else:
     sys.exit("the key can be read")
 import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
-from vsr2.blind import diagnose_pack
+from vsr2.blind import DiagnosisOptions, diagnose_pack
 from vsr2.diagnosis import diagnose
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
@@ -280,7 +288,8 @@ vsr2.diagnosis.simulated.design.LEAST_NONE = 12
 vsr2.diagnosis.budget.MAX_TRIALS = 4
 vsr2.diagnosis.which.amortised.TREES = 40
 rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
-made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], draws=6, diagnose=rough)
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"],
+                     options=DiagnosisOptions(6), diagnose=rough)
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
 """
 

@@ -42,6 +42,45 @@ Diagnose = Callable[..., Saved]
 
 
 @dataclass(frozen=True)
+class DiagnosisOptions:
+    """How each diagnosis is made, as in :func:`vsr2.diagnosis.diagnose`.
+
+    Attributes:
+        draws: simulated campaigns of every effect; None: by `budget_minutes`.
+        budget_minutes: of each diagnosis, without draws.
+        threads: None: all that this process may use.
+        seed: of each diagnosis.
+
+    Raises:
+        BlindError: every diagnosis would refuse them.
+    """
+
+    draws: int | None = DRAWS
+    budget_minutes: float = 10.0
+    threads: int | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        from vsr2.diagnosis.budget import FEWEST_DRAWS
+
+        if self.draws is not None and self.draws < FEWEST_DRAWS:
+            raise BlindError(f"draws is {self.draws}; give at least {FEWEST_DRAWS}")
+        if self.draws is None and not 0 < self.budget_minutes < math.inf:
+            raise BlindError(f"budget_minutes is {self.budget_minutes}; give more than 0")
+        if self.threads is not None and self.threads < 1:
+            raise BlindError(f"threads is {self.threads}; give at least 1, or leave it out for all")
+        if self.seed < 0:
+            raise BlindError(f"seed is {self.seed}; give 0 or more")
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """What decides a diagnosis: seed and budget."""
+        if self.draws is None:
+            return {"budget_minutes": self.budget_minutes, "seed": self.seed}
+        return {"draws": self.draws, "seed": self.seed}
+
+
+@dataclass(frozen=True)
 class Progress:
     """What came of a run over a pack.
 
@@ -100,10 +139,7 @@ def diagnose_pack(
     *,
     tiers: Sequence[Tier] | None = None,
     campaigns: Sequence[str] | None = None,
-    draws: int | None = DRAWS,
-    budget_minutes: float = 10.0,
-    threads: int | None = None,
-    seed: int = 0,
+    options: DiagnosisOptions | None = None,
     diagnose: Diagnose | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Progress:
@@ -120,26 +156,20 @@ def diagnose_pack(
         out: gets the diagnoses.
         tiers: information to use; None: all that the pack has.
         campaigns: ids; None: all.
-        draws: as in the diagnosis; None: by `budget_minutes`.
-        budget_minutes: as in the diagnosis, without draws.
-        threads: as in the diagnosis.
-        seed: as in the diagnosis.
+        options: of each diagnosis; None: their defaults.
         diagnose: stands in for :func:`vsr2.diagnosis.diagnose`.
         say: gets a line for each campaign.
 
     Raises:
-        BlindError: no pack, one of a wrong form, a campaign or tier that it does not have, or
-            options that no diagnosis can use; nothing is written then.
+        BlindError: no pack, one of a wrong form, or a campaign or tier that it does not have;
+            nothing is written then.
         ConfigError, GeometryError: the scene cannot be used.
     """
+    options = DiagnosisOptions() if options is None else options
     pack = read_pack(data)
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
     chosen = _chosen(data, listed, campaigns)
-    offered = [tier for tier in TIERS if tier in pack["tiers"]]
-    wanted = offered if tiers is None else list(tiers)
-    beyond = [tier for tier in wanted if tier not in offered]
-    if beyond:
-        raise BlindError(f"{data}: has no tier {beyond[0]}; it has {', '.join(offered)}")
+    wanted = _wanted(data, pack["tiers"], tiers)
     known: Collection[str] | None = None
     if diagnose is None:
         from vsr2.diagnosis import diagnose as installed
@@ -149,17 +179,14 @@ def diagnose_pack(
     from vsr2.diagnosis import Nuisances, Shared
     from vsr2.diagnosis.observed.observations import series_sampling
 
-    _check_options(draws, budget_minutes, threads, seed)
-    how = {"budget_minutes": budget_minutes} if draws is None else {"draws": draws}
-    how["seed"] = seed
     scene = data / pack["scene"]
     load_study(scene)
     _check_folder(out, data)
     excluded = {name: _excluded(data, listed[name], known, say) for name in chosen}
     _check_tiers(data, chosen, wanted)
-    _same_submission(out, pack, how)
+    _same_submission(out, pack, options.result)
     nuisances = Nuisances(**uncertainties(pack.get("tolerances") or {}))
-    shared = Shared(out / CACHE_FILE, series="T" in offered)
+    shared = Shared(out / CACHE_FILE, series="T" in pack["tiers"])
     failed = []
     # Campaigns whose fitted models are the same are neighbours.
     chosen.sort(key=lambda name: (int(listed[name].get("protocol") or 0), sorted(excluded[name])))
@@ -174,12 +201,12 @@ def diagnose_pack(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
-                threads=threads,
+                threads=options.threads,
                 exclude=excluded[name],
                 # Without series too, simulate them as this campaign measured them.
                 shared=replace(shared, sampling=series_sampling(campaign)),
                 nuisances=nuisances,
-                **how,
+                **options.result,
             )
             result.save(folder)
             kind = read_verdict(folder).kind
@@ -209,20 +236,13 @@ def _chosen(data: Path, listed: Collection[str], campaigns: Sequence[str] | None
     return chosen
 
 
-def _check_options(
-    draws: int | None, budget_minutes: float, threads: int | None, seed: int
-) -> None:
-    """Refuse before anything is noted what every diagnosis would refuse."""
-    from vsr2.diagnosis.budget import FEWEST_DRAWS
-
-    if draws is not None and draws < FEWEST_DRAWS:
-        raise BlindError(f"draws is {draws}; give at least {FEWEST_DRAWS}")
-    if draws is None and not 0 < budget_minutes < math.inf:
-        raise BlindError(f"budget_minutes is {budget_minutes}; give more than 0")
-    if threads is not None and threads < 1:
-        raise BlindError(f"threads is {threads}; give at least 1, or leave it out for all")
-    if seed < 0:
-        raise BlindError(f"seed is {seed}; give 0 or more")
+def _wanted(data: Path, offered: Collection[str], tiers: Sequence[Tier] | None) -> list[Tier]:
+    """The tiers to diagnose at, all of which the pack has."""
+    known = [tier for tier in TIERS if tier in offered]
+    for tier in tiers or ():
+        if tier not in known:
+            raise BlindError(f"{data}: has no tier {tier}; it has {', '.join(known)}")
+    return known if tiers is None else list(tiers)
 
 
 def _check_folder(out: Path, data: Path) -> None:

@@ -249,17 +249,19 @@ def _make(options: argparse.Namespace) -> int:
 
 
 def _diagnose(options: argparse.Namespace) -> int:
-    from vsr2.blind import diagnose_pack
+    from vsr2.blind import DiagnosisOptions, diagnose_pack
 
     progress = diagnose_pack(
         options.data,
         options.out,
         tiers=options.tier,
         campaigns=options.campaign,
-        draws=options.draws if options.budget_minutes is None else None,
-        budget_minutes=10.0 if options.budget_minutes is None else options.budget_minutes,
-        threads=options.threads,
-        seed=options.seed,
+        options=DiagnosisOptions(
+            draws=options.draws if options.budget_minutes is None else None,
+            budget_minutes=10.0 if options.budget_minutes is None else options.budget_minutes,
+            threads=options.threads,
+            seed=options.seed,
+        ),
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
     )
     print(f"{options.out}: {progress.done} diagnoses, {len(progress.failed)} failed")

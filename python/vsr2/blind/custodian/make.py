@@ -109,18 +109,8 @@ def make_pack(
         BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
             is negative, or an engine cannot simulate the scene.
     """
-    if seed is not None and seed < 0:
-        raise BlindError(f"seed is {seed}; give 0 or more")
     data = pack / "data"
-    if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
-        raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
-    for folder in (pack, key):
-        other = folder_around(folder, PACK_FILE)
-        if other is not None:
-            raise BlindError(
-                f"{folder}: {other} holds a {PACK_FILE}, so that it is the data folder of a pack, "
-                "which may not change; choose a folder outside it"
-            )
+    _check_asked(pack, data, key, seed)
     engines = {name: build_engine(name, study) for name in settings.engines}
     effects = {
         name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
@@ -172,6 +162,21 @@ def make_pack(
     return Made(
         len(plan), sealed, {name: not_drawn(effects, limits, name) for name in effects}, refused
     )
+
+
+def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
+    """Refuse folders within each other or within another pack, and a negative seed."""
+    if seed is not None and seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
+    if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
+        raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
+    for folder in (pack, key):
+        other = folder_around(folder, PACK_FILE)
+        if other is not None:
+            raise BlindError(
+                f"{folder}: {other} holds a {PACK_FILE}, so that it is the data folder of a pack, "
+                "which may not change; choose a folder outside it"
+            )
 
 
 def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Drawable]:
