@@ -194,10 +194,10 @@ def diagnose_pack(
         folder = out / name / tier
         if (folder / DIAGNOSIS_FILE).exists():
             continue
-        folder.mkdir(parents=True, exist_ok=True)
-        try:
+
+        def diagnosed(name: str = name, tier: Tier = tier) -> Saved:
             campaign = load_campaign(data / name)
-            result = diagnose(
+            return diagnose(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
@@ -208,17 +208,27 @@ def diagnose_pack(
                 nuisances=nuisances,
                 **options.result,
             )
-            result.save(folder)
-            kind = read_verdict(folder).kind
-        except Vsr2Error as error:
-            (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
-            write_json(folder / FAILED_FILE, {"error": str(error)})
+
+        error = _save(diagnosed, folder)
+        if error is not None:
             failed.append(f"{name} {tier}")
-            say(f"{name} {tier}: failed: {error}")
-            continue
-        (folder / FAILED_FILE).unlink(missing_ok=True)
-        say(f"{name} {tier}: {kind}")
+        said = f"failed: {error}" if error is not None else read_verdict(folder).kind
+        say(f"{name} {tier}: {said}")
     return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
+
+
+def _save(diagnosed: Callable[[], Saved], folder: Path) -> Vsr2Error | None:
+    """Write a diagnosis that scoring can read, or why there is none."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        diagnosed().save(folder)
+        read_verdict(folder)
+    except Vsr2Error as error:
+        (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
+        write_json(folder / FAILED_FILE, {"error": str(error)})
+        return error
+    (folder / FAILED_FILE).unlink(missing_ok=True)
+    return None
 
 
 def _chosen(data: Path, listed: Collection[str], campaigns: Sequence[str] | None) -> list[str]:

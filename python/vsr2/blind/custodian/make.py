@@ -136,13 +136,12 @@ def make_pack(
     ]
     limits = measured.limits(effects, protocols)
     drawn = draw_plan(number, settings, effects, limits, partial(measured.relative, protocols))
-    plan = drawn.campaigns
-    for done, planned in enumerate(plan):
+    for done, planned in enumerate(plan := drawn.campaigns):
         file = key / _ENTRIES / f"{planned.id}.json"
         if file.exists() and (data / planned.id).is_dir():
             continue
-        protocol = protocols[planned.protocol]
-        entry = _campaign(data, planned, engines[planned.engine], protocol, settings, number)
+        engine, protocol = engines[planned.engine], protocols[planned.protocol]
+        entry = _campaign(data, planned, engine, protocol, settings, number)
         write_json(file, entry, private=True)
         say(f"campaign {done + 1} of {len(plan)}")
     if not (data / PACK_FILE).exists():
