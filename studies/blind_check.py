@@ -1,26 +1,25 @@
-"""The blind check of the diagnosis: makes, diagnoses and scores packs, in parts.
+r"""The blind check of the diagnosis: makes, diagnoses and scores packs, in parts.
 
     python studies/blind_check.py development --minutes 30
     python studies/blind_check.py validation --minutes 60      # again and again until it says done
     python studies/blind_check.py validation --part 2          # beside one of another part
     python studies/blind_check.py validation --score           # diagnoses may not change then
     python studies/blind_check.py leave-one-out
+    python studies/blind_check.py validation --recompute --results FOLDER \
+        --tables out/scores5                                   # all tables from what is committed
 
 Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
 `out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
 are finished, whose diagnoses may not change from then on, and writes the scores over all of them to
-`docs/results/blind_CHECK/` (or `--results`), with sizes, seeds, hashes, versions and the command,
-and every verdict. A new round of a check has its own `--out` and `--results`; `OUT/development`
-trains the baselines.
+`OUT/CHECK/scores/`, and what is committed (:mod:`blind_results`) to `docs/results/blind_CHECK/` (or
+`--results`), with sizes, seeds, hashes, versions and the command. A new round of a check has its
+own `--out` and `--results`; `OUT/development` trains the baselines.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import gzip
 import json
-import shutil
 import subprocess
 import sys
 import time
@@ -30,20 +29,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vsr2.blind import (
-    PackSettings,
-    diagnose_pack,
-    make_pack,
-    pool_packs,
-    score_pack,
+from blind_results import SCORES, committed_verdicts, recompute, write_gz
+from vsr2.blind import DiagnosisOptions, PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind.form.seal import (
+    folder_sha256,
+    is_open,
+    make_folder,
+    open_key,
+    read_json,
+    read_pack,
 )
-from vsr2.blind.diagnose import DRAWS
-from vsr2.blind.form.seal import open_key, read_json
-from vsr2.blind.scoring.cases import Case, read_cases
-from vsr2.blind.scoring.kept import keep_diagnoses, kept_cases
-from vsr2.blind.scoring.packs import Scored
-from vsr2.blind.scoring.score import leading_class, magnitude, score_cases, top_one
+from vsr2.blind.pack_diagnoses import DRAWS
+from vsr2.blind.scoring.packs import RECEIPT, check_apart, judge, read_receipt
+from vsr2.blind.scoring.tables import Scored, score_files, write_files
 from vsr2.config import load_study
+from vsr2.errors import BlindError
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")
@@ -107,8 +107,9 @@ def main() -> int:
     parser.add_argument("--score", action="store_true", help="score finished parts")
     parser.add_argument("--results", type=Path, help="of --score (default: docs/results/...)")
     parser.add_argument(
-        "--recompute", action="store_true", help="compare scores with those from what is kept"
+        "--recompute", action="store_true", help="compare scores with those from what is committed"
     )
+    parser.add_argument("--tables", type=Path, help="of --recompute: folder that gets all tables")
     options = parser.parse_args()
     check = CHECKS[options.check]
     numbers = options.part or range(1, check.parts + 1)
@@ -117,7 +118,7 @@ def main() -> int:
     folders = [options.out / options.check / f"part{i}" for i in numbers]
     default = ROOT / "docs" / "results" / f"blind_{options.check.replace('-', '_')}"
     if options.recompute:
-        return recompute(options.results or default)
+        return recompute(options.results or default, options.tables)
     if options.score:
         return score(options.check, folders, options.out, options.results or default, options.tier)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
@@ -139,8 +140,7 @@ def main() -> int:
                 folder / "data",
                 folder / "verdicts",
                 tiers=options.tier,
-                draws=check.draws,
-                threads=options.threads,
+                options=DiagnosisOptions(check.draws, threads=options.threads),
                 say=say,
             )
             print(f"{folder}: {progress.done} diagnoses, {len(progress.failed)} failed")
@@ -195,115 +195,60 @@ def score(
         parts.append((data, key, verdicts))
     if not parts:
         return 1
-    pool_packs(parts, results, training=training, tiers=tiers)
+    tables = folders[0].parent / "scores"
+    pool_packs(parts, tables, training=training, tiers=tiers)
+    results.mkdir(parents=True, exist_ok=True)
+    write_gz(results / SCORES, read_json(tables / "scores.json"))
     (results / "README.md").write_text(
         page(name, parts, len(folders), commit, out, results, training, tiers), encoding="utf-8"
     )
-    rows = verdict_rows(parts, tiers)
-    with (results / "verdicts.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
     for number, (data, key, verdicts) in enumerate(parts, 1):
-        shutil.copyfile(data.parent / "scores" / "scores.md", results / f"part{number}.md")
-        packed = gzip.compress((key / "key.json").read_bytes(), mtime=0)
-        (results / f"key{number}.json.gz").write_bytes(packed)
-        keep(data, key, verdicts, results / f"diagnoses{number}.json.gz", tiers)
-    print(f"wrote {results}")
+        write_gz(results / f"key{number}.json.gz", read_json(key / "key.json"))
+        content = committed_verdicts(data, open_key(data, key), verdicts, tiers)
+        write_gz(results / f"verdicts{number}.json.gz", content)
+    print(f"wrote {results}; {tables} has the tables, with baselines and leaks")
     return 0
 
 
-def keep(data: Path, key: Path, verdicts: Path, path: Path, tiers: Sequence[str] | None) -> None:
-    """Write what scoring reads of a pack's diagnoses, the same bytes each time."""
-    content = keep_diagnoses(data, open_key(data, key), verdicts, tiers)
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
-    path.write_bytes(gzip.compress(text.encode(), mtime=0))
+def pool_packs(
+    parts: Sequence[tuple[Path, Path, Path]],
+    out: Path,
+    *,
+    training: tuple[Path, Path] | None = None,
+    tiers: Sequence[str] | None = None,
+) -> Scored:
+    """Scores over several packs that were scored already, written as `score_pack` does.
 
+    Args:
+        parts: data folder, key folder and diagnoses of each pack.
+        out: gets the scores.
+        training: as in `score_pack`.
+        tiers: likewise.
 
-def recompute(results: Path) -> int:
-    """Compare the scores with those from the keys and diagnoses that are kept beside them.
-
-    Later versions know more scores, and widen an interval that does not hold its value: scores that
-    are not told at all are left out, and told intervals are widened so. All else is compared.
+    Raises:
+        BlindError: a pack is not scored yet, its diagnoses are not those that were scored, or `out`
+            lies in one of its folders.
     """
-    cases = []
-    for path in sorted(results.glob("diagnoses*.json.gz")):
-        key = results / path.name.replace("diagnoses", "key")
-        opened = json.loads(gzip.decompress(key.read_bytes()))["key"]
-        cases += kept_cases(json.loads(gzip.decompress(path.read_bytes())), opened, str(path))
-    tiers = {case.tier for case in cases}
-    found = Scored(score_cases(cases), [], cases, False).to_json()["scores"]
-    read = read_json(results / "scores.json")["scores"]
-    told = [_widened(row) for row in read if row["tier"] in tiers]
-    names = {row["score"] for row in told}
-    found = [row for row in found if row["score"] in names]
-    differ = [row for row in told if row not in found] + [row for row in found if row not in told]
-    for row in differ:
-        print(row)
-    print(f"{results}: {len(told)} scores, {len(differ)} differ")
-    return 1 if differ or not told else 0
-
-
-def _widened(row: dict[str, Any]) -> dict[str, Any]:
-    """A score whose interval holds its value."""
-    if row["low"] is None or row["value"] is None:
-        return row
-    low, high = min(row["low"], row["value"]), max(row["high"], row["value"])
-    return row | {"low": low, "high": high}
-
-
-def verdict_rows(
-    parts: list[tuple[Path, Path, Path]], tiers: Sequence[str] | None
-) -> list[dict[str, Any]]:
-    """What was asked and what was said, a row a campaign and tier."""
-    rows = []
-    for number, (data, key, verdicts) in enumerate(parts, 1):
-        opened: dict[str, Any] = json.loads((key / "key.json").read_text())["key"]
-        for case in read_cases(data, opened, verdicts, tiers):
-            named = case.verdict.kind in ("effect", "class", "pair")
-            leads = case.kind == "single" and case.first[0] in case.truth
-            rows.append(
-                {
-                    "part": number,
-                    "engine": case.engine,
-                    "kind": case.kind,
-                    "tier": case.tier,
-                    "effects": " ".join(effect["name"] for effect in case.effects),
-                    "floors": " ".join(f"{effect['relative']:.4g}" for effect in case.effects),
-                    "verdict": case.verdict.kind,
-                    "named": " ".join(case.verdict.effects) if named else "",
-                    "probability": f"{case.verdict.probability:.3f}",
-                    "right": int(top_one(case)) if named else "",
-                    "answer": case.first[0],
-                    "stated": f"{case.first[1]:.3f}",
-                    "first": leading_class(case),
-                    "leads": int(leads) if case.kind == "single" else "",
-                    "closure": "" if case.verdict.closure is None else case.verdict.closure,
-                    **_magnitude(case),
-                    "withheld": _withheld(verdicts / case.id / case.tier / "diagnosis.json"),
-                }
-            )
-    return rows
-
-
-def _withheld(path: Path) -> str:
-    """Why a diagnosis names nothing, where it is unresolved: a code, once a sentence."""
-    if not path.exists():
-        return ""
-    verdict = read_json(path)["verdict"]
-    if verdict["kind"] != "unresolved":
-        return ""
-    reason = verdict["reasons"][-1]
-    return reason["code"] if isinstance(reason, dict) else reason
-
-
-def _magnitude(case: Case) -> dict[str, Any]:
-    """Error, interval and its width, as scored; blank where they are not told."""
-    told = magnitude(case)
-    if told is None:
-        return {"error": "", "held": "", "width": ""}
-    error, held, width = told
-    return {"error": f"{error:.3g}", "held": int(held), "width": f"{width:.3g}"}
+    opened = []
+    for data, key, diagnoses in parts:
+        check_apart(out, data, key, diagnoses)
+        opened.append((data, open_key(data, key), diagnoses))
+    submissions = [folder_sha256(diagnoses, "*.json") for _, _, diagnoses in parts]
+    for (data, folder, diagnoses), (_, key, _), submission in zip(
+        parts, opened, submissions, strict=True
+    ):
+        if is_open(key):
+            continue
+        if not (folder / RECEIPT).exists():
+            raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")
+        if read_receipt(folder / RECEIPT).get("submission") != submission:
+            raise BlindError(f"{diagnoses}: were changed after they were scored")
+    scored = judge(opened, training=training, tiers=tiers)
+    packs = [read_pack(data)["commitment"]["sha256"] for data, _, _ in parts]
+    content = scored.to_json() | {"packs": packs, "submissions": submissions}
+    make_folder(out)
+    write_files(score_files(scored, content), out)
+    return scored
 
 
 def finished(data: Path, verdicts: Path, tiers: Sequence[str] | None) -> bool:
@@ -338,14 +283,14 @@ def page(
         "",
         f"`python studies/blind_check.py {name} --out {_shown(out)}{asked}`, then with `--score "
         f"--results {_shown(results)}`. {len(parts)} of {total} parts "
-        f"are scored. Scores: [scores.md](scores.md), by part beside it. Scored by commit "
-        f"`{commit}`. `keyN.json.gz` holds salt and key of part N, whose SHA-256 was published "
-        "in its pack (`vsr2.blind.form.seal.commitment`), `diagnosesN.json.gz` what scoring reads "
-        "of its diagnoses; `python studies/blind_check.py "
-        f"{name} --recompute --results {_shown(results)}` computes the scores of the tiers from "
-        f"both; the baselines' columns need the packs' data, which are not kept. In a checkout of "
-        "the commit that made a part, `vsr2.blind.make_pack` with its seed and the settings of "
-        f"`CHECKS` draws its campaigns again. {_trained(training)}",
+        f"are scored, by commit `{commit}`. `keyN.json.gz` holds salt and key of part N, whose "
+        "SHA-256 was published in its pack (`vsr2.blind.form.seal.commitment`). "
+        "`verdictsN.json.gz` holds what scoring reads of its diagnoses. `scores.json.gz` records "
+        "all scores, baselines and leaks among them, which need the packs' data. "
+        f"`python studies/blind_check.py {name} --recompute --results {_shown(results)} --tables "
+        "FOLDER` computes the scores of the tiers again, compares them and writes all tables. In a "
+        "checkout of the commit that made a part, `vsr2.blind.make_pack` with its seed and the "
+        f"settings of `CHECKS` draws its campaigns again. {_trained(training)}",
         "",
         "| part | campaigns | trials | seed | pack (SHA-256) | key's versions | diagnosis "
         "| made by | diagnosed by |",
@@ -395,8 +340,8 @@ def _trained(training: tuple[Path, Path] | None) -> str:
 
 def _shown(path: Path) -> str:
     """A path as it is given in the root of the repository."""
-    whole = path.resolve()
-    return str(whole.relative_to(ROOT)) if whole.is_relative_to(ROOT) else str(path)
+    full = path.resolve()
+    return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else str(path)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python studies/blind_targets.py docs/results/blind_validation_5
 
-Reads `scores.json` and `verdicts.csv` of a results folder of `blind_check.py`. Targets are for
-about 580 trials and for effects of 2 floors or more; a score is given for that group at tiers
-B / M / T, by engine, and for all campaigns of the engine where the group is small. Numbers in
+Reads a results folder of `blind_check.py` (:mod:`blind_results`). Targets are for
+about 580 trials and for effects of 2 detection limits or more; a score is given for that group at
+tiers B / M / T, by engine, and for all campaigns of the engine where the group is small. Numbers in
 brackets are campaigns; where tiers differ, one a tier. The second table counts what the verdicts of
 both engines came to: of single effects those whose true class is the most probable answer, and all.
 """
@@ -12,14 +12,14 @@ both engines came to: of single effects those whose true class is the most proba
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from blind_results import SCORES, read_gz, read_parts, verdict_rows
+
 TIERS = ("B", "M", "T")
-STRONG = "engine {engine}, floor x 2+"
+STRONG = "engine {engine}, limit x 2+"
 ALL = "engine {engine}"
 WHERE = {STRONG: "2+", ALL: "all"}
 
@@ -94,28 +94,41 @@ ROWS = (
     Row("closure below 0 beyond its interval", "closure below 0 beyond its interval", "0", (ALL,)),
     Row("where: mass inside, median", "where: median mass inside", ".80; .70"),
     Row(
-        "where: mass over share of trials, smallest place",
-        "where: median mass over share of trials, smallest place",
+        "where: mass over share of trials, smallest location",
+        "where: median mass over share of trials, smallest location",
         "above 1",
     ),
-    Row("where: false places", "where: false places (none)", ".05", (ALL,)),
+    Row("where: false locations", "where: false locations (none)", ".05", (ALL,)),
     Row("pair called", "pair found (pair)", "-", (ALL,)),
 )
 
-STRONG_FLOORS = 2.0
-"""Magnitude over the floor from which an effect counts as strong."""
+STRONG_MAGNITUDE = 2.0
+"""Magnitude over the detection limit from which an effect counts as strong."""
+_ANY: tuple[str, ...] = ()
 OUTCOMES = (
-    ("effects named", ("effect", "class", "pair"), ""),
-    ("`none`", ("none",), ""),
-    ("`unknown`", ("unknown",), ""),
-    ("`unresolved`: the gap's interval touches the floor", ("unresolved",), "interval of its size"),
-    ("`unresolved`: the routes disagree", ("unresolved",), "which the other route rules out"),
-    ("`unresolved`: too many effects", ("unresolved",), "the data do not decide"),
-    ("`unresolved`: too much of the gap is left", ("unresolved",), "leave"),
-    ("`unresolved`: half of the draws leads elsewhere", ("unresolved",), "half of the draws"),
-    ("`unresolved`: otherwise", ("unresolved",), ""),
+    ("effects named", ("effect", "class", "pair"), _ANY),
+    ("`none`", ("none",), _ANY),
+    ("`unknown`", ("unknown",), _ANY),
+    ("`unresolved`: the gap's interval touches zero", ("unresolved",), ("size_open",)),
+    (
+        "`unresolved`: the routes disagree",
+        ("unresolved",),
+        ("route_favours_other", "route_set_excludes"),
+    ),
+    (
+        "`unresolved`: too many effects",
+        ("unresolved",),
+        ("too_many_equivalent", "too_many_needed"),
+    ),
+    (
+        "`unresolved`: too much of the gap is left",
+        ("unresolved",),
+        ("gap_left", "gap_left_and_misfit", "pair_leaves_gap", "floor_exceeded"),
+    ),
+    ("`unresolved`: half of the draws leads elsewhere", ("unresolved",), ("halves_disagree",)),
+    ("`unresolved`: otherwise", ("unresolved",), _ANY),
 )
-"""What is counted: its label, kinds of verdict, and what the reason for withholding says; each
+"""What is counted: its label, kinds of verdict, and codes of the last reason (none: any); each
 verdict counts in the first line that it fits."""
 
 
@@ -124,24 +137,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path)
     results = parser.parse_args().results
-    print(targets_table(json.loads((results / "scores.json").read_text())))
-    with (results / "verdicts.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    if "withheld" in rows[0]:
+    print(targets_table(read_gz(results / SCORES)))
+    rows = verdict_rows(list(read_parts(results)))
+    if any(row["withheld"] for row in rows):
         print()
         print(outcomes_table(rows))
 
 
-def outcomes_table(rows: list[dict[str, str]]) -> str:
+def outcomes_table(rows: list[dict[str, Any]]) -> str:
     """What the verdicts came to.
 
     Args:
-        rows: of `verdicts.csv`.
+        rows: of `verdicts.csv` (:func:`blind_results.verdict_rows`).
     """
     single = [row for row in rows if row["kind"] == "single"]
     columns = {
-        "single, 2+": [row for row in single if float(row["floors"]) >= STRONG_FLOORS],
-        "single, below 2": [row for row in single if float(row["floors"]) < STRONG_FLOORS],
+        "single, 2+": [row for row in single if float(row["magnitude"]) >= STRONG_MAGNITUDE],
+        "single, below 2": [row for row in single if float(row["magnitude"]) < STRONG_MAGNITUDE],
         **{kind: [r for r in rows if r["kind"] == kind] for kind in ("pair", "unknown", "none")},
     }
     lines = [f"| verdict | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns)]
@@ -153,21 +165,21 @@ def outcomes_table(rows: list[dict[str, str]]) -> str:
     return "\n".join(lines)
 
 
-def _outcome(row: dict[str, str]) -> int:
+def _outcome(row: dict[str, Any]) -> int:
     """The line of `OUTCOMES` that a verdict counts in."""
     return next(
         line
-        for line, (_, kinds, said) in enumerate(OUTCOMES)
-        if row["verdict"] in kinds and said in row["withheld"]
+        for line, (_, kinds, codes) in enumerate(OUTCOMES)
+        if row["verdict"] in kinds and (not codes or row["withheld"] in codes)
     )
 
 
-def _counts(rows: list[dict[str, str]]) -> str:
+def _counts(rows: list[dict[str, Any]]) -> str:
     """Verdicts a tier; of single effects also those whose most probable answer is right."""
     cells = []
     for tier in TIERS:
         chosen = [row for row in rows if row["tier"] == tier]
-        leads = sum(row["leads"] == "1" for row in chosen)
+        leads = sum(row["leads"] == 1 for row in chosen)
         single = any(row["kind"] == "single" for row in chosen)
         cells.append(f"{leads} of {len(chosen)}" if single else str(len(chosen)))
     return " / ".join(cells)
@@ -177,7 +189,7 @@ def targets_table(scores: dict[str, Any]) -> str:
     """The table.
 
     Args:
-        scores: content of `scores.json`.
+        scores: the recorded ones.
     """
     found = {(s["group"], s["score"], s["tier"]): s for s in scores["scores"]}
     lines = [

@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.diagnose import uncertainties
 from vsr2.blind.form.seal import open_key, read_pack
+from vsr2.blind.pack_diagnoses import uncertainties
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, with_deviations

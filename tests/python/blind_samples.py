@@ -7,14 +7,14 @@ import numpy as np
 
 from vsr2.blind import make_pack
 from vsr2.blind.custodian.design import catalogue, draw_protocol
-from vsr2.blind.custodian.shake import Drawable, Observed, Strength
+from vsr2.blind.custodian.engine import Drawable
+from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
-from vsr2.blind.form.settings import PackSettings
-from vsr2.blind.mujoco import GroundMotion
+from vsr2.blind.mujoco import GroundMotion, Parameter, Response
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}
-SMALL |= {"floor_trials": 8, "replicates": 6}
+SMALL |= {"signal_trials": 8, "replicates": 6}
 
 
 class QuickEngine:
@@ -24,7 +24,9 @@ class QuickEngine:
     versions = {"quick": "1"}  # noqa: RUF012
     static_pga = 4.0
     effects = {  # noqa: RUF012
-        name: Drawable(name, Strength("change", "1", 0.0, -0.3 if signed else 0.0, 0.3), (), drifts)
+        name: Drawable(
+            name, Parameter("change", "1", 0.0, -0.3 if signed else 0.0, 0.3), (), drifts
+        )
         for name, signed, drifts in (
             ("table_gain", True, False),
             ("slenderness", True, False),
@@ -45,11 +47,11 @@ class QuickEngine:
             n = shake.nuisances
             level = peak / 6.0 * n.height / n.width * (1 + 0.1 * shake.yaw)
             for i, (name, values) in enumerate(sorted(shake.effects.items())):
-                part = shake.order if name == "wear" else 1.0
+                part = shake.context.order if name == "wear" else 1.0
                 level *= 1 + part * values["change"] * (1 + 0.1 * i)
             tilt = min(1.25, 0.05 * level**3)
             time = np.arange(0.0, 1.0, series_interval)
-            yield Observed(
+            yield Response(
                 bool(level > 1.6),
                 float(tilt),
                 time,
@@ -87,7 +89,7 @@ def effect(name, value=0.1, relative=3.0, null=0.0, strength="change"):
     }
 
 
-def whole_classes(effects):
+def classes_of(effects):
     """Names of the effects and of what they cannot be told from."""
     settings = PackSettings()
     return sorted({name for e in effects for name in settings.class_of(e["name"])})
@@ -107,7 +109,7 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
             "kind": kind,
             "engine": "mujoco",
             "effects": list(effects),
-            "exclude": whole_classes(effects) if kind == "unknown" else [],
+            "exclude": classes_of(effects) if kind == "unknown" else [],
             "nuisances": {},
             "where": {
                 "axis": "conditions" if effects else "none",

@@ -1,10 +1,15 @@
-"""Fixtures that the tests of the blind check share."""
+"""Fixtures for several tests of the blind check, which import its study too."""
+
+import sys
+from pathlib import Path
 
 import pytest
 
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine
 from vsr2.config import load_study
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "studies"))
 
 
 @pytest.fixture(scope="module")

@@ -103,7 +103,7 @@ def test_imports_inside_a_room_go_upstream_only(room: str) -> None:
 
 
 def test_the_blind_diagnosis_knows_neither_custodian_nor_scores() -> None:
-    names = [name for name, _ in imports(PACKAGE / "blind" / "diagnose.py")]
+    names = [name for name, _ in imports(PACKAGE / "blind" / "pack_diagnoses.py")]
     assert {name.split(".")[2] for name in names if name.startswith("vsr2.blind.")} == {"form"}
 
 

@@ -22,8 +22,8 @@ from test_blind_mujoco import (
 )
 from vsr2.blind.mujoco import (
     EFFECTS,
-    Place,
     TableMotion,
+    TrialContext,
     block,
     drive,
     observe,
@@ -36,6 +36,7 @@ from vsr2.blind.mujoco.model import build_model
 from vsr2.effects import Circumstances
 from vsr2.effects.order import ChangePoint
 
+FIRST = TrialContext()
 THRESHOLD = G * math.tan(BLOCK.slenderness_angle)
 
 
@@ -48,20 +49,20 @@ def middle(name, strength=None):
     return values
 
 
-def under(name, base, place=None, **values):
-    return with_effects(base, {name: middle(name) | values}, place)
+def under(name, base, context=FIRST, **values):
+    return with_effects(base, {name: middle(name) | values}, context)
 
 
-def lifts_at(factor, name, place=None, **values):
+def lifts_at(factor, name, context=FIRST, **values):
     """Whether the block lifts at a multiple of its own static threshold, under an effect."""
-    changed = under(name, situation(factor * THRESHOLD), place, **values)
+    changed = under(name, situation(factor * THRESHOLD), context, **values)
     return run_trial(changed).peak_tilt > 5e-5
 
 
-def assert_threshold(expected, name, place=None, **values):
+def assert_threshold(expected, name, context=FIRST, **values):
     """The static threshold over the block's own is `expected`, within 2 %."""
-    assert not lifts_at(0.98 * expected, name, place, **values)
-    assert lifts_at(1.03 * expected, name, place, **values)
+    assert not lifts_at(0.98 * expected, name, context, **values)
+    assert lifts_at(1.03 * expected, name, context, **values)
 
 
 def test_there_are_the_canonical_names_but_friction() -> None:
@@ -79,12 +80,12 @@ def test_there_are_the_canonical_names_but_friction() -> None:
 def test_an_effect_at_its_null_changes_nothing(name: str) -> None:
     base = situation(6.0)
     null = EFFECTS[name].strength.null
-    assert with_effects(base, {name: middle(name, null)}, Place(0.7, 2, 3, 3, 4)) is base
+    assert with_effects(base, {name: middle(name, null)}, TrialContext(0.7, 2, 3, 3, 4)) is base
 
 
 def strongest(name):
     strength = EFFECTS[name].strength
-    if strength.scale == "reciprocal":
+    if strength.reciprocal:
         return strength.low
     return max(strength.low, strength.high, key=lambda v: abs(v - strength.null))
 
@@ -95,14 +96,14 @@ def test_an_effect_at_its_end_changes_the_response(name: str) -> None:
     # moved by a micrometre changes the largest tilt by less than 1e-3 of itself.
     table = TableMotion(INTERVAL, burst(0.8) * 6.0)
     base = situation(yaw=0.2, friction=0.4, table=table)
-    place = Place(order=1.0, campaign_seed=1, trial_seed=2)
+    context = TrialContext(order=1.0, campaign_seed=1, trial_seed=2)
     plain = run_trial(base)
     moved = run_trial(replace(base, offset=(1e-6, 0.0)))
-    floor = abs(moved.peak_tilt - plain.peak_tilt)
+    scatter = abs(moved.peak_tilt - plain.peak_tilt)
     values = {name: middle(name, strongest(name))}
-    changed = observe(run_trial(with_effects(base, values, place)), values, place)
-    assert floor < 1e-3 * plain.peak_tilt
-    assert abs(changed.peak_tilt - plain.peak_tilt) > 5 * floor + 1e-3 * plain.peak_tilt
+    changed = observe(run_trial(with_effects(base, values, context)), values, context)
+    assert scatter < 1e-3 * plain.peak_tilt
+    assert abs(changed.peak_tilt - plain.peak_tilt) > 5 * scatter + 1e-3 * plain.peak_tilt
 
 
 def test_effects_have_one_order() -> None:
@@ -128,13 +129,13 @@ def test_slenderness_scales_the_threshold(change: float) -> None:
 
 @pytest.mark.parametrize("order", [0.0, 0.5, 1.0])
 def test_wear_takes_slenderness_in_proportion_to_the_order(order: float) -> None:
-    assert_threshold(1 - 0.15 * order, "wear", Place(order=order), loss=0.15)
+    assert_threshold(1 - 0.15 * order, "wear", TrialContext(order=order), loss=0.15)
 
 
 @pytest.mark.parametrize(("session", "expected"), [(3, 1.0), (4, 0.9)])
 def test_a_change_point_is_a_step(session: int, expected: float) -> None:
-    place = Place(session=session, sessions=8)
-    assert_threshold(expected, "change_point", place, slenderness_change=-0.1, at=0.5)
+    context = TrialContext(session=session, sessions=8)
+    assert_threshold(expected, "change_point", context, slenderness_change=-0.1, at=0.5)
 
 
 @pytest.mark.parametrize("sessions", [1, 2, 3, 4, 8])
@@ -142,8 +143,8 @@ def test_a_change_point_acts_from_the_nearest_bound_of_sessions_on(sessions: int
     base = situation()
     for at in np.linspace(0.1, 0.9, 33):
         values = {"change_point": {"slenderness_change": -0.1, "at": float(at)}}
-        places = [Place(i / 15, i * sessions // 16, sessions) for i in range(16)]
-        acts = [with_effects(base, values, place) is not base for place in places]
+        places = [TrialContext(i / 15, i * sessions // 16, sessions) for i in range(16)]
+        acts = [with_effects(base, values, context) is not base for context in places]
         # As the library has it; before and after there is a trial at least.
         names = tuple(f"S{i}" for i in range(sessions))
         expected = [
@@ -195,13 +196,15 @@ def test_inertia_changes_the_energy_of_an_impact() -> None:
 
 
 def test_asperities_lift_the_block_and_stand_under_it() -> None:
-    base = under("base_asperity", situation(), Place(campaign_seed=5), height=0.002)
+    base = under("base_asperity", situation(), TrialContext(campaign_seed=5), height=0.002)
     places = np.array(base.bumps)
     assert np.all(np.abs(places[:, :2]) <= [0.2, 0.275])
     assert np.all((places[:, 2] >= 0.0006) & (places[:, 2] <= 0.002))
-    again = under("base_asperity", situation(), Place(campaign_seed=5, trial_seed=9), height=0.002)
+    again = under(
+        "base_asperity", situation(), TrialContext(campaign_seed=5, trial_seed=9), height=0.002
+    )
     assert again.bumps == base.bumps
-    other = under("base_asperity", situation(), Place(campaign_seed=6), height=0.002)
+    other = under("base_asperity", situation(), TrialContext(campaign_seed=6), height=0.002)
     assert other.bumps != base.bumps
 
 
@@ -527,7 +530,7 @@ def test_filters_of_the_table_reach_the_table() -> None:
 
 def test_placement_is_drawn_for_each_trial() -> None:
     starts = [
-        under("placement", situation(), Place(trial_seed=i), yaw=10.0, offset=0.02)
+        under("placement", situation(), TrialContext(trial_seed=i), yaw=10.0, offset=0.02)
         for i in range(200)
     ]
     yaw = np.degrees([s.yaw for s in starts])
@@ -538,7 +541,7 @@ def test_placement_is_drawn_for_each_trial() -> None:
     assert radius.max() <= 1
     # Uniform over a disc: the mean square is 1/2, its standard error 0.02.
     assert np.mean(radius**2) == pytest.approx(0.5, abs=0.07)
-    again = under("placement", situation(), Place(trial_seed=7), yaw=10.0, offset=0.02)
+    again = under("placement", situation(), TrialContext(trial_seed=7), yaw=10.0, offset=0.02)
     assert (again.yaw, again.offset) == (starts[7].yaw, starts[7].offset)
 
 
@@ -550,6 +553,6 @@ def test_an_outcome_rule_labels_and_flips() -> None:
     high = {"outcome_rule": {"tilt": response.peak_tilt * 2, "flips": 0.0}}
     assert not observe(response, high).overturned
     flips = {"outcome_rule": {"tilt": 1.0, "flips": 0.03}}
-    seen = [observe(response, flips, Place(trial_seed=i)).overturned for i in range(2000)]
+    seen = [observe(response, flips, TrialContext(trial_seed=i)).overturned for i in range(2000)]
     # A binomial's standard deviation is 8 of 60.
     assert abs(sum(seen) - 60) < 32

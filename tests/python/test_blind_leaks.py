@@ -15,14 +15,14 @@ import vsr2.blind.custodian.make as make_module
 from blind_samples import QuickEngine, make, pulses
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import draw_protocol
-from vsr2.blind.custodian.engines import build_engine
-from vsr2.blind.custodian.floor import Floor
+from vsr2.blind.custodian.detection_limit import DetectionLimit
+from vsr2.blind.custodian.engine import Drawable, TrialInput, build_engine
 from vsr2.blind.custodian.plan import directions, draw_plan
-from vsr2.blind.custodian.shake import Drawable, Observed, Shake, Strength
-from vsr2.blind.custodian.write import written_campaign
+from vsr2.blind.custodian.recording import recorded_campaign
+from vsr2.blind.form.diagnosis_form import Verdict, VerdictKind
+from vsr2.blind.form.pack_settings import CLASSES, KINDS
 from vsr2.blind.form.seal import open_key
-from vsr2.blind.form.settings import CLASSES, KINDS
-from vsr2.blind.form.verdict import Verdict
+from vsr2.blind.mujoco import Parameter, Response
 from vsr2.blind.scoring.baselines import (
     BASELINES,
     _guess,
@@ -33,7 +33,7 @@ from vsr2.blind.scoring.baselines import (
     rate_alone,
 )
 from vsr2.blind.scoring.cases import Case, class_label
-from vsr2.blind.scoring.leaks import _told, find_leaks
+from vsr2.blind.scoring.leaks import _leak, find_leaks
 from vsr2.blind.scoring.metadata import metadata
 from vsr2.blind.scoring.score import top_one
 from vsr2.campaign import (
@@ -59,7 +59,7 @@ class UnevenEngine(QuickEngine):
             if seen.overturned:
                 tilt = 1.5 * (time / length) ** 2
             turned = np.stack([0 * time, np.sin(tilt / 2), 0 * time, np.cos(tilt / 2)], axis=1)
-            yield Observed(
+            yield Response(
                 seen.overturned,
                 max(seen.peak_tilt, tilt.max()),
                 time,
@@ -187,12 +187,12 @@ def test_series_of_either_engine_end_on_one_clock(study, tmp_path) -> None:
                 sign, (_, most) = next(iter(effect.strength.reach().items()))
                 acting = {name: effect.values(sign * most, [0.5] * len(effect.others))}
             shakes = [
-                Shake(motion.interval, motion.displacement * row.pga, acting)
+                TrialInput(motion.interval, motion.displacement * row.pga, acting)
                 for row, motion in zip(drawn.rows, drawn.motions, strict=True)
             ]
             seen = list(engine.run(shakes, settings.series_interval))
             rng = np.random.default_rng(1)
-            campaigns.append(written_campaign(str(name), drawn, seen, settings, rng))
+            campaigns.append(recorded_campaign(str(name), drawn, seen, settings, rng))
             # The camera runs on until the rock stands still.
             for trial in campaigns[-1].trials:
                 assert trial.peak_tilt > 1.1 or abs(trial.series.tilt[-50:]).max() < 0.005
@@ -213,8 +213,8 @@ def test_noise_does_not_tell_which_rock_falls() -> None:
     time = np.arange(0.0, 20.0, 0.1)
     rest = np.tile([0.0, 0.0, 0.0, 1.0], (time.size, 1))
     for largest in (0.3, 2.0):
-        seen = [Observed(False, largest, time, 0.1 + 0 * time, np.zeros((time.size, 3)), rest)] * 40
-        campaign = written_campaign("c", drawn, seen, settings, np.random.default_rng(1))
+        seen = [Response(False, largest, time, 0.1 + 0 * time, np.zeros((time.size, 3)), rest)] * 40
+        campaign = recorded_campaign("c", drawn, seen, settings, np.random.default_rng(1))
         series = [trial.series for trial in campaign.trials]
         found = {
             "tilt_noise": np.concatenate([s.tilt for s in series]).std(),
@@ -238,16 +238,16 @@ def test_ids_tell_neither_kind_nor_order(quick, study, tmp_path) -> None:
     assert "seed" not in text
 
 
-def drawn_plan(seed, settings, effects, floors):
-    """Campaigns where the signal is in proportion to the magnitude, and the floors are true."""
+def drawn_plan(seed, settings, effects, limits):
+    """Campaigns where the signal is in proportion to the magnitude, and the limits are true."""
 
     def measure(engine, protocol, effect, values):
         strength = effect.strength
         value = values[strength.name]
         size = 1 / value if strength.reciprocal else value - strength.null
-        return abs(size) / floors[engine, effect.name, 1 if size > 0 else -1].magnitude
+        return abs(size) / limits[engine, effect.name, 1 if size > 0 else -1].magnitude
 
-    return draw_plan(seed, settings, effects, floors, measure).campaigns
+    return draw_plan(seed, settings, effects, limits, measure).campaigns
 
 
 def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
@@ -255,8 +255,8 @@ def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
     from scipy.stats import chi2_contingency, kruskal
 
     settings = PackSettings(single=0, none=450, pair=0, unknown=450, protocols=3, hidden=4)
-    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in QuickEngine.effects}
-    plan = drawn_plan(5, settings, {"mujoco": QuickEngine.effects}, floors)
+    limits = {("mujoco", name, 1): DetectionLimit(0.05, ()) for name in QuickEngine.effects}
+    plan = drawn_plan(5, settings, {"mujoco": QuickEngine.effects}, limits)
     assert len({p.exclude for p in plan}) == 4
     for trait in ("exclude", "protocol"):
         cells = Counter((p.kind, getattr(p, trait)) for p in plan)
@@ -269,25 +269,27 @@ def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
         assert kruskal(*places).pvalue > 0.01
 
 
-def planned(seed=5, engines=("mujoco",), floors=None, **changes):
+def planned(seed=5, engines=("mujoco",), limits=None, **changes):
     """A plan of many campaigns, and its settings."""
     counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0}
     settings = PackSettings(engines=engines, **(counts | changes))
     known = {name: QuickEngine.effects for name in engines}
-    floors = floors or {(e, name, 1): Floor(0.05, ()) for e in engines for name in known[e]}
-    return drawn_plan(seed, settings, known, floors), settings
+    limits = limits or {
+        (e, name, 1): DetectionLimit(0.05, ()) for e in engines for name in known[e]
+    }
+    return drawn_plan(seed, settings, known, limits), settings
 
 
 def only_one_class_drawn():
-    """A plan in which every draw but one effect's is measured far beyond six floors."""
+    """A plan in which every draw but one effect's is measured far beyond six limits."""
     effects = {"mujoco": QuickEngine.effects}
-    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in QuickEngine.effects}
+    limits = {("mujoco", name, 1): DetectionLimit(0.05, ()) for name in QuickEngine.effects}
 
     def measure(engine, protocol, effect, values):
         return 2.0 if effect.name == "wear" else 99.0
 
     settings = PackSettings(single=1, none=1, pair=0, unknown=2)
-    return draw_plan(5, settings, effects, floors, measure)
+    return draw_plan(5, settings, effects, limits, measure)
 
 
 def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
@@ -338,10 +340,10 @@ def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> Non
             make(study, tmp_path, **(counts | change))
         # Before any work.
         assert not (tmp_path / "key").exists()
-    floors = {("mujoco", name, 1): Floor(0.05, ()) for name in ("wear", "friction")}
+    limits = {("mujoco", name, 1): DetectionLimit(0.05, ()) for name in ("wear", "friction")}
     with pytest.raises(BlindError, match="this pack needs 3"):
-        planned(single=2, pair=1, floors=floors)
-    assert len(planned(single=2, none=2, unknown=2, floors=floors)[0]) == 6
+        planned(single=2, pair=1, limits=limits)
+    assert len(planned(single=2, none=2, unknown=2, limits=limits)[0]) == 6
     # All decoys would be of the one unknown effect's class but those of campaigns that have it.
     with pytest.raises(BlindError, match="of one class alone"):
         PackSettings(engines=("bullet", "mujoco"), single=2, unknown=1)
@@ -349,7 +351,7 @@ def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> Non
         only_one_class_drawn()
     PackSettings(single=0, pair=0, none=2, unknown=1)
     PackSettings(engines=("bullet", "mujoco"), single=2, unknown=(2, 1))
-    assert len(planned(leave_one_out=2, floors=floors)[0]) == 4
+    assert len(planned(leave_one_out=2, limits=limits)[0]) == 4
 
 
 def test_where_each_effect_is_left_out_so_is_each_class_as_a_decoy() -> None:
@@ -365,22 +367,25 @@ def test_where_each_effect_is_left_out_so_is_each_class_as_a_decoy() -> None:
     assert cells["unknown", ("slenderness", "table_gain", "table_pitch")] == 200
 
 
-def test_magnitudes_lie_from_half_a_floor_to_six() -> None:
-    # As a tether: strong wherever it acts, here from 2, 5, 7 and 100 floors on.
+def test_magnitudes_lie_from_half_a_limit_to_six() -> None:
+    # As a tether: strong wherever it acts, here from 2, 5, 7 and 100 limits on.
     engine = {
-        name: Drawable(name, Strength("slack", "1", 0.0, low, 0.9))
+        name: Drawable(name, Parameter("slack", "1", 0.0, low, 0.9))
         for name, low in (("weak", 0.02), ("some", 0.05), ("strong", 0.07), ("tether", 0.5))
     }
-    engine["catch"] = Drawable("catch", Strength("slack", "1", math.inf, 5.0, 25.0, True))
-    engine["gain"] = Drawable("gain", Strength("change", "1", 0.0, -0.3, 0.3))
-    floors = {("mujoco", name, 1): Floor(0.01, ()) for name in engine if name != "tether"}
-    floors |= {("mujoco", "tether", 1): Floor(0.005, ()), ("mujoco", "gain", -1): Floor(0.2, ())}
-    floors["mujoco", "catch", 1] = Floor(0.006, ())
-    assert directions({"mujoco": engine}, floors, "mujoco") == [
+    engine["catch"] = Drawable("catch", Parameter("slack", "1", math.inf, 5.0, 25.0, True))
+    engine["gain"] = Drawable("gain", Parameter("change", "1", 0.0, -0.3, 0.3))
+    limits = {("mujoco", name, 1): DetectionLimit(0.01, ()) for name in engine if name != "tether"}
+    limits |= {
+        ("mujoco", "tether", 1): DetectionLimit(0.005, ()),
+        ("mujoco", "gain", -1): DetectionLimit(0.2, ()),
+    }
+    limits["mujoco", "catch", 1] = DetectionLimit(0.006, ())
+    assert directions({"mujoco": engine}, limits, "mujoco") == [
         ("gain", -1), ("gain", 1), ("some", 1), ("weak", 1)
     ]  # fmt: skip
     settings = PackSettings(single=400, none=0, pair=0, unknown=0)
-    drawn = [p.effects[0] for p in drawn_plan(1, settings, {"mujoco": engine}, floors)]
+    drawn = [p.effects[0] for p in drawn_plan(1, settings, {"mujoco": engine}, limits)]
     relative = {name: [e.relative for e in drawn if e.name == name] for name in engine}
     assert max(max(found, default=0.0) for found in relative.values()) <= 6.0
     assert 2.0 <= min(relative["weak"]) < 2.2
@@ -391,8 +396,8 @@ def test_magnitudes_lie_from_half_a_floor_to_six() -> None:
 
 def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
     settings = PackSettings(single=120, none=0, pair=0, unknown=120, hidden=6)
-    floors = {("mujoco", name, 1): Floor(0.02, ()) for name in QuickEngine.effects}
-    plan = drawn_plan(2, settings, {"mujoco": QuickEngine.effects}, floors)
+    limits = {("mujoco", name, 1): DetectionLimit(0.02, ()) for name in QuickEngine.effects}
+    plan = drawn_plan(2, settings, {"mujoco": QuickEngine.effects}, limits)
     unknown = [p.effects[0] for p in plan if p.kind == "unknown"]
     classes = Counter(settings.class_of(e.name) for e in unknown)
     assert len(classes) == 5
@@ -424,7 +429,7 @@ def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp
             relative=1.0,
             where={},
             trials=(),
-            verdict=Verdict("none"),
+            verdict=Verdict(VerdictKind.NONE),
             classes=(),
         )
         for name, entry in packs[3]["campaigns"].items()
@@ -456,7 +461,7 @@ def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_pa
     telling = {"campaigns": {n: e | {"exclude": alone[n]} for n, e in entries.items()}}
     found = {leak.question: leak for leak in find_leaks(data, key | telling)}
     assert found["kind"].p <= 0.01
-    assert found["kind"].told_by == "campaigns that lack the same effects"
+    assert found["kind"].best == "campaigns that lack the same effects"
     labels = {
         "engine": {name: e["engine"] for name, e in entries.items()},
         "kind": {name: e["kind"] for name, e in entries.items()},
@@ -473,7 +478,7 @@ def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_pa
         found = {leak.question: leak for leak in find_leaks(tmp_path / question, key)}
         assert found[question].p <= 0.01
         assert found[question].rate == pytest.approx(1.0)
-        assert found[question].told_by == "size of campaign.yaml"
+        assert found[question].best == "size of campaign.yaml"
 
 
 def test_leaks_of_chance_are_as_rare_as_their_p_says() -> None:
@@ -482,7 +487,7 @@ def test_leaks_of_chance_are_as_rare_as_their_p_says() -> None:
 
     rng = np.random.default_rng(2)
     found = [
-        _told(
+        _leak(
             "kind", {f"n{i}": rng.standard_normal(40) for i in range(5)}, rng.integers(4, size=40)
         )
         for _ in range(60)

@@ -11,15 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
-from vsr2.blind.custodian.floor import draw_own
+from vsr2.blind.custodian.design import draw_inputs
 from vsr2.blind.custodian.plan import Planned
-from vsr2.blind.custodian.shake import Observed
-from vsr2.blind.custodian.write import written_campaign
+from vsr2.blind.custodian.recording import recorded_campaign
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
+from vsr2.blind.mujoco import Response
 from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.campaign import (
     check_campaign,
@@ -57,15 +58,21 @@ def test_a_pack_is_what_was_asked(quick, study, tmp_path) -> None:
 
 
 def test_each_trial_and_campaign_has_its_own_nuisances(quick, study, tmp_path) -> None:
-    settings = PackSettings()
-    rng = np.random.default_rng(0)
-    own = [draw_own(rng, settings, 0.003) for _ in range(4000)]
+    settings = PackSettings(**SMALL | {"trials": 100})
+    rng, drawn = np.random.default_rng(0), protocol(settings)
+    campaigns = [draw_inputs(rng, drawn, settings) for _ in range(40)]
+    own = [one for _, inputs in campaigns for one in inputs]
+    off = []
+    for error, inputs in campaigns:
+        for one, motion, row in zip(inputs, drawn.motions, drawn.rows, strict=True):
+            peak = np.abs(one.displacement).max() / np.abs(motion.displacement).max()
+            off.append((peak / row.pga - 1) / error)
     tolerances = settings.tolerances
     for values, expected in (
         ([one.yaw for one in own], tolerances.yaw),
         ([one.offset[0] for one in own], tolerances.offset),
         ([one.offset[1] for one in own], tolerances.offset),
-        ([one.gain - 1 for one in own], 0.003),
+        (off, 1.0),
     ):
         # The standard error of a standard deviation of 4000 draws is 1.1 %.
         assert np.std(values) == pytest.approx(expected, rel=0.05)
@@ -125,9 +132,9 @@ def test_records_and_tilts_have_the_noise_that_is_published() -> None:
         moved = motion.displacement * row.pga
         off["displacement"].append(record.displacement - moved)
         off["acceleration"].append(record.acceleration - acceleration_of(moved, motion.interval))
-    seen = [Observed(False, 0.5, *[np.zeros(0)] * 4)] * len(drawn.rows)
+    seen = [Response(False, 0.5, *[np.zeros(0)] * 4)] * len(drawn.rows)
     campaigns = [
-        written_campaign("c", drawn, seen, settings, np.random.default_rng(i)) for i in range(50)
+        recorded_campaign("c", drawn, seen, settings, np.random.default_rng(i)) for i in range(50)
     ]
     off["peak_tilt"] = [[trial.peak_tilt - 0.5 for trial in c.trials] for c in campaigns]
     for name, errors in off.items():
@@ -156,7 +163,7 @@ def test_a_finished_pack_is_not_sealed_anew(quick, study, tmp_path, monkeypatch)
 def test_an_effect_acts_where_outcomes_or_tilts_change() -> None:
     def seen(overturned, tilt):
         none = np.zeros(0)
-        return Observed(overturned, tilt, none, none, none, none)
+        return Response(overturned, tilt, none, none, none, none)
 
     change = make_module._change
     assert change(seen(False, 0.1), seen(False, 0.2)) == pytest.approx(math.log(2), abs=1e-4)
@@ -210,7 +217,7 @@ def test_a_data_folder_is_no_place_for_a_pack(quick, study, tmp_path) -> None:
 
 
 def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None:
-    whole = make(study, tmp_path / "whole")
+    uncut = make(study, tmp_path / "uncut")
     write, calls = make_module.save_campaign, []
 
     def stopped(*args):
@@ -229,8 +236,8 @@ def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None
         make(study, tmp_path / "parts", seed=2)
     continued = make(study, tmp_path / "parts")
     assert len(calls) == 5 + 10
-    assert continued.commitment == whole.commitment
-    assert same_folders(tmp_path / "whole" / "data", tmp_path / "parts" / "data")
+    assert continued.commitment == uncut.commitment
+    assert same_folders(tmp_path / "uncut" / "data", tmp_path / "parts" / "data")
 
 
 KILLED = """
@@ -253,7 +260,7 @@ def dying(function, place, count):
 if {place!r} == "rename":
     Path.rename = dying(Path.rename, "", 3)
 elif {place!r}:
-    os.replace = dying(os.replace, {place!r}, {{"floors.json": 20}}.get({place!r}, 1))
+    os.replace = dying(os.replace, {place!r}, {{"measurements.json": 20}}.get({place!r}, 1))
 else:
     save.trials_table = dying(save.trials_table, "", 5)
 tests.make_module.build_engine = lambda name, study: tests.QuickEngine()
@@ -261,11 +268,13 @@ tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
 """
 
 
-@pytest.mark.parametrize("place", ["custodian.json", "floors.json", "", "rename", "pack.json"])
+@pytest.mark.parametrize(
+    "place", ["custodian.json", "measurements.json", "", "rename", "pack.json"]
+)
 def test_a_pack_whose_maker_was_killed_is_continued(quick, study, tmp_path, place) -> None:
-    # As it writes its state, the 20th measure (floors are 11, draws the rest), the fifth campaign,
-    # the third in its last place, and the last file.
-    whole = make(study, tmp_path / "whole")
+    # As it writes its state, the 20th measurement (limits are 11, draws the rest), the fifth
+    # campaign, the third in its last place, and the last file.
+    uncut = make(study, tmp_path / "uncut")
     parts = tmp_path / "parts"
     code = KILLED.format(tests=str(Path(__file__).parent), place=place, pack=str(parts))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -273,8 +282,8 @@ def test_a_pack_whose_maker_was_killed_is_continued(quick, study, tmp_path, plac
     left = [path.name for path in parts.rglob(".*.tmp")]
     assert len(left) == 1
     assert not (parts / "data" / "pack.json").exists()
-    assert make(study, parts).commitment == whole.commitment
-    assert same_folders(tmp_path / "whole", parts)
+    assert make(study, parts).commitment == uncut.commitment
+    assert same_folders(tmp_path / "uncut", parts)
     assert not list(parts.rglob(".*"))
 
 
@@ -350,7 +359,10 @@ def test_settings_are_checked() -> None:
         with pytest.raises(BlindError, match=message):
             PackSettings(**change)
     settings = PackSettings(effects=("wear",), engines=("bullet",))
-    assert PackSettings.from_json(json.loads(json.dumps(settings.to_json()))) == settings
+    assert (
+        TypeAdapter(PackSettings).validate_python(json.loads(json.dumps(settings.to_json())))
+        == settings
+    )
 
 
 def test_a_published_seed_draws_the_campaigns_again(quick, study, tmp_path) -> None:

@@ -19,14 +19,19 @@ import pytest
 import vsr2.blind
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
-from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
-from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind import (
+    DiagnosisOptions,
+    PackSettings,
+    diagnose_pack,
+    make_pack,
+    score_pack,
+)
+from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
+from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.make import Made
-from vsr2.blind.custodian.shake import Nuisances as DrawnNuisances
-from vsr2.blind.custodian.shake import Shake
-from vsr2.blind.diagnose import at_tier, uncertainties
+from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
-from vsr2.blind.form.verdict import DIAGNOSIS_FILE
+from vsr2.blind.pack_diagnoses import at_tier, uncertainties
 from vsr2.campaign import (
     load_campaign,
 )
@@ -88,7 +93,9 @@ def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) 
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=7, draws=9)
+    progress = diagnose_pack(
+        small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(9, seed=7)
+    )
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
@@ -102,7 +109,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
         assert how["tier"] == "T" or campaign.noise.tilt is None
     whole = load_campaign(small / Stub.calls[0][0].name)
     assert at_tier(whole, "T") is whole
-    # All tiers share one bank of simulations.
+    # All tiers share one cache of simulations.
     shared = Stub.calls[0][1]["cache"]
     scene = load_study(small / "scene.yaml")
     simulators = [
@@ -136,7 +143,7 @@ def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
     assert (progress.done, len(Stub.calls)) == (4, 5)
     assert not failed.exists()
     with pytest.raises(BlindError, match="seed 0, not 1"):
-        diagnose_pack(small, tmp_path / "out", diagnose=Stub, seed=1)
+        diagnose_pack(small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(seed=1))
 
 
 def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path) -> None:
@@ -173,7 +180,7 @@ def test_what_is_not_there_is_refused(small, tmp_path) -> None:
 
 def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
     sizes = ["--trials", "40", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
-    sizes += ["--replicates", "4", "--floor-trials", "8"]
+    sizes += ["--replicates", "4", "--signal-trials", "8"]
     counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
     pack = tmp_path / "pack"
     command = ["blind", "make", str(SCENE), str(pack), "--seed", "4", *sizes, *counts]
@@ -244,7 +251,7 @@ def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> N
     monkeypatch.setattr(vsr2.blind, "make_pack", lambda *args, **how: found)
     assert main(["blind", "make", str(SCENE), str(tmp_path)]) == 0
     said = capsys.readouterr().out
-    assert "bullet: no magnitudes from 0.5 to 6 detection floors, not drawn: base_asperity" in said
+    assert "bullet: no magnitudes from 0.5 to 6 detection limits, not drawn: base_asperity" in said
     assert "wear below 0" in said
     assert "not drawn for so many campaigns: inertia (2)" in said
 
@@ -274,7 +281,7 @@ else:
     sys.exit("the key can be read")
 import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
 from dataclasses import replace
-from vsr2.blind import diagnose_pack
+from vsr2.blind import DiagnosisOptions, diagnose_pack
 from vsr2.diagnosis import diagnose
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
@@ -284,7 +291,8 @@ vsr2.diagnosis.simulated.design.SCREENING = replace(
 vsr2.diagnosis.budget.NOISE_FLOOR = replace(vsr2.diagnosis.budget.NOISE_FLOOR, most_trials=4)
 vsr2.diagnosis.which.amortised.TREES = 40
 rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
-made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], draws=6, diagnose=rough)
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"],
+                     options=DiagnosisOptions(6), diagnose=rough)
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
 """
 
@@ -318,7 +326,7 @@ def diagnosed(tmp_path_factory):
         sessions=2,
         effects=EFFECTS,
         replicates=4,
-        floor_trials=4,
+        signal_trials=4,
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(make_module, "catalogue", pulses)
@@ -368,7 +376,7 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
         for tier in "MT"
     }
     # Campaigns of one protocol share their simulations, but for what is named of each.
-    assert sum(simulated.values()) == len(bank_keys(out / "bank.sqlite"))
+    assert sum(simulated.values()) == len(cache_keys(out / "simulations.sqlite"))
     assert sorted(simulated[name, "M"] for name in names)[:9] == [0] * 9
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 2
@@ -377,11 +385,11 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     assert main(score) == 0
     told = capsys.readouterr().out
     assert "| score | M | T |" in told
-    for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none", "floor x"):
+    for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none", "limit x"):
         assert f"### {group}" in told
 
 
-def bank_keys(path):
+def cache_keys(path):
     with contextlib.closing(sqlite3.connect(path)) as file:
         return file.execute("SELECT key FROM runs").fetchall()
 
@@ -415,7 +423,7 @@ def test_all_nuisances_reach_the_simulation(name, study) -> None:
     engine = build_engine(name, study)
     time = np.arange(0.0, 2.0, 0.005)
     moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
-    base = Shake(0.005, moved * 6.0 / (np.abs(np.diff(moved, 2)).max() / 0.005**2), yaw=0.02)
+    base = TrialInput(0.005, moved * 6.0 / (np.abs(np.diff(moved, 2)).max() / 0.005**2), yaw=0.02)
 
     def seen(**changes):
         own = {key: changes.pop(key) for key in ("yaw", "offset", "effects") if key in changes}
@@ -462,7 +470,7 @@ def test_an_obj_of_a_box_rocks_as_the_box(study, weight) -> None:
     peaks = []
     for rock in rocks:
         engine = build_engine("mujoco", Study.model_validate(given | {"rock": rock}))
-        shakes = [Shake(0.005, factor * moved, nuisances=wider) for factor in (1.0, 4.4)]
+        shakes = [TrialInput(0.005, factor * moved, nuisances=wider) for factor in (1.0, 4.4)]
         peaks.append([seen.peak_tilt for seen in engine.run(shakes, 0.02)])
     assert peaks[0][1] > 0.02
     # Corners are written with five decimals of a metre, and stand in another order.
@@ -475,7 +483,7 @@ def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
     time = np.arange(0.0, 2.0, 0.005)
     moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
     peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
-    shakes = [Shake(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
+    shakes = [TrialInput(0.005, moved * pga / peak) for pga in (3.5, 5.6)]
     study = study.model_copy(
         update={"engine": study.engine.model_copy(update={"time_step": 0.001})}
     )
@@ -492,7 +500,7 @@ def test_the_library_is_drawn_from(study) -> None:
     assert effects["restitution"].strength.null == 1.0
     assert effects["table_bandwidth"].strength.reciprocal
     assert effects["wear"].drifts
-    assert [name for name, _, _ in effects["base_slope"].others] == ["azimuth"]
+    assert [other.name for other in effects["base_slope"].others] == ["azimuth"]
     assert effects["change_point"].strength.name == "slenderness_change"
     # Names and units of strengths are the same on both engines, so that one verdict fits both.
     both = build_engine("mujoco", study).effects

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from blind_check import pool_packs
+from blind_results import committed_verdicts
 from blind_samples import diagnosis, effect, hand_made, same_folders
-from vsr2.blind import pool_packs, score_pack
-from vsr2.blind.custodian.engines import build_engine
+from vsr2.blind import score_pack
+from vsr2.blind.custodian.engine import build_engine
+from vsr2.blind.form.diagnosis_form import Location, VerdictKind, read_verdict, verdict_of
 from vsr2.blind.form.seal import open_key
-from vsr2.blind.form.verdict import Found, read_verdict, verdict_of
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.intervals import (
     Score,
@@ -23,8 +25,6 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
-from vsr2.blind.scoring.kept import keep_diagnoses
-from vsr2.blind.scoring.packs import Scored, format_scores
 from vsr2.blind.scoring.score import (
     ANSWER,
     CALIBRATION_NOISE,
@@ -39,6 +39,7 @@ from vsr2.blind.scoring.score import (
     size,
     where_mass,
 )
+from vsr2.blind.scoring.tables import Scored, format_scores
 from vsr2.config import load_study
 from vsr2.errors import BlindError
 
@@ -125,7 +126,7 @@ def test_hits_are_counted_by_class(scores) -> None:
     assert figure(scores, "unknown named (unknown)") == (0.5, 2)
     assert figure(scores, "pair found (pair)") == (1.0, 1)
     assert figure(scores, "failed or unresolved") == (1 / 9, 9)
-    assert figure(scores, "where: false places (none)") == (0.5, 2)
+    assert figure(scores, "where: false locations (none)") == (0.5, 2)
 
 
 def test_sets_are_judged_by_class(scores) -> None:
@@ -153,7 +154,7 @@ def test_calibration_is_of_the_first_class(scores) -> None:
     assert scores[CALIBRATION_NOISE] == true
 
 
-def test_unknowns_are_told_by_their_probability(scores) -> None:
+def test_unknowns_are_best_their_probability(scores) -> None:
     # 0.7 and 0.1 against 0.05, 0.1, 0.1, 0, 0, 0, 0: 0.7 above all; 0.1 above five, level with two.
     assert scores["unknown: AUROC"].value == pytest.approx((7 + 5 + 2 * 0.5) / 14)
     assert figure(scores, "unknown: rate at 5 % false alarms") == (0.5, 2)
@@ -163,7 +164,7 @@ def test_magnitudes_closure_and_places(scores) -> None:
     # b: 0.25 and inside; c: |0.12 + 0.2| / 0.2 = 1.6 and outside
     assert figure(scores, "magnitude: median relative error") == (pytest.approx(0.925), 2)
     assert figure(scores, "magnitude: interval coverage") == (0.5, 2)
-    assert figure(scores, "magnitude: told (single)") == (0.5, 4)
+    assert figure(scores, "magnitude: estimated (single)") == (0.5, 4)
     # 0.08 / 0.16 and 0.08 / 0.2
     assert figure(scores, "magnitude: median width of interval") == (pytest.approx(0.45), 2)
     assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
@@ -295,7 +296,7 @@ def test_bounds_are_where_they_are_said_to_be(tmp_path) -> None:
     losses = [-math.log(0.2), -math.log(0.1), -math.log(0.001), 0.0, 0.0]
     assert found["log score"].value == pytest.approx(np.mean(losses))
     assert figure(found, "closure below 0 beyond its interval") == (pytest.approx(0.25), 4)
-    assert figure(found, "where: false places (none)") == (0.0, 1)
+    assert figure(found, "where: false locations (none)") == (0.0, 1)
 
 
 def test_the_rate_is_found_at_one_false_alarm_in_twenty(tmp_path) -> None:
@@ -317,17 +318,17 @@ def test_single_rules_of_scoring(pack) -> None:
     # Drift shows over the order or between sessions, nowhere else.
     drift = replace(cases["a"], where=cases["a"].where | {"axis": "order"})
     for axis, right in (("order", True), ("session", True), ("conditions", False)):
-        named = (Found(axis=axis, p=0.01, trials=None),)
+        named = (Location(axis=axis, p_familywise=0.01, trials=None),)
         assert axis_named(replace(drift, verdict=replace(drift.verdict, where=named))) is right
     # A place at p = 0.05, which 999 permutations can give, is named; magnitude 2 is 2 or more.
     for p, inside in ((0.05, 1.0), (0.051, None)):
-        named = (Found(axis="conditions", p=p, trials=frozenset({"T1", "T2"})),)
+        named = (Location(axis="conditions", p_familywise=p, trials=frozenset({"T1", "T2"})),)
         mass = where_mass(replace(cases["a"], verdict=replace(cases["a"].verdict, where=named)))
         assert (mass and mass[0]) == inside
     for relative, there in ((2.0, True), (1.999, False)):
-        assert (("M", "floor x 2+") in groups([replace(cases["a"], relative=relative)])) is there
+        assert (("M", "limit x 2+") in groups([replace(cases["a"], relative=relative)])) is there
     # A class that holds just the two effects of a pair says that it is one of them.
-    either = replace(cases["i"], verdict=replace(cases["i"].verdict, kind="class"))
+    either = replace(cases["i"], verdict=replace(cases["i"].verdict, kind=VerdictKind.CLASS))
     assert pair_found(cases["i"])
     assert not pair_found(either)
     # There is no ratio to a true effect that closes nothing.
@@ -344,7 +345,7 @@ def test_single_rules_of_scoring(pack) -> None:
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        ({"tier": "T"}, r"a/M/diagnosis.json: campaign.tier is 'T', and lies in the folder of M"),
+        ({"tier": "T"}, r"a/M/diagnosis.json: campaign.tier is 'T', and lies in the folder of 'M'"),
         ({"name": "b"}, r"a/M/diagnosis.json: campaign.name is 'b', and lies in .* 'a'"),
     ],
 )
@@ -370,7 +371,7 @@ def test_groups_by_kind_and_by_engine(pack, tmp_path) -> None:
     assert scores["M", "kind none"]["log score"].value == pytest.approx(
         -0.5 * (math.log(0.9) + math.log(0.2))
     )
-    assert scores["M", "engine mujoco, floor x 2+"]["top-1 class (single)"].count == 3
+    assert scores["M", "engine mujoco, limit x 2+"]["top-1 class (single)"].count == 3
 
 
 def test_names_without_meaning_gain_nothing(tmp_path) -> None:
@@ -391,14 +392,14 @@ def test_names_without_meaning_gain_nothing(tmp_path) -> None:
 
 def test_groups_by_magnitude(pack, tmp_path) -> None:
     scored = score_pack(*pack, tmp_path / "scores")
-    assert scored.scores["M", "floor x 2+"]["top-1 class (single)"].count == 3
-    assert scored.scores["M", "floor x 2+"]["top-1 class (single)"].value == pytest.approx(2 / 3)
-    assert scored.scores["M", "floor x 0-1"]["top-1 class (single)"].value == 0
+    assert scored.scores["M", "limit x 2+"]["top-1 class (single)"].count == 3
+    assert scored.scores["M", "limit x 2+"]["top-1 class (single)"].value == pytest.approx(2 / 3)
+    assert scored.scores["M", "limit x 0-1"]["top-1 class (single)"].value == 0
     # a, b, c, g, h and i; e and f, without effect, have no magnitude.
-    for group in ("floor x 2+", "engine mujoco, floor x 2+"):
+    for group in ("limit x 2+", "engine mujoco, limit x 2+"):
         assert scored.scores["M", group]["failed or unresolved"].count == 6
         assert "false alarms (none)" not in scored.scores["M", group]
-    assert scored.scores["M", "floor x 4+"]["top-1 class (single)"].value == 1
+    assert scored.scores["M", "limit x 4+"]["top-1 class (single)"].value == 1
     assert scored.scores["M", "engine mujoco"].keys() == scored.scores["M", "all"].keys()
     assert (tmp_path / "scores" / "reliability.png").stat().st_size > 1000
     table = (tmp_path / "scores" / "scores.md").read_text()
@@ -638,8 +639,8 @@ def test_tiers_are_scored_and_pooled_alone(tmp_path) -> None:
     pooled = pool_packs([part], tmp_path / "pooled", tiers=["M"])
     assert {tier for tier, _ in pooled.scores} == {"M"}
     assert pooled.scores == alone.scores
-    kept = keep_diagnoses(part[0], open_key(*part[:2]), part[2], ["M"])
-    assert all(set(of) == {"M"} for of in kept["diagnoses"].values())
+    committed = committed_verdicts(part[0], open_key(*part[:2]), part[2], ["M"])
+    assert all(set(of) == {"M"} for of in committed["verdicts"].values())
 
 
 def test_an_interval_holds_its_value() -> None:

@@ -1,15 +1,15 @@
 """The blind check: campaigns whose effect is withheld, their diagnosis, and its scores."""
 
 from vsr2.blind.custodian.make import make_pack
-from vsr2.blind.diagnose import diagnose_pack
-from vsr2.blind.form.settings import PackSettings, Tolerances
-from vsr2.blind.scoring.packs import pool_packs, score_pack
+from vsr2.blind.form.pack_settings import PackSettings, Tolerances
+from vsr2.blind.pack_diagnoses import DiagnosisOptions, diagnose_pack
+from vsr2.blind.scoring.packs import score_pack
 
 __all__ = [
+    "DiagnosisOptions",
     "PackSettings",
     "Tolerances",
     "diagnose_pack",
     "make_pack",
-    "pool_packs",
     "score_pack",
 ]

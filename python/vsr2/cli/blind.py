@@ -23,7 +23,7 @@ def add_verbs(verbs: Any) -> None:
 
 
 def _add_make(verbs: Any) -> None:
-    from vsr2.blind.form.settings import ENGINES, PackSettings
+    from vsr2.blind.form.pack_settings import ENGINES, PackSettings
 
     defaults = {f.name: f.default for f in fields(PackSettings)}
     make = verbs.add_parser(
@@ -67,7 +67,7 @@ def _add_make(verbs: Any) -> None:
         ("protocols", "of the pack: campaigns of one share amplitudes, order and motions"),
         ("hidden", "effect classes that may be left out of the library"),
         ("replicates", "draws of nuisances with and without an effect that measure its signal"),
-        ("floor_trials", "trials on which signals are measured"),
+        ("signal_trials", "trials on which signals are measured"),
     ):
         make.add_argument(
             f"--{name.replace('_', '-')}",
@@ -80,8 +80,8 @@ def _add_make(verbs: Any) -> None:
         "--leave-one-out",
         type=int,
         metavar="N",
-        help="N campaigns of kind unknown for every effect that reaches its floor, beside what is "
-        "asked for of the kinds above",
+        help="N campaigns of kind unknown for every effect that reaches its detection limit, "
+        "beside what is asked for of the kinds above",
     )
     make.add_argument(
         "--series-interval",
@@ -112,7 +112,7 @@ def _add_make(verbs: Any) -> None:
 
 
 def _add_diagnose(verbs: Any) -> None:
-    from vsr2.blind.diagnose import DRAWS
+    from vsr2.blind.pack_diagnoses import DRAWS
 
     diagnose = verbs.add_parser(
         "diagnose",
@@ -125,7 +125,7 @@ def _add_diagnose(verbs: Any) -> None:
         type=Path,
         required=True,
         metavar="DIR",
-        help="folder of the diagnoses and of the bank of simulations",
+        help="folder of the diagnoses and of the cache of simulations",
     )
     diagnose.add_argument(
         "--tier", action="append", choices=["B", "M", "T"], help="may be repeated (default: all)"
@@ -139,7 +139,7 @@ def _add_diagnose(verbs: Any) -> None:
         type=int,
         default=DRAWS,
         metavar="N",
-        help="simulated campaigns of every effect; campaigns of one protocol share them "
+        help="simulated campaigns of every effect; campaigns of one protocol use the same ones "
         f"(default {DRAWS})",
     )
     budget.add_argument(
@@ -189,7 +189,7 @@ def _add_score(verbs: Any) -> None:
 
 def _make(options: argparse.Namespace) -> int:
     from vsr2.blind import PackSettings, make_pack
-    from vsr2.blind.form.settings import KINDS
+    from vsr2.blind.form.pack_settings import KINDS
     from vsr2.config import load_study
     from vsr2.diagnosis.observed.observations import OBSERVED
     from vsr2.errors import BlindError
@@ -197,7 +197,7 @@ def _make(options: argparse.Namespace) -> int:
     if options.seed is not None and not options.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
     names = ["trials", "motions", "sessions", "catalogue", "protocols", "hidden"]
-    names += ["replicates", "floor_trials", "series_interval", "development"]
+    names += ["replicates", "signal_trials", "series_interval", "development"]
     chosen = {name: getattr(options, name) for name in names}
     for name, value, least in (
         ("trials", options.trials, OBSERVED.least_trials),
@@ -220,13 +220,13 @@ def _make(options: argparse.Namespace) -> int:
         effects=tuple(options.effect),
         **chosen,
     )
-    whole = options.pack.resolve()
-    if not whole.name:
+    full = options.pack.resolve()
+    if not full.name:
         raise BlindError(f"{options.pack}: has no name that the key's folder could have; add --key")
     made = make_pack(
         load_study(options.scene),
         options.pack,
-        options.key or whole.with_name(f"{whole.name}-key"),
+        options.key or full.with_name(f"{full.name}-key"),
         settings,
         seed=options.seed,
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
@@ -235,31 +235,33 @@ def _make(options: argparse.Namespace) -> int:
     for engine, effects in made.not_drawn.items():
         if effects:
             print(
-                f"{engine}: no magnitudes from 0.5 to 6 detection floors, not drawn: "
+                f"{engine}: no magnitudes from 0.5 to 6 detection limits, not drawn: "
                 f"{', '.join(effects)}"
             )
     for engine, refused in made.refused.items():
         if refused:
-            told = ", ".join(f"{name} ({count})" for name, count in refused.items())
+            listed = ", ".join(f"{name} ({count})" for name, count in refused.items())
             print(
-                f"{engine}: every draw measured outside 0.5 to 6 detection floors, not drawn for "
-                f"so many campaigns: {told}"
+                f"{engine}: every draw measured outside 0.5 to 6 detection limits, not drawn for "
+                f"so many campaigns: {listed}"
             )
     return 0
 
 
 def _diagnose(options: argparse.Namespace) -> int:
-    from vsr2.blind import diagnose_pack
+    from vsr2.blind import DiagnosisOptions, diagnose_pack
 
     progress = diagnose_pack(
         options.data,
         options.out,
         tiers=options.tier,
         campaigns=options.campaign,
-        draws=options.draws if options.budget_minutes is None else None,
-        budget_minutes=10.0 if options.budget_minutes is None else options.budget_minutes,
-        threads=options.threads,
-        seed=options.seed,
+        options=DiagnosisOptions(
+            draws=options.draws if options.budget_minutes is None else None,
+            budget_minutes=10.0 if options.budget_minutes is None else options.budget_minutes,
+            threads=options.threads,
+            seed=options.seed,
+        ),
         say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
     )
     print(f"{options.out}: {progress.done} diagnoses, {len(progress.failed)} failed")
@@ -268,7 +270,7 @@ def _diagnose(options: argparse.Namespace) -> int:
 
 def _score(options: argparse.Namespace) -> int:
     from vsr2.blind import score_pack
-    from vsr2.blind.scoring.packs import format_scores
+    from vsr2.blind.scoring.tables import format_scores
 
     scored = score_pack(
         options.data,

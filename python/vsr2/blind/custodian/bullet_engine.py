@@ -7,15 +7,17 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.custodian.shake import Drawable, Nuisances, Observed, Shake, Strength
+from vsr2.blind.custodian.engine import Drawable, Nuisances, TrialInput
+from vsr2.blind.mujoco import Parameter, Response
 from vsr2.config import Study
 from vsr2.config.study import BoxRock, YawStart
-from vsr2.effects import Effect, EffectRangeWarning, Parameter, apply_effects, library
+from vsr2.effects import Effect, EffectRangeWarning, apply_effects, library
+from vsr2.effects import Parameter as EffectParameter
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.results import TrialLog, quaternion_product
@@ -41,6 +43,8 @@ class BulletEngine:
         BlindError: the rock is no block on `mode: yaw`.
     """
 
+    name = "bullet"
+
     def __init__(self, study: Study) -> None:
         if not isinstance(study.rock, BoxRock):
             raise BlindError(
@@ -53,11 +57,6 @@ class BulletEngine:
                 "engine bullet of the blind check takes yaw; change it, or --engine mujoco"
             )
         self._study = study
-
-    @property
-    def name(self) -> Literal["bullet"]:
-        """Of the engine."""
-        return "bullet"
 
     @property
     def versions(self) -> Mapping[str, str]:
@@ -84,12 +83,11 @@ class BulletEngine:
         first = next((p for p in free if not p.secondary), None)
         if first is None:
             return None
-        others = tuple((p.name, p.lower, p.upper) for p in free if p is not first)
-        return Drawable(
-            effect.name, self._strength(effect.name, first), others, effect.stage == "order"
-        )
+        others = tuple(_parameter(p, p.null) for p in free if p is not first)
+        drifts = effect.stage == "order"
+        return Drawable(effect.name, self._strength(effect.name, first), others, drifts)
 
-    def _strength(self, effect: str, parameter: Parameter) -> Strength:
+    def _strength(self, effect: str, parameter: EffectParameter) -> Parameter:
         null = parameter.null
         if math.isnan(null):
             # As the study has it: Housner's ratio for an impact, the pair's own spinning friction.
@@ -99,16 +97,9 @@ class BulletEngine:
 
                 contact = self._study.contact
                 null = effective_pair(contact.rock, contact.pedestal).spinning_friction
-        return Strength(
-            parameter.name,
-            parameter.unit,
-            null,
-            parameter.lower,
-            parameter.upper,
-            reciprocal=math.isinf(null),
-        )
+        return _parameter(parameter, null)
 
-    def run(self, shakes: Iterable[Shake], series_interval: float) -> Iterator[Observed]:
+    def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
         """Simulate the trials of one campaign, in their order.
 
         Raises:
@@ -116,14 +107,14 @@ class BulletEngine:
         """
         from vsr2.simulation import run_batch
 
-        ordered = list(shakes)
+        ordered = list(inputs)
         if not ordered:
             return
         first = ordered[0]
-        for shake in ordered:
-            same = (shake.nuisances, shake.effects, shake.campaign_seed)
-            if same != (first.nuisances, first.effects, first.campaign_seed):
-                raise ValueError("the trials of a campaign share nuisances, effects and seed")
+        common = (first.nuisances, first.effects, first.context.campaign_seed)
+        for one in ordered:
+            if (one.nuisances, one.effects, one.context.campaign_seed) != common:
+                raise ValueError("trials of a campaign have one set of nuisances, effects and seed")
         trials = self._trials(ordered, first.nuisances, series_interval)
         acting = {name: dict(values) for name, values in first.effects.items()}
         # Relative to Housner's, which the contact's own impacts keep within 1 %.
@@ -135,9 +126,9 @@ class BulletEngine:
             trials = apply_effects(
                 trials,
                 acting,
-                orders=[shake.order for shake in ordered],
-                sessions=[f"{shake.session}" for shake in ordered],
-                seed=first.campaign_seed,
+                orders=[one.context.order for one in ordered],
+                sessions=[f"{one.context.session}" for one in ordered],
+                seed=first.context.campaign_seed,
             )
         logs: dict[int, TrialLog] = {}
 
@@ -156,7 +147,7 @@ class BulletEngine:
             yield _observed(outcome == "overturned", float(result["peak_tilt"][i]), logs[i])
 
     def _trials(
-        self, shakes: Sequence[Shake], nuisances: Nuisances, series_interval: float
+        self, inputs: Sequence[TrialInput], nuisances: Nuisances, series_interval: float
     ) -> list[Trial]:
         from vsr2.scene import build_scene
         from vsr2.trial import Trial, rows_only
@@ -170,21 +161,21 @@ class BulletEngine:
             Trial(
                 scene=scene,
                 motion=build_recorded_motion(
-                    Record(f"m{i}", shake.interval, displacement=shake.displacement), step
+                    Record(f"m{i}", one.interval, displacement=one.displacement), step
                 ),
-                start=self._start(scene, shake),
+                start=self._start(scene, one),
                 name=f"m{i}",
                 settling=self._study.settling,
                 outcome=outcome,
                 output=output,
             )
-            for i, shake in enumerate(shakes)
+            for i, one in enumerate(inputs)
         ]
 
-    def _start(self, scene: Scene, shake: Shake) -> Pose:
+    def _start(self, scene: Scene, one: TrialInput) -> Pose:
         """The scene's start turned about the block's vertical and shifted."""
         start = scene.rock.start
-        half = 0.5 * shake.yaw
+        half = 0.5 * one.yaw
         turned = quaternion_product(
             np.array([[0.0, 0.0, math.sin(half), math.cos(half)]]), np.array([start.orientation])
         )[0]
@@ -192,7 +183,7 @@ class BulletEngine:
         at = start.position
         return replace(
             start,
-            position=(at[0] + shake.offset[0], at[1] + shake.offset[1], at[2]),
+            position=(at[0] + one.offset[0], at[1] + one.offset[1], at[2]),
             orientation=(x, y, z, w),
         )
 
@@ -213,10 +204,15 @@ class BulletEngine:
         )
 
 
-def _observed(overturned: bool, peak_tilt: float, log: TrialLog) -> Observed:
+def _parameter(parameter: EffectParameter, null: float) -> Parameter:
+    p = parameter
+    return Parameter(p.name, p.unit, null, p.lower, p.upper, reciprocal=math.isinf(null))
+
+
+def _observed(overturned: bool, peak_tilt: float, log: TrialLog) -> Response:
     kept = (log.time >= 0) & np.isfinite(log.state).all(axis=1)
     position, orientation = log.from_rest(kept)
-    return Observed(
+    return Response(
         overturned,
         peak_tilt,
         log.time[kept],

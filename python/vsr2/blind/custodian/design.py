@@ -1,17 +1,17 @@
-"""What a campaign shakes with: motions, amplitudes, order and sessions."""
+"""What a campaign shakes with: motions, amplitudes, order and sessions, starts and nuisances."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.custodian.shake import Engine, Shake
-from vsr2.blind.form.settings import PackSettings
-from vsr2.blind.mujoco import GroundMotion, ground_motion
+from vsr2.blind.custodian.engine import Engine, Nuisances, TrialInput
+from vsr2.blind.form.pack_settings import PackSettings
+from vsr2.blind.mujoco import GroundMotion, TrialContext, ground_motion
 from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.motion import Record
 
@@ -21,6 +21,7 @@ SPREAD = (-0.55, 0.4)
 """Of ln PGA about a motion's overturning PGA, within a campaign."""
 SHIFT = 0.12
 """Standard deviation of what a protocol adds to it."""
+NUISANCES = ("width", "depth", "height", "energy_ratio", "friction")
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Row:
     """One trial of a design.
 
     Attributes:
-        motion: position in the catalogue.
+        motion: index in the catalogue.
         pga: peak acceleration of the table [m/s^2].
         session: 0 to sessions - 1.
     """
@@ -40,7 +41,7 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Protocol:
-    """What campaigns of a pack have in common.
+    """What campaigns of a pack have in common, and what varies between their trials.
 
     Attributes:
         rows: trials in the order of execution.
@@ -96,14 +97,59 @@ def draw_protocol(
     )
 
 
-def trial_name(place: int, trials: int) -> str:
-    """Name of the trial at a place of the order, from 0."""
-    return f"T{place + 1:0{len(str(trials))}d}"
+def trial_name(index: int, trials: int) -> str:
+    """Name of a trial by its index in the order, from 0."""
+    return f"T{index + 1:0{len(str(trials))}d}"
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """A draw with three digits."""
     return float(f"{low * (high / low) ** float(rng.random()):.3g}")
+
+
+def draw_nuisances(rng: np.random.Generator, settings: PackSettings) -> Nuisances:
+    """Of one campaign: normal, cut at three standard deviations."""
+    draws = np.clip(rng.standard_normal(len(NUISANCES)), -3, 3)
+    deviations = [getattr(settings.tolerances, name) for name in NUISANCES]
+    return Nuisances(*(float(1 + s * d) for s, d in zip(deviations, draws, strict=True)))
+
+
+def draw_inputs(
+    rng: np.random.Generator,
+    protocol: Protocol,
+    settings: PackSettings,
+    trials: Iterable[int] | None = None,
+) -> tuple[float, list[TrialInput]]:
+    """Trials of one campaign without effect: its nuisances, and each trial's start and motion.
+
+    Args:
+        rng: of the campaign.
+        protocol: of it.
+        settings: of the pack.
+        trials: indices in the protocol; None: all.
+
+    Returns:
+        The standard error of the campaign's motions about the recorded ones, relative, and trials
+        without seeds of what effects draw.
+    """
+    nuisances, tolerances = draw_nuisances(rng, settings), settings.tolerances
+    error = log_uniform(rng, *tolerances.input_gain)
+    count = len(protocol.rows)
+    out = []
+    for i in range(count) if trials is None else trials:
+        row, motion = protocol.rows[i], protocol.motions[i]
+        yaw, x, y, gain = (float(draw) for draw in rng.standard_normal(4))
+        out.append(
+            TrialInput(
+                interval=motion.interval,
+                displacement=motion.displacement * (row.pga * (1 + error * gain)),
+                nuisances=nuisances,
+                yaw=tolerances.yaw * yaw,
+                offset=(tolerances.offset * x, tolerances.offset * y),
+                context=TrialContext(i / max(1, count - 1), row.session, settings.sessions),
+            )
+        )
+    return error, out
 
 
 def catalogue(seed: int, count: int) -> list[GroundMotion]:
@@ -122,8 +168,8 @@ def overturning_pga(engine: Engine, motion: GroundMotion) -> float:
     low = engine.static_pga
     for step in range(10):
         pga = low * 1.12**step
-        shake = Shake(motion.interval, motion.displacement * pga)
-        if next(iter(engine.run([shake], 1.0))).overturned:
+        trial = TrialInput(motion.interval, motion.displacement * pga)
+        if next(iter(engine.run([trial], 1.0))).overturned:
             return pga
     return low * 1.12**10
 
@@ -137,8 +183,8 @@ def draw_design(
 ) -> list[Row]:
     """A campaign in the order of execution.
 
-    A random part of the catalogue is used; each motion is run in two blocks of rising PGA at
-    random places, so that neither order nor session goes with the motion.
+    A random part of the catalogue is used; each motion is run in two blocks of rising PGA in a
+    random order, so that neither order nor session goes with the motion.
 
     Args:
         rng: of the campaign.
@@ -153,8 +199,8 @@ def draw_design(
     blocks: list[list[tuple[int, float]]] = []
     for motion, count in zip(chosen, counts, strict=True):
         # Stratified, so that every motion is run below and above its threshold.
-        place = (np.arange(count) + rng.random(count)) / count
-        level = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * place + shift
+        quantile = (np.arange(count) + rng.random(count)) / count
+        level = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * quantile + shift
         pga = [round(thresholds[motion] * math.exp(value), 3) for value in level]
         half = rng.permutation(count) < count // 2
         for part in (half, ~half):

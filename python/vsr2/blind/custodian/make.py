@@ -9,7 +9,7 @@ import platform
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,16 @@ import numpy as np
 from vsr2.blind.custodian.design import (
     Protocol,
     catalogue,
+    draw_inputs,
     draw_protocol,
-    log_uniform,
 )
-from vsr2.blind.custodian.engines import build_engine
-from vsr2.blind.custodian.floor import Floor, draw_nuisances, draw_own, shake_of
-from vsr2.blind.custodian.measure import Measures, Say
+from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit
+from vsr2.blind.custodian.engine import Drawable, Engine, TrialInput, build_engine
+from vsr2.blind.custodian.measurements import Measurements, Say
 from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.shake import Engine, Observed, Shake
-from vsr2.blind.custodian.write import RANGE, written_campaign
+from vsr2.blind.custodian.recording import RANGE, recorded_campaign
+from vsr2.blind.form.pack_form import Axis
+from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -44,17 +45,17 @@ from vsr2.blind.form.seal import (
     set_time_stamps,
     write_json,
 )
-from vsr2.blind.form.settings import PackSettings
+from vsr2.blind.mujoco import Response
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 4
+FORM = 5
 """Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
 _STATE = "custodian.json"
-_FLOORS = "floors.json"
+_MEASUREMENTS = "measurements.json"
 _ENTRIES = "entries"
 PLACEMENTS = 6
 """Draws of a campaign, until its rock rests before every motion."""
@@ -67,11 +68,12 @@ class Made:
     Attributes:
         campaigns: number of them.
         commitment: SHA-256 that is published with the data.
-        not_drawn: by engine, effects of which no magnitude was found from 0.5 to 6 floors, or the
-            sides of their null (`table_gain below 0`) where there is one on the other.
+        not_drawn: by engine, effects of which no magnitude was found from 0.5 to 6 detection
+            limits, or the sides of their null (`table_gain below 0`) where there is one on the
+            other.
         refused: by engine and effect, for how many campaigns every draw of it was measured outside
-            0.5 to 6 floors, so that they got another effect, or were not made where each effect is
-            left out in turn.
+            0.5 to 6 detection limits, so that they got another effect, or were not made where each
+            effect is left out in turn.
     """
 
     campaigns: int
@@ -108,18 +110,8 @@ def make_pack(
         BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
             is negative, or an engine cannot simulate the scene.
     """
-    if seed is not None and seed < 0:
-        raise BlindError(f"seed is {seed}; give 0 or more")
     data = pack / "data"
-    if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
-        raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
-    for folder in (pack, key):
-        other = folder_around(folder, PACK_FILE)
-        if other is not None:
-            raise BlindError(
-                f"{folder}: {other} holds a {PACK_FILE}, so that it is the data folder of a pack, "
-                "which may not change; choose a folder outside it"
-            )
+    _check_asked(pack, data, key, seed)
     engines = {name: build_engine(name, study) for name in settings.engines}
     effects = {
         name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
@@ -137,21 +129,19 @@ def make_pack(
         _write_scene(study, data)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
-    measures = Measures(key / _FLOORS, engines, settings, number, say)
-    thresholds = measures.thresholds(settings.engines[0], motions)
+    measured = Measurements(key / _MEASUREMENTS, engines, settings, number, say)
+    thresholds = measured.thresholds(settings.engines[0], motions)
     protocols = [
         draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
         for i in range(settings.protocols)
     ]
-    floors = measures.floors(effects, protocols)
-    drawn = draw_plan(number, settings, effects, floors, partial(measures.relative, protocols))
-    plan = drawn.campaigns
-    for done, planned in enumerate(plan):
+    limits = measured.limits(effects, protocols)
+    drawn = draw_plan(number, settings, effects, limits, partial(measured.relative, protocols))
+    for done, planned in enumerate(plan := drawn.campaigns):
         file = key / _ENTRIES / f"{planned.id}.json"
         if file.exists() and (data / planned.id).is_dir():
             continue
-        engine = engines[planned.engine]
-        protocol = protocols[planned.protocol]
+        engine, protocol = engines[planned.engine], protocols[planned.protocol]
         entry = _campaign(data, planned, engine, protocol, settings, number)
         write_json(file, entry, private=True)
         say(f"campaign {done + 1} of {len(plan)}")
@@ -163,67 +153,69 @@ def make_pack(
         open_key(data, key)
         sealed = str(read_json(data / PACK_FILE)["commitment"]["sha256"])
     else:
-        sealed = _seal(data, key, state, settings, engines, floors, entries)
+        sealed = _seal(data, key, state, settings, engines, limits, entries)
     set_time_stamps(data)
     refused = {
         name: {e: count for (on, e), count in sorted(drawn.refused.items()) if on == name}
         for name in effects
     }
     return Made(
-        len(plan), sealed, {name: not_drawn(effects, floors, name) for name in effects}, refused
+        len(plan), sealed, {name: not_drawn(effects, limits, name) for name in effects}, refused
     )
 
 
-def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Any]:
+def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
+    """Refuse folders within each other or within another pack, and a negative seed."""
+    if seed is not None and seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
+    if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
+        raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
+    for folder in (pack, key):
+        other = folder_around(folder, PACK_FILE)
+        if other is not None:
+            raise BlindError(
+                f"{folder}: {other} holds a {PACK_FILE}, so that it is the data folder of a pack, "
+                "which may not change; choose a folder outside it"
+            )
+
+
+def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Drawable]:
+    """The effects that may be drawn."""
     unknown = set(settings.effects) - set(engine.effects)
     if unknown:
         raise BlindError(
             f"engine {engine.name} has no effect {min(unknown)!r}; it has "
             f"{', '.join(engine.effects)}"
         )
-    return {
-        name: effect
-        for name, effect in engine.effects.items()
-        if not settings.effects or name in settings.effects
-    }
-
-
-def _differing(state: dict[str, Any], asked: dict[str, Any]) -> list[str]:
-    """What a pack was begun with that is not asked for now; of settings each by its name."""
-    out = []
-    for name in asked:
-        before, now = state.get(name), asked[name]
-        if isinstance(before, dict) and isinstance(now, dict):
-            out += [key for key in now if before.get(key) != now[key]]
-        elif before != now:
-            out.append(name)
-    return out
+    allowed = settings.effects or engine.effects
+    return {name: effect for name, effect in engine.effects.items() if name in allowed}
 
 
 def _begin(
     study: Study, data: Path, key: Path, settings: PackSettings, seed: int | None
 ) -> dict[str, Any]:
     """The custodian's state: read where the pack was begun, else drawn and written."""
-    scene = _scene(study)
-    asked = {
+    asked: dict[str, Any] = {
         "form": FORM,
-        "settings": settings.to_json(),
-        "scene_sha256": hashlib.sha256(canonical(scene)).hexdigest(),
+        # Through JSON, so that tuples compare as the lists that a file holds.
+        "settings": _read_back(settings.to_json()),
+        "scene_sha256": hashlib.sha256(canonical(_scene(study))).hexdigest(),
     }
     file = getattr(study.rock, "file", None)
     if file is not None:
         asked["model_sha256"] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-    # Through JSON, so that tuples compare as the lists that a file holds.
-    asked = dict(_read_back(asked))
     path = key / _STATE
     if path.exists():
         state = read_json(path)
-        differs = [name for name in asked if state.get(name) != asked[name]]
-        if differs or seed not in (None, int(state["seed"])):
-            what = ", ".join(_differing(state, asked)) if differs else "seed"
+        before = {**state, **(state.get("settings") or {})}
+        now = {**asked, **asked["settings"]}
+        differs = [name for name in now if name != "settings" and before.get(name) != now[name]]
+        if seed not in (None, int(state["seed"])):
+            differs.append("seed")
+        if differs:
             raise BlindError(
-                f"{path}: was begun with another {what}; continue it with the same, or choose "
-                "other folders"
+                f"{path}: was begun with another {', '.join(differs)}; continue it with the same, "
+                "or choose other folders"
             )
         if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
@@ -237,11 +229,10 @@ def _begin(
     for folder in (data, key):
         make_folder(folder)
     key.chmod(0o700)
+    salt = hashlib.sha256(f"salt {seed}".encode()).hexdigest()
     state = asked | {
         "seed": str(secrets.randbits(63) if seed is None else seed),
-        "salt": secrets.token_hex(SALT_BYTES)
-        if seed is None
-        else hashlib.sha256(f"salt {seed}".encode()).hexdigest(),
+        "salt": secrets.token_hex(SALT_BYTES) if seed is None else salt,
     }
     write_json(path, state, private=True)
     return state
@@ -289,7 +280,7 @@ def _campaign(
 ) -> dict[str, Any]:
     """Simulate and write one campaign; returns its entry of the key.
 
-    Where a rock does not come to rest, all draws are made anew, as it would be placed anew.
+    Where a rock does not come to rest, all draws are repeated, as it would be placed again.
 
     Raises:
         SimulationError: nor does it in any of `PLACEMENTS` draws.
@@ -312,36 +303,20 @@ def _drawn(
 ) -> dict[str, Any]:
     number, attempt = seed
     rng = np.random.default_rng([number, 401, planned.index, *([attempt] if attempt else [])])
-    rows = protocol.rows
-    nuisances = draw_nuisances(rng, settings)
-    gain = log_uniform(rng, *settings.tolerances.input_gain)
-    own = [draw_own(rng, settings, gain) for _ in rows]
-    seeds = rng.integers(0, 2**31, size=len(rows) + 1)
-
-    def shakes(effects: dict[str, dict[str, float]]) -> list[Shake]:
-        return [
-            shake_of(
-                row,
-                motion,
-                i / max(1, len(rows) - 1),
-                settings.sessions,
-                nuisances,
-                own[i],
-                effects,
-                (int(seeds[-1]), int(seeds[i])),
-            )
-            for i, (row, motion) in enumerate(zip(rows, protocol.motions, strict=True))
-        ]
-
+    gain, inputs = draw_inputs(rng, protocol, settings)
+    *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
+    plain = [
+        replace(one, context=replace(one.context, campaign_seed=common, trial_seed=own))
+        for one, own in zip(inputs, seeds, strict=True)
+    ]
     acting = {effect.name: effect.values for effect in planned.effects}
-    interval = settings.series_interval or 1.0
-    seen = list(engine.run(shakes(acting), interval))
+    shaken: list[TrialInput] = [replace(one, effects=acting) for one in plain]
+    seen = list(engine.run(shaken, settings.series_interval or 1.0))
     weights: list[float] = []
     if acting:
         # The same campaign without the effect, all else equal: where the effect acts.
-        plain = list(engine.run(shakes({}), 1.0))
-        weights = [_change(a, b) for a, b in zip(seen, plain, strict=True)]
-    campaign = written_campaign(planned.id, protocol, seen, settings, rng)
+        weights = [_change(a, b) for a, b in zip(seen, engine.run(plain, 1.0), strict=True)]
+    campaign = recorded_campaign(planned.id, protocol, seen, settings, rng)
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
@@ -354,7 +329,7 @@ def _drawn(
             "effects": [asdict(effect) for effect in planned.effects],
             "exclude": list(planned.exclude),
             "protocol": planned.protocol,
-            "nuisances": asdict(nuisances) | {"input_gain": gain},
+            "nuisances": asdict(inputs[0].nuisances) | {"input_gain": gain},
             "where": {"axis": _axis(planned.effects), "weights": weights},
             "data_sha256": folder_sha256(folder),
         }
@@ -374,15 +349,15 @@ def _write_together(data: Path, names: Sequence[str]) -> None:
         fresh.rename(data / name)
 
 
-def _change(a: Observed, b: Observed) -> float:
+def _change(a: Response, b: Response) -> float:
     tilts = [min(max(x.peak_tilt, 1e-3), RANGE) for x in (a, b)]
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
-def _axis(effects: tuple[Drawn, ...]) -> str:
+def _axis(effects: tuple[Drawn, ...]) -> Axis:
     if not effects:
-        return "none"
-    return "order" if any(effect.drifts for effect in effects) else "conditions"
+        return Axis.NONE
+    return Axis.ORDER if any(effect.drifts for effect in effects) else Axis.CONDITIONS
 
 
 def _seal(
@@ -391,7 +366,7 @@ def _seal(
     state: Mapping[str, Any],
     settings: PackSettings,
     engines: Mapping[str, Engine],
-    floors: Mapping[tuple[str, str, int], Floor],
+    limits: Mapping[tuple[str, str, int], DetectionLimit],
     entries: dict[str, Any],
 ) -> str:
     versions = {"numpy": np.__version__, "python": platform.python_version()}
@@ -401,14 +376,15 @@ def _seal(
         {
             "campaigns": entries,
             "settings": settings.to_json(),
+            "rules": asdict(RULES),
             **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
             "versions": versions,
-            "floors": {
-                f"{engine} {name} {sign:+d}": floor.magnitude
-                if math.isfinite(floor.magnitude)
+            "detection_limits": {
+                f"{engine} {name} {sign:+d}": limit.magnitude
+                if math.isfinite(limit.magnitude)
                 else None
-                for (engine, name, sign), floor in floors.items()
+                for (engine, name, sign), limit in limits.items()
             },
         }
     )
@@ -418,14 +394,13 @@ def _seal(
         {"schema": KEY_SCHEMA, "salt": state["salt"], "key": content},
         private=True,
     )
-    tolerances = asdict(settings.tolerances)
     published = {
         "schema": PACK_SCHEMA,
         "development": settings.development,
         "scene": SCENE_FILE,
         "tiers": ["B", "M", "T"] if settings.series_interval else ["B", "M"],
         "classes": settings.classes,
-        "tolerances": tolerances,
+        "tolerances": settings.tolerances.model_dump(),
         "campaigns": [
             {
                 "id": name,

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
-from vsr2.blind.custodian.shake import Drawable, Observed, Shake, Strength
+from vsr2.blind.custodian.engine import Drawable, TrialInput
 from vsr2.blind.mujoco import (
     EFFECTS,
     Body,
-    Place,
+    Response,
     Situation,
     TableMotion,
     block,
@@ -34,6 +32,8 @@ class MujocoEngine:
         BlindError: MuJoCo is missing; or the rock is no block and no mesh that stands as its file
             has it.
     """
+
+    name = "mujoco"
 
     def __init__(self, study: Study) -> None:
         try:
@@ -76,11 +76,6 @@ class MujocoEngine:
         self._friction = contact.rock.lateral_friction * contact.pedestal.lateral_friction
 
     @property
-    def name(self) -> Literal["mujoco"]:
-        """Of the engine."""
-        return "mujoco"
-
-    @property
     def versions(self) -> Mapping[str, str]:
         """Of what simulates."""
         return {"mujoco": self._version}
@@ -90,58 +85,35 @@ class MujocoEngine:
         """Acceleration of uplift, g b / h [m/s^2]."""
         return 9.80665 * math.tan(self._nominal.slenderness_angle)
 
-    @cached_property
+    @property
     def effects(self) -> Mapping[str, Drawable]:
         """All that the independent simulation has."""
-        out = {}
-        for name, effect in EFFECTS.items():
-            own = effect.strength
-            out[name] = Drawable(
-                name,
-                Strength(
-                    own.name, own.unit, own.null, own.low, own.high, own.scale == "reciprocal"
-                ),
-                tuple((p.name, p.low, p.high) for p in effect.parameters[1:]),
-                effect.drifts,
-            )
-        return out
+        return {
+            name: Drawable(name, effect.strength, effect.parameters[1:], effect.drifts)
+            for name, effect in EFFECTS.items()
+        }
 
-    def run(self, shakes: Iterable[Shake], series_interval: float) -> Iterator[Observed]:
+    def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
         """Simulate trials, in their order."""
-        for shake in shakes:
-            yield self._one(shake, series_interval)
-
-    def _one(self, shake: Shake, series_interval: float) -> Observed:
-        nuisances = shake.nuisances
-        factors = (nuisances.width, nuisances.depth, nuisances.height)
-        if self._size is not None:
-            size = [s * f for s, f in zip(self._size, factors, strict=True)]
-            body = block(size[0], size[1], size[2], self._density)
-        else:
-            body = _scaled(self._nominal, factors)
-        situation = Situation(
-            body=body,
-            table=TableMotion(shake.interval, shake.displacement),
-            friction=self._friction * nuisances.friction,
-            impact_energy_ratio=nuisances.energy_ratio,
-            yaw=shake.yaw,
-            offset=shake.offset,
-        )
-        place = Place(
-            shake.order, shake.session, shake.sessions, shake.campaign_seed, shake.trial_seed
-        )
-        response = run_trial(
-            with_effects(situation, shake.effects, place), series_interval=series_interval
-        )
-        seen = observe(response, shake.effects, place)
-        return Observed(
-            seen.overturned,
-            seen.peak_tilt,
-            seen.time,
-            seen.tilt,
-            seen.position,
-            seen.orientation,
-        )
+        for one in inputs:
+            nuisances = one.nuisances
+            factors = (nuisances.width, nuisances.depth, nuisances.height)
+            if self._size is not None:
+                width, depth, height = (s * f for s, f in zip(self._size, factors, strict=True))
+                body = block(width, depth, height, self._density)
+            else:
+                body = _scaled(self._nominal, factors)
+            situation = Situation(
+                body=body,
+                table=TableMotion(one.interval, one.displacement),
+                friction=self._friction * nuisances.friction,
+                impact_energy_ratio=nuisances.energy_ratio,
+                yaw=one.yaw,
+                offset=one.offset,
+            )
+            acting = with_effects(situation, one.effects, one.context)
+            response = run_trial(acting, series_interval=series_interval)
+            yield observe(response, one.effects, one.context)
 
 
 def _scaled(body: Body, factors: tuple[float, ...]) -> Body:

@@ -5,19 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsr2.blind.custodian.floor import WINDOW, Floor
-from vsr2.blind.custodian.shake import Drawable
-from vsr2.blind.form.settings import Kind, PackSettings
+from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit
+from vsr2.blind.custodian.engine import Drawable
+from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.errors import BlindError
-
-ATTEMPTS = 8
-"""Draws of an effect for a campaign, until one is measured in `WINDOW`."""
-_STEP = 4.0
-"""By which a measured draw moves the next ones at most."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +25,7 @@ class Drawn:
         strength: name of the parameter that is judged.
         unit: of it.
         null: value of the strength without effect; None: infinity.
-        relative: signal over noise as measured at these values, over that at the detection floor.
+        relative: signal over noise as measured at these values, over that at the detection limit.
         drifts: whether it changes over the campaign.
     """
 
@@ -53,7 +48,7 @@ class Planned:
         kind, engine: drawn.
         protocol: by number.
         effects: none, one or two.
-        exclude: effects that the diagnosis may not use, a whole class: of the true effect where
+        exclude: effects that the diagnosis may not use, a complete class: of the true effect where
             the kind is `unknown`, of a decoy elsewhere.
     """
 
@@ -63,7 +58,7 @@ class Planned:
     engine: str
     protocol: int
     effects: tuple[Drawn, ...] = ()
-    exclude: tuple[str, ...] = field(default_factory=tuple)
+    exclude: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -73,7 +68,7 @@ class Plan:
     Attributes:
         campaigns: in the order in which they are simulated.
         refused: by engine and effect, for how many campaigns no draw of it was measured in
-            `WINDOW`, so that they got another.
+            the window, so that they got another.
     """
 
     campaigns: tuple[Planned, ...]
@@ -82,25 +77,40 @@ class Plan:
 
 Measure = Callable[[str, int, Drawable, Mapping[str, float]], float]
 """Of an engine, the number of a protocol, an effect and the values of all its parameters: signal
-over noise over that at the detection floor. The same for the same arguments."""
-Floors = Mapping[tuple[str, str, int], Floor]
+over noise over that at the detection limit. The same for the same arguments."""
+Limits = Mapping[tuple[str, str, int], DetectionLimit]
 """By engine, effect and sign."""
 Effects = Mapping[str, Mapping[str, Drawable]]
 """By engine and name."""
 
 
-def directions(effects: Effects, floors: Floors, engine: str) -> list[tuple[str, int]]:
+def directions(effects: Effects, limits: Limits, engine: str) -> list[tuple[str, int]]:
     """Effects and signs of an engine whose range holds magnitudes to draw.
 
-    Not those that do not reach the floor, nor those that lie beyond 6 floors wherever they act at
-    all, as a tether may, or bumps that are felt however low they are.
+    Not those that do not reach the detection limit, nor those that lie beyond 6 of it wherever they
+    act at all, as a tether may, or bumps that are felt however low they are.
     """
+    return [
+        (name, sign)
+        for (on, name, sign), limit in sorted(limits.items())
+        if on == engine
+        and math.isfinite(limit.magnitude)
+        and effects[engine][name].strength.reach()[sign][0] <= RULES.window[1] * limit.magnitude
+    ]
+
+
+def not_drawn(effects: Effects, limits: Limits, engine: str) -> list[str]:
+    """What of an engine cannot be drawn: effects, or which side of their null."""
+    found = directions(effects, limits, engine)
     out = []
-    for (on, name, sign), floor in sorted(floors.items()):
-        if on == engine and math.isfinite(floor.magnitude):
-            weakest = effects[engine][name].strength.reach()[sign][0]
-            if weakest <= WINDOW[1] * floor.magnitude:
-                out.append((name, sign))
+    for name, effect in sorted(effects[engine].items()):
+        sides = sorted(effect.strength.reach())
+        lacking = [sign for sign in sides if (name, sign) not in found]
+        if lacking == sides:
+            out.append(name)
+        else:
+            null = f"{effect.strength.null:g}"
+            out += [f"{name} {'above' if sign > 0 else 'below'} {null}" for sign in lacking]
     return out
 
 
@@ -118,51 +128,34 @@ def check_hidden(settings: PackSettings, found: int) -> None:
         BlindError: they are too few.
     """
     counts = [settings.counts(engine) for engine in settings.engines]
-    needed = 3 if any(count["pair"] for count in counts) else 2
-    told = any(count["single"] + count["pair"] + count["none"] for count in counts)
-    if told and any(settings.asks(engine) for engine in settings.engines) and found < needed:
+    needed = 3 if any(count[Kind.PAIR] for count in counts) else 2
+    decoys = any(n for count in counts for kind, n in count.items() if kind is not Kind.UNKNOWN)
+    if decoys and any(settings.asks(engine) for engine in settings.engines) and found < needed:
         raise BlindError(
             f"{found} effect classes may be left out of the library, this pack needs {needed}, or "
             f"`exclude` would tell the kind; raise hidden ({settings.hidden}), allow effects of "
-            "more classes, or raise trials so that more of them reach their detection floor"
+            "more classes, or raise trials so that more of them reach their detection limit"
         )
 
 
-def not_drawn(effects: Effects, floors: Floors, engine: str) -> list[str]:
-    """What of an engine cannot be drawn: effects, or which side of their null."""
-    found = directions(effects, floors, engine)
-    out = []
-    for name, effect in sorted(effects[engine].items()):
-        strength = effect.strength
-        lacking = [sign for sign in sorted(strength.reach()) if (name, sign) not in found]
-        if len(lacking) == len(strength.reach()):
-            out.append(name)
-        else:
-            out += [f"{name} {'above' if s > 0 else 'below'} {strength.null:g}" for s in lacking]
-    return out
-
-
 def draw_plan(
-    seed: int,
-    settings: PackSettings,
-    effects: Effects,
-    floors: Floors,
-    measure: Measure,
+    seed: int, settings: PackSettings, effects: Effects, limits: Limits, measure: Measure
 ) -> Plan:
     """All campaigns of a pack.
 
     Effects come from a shuffled list that is dealt again when it is used up, so that each is drawn
-    about as often. Magnitudes are proposed log-uniform from 0.5 to 6 times the floor, within the
-    range of the strength; what is kept is measured from 0.5 to 6 floors at all its values, on the
-    campaign's own protocol. What is not in `ATTEMPTS` draws gives way to the list's next effect;
-    where each effect is left out in turn, its campaign is not made. Decoys are dealt to classes in
-    proportion to `unknown` campaigns, so that how often a class is left out does not tell the kind.
+    about as often. Magnitudes are proposed log-uniform from 0.5 to 6 times the detection limit,
+    within the range of the strength; what is kept is measured within these bounds at all its
+    values, on the campaign's own protocol. What is not in eight draws gives way to the list's
+    next effect; where each effect is left out in turn, its campaign is not made. Decoys are dealt
+    to classes in proportion to `unknown` campaigns, so that how often a class is left out does not
+    tell the kind.
 
     Args:
         seed: of everything.
         settings: of the pack.
         effects: that may be drawn, by engine and name.
-        floors: of them.
+        limits: detection limits of them.
         measure: the signal of a draw.
 
     Raises:
@@ -170,10 +163,9 @@ def draw_plan(
             classes can be left out.
     """
     rng = np.random.default_rng([seed, 301])
-    asking = [engine for engine in settings.engines if settings.asks(engine)]
-    found = {e: directions(effects, floors, e) for e in asking}
-    classes = {e: {settings.class_of(name) for name, _ in found[e]} for e in asking}
-    common = sorted(set.intersection(*classes.values())) if classes else []
+    found = {e: directions(effects, limits, e) for e in settings.engines if settings.asks(e)}
+    classes = [{settings.class_of(name) for name, _ in of} for of in found.values()]
+    common = sorted(set.intersection(*classes)) if classes else []
     hidden = [common[i] for i in rng.permutation(len(common))[: settings.hidden]]
     decks = {}
     for engine in settings.engines:
@@ -188,49 +180,31 @@ def draw_plan(
         for kind, count in settings.counts(engine).items():
             asked += [(kind, engine, None)] * count
         for _ in range(settings.leave_one_out):
-            asked += [("unknown", engine, name) for name in deck.names]
+            asked += [(Kind.UNKNOWN, engine, name) for name in deck.names]
     protocols = rng.permutation(np.arange(len(asked)) % settings.protocols)
-    drawer = _Drawer(rng, effects, floors, measure)
-    made: list[_Made] = []
+    drawer = _Drawer(rng, effects, limits, measure)
+    made: list[Planned] = []
     for (kind, engine, only), protocol in zip(asked, protocols, strict=True):
-        deck, place = decks[engine], (engine, int(protocol))
-        if only is None:
-            count = {"none": 0, "pair": 2}.get(kind, 1)
-            drawn = _dealt(deck, drawer, place, count, hidden=kind == "unknown")
-        else:
-            one = drawer.draw(*place, only, deck.sign(only))
-            if one is None:
-                continue
-            drawn = (one,)
-        made.append((kind, engine, int(protocol), drawn))
-    excluded = _left_out(rng, settings, made, decks)
+        planned = Planned(-1, "", kind, engine, int(protocol))
+        drawn = _dealt(decks[engine], drawer, planned, only)
+        if drawn is not None:
+            made.append(replace(planned, effects=drawn))
+    excluded = _left_out(rng, settings, made, {e: deck.hidden for e, deck in decks.items()})
     ids = _ids(rng, len(made))
-    places = rng.permutation(len(made))
-    out: list[Planned] = []
-    for place, (kind, engine, protocol, drawn), members in zip(places, made, excluded, strict=True):
-        out.append(
-            Planned(
-                index=int(place),
-                id=ids[place],
-                kind=kind,
-                engine=engine,
-                protocol=protocol,
-                effects=drawn,
-                exclude=tuple(sorted(members)),
-            )
-        )
-    return Plan(tuple(sorted(out, key=lambda planned: planned.index)), dict(drawer.refused))
-
-
-_Made = tuple[Kind, str, int, tuple[Drawn, ...]]
-"""Kind, engine, protocol and effects of a campaign."""
+    indices = [int(index) for index in rng.permutation(len(made))]
+    campaigns = [
+        replace(planned, index=index, id=ids[index], exclude=tuple(sorted(members)))
+        for index, planned, members in zip(indices, made, excluded, strict=True)
+    ]
+    campaigns.sort(key=lambda planned: planned.index)
+    return Plan(tuple(campaigns), dict(drawer.refused))
 
 
 def _left_out(
     rng: np.random.Generator,
     settings: PackSettings,
-    made: Sequence[_Made],
-    decks: Mapping[str, _Deck],
+    made: Sequence[Planned],
+    hidden: Mapping[str, Sequence[tuple[str, ...]]],
 ) -> list[tuple[str, ...]]:
     """The class that each campaign's diagnosis may not use; () where there is no decoy for it.
 
@@ -238,10 +212,9 @@ def _left_out(
     whose effect is of it: who counts how often a class is left out learns nothing of the kind.
     Without `unknown` campaigns all classes are dealt evenly.
     """
-    own = [{settings.class_of(effect.name) for effect in drawn} for *_, drawn in made]
-    unknown = [i for i, (kind, *_) in enumerate(made) if kind == "unknown"]
+    own = [{settings.class_of(effect.name) for effect in planned.effects} for planned in made]
+    unknown = [i for i, planned in enumerate(made) if planned.kind is Kind.UNKNOWN]
     others = sorted(set(range(len(made))) - set(unknown), key=lambda i: -len(own[i]))
-    hidden = {engine: deck.hidden for engine, deck in decks.items()}
     counts = Counter(next(iter(own[i])) for i in unknown)
     if not unknown:
         counts = Counter(members for classes in hidden.values() for members in set(classes))
@@ -255,7 +228,7 @@ def _left_out(
     rest = {members: count * len(others) / counts.total() for members, count in counts.items()}
     out = [next(iter(own[i])) if i in unknown else () for i in range(len(made))]
     for i in others:
-        allowed = sorted(set(hidden[made[i][1]]) - own[i])
+        allowed = sorted(set(hidden[made[i].engine]) - own[i])
         if allowed:
             left = np.array([max(rest.get(members, 0.0), 0.0) for members in allowed])
             share = left / left.sum() if left.sum() > 0 else np.full(len(left), 1 / len(left))
@@ -265,48 +238,44 @@ def _left_out(
 
 
 class _Drawer:
-    """Draws values of effects until one is measured in `WINDOW`."""
+    """Draws values of effects until one is measured in the window."""
 
     def __init__(
-        self, rng: np.random.Generator, effects: Effects, floors: Floors, measure: Measure
+        self, rng: np.random.Generator, effects: Effects, limits: Limits, measure: Measure
     ) -> None:
         self._rng = rng
         self._effects = effects
-        self._floors = floors
+        self._limits = limits
         self._measure = measure
         self.refused: Counter[tuple[str, str]] = Counter()
 
-    def draw(self, engine: str, protocol: int, name: str, sign: int) -> Drawn | None:
-        """An effect of a campaign; None: no draw of it was measured in `WINDOW`.
+    def draw(self, planned: Planned, name: str, sign: int) -> Drawn | None:
+        """An effect of a campaign; None: no draw of it was measured in the window.
 
-        What a draw outside was measured at moves the floor that the next ones start from.
+        What a draw outside was measured at moves the limit that the next ones start from.
         """
+        engine = planned.engine
         effect = self._effects[engine][name]
-        low, high = effect.strength.reach()[sign]
-        floor = self._floors[engine, name, sign].magnitude
-        for _ in range(ATTEMPTS):
-            least = min(max(WINDOW[0] * floor, low), high)
-            most = max(min(WINDOW[1] * floor, high), least)
+        strength = effect.strength
+        low, high = strength.reach()[sign]
+        limit = self._limits[engine, name, sign].magnitude
+        for _ in range(RULES.attempts):
+            least = min(max(RULES.window[0] * limit, low), high)
+            most = max(min(RULES.window[1] * limit, high), least)
             magnitude = least * (most / least) ** float(self._rng.random())
             others = [float(q) for q in self._rng.random(len(effect.others))]
             values = {
                 key: float(f"{value:.6g}")
                 for key, value in effect.values(sign * magnitude, others).items()
             }
-            relative = float(f"{self._measure(engine, protocol, effect, values):.4g}")
-            if WINDOW[0] <= relative <= WINDOW[1]:
-                null = effect.strength.null
+            relative = float(f"{self._measure(engine, planned.protocol, effect, values):.4g}")
+            if RULES.window[0] <= relative <= RULES.window[1]:
+                null = strength.null if math.isfinite(strength.null) else None
                 return Drawn(
-                    name,
-                    values,
-                    effect.strength.name,
-                    effect.strength.unit,
-                    null if math.isfinite(null) else None,
-                    relative,
-                    effect.drifts,
+                    name, values, strength.name, strength.unit, null, relative, effect.drifts
                 )
             there = magnitude / relative if relative > 0 else math.inf
-            floor = min(max(there, floor / _STEP), floor * _STEP)
+            limit = min(max(there, limit / RULES.step), limit * RULES.step)
         self.refused[engine, name] += 1
         return None
 
@@ -324,6 +293,7 @@ class _Deck:
     Attributes:
         engine: whose effects they are.
         hidden: classes that may be left out of the library.
+        names: of all effects, in order.
     """
 
     def __init__(
@@ -335,36 +305,30 @@ class _Deck:
         hidden: Sequence[tuple[str, ...]],
     ) -> None:
         self._rng = rng
-        self._settings = settings
+        self._class_of = settings.class_of
         self._signs: dict[str, list[int]] = {}
         for name, sign in found:
             self._signs.setdefault(name, []).append(sign)
-        needed = 1 + (settings.counts(engine)["pair"] > 0)
+        needed = 1 + (settings.counts(engine)[Kind.PAIR] > 0)
         classes = {settings.class_of(name) for name in self._signs}
         if settings.asks(engine) and (len(classes) < needed or not hidden):
             raise BlindError(
                 f"engine {engine}: {len(self._signs)} effects can be drawn from 0.5 to 6 times "
-                f"their detection floor, too few for this pack; raise trials ({settings.trials}), "
+                f"their detection limit, too few for this pack; raise trials ({settings.trials}), "
                 "or allow more effects"
             )
         self.engine = engine
         self.hidden = list(hidden)
+        self.names = sorted(self._signs)
         self._rest: list[str] = []
         self._hidden_rest: list[tuple[str, ...]] = []
 
-    @property
-    def names(self) -> list[str]:
-        """Of all effects, in order."""
-        return sorted(self._signs)
-
-    def deal(self, passed: Collection[str], *, hidden: bool = False) -> str | None:
+    def deal(self, passed: Collection[str], *, hidden: bool) -> str | None:
         """The next effect that is not passed over; None: there is no other.
 
         Of those that may be left out (`hidden`) a class first, and then an effect of it.
         """
-        allowed = {
-            n for n in self._signs if not hidden or self._settings.class_of(n) in self.hidden
-        }
+        allowed = {n for n in self._signs if not hidden or self._class_of(n) in self.hidden}
         if allowed <= set(passed):
             return None
         while True:
@@ -388,30 +352,35 @@ class _Deck:
         """Of its null, the side on which an effect acts; one of those that can be drawn."""
         return self._signs[name][int(self._rng.integers(len(self._signs[name])))]
 
-    def classmates(self, name: str) -> list[str]:
+    def class_members(self, name: str) -> list[str]:
         """The effects of the deck in the class of one, and it."""
-        mine = self._settings.class_of(name)
-        return [other for other in self._signs if other in mine]
+        return [other for other in self._signs if other in self._class_of(name)]
 
 
 def _dealt(
-    deck: _Deck, drawer: _Drawer, place: tuple[str, int], count: int, *, hidden: bool
-) -> tuple[Drawn, ...]:
-    """Effects of different classes for a campaign, as they come from the deck."""
+    deck: _Deck, drawer: _Drawer, planned: Planned, only: str | None
+) -> tuple[Drawn, ...] | None:
+    """Effects of different classes for a campaign, as they come from the deck.
+
+    `only`: the one effect that the campaign may have; None where no draw of it was in the window.
+    """
+    if only is not None:
+        one = drawer.draw(planned, only, deck.sign(only))
+        return None if one is None else (one,)
     out: list[Drawn] = []
     passed: set[str] = set()
-    while len(out) < count:
-        name = deck.deal(passed, hidden=hidden)
+    while len(out) < {Kind.NONE: 0, Kind.PAIR: 2}.get(planned.kind, 1):
+        name = deck.deal(passed, hidden=planned.kind is Kind.UNKNOWN)
         if name is None:
             raise BlindError(
                 f"engine {deck.engine}: of no effect that may still be drawn for a campaign were "
-                f"values measured from 0.5 to 6 times their detection floor in {ATTEMPTS} draws; "
-                "raise trials, or allow more effects"
+                "values measured from 0.5 to 6 times their detection limit in "
+                f"{RULES.attempts} draws; raise trials, or allow more effects"
             )
-        one = drawer.draw(*place, name, deck.sign(name))
+        one = drawer.draw(planned, name, deck.sign(name))
         if one is None:
             passed.add(name)
         else:
             out.append(one)
-            passed.update(deck.classmates(name))
+            passed.update(deck.class_members(name))
     return tuple(out)

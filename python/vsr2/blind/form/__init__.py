@@ -1,1 +1,1 @@
-"""What custodian, diagnosis and scoring share: the files of a pack, their seal and its settings."""
+"""Common to custodian, diagnosis and scoring: the files of a pack, their seal, its settings."""

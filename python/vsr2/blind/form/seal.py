@@ -9,7 +9,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vsr2.blind.form.forms import check_key, check_pack
+from vsr2.blind.form.pack_form import Key, Pack
+from vsr2.blind.form.reader import parsed
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
@@ -48,27 +49,22 @@ def folder_sha256(folder: Path, pattern: str = "*") -> str:
     Raises:
         BlindError: a folder in it is a link, whose files would be read and not hashed.
     """
-    whole = hashlib.sha256()
+    total = hashlib.sha256()
     for path in folder.rglob("*"):
         if path.is_symlink() and path.is_dir():
             raise BlindError(f"{path}: is a link to a folder; put the folder itself there")
     for path in sorted(p for p in folder.rglob(pattern) if p.is_file()):
         name = path.relative_to(folder).as_posix()
-        whole.update(f"{name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
-    return whole.hexdigest()
+        total.update(f"{name}\0{hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    return total.hexdigest()
 
 
 def write_json(path: Path, content: object, *, private: bool = False) -> None:
-    """Write a JSON file, whole or not at all; `private`: readable by its owner alone."""
-    text = json_text(content)
+    """Write a JSON file atomically, indented and sorted; `private`: for its owner alone."""
+    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
     write_atomic(path, lambda file: file.write(text.encode()))
     if private:
         path.chmod(0o600)
-
-
-def json_text(content: object) -> str:
-    """Indented JSON with sorted keys."""
-    return json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
 
 def make_folder(path: Path) -> None:
@@ -106,8 +102,8 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def folder_around(folder: Path, file: str) -> Path | None:
     """The folder that holds a file of that name and that another one is or lies in."""
-    whole = folder.resolve()
-    return next((one for one in (whole, *whole.parents) if (one / file).exists()), None)
+    inner = folder.resolve()
+    return next((one for one in (inner, *inner.parents) if (one / file).exists()), None)
 
 
 def read_pack(data: Path) -> dict[str, Any]:
@@ -125,7 +121,7 @@ def read_pack(data: Path) -> dict[str, Any]:
     pack = read_json(path)
     if pack.get("schema") != PACK_SCHEMA:
         raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
-    check_pack(pack, str(path))
+    parsed(Pack, pack, str(path))
     return pack
 
 
@@ -161,7 +157,7 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
             "is of another pack, or was changed; nothing is scored"
         )
     key: dict[str, Any] = sealed["key"]
-    check_key(key, str(path))
+    parsed(Key, key, str(path), "key")
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
     if set(listed) != set(key["campaigns"]):
         raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")
@@ -189,45 +185,38 @@ def sealed_classes(key: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
 def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]) -> None:
     """Compare what diagnosing and scoring take from `pack.json` with the sealed."""
     settings = key["settings"]
-    sealed = {"development": is_open(key)} | {
-        name: settings[name] for name in ("tiers", "classes") if settings.get(name) is not None
-    }
-    if "tiers" not in sealed and "series_interval" in settings:
+    tiers = settings.get("tiers")
+    if tiers is None and "series_interval" in settings:
         # So the packs of `vsr2 blind make` seal them.
-        sealed["tiers"] = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
-    for name, value in sealed.items():
-        published: Any = bool(pack.get(name)) if name == "development" else pack.get(name)
-        if name == "classes":
-            if not (published or value):
-                continue
-            if published is None:
-                raise _changed(path, name, published, value)
-            published, value = _unlike(published, value)
-        if _comparable(name, published) != _comparable(name, value):
-            raise _changed(path, name, published, value)
+        tiers = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
+    compared: list[tuple[str, object, object]] = [
+        ("development", bool(pack.get("development")), is_open(key))
+    ]
+    if tiers is not None and set(pack["tiers"]) != set(tiers):
+        compared.append(("tiers", pack["tiers"], tiers))
+    published, sealed = pack.get("classes"), settings["classes"]
+    if _sets(published or []) != _sets(sealed) or (published is None and sealed):
+        compared.append(("classes", published, sealed))
     if settings.get("tolerances") is not None:
         here, there = pack.get("tolerances") or {}, settings["tolerances"]
-        for name in sorted({*here, *there}):
-            if here.get(name) != there.get(name):
-                raise _changed(path, f"tolerances.{name}", here.get(name), there.get(name))
+        compared += [
+            (f"tolerances.{name}", here.get(name), there.get(name))
+            for name in sorted({*here, *there})
+        ]
     for listed in pack["campaigns"]:
-        entry = key["campaigns"][listed["id"]]
-        here = f"of {listed['id']}"
-        if (listed.get("exclude") or []) != (entry.get("exclude") or []):
-            raise _changed(path, f"exclude {here}", listed.get("exclude"), entry.get("exclude"))
-        protocol = entry.get("protocol")
-        if protocol is not None and (listed.get("protocol") or 0) != protocol:
-            raise _changed(path, f"protocol {here}", listed.get("protocol"), protocol)
+        name, entry = listed["id"], key["campaigns"][listed["id"]]
+        exclude, sealed = (one.get("exclude") or [] for one in (listed, entry))
+        compared.append((f"exclude of {name}", exclude, sealed))
+        if entry.get("protocol") is not None:
+            protocol = listed.get("protocol") or 0
+            compared.append((f"protocol of {name}", protocol, entry["protocol"]))
+    for name, one, other in compared:
+        if one != other:
+            raise _changed(path, name, one, other)
 
 
-def _unlike(one: list[list[str]], other: list[list[str]]) -> tuple[list[list[str]], ...]:
-    """The classes that each of two lists has alone."""
-    both = {frozenset(members) for members in one} & {frozenset(members) for members in other}
-    return tuple([c for c in classes if frozenset(c) not in both] for classes in (one, other))
-
-
-def _comparable(name: str, value: Any) -> object:
-    return set(value or ()) if name == "tiers" else value
+def _sets(classes: list[list[str]]) -> set[frozenset[str]]:
+    return {frozenset(members) for members in classes}
 
 
 def _changed(path: Path, name: str, published: object, sealed: object) -> BlindError:
@@ -267,6 +256,6 @@ def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
 
 
 def set_time_stamps(folder: Path, when: float = 946684800.0) -> None:
-    """Give all below a folder, and it, one time of change: when it was made tells nothing."""
+    """Give all below a folder, and it, one time of change, so that none says when it was made."""
     for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
         os.utime(path, (when, when))

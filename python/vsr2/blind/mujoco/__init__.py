@@ -6,8 +6,15 @@ without meeting its own equations again.
 """
 
 from vsr2.blind.mujoco.body import Body, block, read_hull
-from vsr2.blind.mujoco.effects import EFFECTS, Effect, Parameter, Place, observe, with_effects
 from vsr2.blind.mujoco.ground import GroundMotion, ground_motion
+from vsr2.blind.mujoco.mujoco_effects import (
+    EFFECTS,
+    Effect,
+    Parameter,
+    TrialContext,
+    observe,
+    with_effects,
+)
 from vsr2.blind.mujoco.situation import Situation
 from vsr2.blind.mujoco.table import Channel, TableMotion, drive
 from vsr2.blind.mujoco.trial import Response, run_trial
@@ -19,10 +26,10 @@ __all__ = [
     "Effect",
     "GroundMotion",
     "Parameter",
-    "Place",
     "Response",
     "Situation",
     "TableMotion",
+    "TrialContext",
     "block",
     "drive",
     "ground_motion",

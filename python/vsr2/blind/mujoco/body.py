@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ class Body:
     Attributes:
         points: where it can touch the table, shape (n, 3) [m].
         inward: from each point into the body along x and y, shape (n, 2): how its centre moves per
-            metre of rounding, so that flat faces beside it keep their place.
+            metre of rounding, so that flat faces beside it stay where they are.
         mass: [kg].
         center: mass centre, shape (3,) [m].
         inertia: about the mass centre, shape (3, 3) [kg m^2].
@@ -117,29 +118,18 @@ def read_hull(path: Path, density: float, *, flat: float = 1e-3) -> Body:
     Raises:
         ValueError: fewer than four vertices, or a base of fewer than three.
     """
-    from scipy.spatial import ConvexHull
+    import trimesh
 
-    rows = [line.split()[1:4] for line in path.read_text().splitlines() if line.startswith("v ")]
-    vertices = np.array(rows, dtype=np.float64)
+    # An OBJ without faces is a cloud of points, which has a hull too.
+    loaded: Any = trimesh.load(path, process=False)
+    vertices = np.asarray(loaded.vertices, dtype=np.float64)
     if len(vertices) < 4:
         raise ValueError(f"{path}: has {len(vertices)} vertices; a hull needs 4 or more")
-    hull = ConvexHull(vertices)
-    inside = vertices[hull.vertices].mean(axis=0)
-    volume, first, second = 0.0, np.zeros(3), np.zeros((3, 3))
-    for simplex in hull.simplices:
-        # Tetrahedra over the hull's triangles; second moments of a tetrahedron with one corner
-        # at the origin: V/20 (sum of outer products + outer product of the sum).
-        corners = vertices[simplex] - inside
-        part = abs(float(np.linalg.det(corners))) / 6
-        total = corners.sum(axis=0)
-        volume += part
-        first += part * total / 4
-        second += part / 20 * (corners.T @ corners + np.outer(total, total))
-    shift = first / volume
-    second -= volume * np.outer(shift, shift)
-    center = inside + shift
+    hull = trimesh.convex.convex_hull(vertices)
+    hull.density = density
+    center = np.array(hull.center_mass)
+    outer = np.array(hull.vertices)
     lowest = vertices[:, 2].min()
-    outer = vertices[hull.vertices]
     base = outer[:, 2] < lowest + flat
     if base.sum() < 3:
         raise ValueError(f"{path}: its base has {base.sum()} vertices; level it, or raise `flat`")
@@ -149,10 +139,4 @@ def read_hull(path: Path, density: float, *, flat: float = 1e-3) -> Body:
     points = kept - origin
     points[points[:, 2] < flat, 2] = 0.0
     inward = -points[:, :2] / np.maximum(np.linalg.norm(points[:, :2], axis=1), 1e-9)[:, None]
-    return Body(
-        points,
-        inward,
-        density * volume,
-        center - origin,
-        density * (np.trace(second) * np.eye(3) - second),
-    )
+    return Body(points, inward, float(hull.mass), center - origin, np.array(hull.moment_inertia))

@@ -50,7 +50,7 @@ class RelativeMotion:
         self.pose = data.qpos[joints:]
         self.speed = data.qvel[joints:]
         self._table_q, self._table_v = data.qpos[:joints], data.qvel[:joints]
-        self._places = [
+        self._slides = [
             (i, "xyz".index(channel)) for i, channel in enumerate(used) if channel != "pitch"
         ]
         self._pitch = joints - 1 if "pitch" in used else None
@@ -59,17 +59,13 @@ class RelativeMotion:
     def table(self) -> Array:
         """Velocity of the table's rigid motion at the mass centre; turning in body axes."""
         out = np.zeros(6)
-        for i, axis in self._places:
+        for i, axis in self._slides:
             out[axis] = self._table_v[i]
         if self._pitch is not None:
             rate = float(self._table_v[self._pitch])
             out[0] += rate * (self.pose[2] + self._pivot)
             out[2] -= rate * (self.pose[0] - self._table_q[0])
-            w, x, y, z = self.pose[3:]
-            # second row of the rotation matrix: the world's y axis in body axes
-            out[3:] = rate * np.array(
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)]
-            )
+            out[3:] = rate * _rotation(self.pose)[1]  # the world's y axis in body axes
         return out
 
     def tilt(self) -> float:
@@ -77,13 +73,25 @@ class RelativeMotion:
         return 2 * math.asin(min(1.0, math.hypot(self.pose[4], self.pose[5])))
 
 
+def _rotation(pose: Array) -> Array:
+    """Of a pose (x, y, z, then quaternion w, x, y, z) from body axes to the world's, (3, 3)."""
+    w, x, y, z = pose[3:]
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
 class _Impacts:
     """Scales the body's velocity after each impact.
 
     An impact begins when a point touches that was off the table, and lasts a few steps. Where the
     body lost the share L of its kinetic energy and a full impact takes L_H (Housner's), the energy
-    is then multiplied by ratio^min(1, L / (0.7 L_H)): the whole ratio for a full impact, of which a
-    part may come after these steps, next to nothing for the touch of one corner after the other.
+    is then multiplied by ratio^min(1, L / (0.7 L_H)): all of the ratio for a full impact, of which
+    a part may come after these steps, next to nothing for the touch of one corner after the other.
     """
 
     def __init__(self, situation: Situation, data: Any, motion: RelativeMotion) -> None:
@@ -168,17 +176,10 @@ class _Catch:
         if tilt <= self._slack:
             self._torque[:] = 0
             return
-        w, x, y, z = self._motion.pose[3:]
+        turn = _rotation(self._motion.pose)
         # the axis about which the body's vertical leans: world z cross body z
-        axis = np.array([-2 * (y * z - w * x), 2 * (x * z + w * y), 0.0])
+        axis = np.array([-turn[1, 2], turn[0, 2], 0.0])
         axis /= np.linalg.norm(axis)
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
         rate = float(axis @ turn @ self._motion.speed[3:])
         pull = self._stiffness * (tilt - self._slack) + self._damping * max(rate, 0.0)
         self._torque[:] = -pull * axis
@@ -199,14 +200,7 @@ class _Friction:
         if step < 0:
             return
         relative = self._motion.speed - self._motion.table()
-        w, x, y, z = self._motion.pose[3:]
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
+        turn = _rotation(self._motion.pose)
         arms = self._points @ turn.T
         arm = arms[arms[:, 2].argmin()]
         slip = relative[:3] + np.cross(turn @ relative[3:], arm)

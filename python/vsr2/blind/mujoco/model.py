@@ -60,12 +60,12 @@ def build_model(situation: Situation, step: float) -> Any:
     centers[:, 2] += situation.rounding
     spheres = [(center, situation.rounding) for center in centers - body.center]
     for x, y, height in situation.bumps:
-        place = (x - body.center[0], y - body.center[1], BUMP_RADIUS - height - body.center[2])
-        spheres.append((place, BUMP_RADIUS))
+        center = (x - body.center[0], y - body.center[1], BUMP_RADIUS - height - body.center[2])
+        spheres.append((center, BUMP_RADIUS))
     geoms = "".join(
-        f'<geom type="sphere" size="{_numbers(radius)}" pos="{_numbers(*place)}" contype="0" '
+        f'<geom type="sphere" size="{_numbers(radius)}" pos="{_numbers(*center)}" contype="0" '
         'conaffinity="1"/>'
-        for place, radius in spheres
+        for center, radius in spheres
     )
     i = body.inertia
     full = _numbers(i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])

@@ -21,7 +21,7 @@ class Situation:
         spin_friction: largest moment about the normal over the normal force, per contact [m].
         rolling_resistance: the same about horizontal axes [m].
         rounding: radius of the body's edges [m].
-        bumps: places and heights under the base, rows of (x, y, height) [m].
+        bumps: positions and heights under the base, rows of (x, y, height) [m].
         contact_time: time constant of a contact [s].
         impact_energy_ratio: energy kept in an impact, relative to what the rigid body keeps [1].
         rocking_damping: damping ratio zeta of the rocking velocity, rate 2 zeta p [1].

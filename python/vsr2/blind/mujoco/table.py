@@ -105,10 +105,10 @@ def stretched(samples: Array, factor: float) -> Array:
     """The same path, time multiplied by `factor`; the sampling interval is kept."""
     from scipy.interpolate import CubicSpline
 
-    place = np.arange(samples.size, dtype=np.float64)
+    index = np.arange(samples.size, dtype=np.float64)
     count = round((samples.size - 1) * factor) + 1
     at = np.minimum(np.arange(count) / factor, samples.size - 1.0)
-    moved: Array = CubicSpline(place, samples, bc_type="clamped")(at)
+    moved: Array = CubicSpline(index, samples, bc_type="clamped")(at)
     return moved
 
 

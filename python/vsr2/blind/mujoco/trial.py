@@ -122,7 +122,7 @@ def _settle(mujoco: Any, model: Any, data: Any, situation: Situation, table: Arr
 def _release(situation: Situation, used: list[Any], positions: Array, accelerations: Array) -> int:
     """Step at which the bond under the base breaks; 0: there is none.
 
-    The bond holds until the base lifts as a whole about its edge: at the moment
+    The bond holds until the base lifts about its edge: at the moment
     (N + strength A) b, b from the mass centre to the edge, A the base's area, N the weight. On a
     table that pitches by theta about y the mass centre, R above its pivot, is accelerated along the
     table by x'' + R theta'' against g theta, and the body turned by theta''; a slope leans the
@@ -237,16 +237,9 @@ def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: fl
 
 def _away(turned: Array, rest: Array) -> Array:
     """Turn away from the rest, q q0* of MuJoCo's w, x, y, z, as x, y, z, w."""
-    w, x, y, z = turned.T
-    a, b, c, d = rest[0], -rest[1], -rest[2], -rest[3]
-    out = np.stack(
-        [
-            w * b + x * a + y * d - z * c,
-            w * c - x * d + y * a + z * b,
-            w * d + x * c - y * b + z * a,
-            w * a - x * b - y * c - z * d,
-        ],
-        axis=1,
-    )
-    unit: Array = out / np.linalg.norm(out, axis=1, keepdims=True)
-    return unit
+    from scipy.spatial.transform import Rotation
+
+    order = [1, 2, 3, 0]
+    away = Rotation.from_quat(turned[:, order]) * Rotation.from_quat(rest[order]).inv()
+    quaternions: Array = away.as_quat()
+    return quaternions

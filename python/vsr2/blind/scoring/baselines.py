@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.blind.form.diagnosis_form import NONE, UNKNOWN, Verdict, VerdictKind
+from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import sealed_classes
-from vsr2.blind.form.verdict import NONE, UNKNOWN, Verdict
 from vsr2.blind.scoring.cases import Case, class_label
 from vsr2.blind.scoring.intervals import Score, area_under_roc, resampled
 from vsr2.blind.scoring.metadata import metadata
@@ -27,7 +28,7 @@ def overturn_rate(campaign: Campaign, _: Path) -> list[float]:
     return [float(np.nanmean(campaign.overturned))]
 
 
-def said_beside(campaign: Campaign, folder: Path) -> list[float]:
+def campaign_metadata(campaign: Campaign, folder: Path) -> list[float]:
     """What the files say without what happened in them."""
     return list(metadata(campaign, folder).values())
 
@@ -53,7 +54,7 @@ def nothing(campaign: Campaign, _: Path) -> list[float]:
 BASELINES: Mapping[str, Callable[[Campaign, Path], list[float]]] = {
     "commonest": nothing,
     "overturn rate": overturn_rate,
-    "metadata": said_beside,
+    "metadata": campaign_metadata,
     "logistic in PGA": logistic_in_pga,
 }
 
@@ -80,15 +81,15 @@ def baseline_cases(
     if not training:
         return []
     labels = np.array([label for _, label in training])
-    whole = {case.id: case for case in cases}
+    asked = {case.id: case for case in cases}
     x = _features([folder for folder, _ in training])
-    z = _features([data / name for name in whole])
+    z = _features([data / name for name in asked])
     out = []
     for name in BASELINES:
         answers, probability = _guess(x[name], labels, z[name])
         out += [
             replace(case, tier=name, verdict=_verdict(answers, row))
-            for case, row in zip(whole.values(), probability, strict=True)
+            for case, row in zip(asked.values(), probability, strict=True)
         ]
     return out
 
@@ -100,7 +101,7 @@ def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
     first, p = ranked[0]
     named = first not in (NONE, UNKNOWN)
     return Verdict(
-        kind="effect" if named else first,
+        kind=VerdictKind.EFFECT if named else VerdictKind(first),
         effects=(first,) if named else (),
         probability=float(p),
         probabilities={name: float(value) for name, value in ranked},
@@ -110,7 +111,7 @@ def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
 
 
 def rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
-    """How well the overturn rate, in either direction, tells one kind of campaign from singles.
+    """How well the overturn rate, in either direction, separates one kind from singles.
 
     Area under the ROC, 0.5 by chance or up to 0.5 + 0.57 (1/m + 1/n)^(1/2) in 19 of 20 packs
     of m and n campaigns.
@@ -119,9 +120,9 @@ def rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
     for name, entry in sorted(key["campaigns"].items()):
         rate = overturn_rate(load_campaign(data / name), data / name)[0]
         rates.setdefault(entry["kind"], []).append(rate)
-    single = rates.get("single", [])
+    single = rates.get(Kind.SINGLE, [])
     out = {}
-    for kind in ("none", "unknown"):
+    for kind in (Kind.NONE, Kind.UNKNOWN):
         if single and kind in rates:
             rows = [(r, 1.0) for r in rates[kind]] + [(r, 0.0) for r in single]
             out[f"overturn rate only: AUROC, {kind} or single"] = resampled(rows, _either_way)
@@ -161,7 +162,7 @@ def _labelled(data: Path, key: Mapping[str, Any]) -> list[tuple[Path, str]]:
     classes = sealed_classes(key)
     out = []
     for name, entry in sorted(key["campaigns"].items()):
-        if entry["kind"] == "single":
+        if entry["kind"] == Kind.SINGLE:
             out.append((data / name, class_label(entry["effects"][0]["name"], classes)))
         elif entry["kind"] in (NONE, UNKNOWN):
             out.append((data / name, entry["kind"]))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, Verdict, read_verdict
+from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
-from vsr2.blind.form.verdict import DIAGNOSIS_FILE, NONE, UNKNOWN, Verdict, read_verdict
 from vsr2.campaign.problems import Problems
 from vsr2.campaign.table import read_table
 from vsr2.campaign.trials_table import TRIALS
@@ -18,7 +19,9 @@ from vsr2.errors import BlindError
 
 ALL = "all"
 BINS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf))
-"""Of the magnitude over the floor."""
+"""Of the magnitude over the detection limit."""
+STRONG = 2.0
+"""The same, of a strong effect: what targets are for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,8 @@ class Case:
         truth: class of each true effect, by its label; `none`, `unknown` for those kinds.
         effects: sealed, as plain data.
         exclude: effects the diagnosis could not use.
-        relative: least magnitude over the floor; NaN without effects, or where none is sealed.
+        relative: least magnitude over the detection limit; NaN without effects, or where none is
+            sealed.
         where: sealed axis and weights, one a trial in the order of `trials`.
         trials: ids, in the order of the rows of `trials.csv`.
         verdict: of the diagnosis.
@@ -55,6 +59,10 @@ class Case:
     def label(self, effect: str) -> str:
         """The class of an effect, by the names in it."""
         return class_label(effect, self.classes)
+
+    def labels(self, effects: Iterable[str]) -> list[str]:
+        """The class of each effect."""
+        return [self.label(effect) for effect in effects]
 
     @property
     def class_probabilities(self) -> dict[str, float]:
@@ -118,27 +126,22 @@ def read_cases(
         for tier in tiers:
             folder = diagnoses / name / tier
             verdict, path = read_verdict(folder), folder / DIAGNOSIS_FILE
-            if not verdict.failed:
-                _check_place(path, name, tier, key["campaigns"])
+            own = {} if verdict.failed else read_json(path).get("campaign")
+            if isinstance(own, Mapping):
+                said = own.get("name", name)
+                if own.get("tier", tier) != tier:
+                    raise _misplaced(path, "tier", own["tier"], tier)
+                if said != name and said in key["campaigns"]:
+                    raise _misplaced(path, "name", said, name)
             out.append(case_of(key, name, tier, verdict, trials, (data / name, path)))
     return out
 
 
-def _check_place(path: Path, name: str, tier: str, campaigns: Collection[str]) -> None:
-    """Refuse a diagnosis that says it is of another tier, or of another campaign of the pack."""
-    own = read_json(path).get("campaign")
-    if not isinstance(own, Mapping):
-        return
-    if own.get("tier", tier) != tier:
-        raise BlindError(
-            f"{path}: campaign.tier is {own['tier']!r}, and lies in the folder of {tier}; each "
-            "tier's diagnosis has its own"
-        )
-    if own.get("name", name) != name and own["name"] in campaigns:
-        raise BlindError(
-            f"{path}: campaign.name is {own['name']!r}, and lies in the folder of {name!r}; each "
-            "campaign's diagnosis has its own"
-        )
+def _misplaced(path: Path, what: str, own: object, folder: str) -> BlindError:
+    return BlindError(
+        f"{path}: campaign.{what} is {own!r}, and lies in the folder of {folder!r}; each campaign "
+        "and tier has a diagnosis of its own"
+    )
 
 
 def case_of(
@@ -147,7 +150,7 @@ def case_of(
     tier: str,
     verdict: Verdict,
     trials: tuple[str, ...],
-    places: tuple[Path, Path],
+    paths: tuple[Path, Path],
 ) -> Case:
     """The truth of a campaign beside a verdict on it.
 
@@ -157,7 +160,7 @@ def case_of(
         tier: of the verdict.
         verdict: read.
         trials: ids, in the order of the rows of `trials.csv`.
-        places: of the campaign and of the verdict, in front of messages.
+        paths: of the campaign and of the verdict, in front of messages.
 
     Raises:
         BlindError: the sealed weights are not one a trial, or the verdict does not keep to what its
@@ -166,16 +169,16 @@ def case_of(
     entry, classes = key["campaigns"][name], sealed_classes(key)
     effects = tuple(entry.get("effects") or ())
     truth = tuple(class_label(effect["name"], classes) for effect in effects)
-    if entry["kind"] in (NONE, UNKNOWN):
+    if entry["kind"] in (Kind.NONE, Kind.UNKNOWN):
         truth = (entry["kind"],)
     weights = entry["where"]["weights"]
     if weights and len(weights) != len(trials):
         raise BlindError(
-            f"{places[0] / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
+            f"{paths[0] / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
             f"weights in campaigns.{name}.where; give one a trial, or none"
         )
     exclude = tuple(entry.get("exclude") or ())
-    _check_verdict(verdict, str(places[1]), exclude, trials)
+    _check_verdict(verdict, str(paths[1]), exclude, trials)
     return Case(
         id=name,
         tier=tier,
@@ -193,8 +196,8 @@ def case_of(
 
 
 def _relative(effects: Sequence[Mapping[str, Any]]) -> float:
-    told = [float(e["relative"]) for e in effects if e.get("relative") is not None]
-    return min(told) if told and len(told) == len(effects) else math.nan
+    sealed = [float(e["relative"]) for e in effects if e.get("relative") is not None]
+    return min(sealed) if sealed and len(sealed) == len(effects) else math.nan
 
 
 def _trial_ids(path: Path) -> tuple[str, ...]:
@@ -218,30 +221,27 @@ def _check_verdict(
             f"{label}: names {used[0]}, which exclude in pack.json withholds from this campaign; "
             "diagnose it without"
         )
-    strange = [t for place in verdict.where for t in place.trials or () if t not in trials]
-    if strange:
+    outside = [t for one in verdict.where for t in one.trials or () if t not in trials]
+    if outside:
         raise BlindError(
-            f"{label}: where names the trial {shown(min(strange))}, which is not in the "
+            f"{label}: where names the trial {shown(min(outside))}, which is not in the "
             f"campaign's {TRIALS}; give the ids of its column trial"
         )
 
 
 def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
-    """Cases by tier and by what they share: all, engine, kind, magnitude over the floor.
+    """Cases by tier and by what they have in common: engine, kind, magnitude over the limit.
 
     Campaigns without effect have no magnitude and are in none of its groups.
     """
     out: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
-        names = [ALL, f"engine {case.engine}"]
+        names = [ALL, f"engine {case.engine}", f"kind {case.kind}"]
         for low, high in BINS:
             if low <= case.relative < high:
-                names.append(
-                    f"floor x {low:g}-{high:g}" if high < math.inf else f"floor x {low:g}+"
-                )
-        if case.relative >= 2:
-            names += ["floor x 2+", f"engine {case.engine}, floor x 2+"]
-        names.append(f"kind {case.kind}")
+                names.append(f"limit x {low:g}" + (f"-{high:g}" if high < math.inf else "+"))
+        if case.relative >= STRONG:
+            names += [f"limit x {STRONG:g}+", f"engine {case.engine}, limit x {STRONG:g}+"]
         for name in names:
             out.setdefault((case.tier, name), []).append(case)
     return out

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 LEVEL = 0.95
+ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
 REPLICATES = 2000
 
 
@@ -30,26 +31,25 @@ class Score:
     count: int
 
 
+NOTHING = Score(np.nan, np.nan, np.nan, 0)
+
+
 def proportion(hits: int, count: int) -> Score:
-    """A proportion with the exact interval of Clopper and Pearson (1934).
-
-    Its bounds are the beta quantiles B(0.025; k, n - k + 1) and B(0.975; k + 1, n - k).
-    """
+    """A proportion with the exact interval of Clopper and Pearson (1934)."""
     if count == 0:
-        return Score(float("nan"), float("nan"), float("nan"), 0)
-    from scipy.stats import beta
+        return NOTHING
+    from scipy.stats import binomtest
 
-    tail = (1 - LEVEL) / 2
-    low = float(beta.ppf(tail, hits, count - hits + 1)) if hits else 0.0
-    high = float(beta.ppf(1 - tail, hits + 1, count - hits)) if hits < count else 1.0
-    return Score(hits / count, low, high, count)
+    interval = binomtest(hits, count).proportion_ci(LEVEL, method="exact")
+    return Score(hits / count, float(interval.low), float(interval.high), count)
 
 
 def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: int = 0) -> Score:
     """A statistic of campaigns with the percentile interval of a bootstrap over campaigns.
 
     Of a statistic that resampling biases (a calibration error) that interval may lie beside the
-    value; it is widened to hold it.
+    value; it is widened to hold it. `scipy.stats.bootstrap` has no interval where some resample
+    has no statistic (an AUROC without a positive); here those resamples are left out.
 
     Args:
         values: one row a campaign, shape (n,) or (n, k).
@@ -60,32 +60,35 @@ def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: i
     rows = np.asarray(values, dtype=np.float64)
     count = len(rows)
     if count == 0:
-        return Score(float("nan"), float("nan"), float("nan"), 0)
+        return NOTHING
     rng = np.random.default_rng(seed)
     draws = statistic(rows[rng.integers(count, size=(REPLICATES, count))])
     known = draws[np.isfinite(draws)]
-    low, high = (
-        np.quantile(known, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-        if known.size and count > 1
-        else (np.nan, np.nan)
-    )
     value = float(statistic(rows[None])[0])
+    if not known.size or count == 1:
+        return Score(value, np.nan, np.nan, count)
+    low, high = np.quantile(known, ENDS)
     return Score(value, float(min(low, value)), float(max(high, value)), count)
 
 
 def area_under_roc(samples: Array) -> Array:
     """Probability that a positive's score exceeds a negative's, ties for one half.
 
+    By the rank sum of the positives (Mann and Whitney 1947), for all samples at once.
+
     Args:
         samples: score and label (1 or 0), shape (samples, n, 2).
+
+    Returns:
+        Shape (samples,), NaN where one of the labels is missing.
     """
-    out = np.full(len(samples), np.nan)
-    for i, rows in enumerate(samples):
-        positive, negative = rows[rows[:, 1] == 1, 0], rows[rows[:, 1] == 0, 0]
-        if positive.size and negative.size:
-            above = positive[:, None] > negative[None, :]
-            level = positive[:, None] == negative[None, :]
-            out[i] = above.mean() + 0.5 * level.mean()
+    from scipy.stats import rankdata
+
+    label = samples[..., 1]
+    positive = label.sum(axis=1)
+    pairs = positive * (label.shape[1] - positive)
+    above = (rankdata(samples[..., 0], axis=1) * label).sum(axis=1) - positive * (positive + 1) / 2
+    out: Array = np.where(pairs > 0, above / np.maximum(pairs, 1), np.nan)
     return out
 
 
@@ -97,8 +100,8 @@ def calibration_error(samples: Array, bins: int = 10) -> Array:
         bins: number of them.
     """
     stated, true = samples[..., 0], samples[..., 1]
-    place = np.minimum((stated * bins).astype(int), bins - 1)
-    gaps = [np.abs(((stated - true) * (place == i)).sum(axis=1)) for i in range(bins)]
+    inside = np.minimum((stated * bins).astype(int), bins - 1)
+    gaps = [np.abs(((stated - true) * (inside == i)).sum(axis=1)) for i in range(bins)]
     total: Array = np.sum(gaps, axis=0) / stated.shape[1]
     return total
 
@@ -116,20 +119,8 @@ def calibration_noise(stated: ArrayLike, *, seed: int = 0) -> Score:
     """
     p = np.asarray(stated, dtype=np.float64)
     if not len(p):
-        return Score(float("nan"), float("nan"), float("nan"), 0)
+        return NOTHING
     true = np.random.default_rng(seed).random((REPLICATES, len(p))) < p
     draws = calibration_error(np.stack([np.broadcast_to(p, true.shape), true], axis=-1))
-    low, high = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+    low, high = np.quantile(draws, ENDS)
     return Score(float(draws.mean()), float(low), float(high), len(p))
-
-
-def reliability(rows: Array, bins: int = 10) -> list[tuple[float, float, float, int]]:
-    """Of each bin that holds campaigns: its lower edge, mean probability, frequency, number."""
-    place = np.minimum((rows[:, 0] * bins).astype(int), bins - 1)
-    out = []
-    for i in range(bins):
-        inside = rows[place == i]
-        if len(inside):
-            stated, true = inside.mean(axis=0)
-            out.append((i / bins, float(stated), float(true), len(inside)))
-    return out

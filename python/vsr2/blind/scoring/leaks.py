@@ -1,4 +1,4 @@
-"""Whether what the files say beside the response tells engine, kind or class, within a pack."""
+"""Whether what the files say beside the response reveals engine, kind or class, within a pack."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _ALIKE = "campaigns that lack the same effects"
 
 @dataclass(frozen=True)
 class Leak:
-    """What metadata tell of one question.
+    """How well metadata answer one question.
 
     Attributes:
         question: `engine`, `kind` or `class`.
-        p: chance to be told as well by labels dealt at random, over all metadata.
-        told_by: what tells most, over what it tells by chance.
+        p: chance that labels dealt at random are predicted as well, over all metadata.
+        best: what predicts best, over what it does by chance.
         rate: share of campaigns whose nearest neighbour in it has the same label.
         chance: the same with labels dealt at random, on average.
         count: campaigns.
@@ -39,7 +39,7 @@ class Leak:
 
     question: str
     p: float
-    told_by: str
+    best: str
     rate: float
     chance: float
     count: int
@@ -48,10 +48,10 @@ class Leak:
 def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
     """Ask the metadata of a pack's campaigns for their engine, kind and class.
 
-    Each campaign is told by its nearest neighbour among the others: in one number of the metadata,
-    in each of them, and in all together, each over its standard deviation; of neighbours at one
-    distance each counts in part. The labels are permuted 999 times. Numbers are compared by how
-    many standard deviations of the permutations they tell more than by chance, and the best of
+    A campaign's answer is predicted by its nearest neighbour among the others: in one number of the
+    metadata, in each of them, and in all together, each over its standard deviation; of neighbours
+    at one distance each counts in part. The labels are permuted 999 times. Numbers are compared by
+    how many standard deviations of the permutations they predict better than chance. The best of
     them has its p value from the best of each permutation, so that many numbers do not raise it
     (Westfall and Young 1993). For engine and kind, how many campaigns lack the same effects is one
     of the numbers. The class is asked of campaigns with one effect whose class another
@@ -83,7 +83,7 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
             # What an unknown campaign lacks is its class.
             asked = numbers if question == "class" else numbers | alike
             mine = {name: values[kept] for name, values in asked.items()}
-            out.append(_told(question, mine, codes))
+            out.append(_leak(question, mine, codes))
     return out
 
 
@@ -92,7 +92,7 @@ def _class(entry: Mapping[str, Any], classes: Sequence[Sequence[str]]) -> str | 
     return class_label(effects[0]["name"], classes) if len(effects) == 1 else None
 
 
-def _told(question: str, numbers: Mapping[str, Array], codes: NDArray[np.int64]) -> Leak:
+def _leak(question: str, numbers: Mapping[str, Array], codes: NDArray[np.int64]) -> Leak:
     spread = {name: float(values.std()) for name, values in numbers.items()}
     scaled = {
         name: (values - values.mean()) / spread[name]

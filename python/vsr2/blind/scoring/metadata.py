@@ -21,8 +21,8 @@ def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
     """Sizes, counts, digits, noise, amplitudes and ends, by what they are.
 
     Numbers that the response moves are left out: the length of its cells in the table, and series
-    of rocks that fell, which end with the fall. How long after the motion the others end is told
-    in whole sampling intervals.
+    of rocks that fell, which end with the fall. How long after the motion the others end is
+    given in complete sampling intervals.
 
     Args:
         campaign: loaded.
@@ -73,7 +73,7 @@ def _mean(values: list[float]) -> float:
 
 
 def _end(campaign: Campaign) -> float:
-    """Mean time from the motion's end to the series' end [s], up to a whole interval."""
+    """Mean time from the motion's end to the series' end [s], up to a complete interval."""
     ends = []
     for trial in campaign.trials:
         record, series = campaign.record(trial), trial.series

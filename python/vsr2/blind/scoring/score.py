@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.verdict import NONE, UNKNOWN, Estimate
+from vsr2.blind.form.diagnosis_form import NAMING, NONE, UNKNOWN, VerdictKind
+from vsr2.blind.form.pack_form import Axis
+from vsr2.blind.form.pack_settings import KINDS, Kind
 from vsr2.blind.scoring.cases import Case, groups
 from vsr2.blind.scoring.intervals import (
     Score,
@@ -34,9 +36,9 @@ CALIBRATION_NOISE = "calibration error: of true probabilities"
 ERROR = "magnitude: median relative error"
 CLOSURE = "closure over oracle: median"
 SILENT_CLOSURE = "closure over oracle, 0 where no effect is named: median"
-GAIN = "where: median mass over share of trials, smallest place"
+GAIN = "where: median mass over share of trials, smallest location"
 SAYING_NOTHING = {ERROR: 1.0, CLOSURE: 0.0, SILENT_CLOSURE: 0.0, GAIN: 1.0}
-"""What a diagnosis gets that tells no magnitude, adds no effect, and names all trials or random
+"""What a diagnosis gets that estimates no magnitude, adds no effect, and names all trials or random
 ones: the trivial baseline of these scores."""
 THRESHOLDS = frozenset({("catch", "slack"), ("outcome_rule", "tilt")})
 """Strengths that are tilts beyond which something acts: without the effect there is none. Engines
@@ -59,7 +61,7 @@ Scores = dict[str, Score]
 
 def is_alarm(case: Case) -> bool:
     """Whether the verdict says that something is missing."""
-    return case.verdict.kind in ("effect", "class", "pair", "unknown")
+    return case.verdict.kind in NAMING or case.verdict.kind is VerdictKind.UNKNOWN
 
 
 def top_one(case: Case) -> bool:
@@ -69,18 +71,15 @@ def top_one(case: Case) -> bool:
     campaign of that kind only. Of a pair either class counts.
     """
     kind = case.verdict.kind
-    if kind in (NONE, UNKNOWN):
-        return case.truth == (kind,)
-    if kind == "unresolved":
-        return False
-    return leading_class(case) in case.truth
+    if kind in NAMING:
+        return leading_class(case) in case.truth
+    return case.truth == (kind,)
 
 
 def leading_class(case: Case) -> str:
     """The most probable class that is an effect's; of a verdict without any, the first it names."""
     ranked = [name for name in case.class_probabilities if name not in (NONE, UNKNOWN)]
-    named = [case.label(name) for name in case.verdict.effects]
-    return next(iter(ranked + named), "")
+    return next(iter(ranked + case.labels(case.verdict.effects)), "")
 
 
 def top_three(case: Case) -> bool:
@@ -90,18 +89,13 @@ def top_three(case: Case) -> bool:
 
 def pair_found(case: Case) -> bool:
     """Whether the verdict is a pair of exactly the true classes."""
-    named = {case.label(name) for name in case.verdict.effects}
-    return case.verdict.kind == "pair" and named == set(case.truth)
+    named = set(case.labels(case.verdict.effects))
+    return case.verdict.kind is VerdictKind.PAIR and named == set(case.truth)
 
 
 def in_set(case: Case) -> bool:
     """Whether the 90 % set holds a true class."""
-    return bool({case.label(name) for name in case.verdict.conformal} & set(case.truth))
-
-
-def set_size(case: Case) -> int:
-    """Classes in the 90 % set."""
-    return len({case.label(name) for name in case.verdict.conformal})
+    return bool(set(case.labels(case.verdict.conformal)) & set(case.truth))
 
 
 def log_loss(case: Case) -> float:
@@ -111,21 +105,19 @@ def log_loss(case: Case) -> float:
 
 
 def magnitude(case: Case) -> tuple[float, bool, float] | None:
-    """Of the strength: relative error, whether its interval holds the truth, width; None: not told.
+    """Of the strength: relative error, whether its interval holds the truth, width.
 
-    Error and width are over the effect's :func:`size`.
+    Error and width are over the effect's :func:`size`. None: the diagnosis has no estimate of it.
     """
-    if case.kind != "single":
+    if case.kind != Kind.SINGLE:
         return None
     effect = case.effects[0]
-    told = case.verdict.parameters.get(effect["name"], {})
-    estimate: Estimate | None = told.get(effect["strength"])
+    estimate = case.verdict.parameters.get(effect["name"], {}).get(effect["strength"])
     if estimate is None:
         return None
-    truth = effect["values"][effect["strength"]]
-    held = estimate.low <= truth <= estimate.high
-    whole = size(effect)
-    return abs(estimate.mean - truth) / whole, held, (estimate.high - estimate.low) / whole
+    truth, (low, high) = effect["values"][effect["strength"]], estimate.ci95
+    scale = size(effect)
+    return abs(estimate.mean - truth) / scale, low <= truth <= high, (high - low) / scale
 
 
 def size(effect: Mapping[str, Any]) -> float:
@@ -146,9 +138,9 @@ def closure(case: Case, *, silent: bool = False) -> float | None:
     `silent`: 0 where the verdict names no effect, so that nothing is added, also where the
     diagnosis gives the true effect no closure, as one that sees no gap does.
     """
-    if case.kind != "single":
+    if case.kind != Kind.SINGLE:
         return None
-    if silent and case.verdict.kind not in ("effect", "class", "pair"):
+    if silent and case.verdict.kind not in NAMING:
         return 0.0
     own = case.verdict.closure
     oracle = case.verdict.closures.get(case.effects[0]["name"])
@@ -156,13 +148,12 @@ def closure(case: Case, *, silent: bool = False) -> float | None:
 
 
 def where_mass(case: Case) -> tuple[float, float, float] | None:
-    """Of the places named at p <= 0.05 their shares of the effect's changes, and of the trials.
+    """Of the locations named at p <= 0.05 their shares of the effect's changes, and of the trials.
 
-    Both are of all places together. The third number is the one over the other in the smallest
-    place: a place drawn at random holds as much of the one as of the other. None: none names
-    trials.
+    Both are of all locations together. The third number is the one over the other in the smallest
+    location: one drawn at random holds as much of the one as of the other. None: none names trials.
     """
-    named = [f.trials for f in case.verdict.where if f.p <= SIGNIFICANT and f.trials]
+    named = [f.trials for f in case.verdict.where if f.p_familywise <= SIGNIFICANT and f.trials]
     weights = case.where["weights"]
     total = math.fsum(weights)
     if not named or not weights or total <= 0:
@@ -179,10 +170,15 @@ def where_mass(case: Case) -> tuple[float, float, float] | None:
 
 
 def axis_named(case: Case) -> bool:
-    """Whether a place at p <= 0.05 lies on the axis along which the effect acts."""
-    wanted = ("order", "session") if case.where["axis"] == "order" else ("conditions",)
-    named = [f.axis for f in case.verdict.where if f.p <= SIGNIFICANT]
-    return any(axis in name for name in named for axis in wanted)
+    """Whether a location at p <= 0.05 lies on the axis along which the effect acts."""
+    drifts = case.where["axis"] == Axis.ORDER
+    wanted = {"order", "session"} if drifts else {"conditions"}
+    return any(
+        axis in location.axis
+        for location in case.verdict.where
+        if location.p_familywise <= SIGNIFICANT
+        for axis in wanted
+    )
 
 
 def score_cases(cases: Sequence[Case]) -> dict[tuple[str, str], Scores]:
@@ -193,57 +189,65 @@ def score_cases(cases: Sequence[Case]) -> dict[tuple[str, str], Scores]:
     return {name: _scores(members) for name, members in groups(cases).items()}
 
 
+def _share(test: Callable[[Case], bool], cases: Sequence[Case]) -> Score:
+    return proportion(sum(map(test, cases)), len(cases))
+
+
+def _of_median(values: Sequence[float]) -> Score:
+    return resampled(values, lambda samples: np.asarray(np.median(samples, axis=1)))
+
+
 def _scores(cases: Sequence[Case]) -> Scores:
-    def of(*kinds: str) -> list[Case]:
+    def of(*kinds: Kind) -> list[Case]:
         return [case for case in cases if case.kind in kinds]
 
-    def share(test: Callable[[Case], bool], members: Sequence[Case]) -> Score:
-        return proportion(sum(map(test, members)), len(members))
-
-    single, none, pair, unknown = of("single"), of(NONE), of("pair"), of(UNKNOWN)
-    told = [case for case in of("single", NONE, UNKNOWN)]
+    single, none, pair, unknown = (of(kind) for kind in KINDS)
+    one = of(Kind.SINGLE, Kind.NONE, Kind.UNKNOWN)
+    stated = [min(case.first[1], 1.0) for case in one]
+    true = [case.first[0] in case.truth for case in one]
     out: Scores = {
-        NAMED: share(top_one, single),
-        ANSWER: share(lambda c: c.first[0] in c.truth, single),
-        FIRST: share(lambda c: leading_class(c) in c.truth, single),
-        "top-3 class (single)": share(top_three, single),
-        "90 % set: coverage": share(in_set, told),
-        "90 % set: median size": resampled([set_size(c) for c in told], _median),
-        "log score": resampled([log_loss(c) for c in told], _mean),
+        NAMED: _share(top_one, single),
+        ANSWER: _share(lambda c: c.first[0] in c.truth, single),
+        FIRST: _share(lambda c: leading_class(c) in c.truth, single),
+        "top-3 class (single)": _share(top_three, single),
+        "90 % set: coverage": _share(in_set, one),
+        "90 % set: median size": _of_median([len(set(c.labels(c.verdict.conformal))) for c in one]),
+        "log score": resampled(
+            [log_loss(c) for c in one], lambda samples: np.asarray(samples.mean(axis=1))
+        ),
         "log score below uniform": resampled(
-            [(log_loss(c), math.log(_hypotheses(c))) for c in told], _below
+            [(log_loss(c), math.log(_hypotheses(c))) for c in one], _below
         ),
-        "calibration error": resampled(
-            np.array([(min(c.first[1], 1.0), c.first[0] in c.truth) for c in told]).reshape(-1, 2),
-            calibration_error,
-        ),
-        CALIBRATION_NOISE: calibration_noise([min(c.first[1], 1.0) for c in told]),
-        "false alarms (none)": share(is_alarm, none),
-        "detected (single)": share(is_alarm, single),
-        "pair found (pair)": share(pair_found, pair),
-        "one of pair first (pair)": share(top_one, pair),
-        "unknown named (unknown)": share(lambda c: c.verdict.kind == UNKNOWN, unknown),
-        "failed or unresolved": share(lambda c: c.verdict.kind == "unresolved", cases),
+        "calibration error": resampled(list(zip(stated, true, strict=True)), calibration_error),
+        CALIBRATION_NOISE: calibration_noise(stated),
+        "false alarms (none)": _share(is_alarm, none),
+        "detected (single)": _share(is_alarm, single),
+        "pair found (pair)": _share(pair_found, pair),
+        "one of pair first (pair)": _share(top_one, pair),
+        "unknown named (unknown)": _share(lambda c: c.verdict.kind == UNKNOWN, unknown),
+        "failed or unresolved": _share(lambda c: c.verdict.kind == VerdictKind.UNRESOLVED, cases),
     }
-    out |= _unknown_scores(unknown, of("single", NONE, "pair"))
-    errors = [found for case in single if (found := magnitude(case)) is not None]
-    out["magnitude: told (single)"] = proportion(len(errors), len(single))
-    out[ERROR] = resampled([error for error, _, _ in errors], _median)
-    out["magnitude: interval coverage"] = proportion(sum(h for _, h, _ in errors), len(errors))
-    out["magnitude: median width of interval"] = resampled([w for _, _, w in errors], _median)
-    ratios = [r for case in single if (r := closure(case)) is not None]
-    out[CLOSURE] = resampled(ratios, _median)
-    ratios = [r for case in single if (r := closure(case, silent=True)) is not None]
-    out[SILENT_CLOSURE] = resampled(ratios, _median)
+    out |= _unknown_scores(unknown, of(Kind.SINGLE, Kind.NONE, Kind.PAIR))
+    estimated = [found for case in single if (found := magnitude(case)) is not None]
+    out["magnitude: estimated (single)"] = proportion(len(estimated), len(single))
+    out[ERROR] = _of_median([error for error, _, _ in estimated])
+    out["magnitude: interval coverage"] = proportion(
+        sum(h for _, h, _ in estimated), len(estimated)
+    )
+    out["magnitude: median width of interval"] = _of_median([w for _, _, w in estimated])
+    out[CLOSURE] = _of_median([r for case in single if (r := closure(case)) is not None])
+    out[SILENT_CLOSURE] = _of_median(
+        [r for case in single if (r := closure(case, silent=True)) is not None]
+    )
     highs = [c.verdict.closure_high for c in single if c.verdict.closure_high is not None]
     out["closure below 0 beyond its interval"] = proportion(sum(h < 0 for h in highs), len(highs))
-    places = [place for case in single if (place := where_mass(case)) is not None]
-    out["where: median mass inside"] = resampled([mass for mass, _, _ in places], _median)
-    out["where: median share of trials inside"] = resampled([n for _, n, _ in places], _median)
-    out[GAIN] = resampled([gain for _, _, gain in places], _median)
-    out["where: axis named (single)"] = share(axis_named, single)
-    out["where: false places (none)"] = share(
-        lambda c: any(f.p <= SIGNIFICANT for f in c.verdict.where), none
+    located = [shares for case in single if (shares := where_mass(case)) is not None]
+    out["where: median mass inside"] = _of_median([mass for mass, _, _ in located])
+    out["where: median share of trials inside"] = _of_median([n for _, n, _ in located])
+    out[GAIN] = _of_median([gain for _, _, gain in located])
+    out["where: axis named (single)"] = _share(axis_named, single)
+    out["where: false locations (none)"] = _share(
+        lambda c: any(f.p_familywise <= SIGNIFICANT for f in c.verdict.where), none
     )
     return {name: score for name, score in out.items() if score.count}
 
@@ -251,16 +255,14 @@ def _scores(cases: Sequence[Case]) -> Scores:
 def _unknown_scores(unknown: Sequence[Case], others: Sequence[Case]) -> Scores:
     if not (unknown and others):
         return {}
-    rows = np.array(
-        [(c.verdict.novelty, 1.0) for c in unknown] + [(c.verdict.novelty, 0.0) for c in others]
-    )
+    mine = np.array([case.verdict.novelty for case in unknown])
+    other = np.array([case.verdict.novelty for case in others])
+    rows = np.column_stack([np.append(mine, other), np.repeat([1.0, 0.0], [mine.size, other.size])])
     # The least threshold that at most 5 % of the others exceed.
-    other = np.sort(rows[rows[:, 1] == 0, 0])[::-1]
-    threshold = other[int(FALSE_ALARM * other.size)]
-    found = int((rows[rows[:, 1] == 1, 0] > threshold).sum())
+    threshold = np.sort(other)[::-1][int(FALSE_ALARM * other.size)]
     return {
         "unknown: AUROC": resampled(rows, area_under_roc),
-        "unknown: rate at 5 % false alarms": proportion(found, len(unknown)),
+        "unknown: rate at 5 % false alarms": proportion(int((mine > threshold).sum()), mine.size),
     }
 
 
@@ -269,7 +271,7 @@ def _hypotheses(case: Case) -> int:
 
     Those of the canonical effects that are not excluded, and the true ones.
     """
-    effects = {case.label(name) for name in canonical() if name not in case.exclude}
+    effects = set(case.labels(name for name in canonical() if name not in case.exclude))
     return len(effects | {NONE, UNKNOWN, *case.truth})
 
 
@@ -281,17 +283,6 @@ def canonical() -> frozenset[str]:
     return frozenset(library())
 
 
-def _median(samples: Array) -> Array:
-    out: Array = np.median(samples, axis=1)
-    return out
-
-
-def _mean(samples: Array) -> Array:
-    out: Array = samples.mean(axis=1)
-    return out
-
-
 def _below(samples: Array) -> Array:
     loss, uniform = samples.mean(axis=1).T
-    out: Array = 1 - loss / uniform
-    return out
+    return np.asarray(1 - loss / uniform, dtype=np.float64)

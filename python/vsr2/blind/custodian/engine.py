@@ -1,0 +1,123 @@
+"""One trial as the custodian has it simulated, and what an engine is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.mujoco import Parameter, Response, TrialContext
+from vsr2.config import Study
+from vsr2.errors import BlindError
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """What is uncertain in every campaign and not to be diagnosed; factors on nominal values.
+
+    Attributes:
+        width, depth, height: of the body.
+        energy_ratio: of an impact.
+        friction: coefficient.
+    """
+
+    width: float = 1.0
+    depth: float = 1.0
+    height: float = 1.0
+    energy_ratio: float = 1.0
+    friction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class TrialInput:
+    """One trial to simulate.
+
+    Attributes:
+        interval: of the table's motion [s].
+        displacement: of the table before any effect, shape (n,) [m].
+        effects: by canonical name, with values by parameter.
+        nuisances: of the campaign.
+        yaw: of the start [rad].
+        offset: of the start, x and y [m].
+        context: the trial's position in the campaign, and seeds of what effects draw.
+    """
+
+    interval: float
+    displacement: Array
+    effects: Mapping[str, Values] = field(default_factory=dict)
+    nuisances: Nuisances = field(default_factory=Nuisances)
+    yaw: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+    context: TrialContext = field(default_factory=TrialContext)
+
+
+@dataclass(frozen=True)
+class Drawable:
+    """An effect as the custodian draws it.
+
+    Attributes:
+        name: canonical.
+        strength: says how strong it is; drawn relative to the detection limit.
+        others: drawn uniformly.
+        drifts: whether it changes over the campaign.
+    """
+
+    name: str
+    strength: Parameter
+    others: tuple[Parameter, ...] = ()
+    drifts: bool = False
+
+    def values(self, magnitude: float, others: Sequence[float]) -> dict[str, float]:
+        """By parameter, at a signed distance of the strength and given quantiles of the others."""
+        out = {self.strength.name: self.strength.value(magnitude)}
+        for other, quantile in zip(self.others, others, strict=True):
+            out[other.name] = other.low + quantile * (other.high - other.low)
+        return out
+
+
+class Engine(Protocol):
+    """Simulates trials of one nominal scene."""
+
+    name: str
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Of what simulates."""
+        ...
+
+    @property
+    def effects(self) -> Mapping[str, Drawable]:
+        """What it can apply."""
+        ...
+
+    @property
+    def static_pga(self) -> float:
+        """Acceleration at which the nominal body lifts off, g b / h [m/s^2]."""
+        ...
+
+    def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
+        """Simulate the trials of a campaign, in their order."""
+        ...
+
+
+def build_engine(name: str, study: Study) -> Engine:
+    """The engine of that name for a study's scene.
+
+    Raises:
+        BlindError: it is not known, not installed, or cannot simulate the scene.
+    """
+    if name == "mujoco":
+        from vsr2.blind.custodian.mujoco_engine import MujocoEngine
+
+        return MujocoEngine(study)
+    if name == "bullet":
+        from vsr2.blind.custodian.bullet_engine import BulletEngine
+
+        return BulletEngine(study)
+    raise BlindError(f"engine {name!r} is not known; choose mujoco or bullet")

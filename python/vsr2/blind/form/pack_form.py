@@ -1,0 +1,191 @@
+"""The forms of `pack.json` and of the key, as docs/reference/blind.md has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import PurePosixPath
+from typing import Annotated, ClassVar
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from vsr2.blind.form.pack_settings import Kind, Tolerances
+from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, misfit
+from vsr2.campaign import Tier
+from vsr2.campaign.campaign import id_fault
+from vsr2.effects import library
+
+TIERS: tuple[Tier, ...] = ("B", "M", "T")
+ANSWERS = ("none", "unknown")
+"""Answers that no effect may be called."""
+_EFFECTS: Mapping[Kind, tuple[int, float]] = {
+    Kind.NONE: (0, 0),
+    Kind.SINGLE: (1, 1),
+    Kind.PAIR: (2, 2),
+    Kind.UNKNOWN: (1, float("inf")),
+}
+"""Least and greatest number of effects by kind."""
+
+
+class Axis(StrEnum):
+    """Along what an effect acts."""
+
+    CONDITIONS = "conditions"
+    ORDER = "order"
+    NONE = "none"
+
+
+def _in_folder(name: str) -> str:
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts:
+        raise ValueError("it should be the name of a file in the data folder")
+    return name
+
+
+def _identifier(name: object) -> object:
+    fault = id_fault(name)
+    if fault is not None:
+        raise ValueError(fault)
+    return name
+
+
+def _each_once(tiers: list[Tier]) -> list[Tier]:
+    if len(set(tiers)) < len(tiers):
+        raise ValueError("each tier should stand once")
+    return tiers
+
+
+def _distinct(classes: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ...]:
+    names = [name for members in classes for name in members]
+    if len(set(names)) < len(names) or set(names) & set(ANSWERS):
+        raise ValueError("each name should stand once, none and unknown in no class")
+    return classes
+
+
+Tiers = Annotated[list[Tier], Field(min_length=1), AfterValidator(_each_once)]
+Classes = Annotated[
+    tuple[Annotated[Names, Field(min_length=1)], ...],
+    Field(strict=False),
+    AfterValidator(_distinct),
+]
+
+
+class _Listed(Part):
+    id: Annotated[str, BeforeValidator(_identifier)]
+    protocol: Count = 0
+    exclude: Names = ()
+
+
+class _Commitment(Part):
+    sha256: Sha256
+
+
+class Pack(Part):
+    """Content of a `pack.json`."""
+
+    development: bool = False
+    scene: Annotated[Name, AfterValidator(_in_folder)]
+    tiers: Tiers
+    classes: Classes = ()
+    tolerances: Tolerances | None = None
+    campaigns: Annotated[list[_Listed], Field(min_length=1)]
+    commitment: _Commitment
+
+    @model_validator(mode="after")
+    def _check_ids(self) -> Pack:
+        ids = [campaign.id for campaign in self.campaigns]
+        twice = next((name for i, name in enumerate(ids) if name in ids[:i]), None)
+        if twice is not None:
+            raise misfit(f"campaigns: id {twice}", ids, "give each id once")
+        return self
+
+
+class _Effect(Part):
+    nullable: ClassVar[frozenset[str]] = frozenset({"null"})
+    name: Name
+    strength: Name
+    values: dict[str, float]
+    null: float | None
+    relative: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _check_strength(self) -> _Effect:
+        if self.name in ANSWERS:
+            raise misfit("name", self.name, "it is a verdict; give that of an effect")
+        if self.strength not in self.values:
+            raise misfit(f"values.{self.strength}", None, "give the strength's value")
+        if self.values[self.strength] == (self.null or 0.0):
+            value = self.values[self.strength]
+            raise misfit(f"values.{self.strength}", value, "that is the value without effect")
+        return self
+
+
+class _Where(Part):
+    axis: Axis = Field(strict=False)
+    weights: list[Annotated[float, Field(ge=0)]]
+
+
+class _Entry(Part):
+    kind: Kind = Field(strict=False)
+    engine: Name
+    protocol: Count = 0
+    exclude: Names = ()
+    data_sha256: Sha256
+    effects: tuple[_Effect, ...] = Field((), strict=False)
+    where: _Where
+
+    @property
+    def names(self) -> list[str]:
+        """Of the effects."""
+        return [effect.name for effect in self.effects]
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> _Entry:
+        least, most = _EFFECTS[self.kind]
+        if not least <= len(self.effects) <= most:
+            number = f"{least}" if least == most else f"{least} or more"
+            wanted = f"it should be a list of {number}, as the kind is {self.kind}"
+            raise misfit("effects", self.names, wanted)
+        if (self.where.axis is Axis.NONE) != (self.kind is Kind.NONE):
+            wanted = "it should be none where the kind is none, and only there"
+            raise misfit("where.axis", str(self.where.axis), wanted)
+        for name in self.names:
+            if name in self.exclude and self.kind is not Kind.UNKNOWN:
+                wanted = f"it should not hold {name}, the effect of this campaign"
+                raise misfit("exclude", self.exclude, wanted)
+            if name not in self.exclude and self.kind is Kind.UNKNOWN and name in library():
+                wanted = f"it should hold {name}, as the kind is unknown"
+                raise misfit("exclude", self.exclude, wanted)
+        return self
+
+
+class _Sealed(Part):
+    development: bool = False
+    classes: Classes
+    tiers: Tiers | None = None
+    tolerances: Tolerances | None = None
+
+
+class Key(Part):
+    """The `key` of a `key.json`: values, and that they make sense together."""
+
+    settings: _Sealed
+    campaigns: dict[str, _Entry]
+    scene_sha256: Sha256 | None = None
+    model_sha256: Sha256 | None = None
+
+    @model_validator(mode="after")
+    def _check_classes(self) -> Key:
+        classes = [set(members) for members in self.settings.classes]
+        for name, entry in self.campaigns.items():
+            here, exclude = f"campaigns.{name}", set(entry.exclude)
+            for members in classes:
+                if members & exclude and members - exclude:
+                    missing = ", ".join(sorted(members - exclude))
+                    wanted = f"it should hold complete equivalence classes: {missing} too"
+                    raise misfit(f"{here}.exclude", entry.exclude, wanted)
+            one = any(set(entry.names) <= members for members in classes)
+            if entry.kind is Kind.PAIR and (one or len(set(entry.names)) < 2):
+                wanted = "it should be two effects of different classes"
+                raise misfit(f"{here}.effects", entry.names, wanted)
+        return self

@@ -1,0 +1,382 @@
+"""Unmodelled effects by their canonical names, implemented here and nowhere else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.blind.mujoco.situation import Situation
+from vsr2.blind.mujoco.table import (
+    TableMotion,
+    low_passed,
+    pitched,
+    resonated,
+    saturated,
+    stretched,
+)
+from vsr2.blind.mujoco.trial import Response
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class TrialContext:
+    """The position of a trial in its campaign.
+
+    Attributes:
+        order: 0 at the first trial, 1 at the last.
+        session: number of the trial's session, from 0.
+        sessions: number of sessions.
+        campaign_seed: of what is drawn once for a campaign.
+        trial_seed: of what is drawn for this trial.
+    """
+
+    order: float = 0.0
+    session: int = 0
+    sessions: int = 1
+    campaign_seed: int = 0
+    trial_seed: int = 0
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        name, unit: of it.
+        null: value at which the effect does nothing.
+        low, high: least and greatest value.
+        reciprocal: the effect grows in 1 / value, with a null of infinity, not in value - null.
+    """
+
+    name: str
+    unit: str
+    null: float
+    low: float
+    high: float
+    reciprocal: bool = False
+
+    def value(self, magnitude: float) -> float:
+        """The value at a signed distance from the null."""
+        return 1 / magnitude if self.reciprocal else self.null + magnitude
+
+    def reach(self) -> dict[int, tuple[float, float]]:
+        """Least and greatest distance from the null within the range, by sign."""
+        if self.reciprocal:
+            return {1: (1 / self.high, 1 / self.low)}
+        out = {}
+        if self.high > self.null:
+            out[1] = (max(0.0, self.low - self.null), self.high - self.null)
+        if self.low < self.null:
+            out[-1] = (max(0.0, self.null - self.high), self.null - self.low)
+        return out
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An entry.
+
+    Attributes:
+        name: canonical.
+        parameters: the first says how strong the effect is, the others its kind.
+        apply: the situation under the effect; the first value at its null leaves it as it is.
+        drifts: whether it changes over the campaign.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    apply: Callable[[Situation, Values, TrialContext], Situation]
+    drifts: bool = False
+
+    @property
+    def strength(self) -> Parameter:
+        """The parameter that says how strong the effect is."""
+        return self.parameters[0]
+
+
+_FIRST = TrialContext()
+
+
+def with_effects(
+    situation: Situation, effects: Mapping[str, Values], context: TrialContext = _FIRST
+) -> Situation:
+    """The situation under effects, applied in the order of :data:`EFFECTS`.
+
+    Raises:
+        KeyError: an effect, or a parameter, that is not known or not given.
+    """
+    unknown = set(effects) - set(EFFECTS)
+    if unknown:
+        raise KeyError(f"no effect {min(unknown)!r}; there are {', '.join(EFFECTS)}")
+    for name, effect in EFFECTS.items():
+        if name in effects and effects[name][effect.strength.name] != effect.strength.null:
+            situation = effect.apply(situation, effects[name], context)
+    return situation
+
+
+def observe(
+    response: Response, effects: Mapping[str, Values], context: TrialContext = _FIRST
+) -> Response:
+    """What is written down of a response: `outcome_rule` labels it by its own rule."""
+    if "outcome_rule" not in effects:
+        return response
+    values = effects["outcome_rule"]
+    fallen = response.overturned or response.peak_tilt >= values["tilt"]
+    rng = _rng(context.trial_seed, "flip")
+    if rng.random() < values["flips"]:
+        fallen = not fallen
+    return replace(response, overturned=fallen)
+
+
+def _rng(seed: int, what: str) -> np.random.Generator:
+    return np.random.default_rng([seed, *what.encode()])
+
+
+def _with_slenderness(s: Situation, factor: float) -> Situation:
+    """Base over height of the mass centre times `factor`, by that height."""
+    return replace(s, body=s.body.with_center_height(1 / factor))
+
+
+def _change_point(s: Situation, v: Values, context: TrialContext) -> Situation:
+    """Between the two sessions that lie nearest to `at`; with one session, between two trials."""
+    if context.sessions < 2:
+        after = context.order >= v["at"]
+    else:
+        first = min(max(1, round(v["at"] * context.sessions)), context.sessions - 1)
+        after = context.session >= first
+    return _with_slenderness(s, 1 + v["slenderness_change"]) if after else s
+
+
+def _polar(length: float, azimuth: float) -> tuple[float, float]:
+    """Along x and y; the azimuth from x to y [degree]."""
+    angle = math.radians(azimuth)
+    return length * math.cos(angle), length * math.sin(angle)
+
+
+def _base_asperity(s: Situation, v: Values, context: TrialContext) -> Situation:
+    rng = _rng(context.campaign_seed, "bumps")
+    base = s.body.points[s.body.points[:, 2] == 0][:, :2]
+    middle = base.mean(axis=0)
+    weights = rng.dirichlet(np.full(len(base), 0.4), size=8)
+    points = middle + 0.9 * (weights @ base - middle)
+    heights = v["height"] * rng.uniform(0.3, 1.0, size=8)
+    rows = zip(points, heights, strict=True)
+    return replace(s, bumps=tuple((float(x), float(y), float(h)) for (x, y), h in rows))
+
+
+def _moved(s: Situation, x: Array) -> Situation:
+    if s.table.others:
+        raise ValueError("effects of the table's x come before those of its other channels")
+    return replace(s, table=replace(s.table, x=x))
+
+
+def _with_channel(s: Situation, channel: Literal["y", "z", "pitch"], samples: Array) -> Situation:
+    others = {**s.table.others, channel: samples}
+    return replace(s, table=TableMotion(s.table.interval, s.table.x, others, s.table.pivot))
+
+
+def _table_pitch(s: Situation, v: Values, _: TrialContext) -> Situation:
+    turned = pitched(s.table.acceleration, s.table.interval, v["compliance"], v["frequency"])
+    return _with_channel(s, "pitch", turned)
+
+
+def _base_slope(s: Situation, v: Values, _: TrialContext) -> Situation:
+    x, y = _polar(math.radians(v["angle"]), v["azimuth"])
+    return replace(s, slope=(s.slope[0] + x, s.slope[1] + y))
+
+
+def _placement(s: Situation, v: Values, context: TrialContext) -> Situation:
+    turn, share, azimuth = _rng(context.trial_seed, "placement").random(3)
+    # uniform over a disc
+    x, y = _polar(v["offset"] * math.sqrt(share), 360.0 * azimuth)
+    return replace(
+        s,
+        yaw=s.yaw + math.radians(v["yaw"]) * (2 * turn - 1),
+        offset=(s.offset[0] + x, s.offset[1] + y),
+    )
+
+
+def _body_effects() -> list[Effect]:
+    p = Parameter
+    return [
+        Effect(
+            "slenderness",
+            (p("change", "1", 0.0, -0.06, 0.06),),
+            lambda s, v, _: _with_slenderness(s, 1 + v["change"]),
+        ),
+        Effect(
+            "wear",
+            (p("loss", "1", 0.0, 0.0, 0.15),),
+            lambda s, v, context: _with_slenderness(s, 1 - v["loss"] * context.order),
+            drifts=True,
+        ),
+        Effect(
+            "change_point",
+            (p("slenderness_change", "1", 0.0, -0.15, 0.15), p("at", "1", 1.0, 0.1, 0.9)),
+            _change_point,
+            drifts=True,
+        ),
+        Effect(
+            "com_offset",
+            (p("distance", "m", 0.0, 0.0, 0.015), p("azimuth", "degree", 0.0, 0.0, 360.0)),
+            lambda s, v, _: replace(
+                s, body=s.body.with_center_offset(*_polar(v["distance"], v["azimuth"]))
+            ),
+        ),
+        Effect(
+            "inertia",
+            (p("change", "1", 0.0, -0.15, 0.15),),
+            lambda s, v, _: replace(
+                s, body=replace(s.body, inertia=s.body.inertia * (1 + v["change"]))
+            ),
+        ),
+        Effect(
+            "edge_rounding",
+            (p("radius", "m", 0.0, 0.0, 0.015),),
+            lambda s, v, _: replace(s, rounding=s.rounding + v["radius"]),
+        ),
+        Effect("base_asperity", (p("height", "m", 0.0, 0.0, 0.002),), _base_asperity),
+    ]
+
+
+def _contact_effects() -> list[Effect]:
+    p = Parameter
+    return [
+        Effect(
+            "friction_rate",
+            (p("ratio", "1", 1.0, 1.0, 1.6), p("speed", "m/s", 0.0, 0.005, 0.05)),
+            lambda s, v, _: replace(s, friction_ratio=v["ratio"], friction_speed=v["speed"]),
+        ),
+        Effect(
+            "spin_friction",
+            (p("coefficient", "m", 0.0, 0.0, 0.3),),
+            lambda s, v, _: replace(s, spin_friction=v["coefficient"]),
+        ),
+        Effect(
+            "rolling_resistance",
+            (p("arm", "m", 0.0, 0.0, 0.01),),
+            lambda s, v, _: replace(s, rolling_resistance=v["arm"]),
+        ),
+        # A contact's time constant is (m / k)^(1/2).
+        Effect(
+            "contact_stiffness",
+            (p("decades", "1", 0.0, -2.5, 0.0),),
+            lambda s, v, _: replace(s, contact_time=s.contact_time * 10 ** (-0.5 * v["decades"])),
+        ),
+        Effect(
+            "restitution",
+            (p("energy_ratio", "1", 1.0, 0.65, 1.1),),
+            lambda s, v, _: replace(
+                s, impact_energy_ratio=s.impact_energy_ratio * v["energy_ratio"]
+            ),
+        ),
+        Effect(
+            "rocking_damping",
+            (p("ratio", "1", 0.0, 0.0, 0.05),),
+            lambda s, v, _: replace(s, rocking_damping=v["ratio"]),
+        ),
+        Effect(
+            "adhesion",
+            (p("strength", "kPa", 0.0, 0.0, 50.0),),
+            lambda s, v, _: replace(s, adhesion=1000 * v["strength"]),
+        ),
+        Effect(
+            "catch",
+            (p("slack", "degree", math.inf, 5.0, 25.0, reciprocal=True),),
+            lambda s, v, _: replace(s, catch_slack=math.radians(v["slack"])),
+        ),
+    ]
+
+
+def _table_effects() -> list[Effect]:
+    p = Parameter
+    return [
+        Effect(
+            "table_gain",
+            (p("change", "1", 0.0, -0.15, 0.15),),
+            lambda s, v, _: _moved(s, s.table.x * (1 + v["change"])),
+        ),
+        Effect(
+            "time_scale",
+            (p("change", "1", 0.0, -0.03, 0.03),),
+            lambda s, v, _: _moved(s, stretched(s.table.x, 1 + v["change"])),
+        ),
+        Effect(
+            "table_bandwidth",
+            (
+                p("corner", "Hz", math.inf, 3.0, 25.0, reciprocal=True),
+                p("delay", "s", 0.0, 0.0, 0.02),
+            ),
+            lambda s, v, _: _moved(
+                s, low_passed(s.table.x, s.table.interval, v["corner"], v["delay"])
+            ),
+        ),
+        Effect(
+            "table_resonance",
+            (p("amplification", "1", 1.0, 1.0, 2.0), p("frequency", "Hz", 0.0, 8.0, 20.0)),
+            lambda s, v, _: _moved(
+                s, resonated(s.table.x, s.table.interval, v["frequency"], v["amplification"])
+            ),
+        ),
+        Effect(
+            "table_saturation",
+            (p("acceleration", "m/s^2", math.inf, 2.0, 20.0, reciprocal=True),),
+            lambda s, v, _: _moved(
+                s, saturated(s.table.x, s.table.interval, math.inf, v["acceleration"])
+            ),
+        ),
+        Effect(
+            "table_pitch",
+            (p("compliance", "rad/g", 0.0, 0.0, 0.02), p("frequency", "Hz", 0.0, 5.0, 20.0)),
+            _table_pitch,
+        ),
+        Effect(
+            "off_axis_motion",
+            (p("share", "1", 0.0, 0.0, 0.2),),
+            lambda s, v, _: _with_channel(s, "y", v["share"] * s.table.x),
+        ),
+        Effect(
+            "vertical_motion",
+            (p("share", "1", 0.0, 0.0, 0.5),),
+            lambda s, v, _: _with_channel(s, "z", v["share"] * s.table.x),
+        ),
+    ]
+
+
+def _other_effects() -> list[Effect]:
+    p = Parameter
+    return [
+        Effect(
+            "base_slope",
+            (p("angle", "degree", 0.0, 0.0, 1.5), p("azimuth", "degree", 0.0, 0.0, 360.0)),
+            _base_slope,
+        ),
+        Effect(
+            "placement",
+            (p("yaw", "degree", 0.0, 0.0, 10.0), p("offset", "m", 0.0, 0.0, 0.02)),
+            _placement,
+        ),
+        # Acts in `observe`.
+        Effect(
+            "outcome_rule",
+            (
+                p("tilt", "rad", math.inf, 0.1, 1.0, reciprocal=True),
+                p("flips", "1", 0.0, 0.0, 0.03),
+            ),
+            lambda s, _, __: s,
+        ),
+    ]
+
+
+EFFECTS: Mapping[str, Effect] = {
+    effect.name: effect
+    for effect in (*_body_effects(), *_contact_effects(), *_table_effects(), *_other_effects())
+}
+"""By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex
+contacts lift a body that slides, so that it hops and rocks where a rigid one only slides."""
