@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import os
 import signal
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
 _RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "steps")
+
+_log = logging.getLogger(__name__)
 
 
 def run_batch(
@@ -131,11 +134,19 @@ def run_batch(
             bar.update()
 
         waiting = [trials[i] for i in pending]
+        if _log.isEnabledFor(logging.INFO):
+            _log.info(
+                "%d trials, engine %s; %d are in the journal",
+                len(trials),
+                " and ".join(sorted({trial.scene.engine_name for trial in trials})),
+                len(trials) - len(waiting),
+            )
         if client is None:
             run_native(waiting, threads, take=take, stopped=lambda: interrupt.raised)
             place: dict[str, Any] = {"threads": threads}
         else:
             place = run_on_cluster(waiting, client, take=take, stopped=lambda: interrupt.raised)
+    _log.info("batch ended after %.3g s", time.time() - started)
     provenance = base_provenance(_native.build_facts()) | {
         "study": None if study is None else study.model_dump(mode="json"),
         **place,

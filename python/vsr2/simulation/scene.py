@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Sequence
 from dataclasses import asdict, astuple, dataclass, field
 from functools import cached_property
@@ -230,6 +231,9 @@ def make_scene(
     return Scene(rock, pedestal, engine, contact, native, mechanisms)
 
 
+_log = logging.getLogger(__name__)
+
+
 def build_scene(study: Study) -> Scene:
     """The scene of a study: reads its meshes and places the rock.
 
@@ -239,4 +243,6 @@ def build_scene(study: Study) -> Scene:
     """
     pedestal = build_pedestal(study.pedestal)
     rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
-    return make_scene(rock, pedestal, study.engine, study.contact)
+    scene = make_scene(rock, pedestal, study.engine, study.contact)
+    _log.debug("scene built: %s on %s, engine %s", rock.source, pedestal.source, scene.engine_name)
+    return scene
