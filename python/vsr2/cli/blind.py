@@ -12,43 +12,30 @@ from cyclopts.validators import mutually_exclusive
 
 from vsr2.blind import PackSettings
 from vsr2.blind.diagnose import DRAWS
-from vsr2.blind.form.settings import ENGINES
+from vsr2.blind.form.settings import ENGINES, KINDS
 from vsr2.cli import options as opt
 
 verbs = App(name="blind")
 BUDGET = Group("Budget (one of)", validator=mutually_exclusive)
 
 
-def _campaigns(default: int | tuple[int, ...]) -> Parameter:
-    return Parameter(
-        converter=opt.whole,
-        consume_multiple=1,
-        show_default=f"{default}, 0 with --leave-one-out",
-    )
+def _count(default: object) -> Parameter:
+    shown = f"{default}, 0 with --leave-one-out"
+    return Parameter(converter=opt.whole, consume_multiple=1, show_default=shown)
 
 
+@Parameter(name="*")
 @dataclass(frozen=True)
-class Kinds:
-    """Campaigns by kind: a number for each engine, or one for all.
+class Pack:
+    """What a pack is made of.
 
     Attributes:
         single: campaigns with one effect; for each engine, or one number for all
         none: campaigns without any; likewise
         pair: campaigns with two effects; likewise
         unknown: campaigns whose effect the diagnosis may not use; likewise
-    """
-
-    single: Annotated[tuple[int, ...], _campaigns(PackSettings.single)] = ()
-    none: Annotated[tuple[int, ...], _campaigns(PackSettings.none)] = ()
-    pair: Annotated[tuple[int, ...], _campaigns(PackSettings.pair)] = ()
-    unknown: Annotated[tuple[int, ...], _campaigns(PackSettings.unknown)] = ()
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """Sizes of a pack.
-
-    Attributes:
+        leave_one_out: so many campaigns of kind unknown for every effect that reaches its floor,
+            beside what is asked for of the kinds
         trials: trials a campaign
         motions: ground motions a campaign
         sessions: sessions a campaign
@@ -61,6 +48,11 @@ class Sizes:
         development: an open pack: scored as often as you like
     """
 
+    single: Annotated[tuple[int, ...] | None, _count(PackSettings.single)] = None
+    none: Annotated[tuple[int, ...] | None, _count(PackSettings.none)] = None
+    pair: Annotated[tuple[int, ...] | None, _count(PackSettings.pair)] = None
+    unknown: Annotated[tuple[int, ...] | None, _count(PackSettings.unknown)] = None
+    leave_one_out: opt.Integer | None = None
     trials: opt.Integer = PackSettings.trials
     motions: opt.Integer = PackSettings.motions
     sessions: opt.Integer = PackSettings.sessions
@@ -72,9 +64,30 @@ class Sizes:
     series_interval: float = PackSettings.series_interval
     development: bool = False
 
+    def values(self) -> dict[str, Any]:
+        """As :class:`PackSettings` takes them.
 
-KINDS = Kinds()
-SIZES = Sizes()
+        Raises:
+            BlindError: `vsr2 blind diagnose` would refuse campaigns of this size.
+        """
+        from vsr2.diagnosis.observed.observations import LEAST_MOTIONS, LEAST_TRIALS
+        from vsr2.errors import BlindError
+
+        for name, least in (("trials", LEAST_TRIALS), ("motions", LEAST_MOTIONS)):
+            if (given := getattr(self, name)) < least:
+                raise BlindError(
+                    f"--{name} is {given}; `vsr2 blind diagnose` takes campaigns of {least} or more"
+                )
+        chosen = {name: value for name, value in asdict(self).items() if value is not None}
+        for kind in KINDS:
+            if numbers := getattr(self, kind):
+                chosen[kind] = numbers[0] if len(numbers) == 1 else numbers
+            elif self.leave_one_out is not None:
+                chosen[kind] = 0
+        return chosen
+
+
+PACK = Pack()
 
 
 @verbs.command
@@ -85,9 +98,7 @@ def make(
     *,
     key: Path | None = None,
     engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = ("mujoco",),
-    kinds: Annotated[Kinds, Parameter(name="*")] = KINDS,
-    sizes: Annotated[Sizes, Parameter(name="*")] = SIZES,
-    leave_one_out: opt.Integer | None = None,
+    made_of: Pack = PACK,
     effect: tuple[str, ...] = (),
     seed: opt.Integer | None = None,
     quiet: opt.Quiet = False,
@@ -101,41 +112,19 @@ def make(
         pack: folder of the pack
         key: folder of the key, outside PACK/data (default: PACK-key, beside PACK)
         engine: that simulates (may be repeated)
-        kinds: of campaigns
-        sizes: of the pack
-        leave_one_out: so many campaigns of kind unknown for every effect that reaches its floor,
-            beside what is asked for of the kinds
         effect: draw only this effect (may be repeated; default: all)
         seed: of an open pack; the others have theirs from the operating system, so that nobody can
             draw the answer again
     """
     from vsr2.blind import make_pack
     from vsr2.config import load_study
-    from vsr2.diagnosis.observed.observations import LEAST_MOTIONS, LEAST_TRIALS
     from vsr2.errors import BlindError
     from vsr2.report.messages import sealed_pack
 
-    if seed is not None and not sizes.development:
+    if seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
-    for name, value, least in (
-        ("trials", sizes.trials, LEAST_TRIALS),
-        ("motions", sizes.motions, LEAST_MOTIONS),
-    ):
-        if value < least:
-            raise BlindError(
-                f"--{name} is {value}; `vsr2 blind diagnose` takes campaigns of {least} or more"
-            )
-    chosen: dict[str, Any] = asdict(sizes)
-    for name, numbers in asdict(kinds).items():
-        if numbers:
-            chosen[name] = numbers[0] if len(numbers) == 1 else numbers
-        elif leave_one_out is not None:
-            chosen[name] = 0
     settings = PackSettings(
-        engines=tuple(dict.fromkeys(engine)),
-        effects=effect,
-        leave_one_out=leave_one_out or 0,
-        **chosen,
+        engines=tuple(dict.fromkeys(engine)), effects=effect, **made_of.values()
     )
     whole = pack.resolve()
     if not whole.name:

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 from cyclopts.validators import mutually_exclusive
 
-from vsr2.cli.options import Json
+from vsr2.cli.options import Json, print_json
 
 HEAVINESS = Group("How heavy (one of)", validator=mutually_exclusive)
 
@@ -35,10 +35,11 @@ def inertia(
         scale: factor on the mesh's lengths
         repair: close a mesh that is open
     """
-    from json import dumps
-
     from vsr2.scene import format_inertia, inertia_summary
 
     summary = inertia_summary(mesh, scale=scale, density=density, mass=mass, repair=repair)
-    print(dumps(summary, indent=2) if json else format_inertia(summary))
+    if json:
+        print_json(summary)
+    else:
+        print(format_inertia(summary))
     return 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from vsr2.cli import options as opt
 
 
-def calibrate(study: opt.Study, /, *, options: opt.RunOptions = opt.RUN) -> int:
+def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     """Find the values of a study that agree best with a campaign.
 
     Seeks the values with which a study predicts a campaign's outcomes best, and judges them on
@@ -15,10 +15,6 @@ def calibrate(study: opt.Study, /, *, options: opt.RunOptions = opt.RUN) -> int:
     values) and evaluations.jsonl (every parameter set as it is finished: after an interruption
     --resume goes on from there, and it extends a search that is done). docs/how-to/calibrate.md
     explains.
-
-    Args:
-        study: study of the calibration
-        options: of a run
     """
     import sys
 

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.cli import options as opt
 
 if TYPE_CHECKING:
-    from vsr2.campaign import Campaign
     from vsr2.config import Study
 
-verbs = App(
-    name="campaign",
-    help="Import, check, describe and simulate campaigns of trials.\n\n"
-    "A campaign is a folder with campaign.yaml, trials.csv, motions/ and series/; "
-    "docs/reference/campaign.md describes the form.",
-)
+verbs = App(name="campaign")
 
 
 @verbs.command
@@ -69,13 +64,10 @@ def info(
     """What a campaign holds.
 
     Args:
-        folder: folder of a campaign
         baselines: also score the no-physics logistic curve and the campaign's own predictions
         folds: of the logistic curve
         seed: of folds and bootstrap
     """
-    from json import dumps
-
     from vsr2.analysis.baseline import baseline_scores, format_baselines
     from vsr2.campaign import campaign_summary, format_campaign, load_campaign
 
@@ -89,11 +81,11 @@ def info(
                     "name": score.name,
                     "fitted": score.fitted,
                     "trials": score.metrics.trials,
-                    "scores": {name: asdict(found) for name, found in score.intervals.items()},
+                    "scores": score.intervals,
                 }
                 for score in scores
             ]
-        print(dumps(_without_nan(summary), indent=2))
+        opt.print_json(summary)
         return 0
     print(format_campaign(campaign))
     if baselines:
@@ -102,43 +94,14 @@ def info(
     return 0
 
 
-def _without_nan(value: Any) -> Any:
-    """The same data with null for NaN, which JSON does not know."""
-    if isinstance(value, dict):
-        return {key: _without_nan(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_without_nan(inner) for inner in value]
-    return None if isinstance(value, float) and value != value else value
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard errors of what is measured.
-
-    Attributes:
-        noise_displacement: standard error of the measured displacement [m] (default: none)
-        noise_acceleration: the same of the acceleration [m/s^2]
-        noise_peak_tilt: the same of the largest tilt [rad]
-        noise_tilt: the same of the tilt's series [rad]
-        noise_position: the same of the position's series [m]
-        noise_orientation: the same of the orientation's series [rad]
-    """
-
-    noise_displacement: float | None = None
-    noise_acceleration: float | None = None
-    noise_peak_tilt: float | None = None
-    noise_tilt: float | None = None
-    noise_position: float | None = None
-    noise_orientation: float | None = None
-
-
+@Parameter(name="*")
 @dataclass(frozen=True)
 class Simulation:
     """How a campaign is simulated.
 
     Attributes:
         name: of the campaign (default: the study's)
-        series_every: keep a row of the series every so many time steps (default: no series)
+        series_every: keep a row of the series every so many time steps; 0: no series
         session_size: trials a session (default: one session)
         seed: of the noise
         resume: go on where the same command was interrupted or killed; until it ends, what is
@@ -157,8 +120,16 @@ class Simulation:
     quiet: opt.Quiet = False
 
 
-NOISE = Noise()
 SIMULATION = Simulation()
+NOISE = MeasurementNoise()
+Noise = Annotated[
+    MeasurementNoise,
+    Parameter(
+        name="*",
+        name_transform=lambda name: f"noise-{name.replace('_', '-')}",
+        group="Standard errors of what is measured (default: none)",
+    ),
+]
 
 
 @verbs.command
@@ -167,8 +138,8 @@ def simulate(
     dest: Path,
     /,
     *,
-    options: Annotated[Simulation, Parameter(name="*")] = SIMULATION,
-    noise: Annotated[Noise, Parameter(name="*")] = NOISE,
+    options: Simulation = SIMULATION,
+    noise: Noise = NOISE,
 ) -> int:
     """Make a campaign out of a study.
 
@@ -176,10 +147,7 @@ def simulate(
     tilts, the table's motions, and series on request, each with noise on request.
 
     Args:
-        study: study to run
         dest: folder for the campaign
-        options: of the simulation
-        noise: of the measurements
     """
     from vsr2.campaign import format_campaign, save_campaign
     from vsr2.campaign.folder import prepare_destination
@@ -206,9 +174,9 @@ def simulate(
 
 
 def _simulated(
-    study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: Noise
+    study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: MeasurementNoise
 ) -> Campaign:
-    from vsr2.campaign import MeasurementNoise, load_campaign, simulate_campaign
+    from vsr2.campaign import load_campaign, simulate_campaign
     from vsr2.errors import CampaignError
     from vsr2.results import has_journal, prepare_folder
 
@@ -227,9 +195,7 @@ def _simulated(
             study,
             name=options.name,
             sessions=options.session_size,
-            noise=MeasurementNoise(
-                **{name.removeprefix("noise_"): error for name, error in asdict(noise).items()}
-            ),
+            noise=noise,
             seed=options.seed,
             series_every=options.series_every,
             threads=options.threads,

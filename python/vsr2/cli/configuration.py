@@ -7,16 +7,14 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from vsr2.cli.options import Study, print_json
+
 verbs = App(name="config", help="Check, explain and import configuration files.")
 
 
 @verbs.command
-def check(study: Path, /) -> int:
-    """Read a study and print it with all defaults.
-
-    Args:
-        study: study to check
-    """
+def check(study: Study, /) -> int:
+    """Read a study and print it with all defaults."""
     from vsr2.config import dump_study, load_study
     from vsr2.effects import check_study_effects
 
@@ -67,9 +65,7 @@ def reference() -> int:
 @verbs.command
 def schema() -> int:
     """Print the JSON Schema of a study, for editors."""
-    import json
-
     from vsr2.config import study_schema
 
-    print(json.dumps(study_schema(), indent=2))
+    print_json(study_schema())
     return 0

@@ -36,7 +36,6 @@ def diagnose(
     docs/explanation/diagnosis.md says what each number means.
 
     Args:
-        campaign: folder of a campaign
         scene: study of the nominal scene
         out: folder for the results
         tier: information to use (default: all there is)

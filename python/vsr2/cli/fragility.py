@@ -5,7 +5,7 @@ from __future__ import annotations
 from vsr2.cli import options as opt
 
 
-def fragility(study: opt.Study, /, *, options: opt.RunOptions = opt.RUN) -> int:
+def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     """Probability of overturning against ground-motion intensity.
 
     Runs a study's motions, scaled, over azimuths and in perturbed replicates, and fits fragility
@@ -14,10 +14,6 @@ def fragility(study: opt.Study, /, *, options: opt.RunOptions = opt.RUN) -> int:
     The output folder holds report.md, figures/, tables as CSV (curve_NAME.csv, surface.csv and
     lognormal.csv are for hazard codes) and provenance.json. Finished trials are on disk at once:
     after an interruption --resume runs only the others. docs/how-to/fragility.md explains.
-
-    Args:
-        study: study of the fragility
-        options: of a run
     """
     from vsr2.fragility import load_fragility, remove_old_tables, run_fragility, save_fragility
     from vsr2.report.fragility import lognormal_text, write_fragility_report

@@ -6,14 +6,13 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Annotated, Literal, TextIO
+from typing import Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
 from vsr2.cli import (
     bodies,
     calibration,
-    campaign,
     configuration,
     diagnosis,
     effects,
@@ -51,7 +50,13 @@ app.command(
     name="motion",
     help="Ground motions: measures, conversion, synthesis, fusion of a table's channels.",
 )
-app.command(campaign.verbs)
+app.command(
+    "vsr2.cli.campaign:verbs",
+    name="campaign",
+    help="Import, check, describe and simulate campaigns of trials.\n\n"
+    "A campaign is a folder with campaign.yaml, trials.csv, motions/ and series/; "
+    "docs/reference/campaign.md describes the form.",
+)
 app.command(calibration.calibrate)
 app.command(fragility.fragility)
 app.command(effects.verbs)
@@ -124,18 +129,11 @@ def _one_line_warnings() -> Iterator[None]:
     with warnings.catch_warnings():
         usual, shown = warnings.showwarning, set()
 
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def show(message: Warning | str, category: type[Warning], *where: Any, **how: Any) -> None:
             from vsr2.effects import EffectWarning
 
             if not issubclass(category, EffectWarning):
-                usual(message, category, filename, lineno, file, line)
+                usual(message, category, *where, **how)
             elif str(message) not in shown:
                 shown.add(str(message))
                 print(f"vsr2: warning: {message}", file=sys.stderr)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from vsr2.cli.options import Integer, Json
+from vsr2.cli.options import Integer, Json, print_json
 from vsr2.config.study import RecordUnits
 from vsr2.motion import Channel, Record, RecordFormat
 
 verbs = App(name="motion")
+Target = Annotated[Path, Parameter(help="the .csv file, replaced if it exists")]
 
 
+@Parameter(name="*")
 @dataclass(frozen=True)
 class Reading:
     """How a recording is read.
@@ -34,6 +37,7 @@ class Reading:
         return read_record(file, format=self.format, units=self.units)
 
 
+@Parameter(name="*")
 @dataclass(frozen=True)
 class Processing:
     """How a motion is made of a recording.
@@ -78,8 +82,6 @@ def _filter(values: tuple[str, str, str]) -> Any:
         ) from None
 
 
-ReadOptions = Annotated[Reading, Parameter(name="*")]
-ProcessOptions = Annotated[Processing, Parameter(name="*")]
 AS_IS, UNPROCESSED = Reading(), Processing()
 
 
@@ -88,8 +90,8 @@ def info(
     files: Annotated[tuple[Path, ...], Parameter(consume_multiple=1)],
     /,
     *,
-    reading: ReadOptions = AS_IS,
-    processing: ProcessOptions = UNPROCESSED,
+    reading: Reading = AS_IS,
+    processing: Processing = UNPROCESSED,
     json: Json = False,
 ) -> int:
     """Intensity measures of records.
@@ -98,11 +100,7 @@ def info(
 
     Args:
         files: recordings
-        reading: of the files
-        processing: of the records
     """
-    from json import dumps
-
     from vsr2.motion import intensity_measures
     from vsr2.report.messages import table
 
@@ -111,7 +109,7 @@ def info(
     ]
     if json:
         named = [{"file": str(file), **row} for file, row in zip(files, rows, strict=True)]
-        print(dumps(named, indent=2))
+        print_json(named)
         return 0
     cells = [
         (str(file), *(f"{value:.4g}" for value in row.values()))
@@ -124,11 +122,11 @@ def info(
 @verbs.command
 def convert(
     source: Path,
-    target: Path,
+    target: Target,
     /,
     *,
-    reading: ReadOptions = AS_IS,
-    processing: ProcessOptions = UNPROCESSED,
+    reading: Reading = AS_IS,
+    processing: Processing = UNPROCESSED,
     scale: float | None = None,
     scale_to_pga: float | None = None,
     time_step: float | None = None,
@@ -140,9 +138,6 @@ def convert(
 
     Args:
         source: recording
-        target: the .csv file, replaced if it exists
-        reading: of the source
-        processing: of the record
         scale: factor on the motion; negative mirrors it
         scale_to_pga: target PGA [g]
         time_step: resample to this [s] (default: the record's own)
@@ -168,7 +163,7 @@ def convert(
 
 @verbs.command
 def generate(
-    target: Path,
+    target: Target,
     /,
     *,
     pga: float,
@@ -183,7 +178,6 @@ def generate(
     PGV/PGA within 1 %, significant duration within 3 %.
 
     Args:
-        target: the .csv file, replaced if it exists
         pga: [g]
         pgv_pga: PGV/PGA [s], 0.012 to 0.4
         duration: significant duration, 5-95 % [s]
@@ -205,10 +199,10 @@ def generate(
 @verbs.command
 def fuse(
     source: Path,
-    target: Path,
+    target: Target,
     /,
     *,
-    reading: ReadOptions = AS_IS,
+    reading: Reading = AS_IS,
     baseline: Integer | None = None,
     json: Json = False,
 ) -> int:
@@ -219,12 +213,8 @@ def fuse(
 
     Args:
         source: recording with both channels
-        target: the .csv file, replaced if it exists
-        reading: of the source
         baseline: degree of the polynomial to take off first
     """
-    from json import dumps
-
     from vsr2.motion import fuse as fuse_channels
     from vsr2.motion import input_uncertainty, write_record
     from vsr2.report.messages import table
@@ -251,9 +241,8 @@ def fuse(
         "coherence": agreement.coherence,
         "gain": agreement.gain,
     }
-    # JSON has no NaN; a band beyond the sampling tells nothing
     bands = [
-        {name: float(v) if v == v else None for name, v in zip(columns, values, strict=True)}
+        {name: float(value) for name, value in zip(columns, values, strict=True)}
         for values in zip(*columns.values(), strict=True)
     ]
     motion = Record(
@@ -266,11 +255,11 @@ def fuse(
     note = f"displacement and acceleration of {source.name} fused, sha256 {record.sha256}"
     write_record(motion, target, note=note)
     if json:
-        print(dumps({**summary, "bands": bands}, indent=2))
+        print_json({**summary, "bands": bands})
         return 0
     for name, value in summary.items():
         print(f"{name}: {value:.4g}")
     print()
-    cells = [["-" if v is None else f"{v:.3g}" for v in band.values()] for band in bands]
+    cells = [["-" if isnan(v) else f"{v:.3g}" for v in band.values()] for band in bands]
     print(table([list(columns), *cells]))
     return 0

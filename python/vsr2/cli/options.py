@@ -44,8 +44,7 @@ Settings = Annotated[
     tuple[str, ...],
     Parameter(
         name="--set",
-        help="change one key of the study: KEY=VALUE, for example motion.scale=0.5 (may be "
-        "repeated)",
+        help="change one key of the study: KEY=VALUE, for example seed=7 (may be repeated)",
     ),
 ]
 Threads = Annotated[
@@ -64,6 +63,7 @@ Json = Annotated[bool, Parameter(help="print JSON")]
 Quiet = Annotated[bool, Parameter(help="no progress bar, no summary")]
 
 
+@Parameter(name="*")
 @dataclass(frozen=True)
 class StudyRun:
     """What every run of a study into a folder can be told.
@@ -87,7 +87,6 @@ class StudyRun:
         return self.out or Path("out") / name
 
 
-RunOptions = Annotated[StudyRun, Parameter(name="*")]
 RUN = StudyRun()
 
 
@@ -118,6 +117,13 @@ def interrupted(result: BatchResult, folder: Path) -> int:
 
     print(f"vsr2: {interrupted_batch(result, folder)}", file=sys.stderr)
     return 130
+
+
+def print_json(value: object) -> None:
+    """Print plain data or dataclasses as JSON; null for NaN, which JSON does not know."""
+    from pydantic_core import to_json
+
+    print(to_json(value, indent=2, inf_nan_mode="null").decode())
 
 
 def print_written(paths: Sequence[Path]) -> None:

@@ -25,7 +25,7 @@ def run(
     study: opt.Study,
     /,
     *,
-    options: opt.RunOptions = opt.RUN,
+    options: opt.StudyRun = opt.RUN,
     scheduler: Annotated[opt.Scheduler, Parameter(group=WHERE)] = None,
     shard: Annotated[str | None, Parameter(group=WHERE)] = None,
     merge: Annotated[bool, Parameter(group=WHERE)] = False,
@@ -40,8 +40,6 @@ def run(
     study, docs/how-to/cluster.md tells how to use more than one machine.
 
     Args:
-        study: study to run
-        options: of a run
         shard: I/N: run only the I-th of N parts, 1 to N, into OUT/shards; for job arrays
         merge: make one result of all shards in OUT; runs nothing
     """
