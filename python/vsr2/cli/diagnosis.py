@@ -3,13 +3,59 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from cyclopts import Parameter
 
 from vsr2.cli import options as opt
 
 if TYPE_CHECKING:
     from vsr2.diagnosis import Nuisances
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Question:
+    """What may be the cause, and what it is judged by.
+
+    Attributes:
+        tier: information to use (default: all there is)
+        exclude: leave this effect out (may be repeated)
+        prior: other ends of a prior, EFFECT.PARAMETER=LOW:HIGH, for example
+            time_scale.change=-0.3:0.1 (may be repeated)
+        nuisance: standard deviation of what is uncertain of the set-up, NAME=SD, for example
+            friction=0.05 (may be repeated; names and defaults: docs/explanation/diagnosis.md)
+        seed: of everything random
+    """
+
+    tier: opt.Tier | None = None
+    exclude: tuple[str, ...] = ()
+    prior: tuple[str, ...] = ()
+    nuisance: tuple[str, ...] = ()
+    seed: opt.Integer = 0
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Effort:
+    """How much is simulated, and where.
+
+    Attributes:
+        budget_minutes: wall time
+        simulations: so many instead of a time; more where the trials need more
+        client: address of a Dask scheduler that runs trials
+    """
+
+    budget_minutes: float = 10.0
+    simulations: opt.Integer | None = None
+    threads: opt.Threads = None
+    client: str | None = None
+    quiet: opt.Quiet = False
+
+
+QUESTION, EFFORT = Question(), Effort()
 
 
 def diagnose(
@@ -18,16 +64,8 @@ def diagnose(
     *,
     scene: Path,
     out: Path,
-    tier: opt.Tier | None = None,
-    budget_minutes: float = 10.0,
-    simulations: opt.Integer | None = None,
-    threads: opt.Threads = None,
-    client: str | None = None,
-    exclude: tuple[str, ...] = (),
-    prior: tuple[str, ...] = (),
-    nuisance: tuple[str, ...] = (),
-    seed: opt.Integer = 0,
-    quiet: opt.Quiet = False,
+    question: Question = QUESTION,
+    effort: Effort = EFFORT,
 ) -> int:
     """Find the cause of a campaign's sim-to-real gap.
 
@@ -38,38 +76,28 @@ def diagnose(
     Args:
         scene: study of the nominal scene
         out: folder for the results
-        tier: information to use (default: all there is)
-        budget_minutes: wall time
-        simulations: so many instead of a time; more where the trials need more
-        client: address of a Dask scheduler that runs trials
-        exclude: leave this effect out (may be repeated)
-        prior: other ends of a prior, EFFECT.PARAMETER=LOW:HIGH, for example
-            time_scale.change=-0.3:0.1 (may be repeated)
-        nuisance: standard deviation of what is uncertain of the set-up, NAME=SD, for example
-            friction=0.05 (may be repeated; names and defaults: docs/explanation/diagnosis.md)
-        seed: of everything random
     """
     from vsr2.diagnosis import diagnose as find
     from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
 
-    with opt.cluster(client) as connection:
+    with opt.cluster(effort.client) as client:
         found = find(
             campaign,
             scene,
-            tier=tier,
+            tier=question.tier,
             out=out,
-            budget_minutes=budget_minutes,
-            simulations=simulations,
-            threads=threads,
-            client=connection,
-            exclude=exclude,
-            priors=dict(_prior(text) for text in prior),
-            nuisances=_nuisances(nuisance),
-            seed=seed,
-            progress=not quiet,
+            budget_minutes=effort.budget_minutes,
+            simulations=effort.simulations,
+            threads=effort.threads,
+            client=client,
+            exclude=question.exclude,
+            priors=dict(_prior(text) for text in question.prior),
+            nuisances=_nuisances(question.nuisance),
+            seed=question.seed,
+            progress=not effort.quiet,
         )
     page = write_diagnosis_page(found, out)
-    if not quiet:
+    if not effort.quiet:
         print(format_diagnosis(found))
         print(f"wrote {page}")
     return 0
