@@ -219,6 +219,7 @@ def test_verbosity_chooses_what_is_logged(
     assert ("vsr2.simulation.batch: 2 trials, engine fast; 0 are in the journal" in err) is (
         "info" in levels
     )
+    assert (" s: 2 ok\n" in err) is ("info" in levels)
     assert ("vsr2.config.load: " in err) is ("debug" in levels)
     assert bool(err) is bool(levels)
     logger = logging.getLogger("vsr2")

@@ -40,7 +40,7 @@ from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -243,7 +243,7 @@ def calibrate(
         search = _search(study, evaluate, seed)
         steps = search(lambda one: objective_of(observed, one.predicted), 0)
         searched = best_step(steps)
-        _log.info("%d sets searched, best objective %.4g", len(steps), searched.score)
+        _logger.info("%d sets searched, best objective %.4g", len(steps), searched.score)
         folds = cross_validate(search, observed, fold) if settings.folds else []
         if isinstance(method, Joint):
             for values in profile_values(
@@ -277,7 +277,7 @@ def calibrate(
             for one in folds
         ]
         simulated = evaluator.simulated
-        _log.info("%d sets in all, %d of them simulated now", len(everything), simulated)
+        _logger.info("%d sets in all, %d of them simulated now", len(everything), simulated)
     resamples = motion_resamples(campaign.motion_ids, settings.replicates, seed)
     out_of_fold = np.full(len(campaign), np.nan)
     for one in folds:

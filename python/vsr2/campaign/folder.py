@@ -81,7 +81,7 @@ _SERIES_ARRAYS = (
 _DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}\Z")
 _SHOWN = 20
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
@@ -100,7 +100,7 @@ def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
             raise CampaignError(f"{os.fspath(folder)}: {lines[0]}")
         heading = f"{os.fspath(folder)}: {len(problems)} problems"
         raise CampaignError("\n  ".join([heading, *lines]))
-    _log.debug("%s: campaign of %d trials read", os.fspath(folder), len(campaign))
+    _logger.debug("%s: campaign of %d trials read", os.fspath(folder), len(campaign))
     return campaign
 
 

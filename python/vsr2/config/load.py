@@ -18,7 +18,7 @@ from vsr2.errors import ConfigError
 
 S = TypeVar("S", bound=Section)
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 def load_study(
@@ -42,7 +42,7 @@ def load_study(
     document = read_yaml(path)
     for override in overrides:
         apply_override(document.data, override)
-    _log.debug("%s: read; %d settings replaced", label, len(overrides))
+    _logger.debug("%s: read; %d settings replaced", label, len(overrides))
     place = places(label, document.lines)
     base = Path.cwd().joinpath(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)

@@ -51,7 +51,7 @@ from vsr2.diagnosis.where.places import OUTCOME, Conditions, Place, residuals, s
 from vsr2.diagnosis.which.amortised import Places
 from vsr2.diagnosis.which.routes import Inference, Prepared, infer, prepare
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 FEWEST_LOOK = 3
 """Draws below which nothing is told of the leading effects."""
@@ -126,7 +126,7 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("screening", n / m, {}),
         )
-        _log.info("screening keeps %d of %d trials", screening.kept.size, len(seen))
+        _logger.info("screening keeps %d of %d trials", screening.kept.size, len(seen))
         schedule.fit(screening.kept.size)
         library = reaching(
             store,
@@ -135,7 +135,7 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("trying effects", n / m, {}),
         )
-        _log.info("%d effects can be the cause: %s", len(library), ", ".join(library))
+        _logger.info("%d effects can be the cause: %s", len(library), ", ".join(library))
         layers = noise_floor(store, seen, screening, most=schedule.floor_trials, seed=seed)
         rounds = _rounds(
             store,
@@ -149,7 +149,7 @@ def diagnose_with(
             watched=report is not None,
         )
         last = rounds[-1]
-        _log.info("leading after the last round: %s", ", ".join(_leading(last)))
+        _logger.info("leading after the last round: %s", ", ".join(_leading(last)))
         tell("judging", 0.0, _leading(last))
         evidence = conclude(
             store,

@@ -9,6 +9,7 @@ import os
 import signal
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -49,7 +50,7 @@ _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
 _RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "steps")
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 def run_batch(
@@ -134,8 +135,8 @@ def run_batch(
             bar.update()
 
         waiting = [trials[i] for i in pending]
-        if _log.isEnabledFor(logging.INFO):
-            _log.info(
+        if _logger.isEnabledFor(logging.INFO):
+            _logger.info(
                 "%d trials, engine %s; %d are in the journal",
                 len(trials),
                 " and ".join(sorted({trial.scene.engine_name for trial in trials})),
@@ -146,7 +147,10 @@ def run_batch(
             place: dict[str, Any] = {"threads": threads}
         else:
             place = run_on_cluster(waiting, client, take=take, stopped=lambda: interrupt.raised)
-    _log.info("batch ended after %.3g s", time.time() - started)
+    if _logger.isEnabledFor(logging.INFO):
+        ends = Counter(collection.columns["status"])
+        counts = ", ".join(f"{count} {status}" for status, count in ends.items())
+        _logger.info("batch ended after %.3g s: %s", time.time() - started, counts)
     provenance = base_provenance(_native.build_facts()) | {
         "study": None if study is None else study.model_dump(mode="json"),
         **place,

@@ -31,7 +31,7 @@ from vsr2.simulation.trial import Trial
 if TYPE_CHECKING:
     import distributed
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 MAX_CHUNK_TRIALS = 64
 """Most trials of a chunk."""
@@ -73,7 +73,7 @@ def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:
             f"scheduler {address}: cannot be reached ({reason}); give the address that `dask "
             "scheduler` printed, such as tcp://10.0.0.1:8786"
         ) from error
-    _log.info("connected to scheduler %s", address)
+    _logger.info("connected to scheduler %s", address)
     return client
 
 

@@ -231,7 +231,7 @@ def make_scene(
     return Scene(rock, pedestal, engine, contact, native, mechanisms)
 
 
-_log = logging.getLogger(__name__)
+_logger = logging.getLogger(__name__)
 
 
 def build_scene(study: Study) -> Scene:
@@ -243,6 +243,5 @@ def build_scene(study: Study) -> Scene:
     """
     pedestal = build_pedestal(study.pedestal)
     rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
-    scene = make_scene(rock, pedestal, study.engine, study.contact)
-    _log.debug("scene built: %s on %s, engine %s", rock.source, pedestal.source, scene.engine_name)
-    return scene
+    _logger.debug("bodies of a scene built: %s on %s", rock.source, pedestal.source)
+    return make_scene(rock, pedestal, study.engine, study.contact)
