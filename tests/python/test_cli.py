@@ -76,7 +76,7 @@ def test_help_is_printed_and_explains_every_option(
 
 def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
-    assert "130: interrupted" in capsys.readouterr().out
+    assert "code 130: interrupted" in capsys.readouterr().out
     assert main(["campaign"]) == 2
     assert "simulate" in capsys.readouterr().out
     assert main(["--help"]) == 0
@@ -141,6 +141,17 @@ def test_interruption_has_its_code(
     monkeypatch.setattr("vsr2.config.reference_markdown", interrupted)
     assert main(["config", "reference"]) == 130
     assert capsys.readouterr().err == "vsr2: interrupted\n"
+
+
+@pytest.mark.parametrize("verb", ["", "run", "campaign simulate", "motion info"])
+def test_help_is_printed_where_output_is_ascii(verb: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "vsr2.cli.main", *verb.split(), "--help"],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "--verbose" in done.stdout.decode("ascii")
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:

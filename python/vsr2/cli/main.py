@@ -27,12 +27,13 @@ Shell = Literal["bash", "zsh", "fish"]
 HELP = """\
 Virtual shake robot: precariously balanced rocks on a shaking pedestal.
 
-Exit codes:
+Exit code 0: done.
 
-- 0: done
-- 1: done, but some trials have no trustworthy outcome (see their status)
-- 2: the input cannot be used; nothing was run
-- 130: interrupted; finished trials are kept
+Exit code 1: done, but some trials have no trustworthy outcome (see their status).
+
+Exit code 2: the input cannot be used; nothing was run.
+
+Exit code 130: interrupted; finished trials are kept.
 """
 
 app = App(
