@@ -3,14 +3,18 @@
 `run_batch` runs a study; `Simulation` is one world to step; the command line is `vsr2`.
 """
 
-from vsr2.config import Study, load_study
-from vsr2.diagnosis import Diagnosis, diagnose
-from vsr2.effects import apply_effects
-from vsr2.motion import Motion
-from vsr2.results import BatchResult, TrialLog, load_result, save_result
-from vsr2.scene import Scene, build_scene
-from vsr2.simulation import Simulation, run_batch
-from vsr2.trial import Trial
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from vsr2.config import Study, load_study
+    from vsr2.diagnosis import Diagnosis
+    from vsr2.diagnosis.api import diagnose
+    from vsr2.effects import apply_effects
+    from vsr2.motion import Motion
+    from vsr2.results import BatchResult, TrialLog, load_result, save_result
+    from vsr2.scene import Scene, build_scene
+    from vsr2.simulation import Simulation, run_batch
+    from vsr2.trial import Trial
 
 __all__ = [
     "BatchResult",
@@ -29,3 +33,21 @@ __all__ = [
     "run_batch",
     "save_result",
 ]
+
+_ROOMS = ("config", "motion", "scene", "trial", "effects", "results", "simulation", "diagnosis")
+
+
+def __getattr__(name: str) -> Any:
+    # A room is imported with the first name asked of it: `vsr2 --version` needs none.
+    from importlib import import_module
+
+    if name in __all__:
+        for room in _ROOMS:
+            module = import_module(f"vsr2.{room}")
+            if hasattr(module, name):
+                return getattr(module, name)
+    raise AttributeError(f"module 'vsr2' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -119,6 +119,16 @@ def test_importing_the_package_stays_light() -> None:
     assert out.stdout.strip() == ""
 
 
+def test_names_of_the_package_are_found_when_they_are_asked_for() -> None:
+    import vsr2
+
+    assert set(vsr2.__all__) <= set(dir(vsr2))
+    for name in vsr2.__all__:
+        assert getattr(vsr2, name).__module__.startswith("vsr2.")
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = vsr2.nothing
+
+
 def test_no_drawers() -> None:
     names = {p.stem for p in PACKAGE.rglob("*")} | {p.stem for p in (ROOT / "cpp").rglob("*")}
     assert not names & {"utils", "util", "helpers", "misc", "common"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import os
@@ -11,11 +10,13 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import command_line
 from calibration_samples import KNOWN_YAW, STUDY, planted_study, write_planted
 from vsr2.calibration import (
     CalibrationInterrupted,
@@ -31,7 +32,6 @@ from vsr2.calibration import (
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.scores import metrics_of
 from vsr2.campaign import Campaign, load_campaign, simulate_campaign
-from vsr2.cli.calibration import add_verbs
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError
 
@@ -44,11 +44,7 @@ def planted(tmp_path_factory):
     return folder
 
 
-def run(*arguments):
-    parser = argparse.ArgumentParser()
-    add_verbs(parser.add_subparsers(dest="verb"))
-    options = parser.parse_args(["calibrate", *map(str, arguments)])
-    return options.run(options)
+run = partial(command_line.run, "calibrate")
 
 
 def rows(path: Path) -> list[dict[str, str]]:

@@ -30,7 +30,7 @@ from vsr2.calibration.search import (
 from vsr2.campaign import motion_resamples
 from vsr2.campaign.folds import grouped_folds
 from vsr2.config.extended import Plain
-from vsr2.report.run_messages import compatible_values
+from vsr2.report.messages.runs import compatible_values
 
 START = {"p": 0.1, "q": 1.0}
 

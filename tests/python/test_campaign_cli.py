@@ -1,19 +1,19 @@
 """`vsr2 campaign`: its verbs, exit codes and what they print."""
 
-import argparse
 import json
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
+import command_line
 from campaign_samples import assert_equal, campaign, grid
 from vsr2.campaign import load_campaign, save_campaign
-from vsr2.cli.campaign import add_verbs
 from vsr2.errors import CampaignError
 
 STUDY = """
@@ -26,11 +26,7 @@ motion:
 """
 
 
-def run(*arguments):
-    parser = argparse.ArgumentParser()
-    add_verbs(parser.add_subparsers(dest="verb"))
-    options = parser.parse_args(["campaign", *map(str, arguments)])
-    return options.run(options)
+run = partial(command_line.run, "campaign")
 
 
 def test_check_names_problems_and_tells_by_its_exit_code(tmp_path, capsys):

@@ -49,8 +49,8 @@ from vsr2.report.diagnosis import (
     format_diagnosis,
     write_diagnosis_page,
 )
-from vsr2.report.messages import next_measurement as next_sentence
-from vsr2.report.messages import sentence, verdict_sentence, with_sentences
+from vsr2.report.messages.verdicts import next_measurement as next_sentence
+from vsr2.report.messages.verdicts import sentence, verdict_sentence, with_sentences
 from vsr2.simulation import run_batch
 
 NAMES = ("table_gain", "slenderness", "restitution", "com_offset", "wear", "catch")

@@ -74,10 +74,11 @@ def stated(folder: Path) -> dict:
 def test_the_command_line_writes_verdict_page_and_progress(
     folder, stated, tmp_path, capsys
 ) -> None:
-    assert main([*command(folder, tmp_path / "two"), "--threads", "2"]) == 0
+    assert main([*command(folder, tmp_path / "two"), "--threads", "2", "-v"]) == 0
     shown = capsys.readouterr()
     assert "Of the effects in the library, catch explains the gap" in shown.out
     assert "screening" in shown.err
+    assert "effects can be the cause: " in shown.err
     # Before the end, too: after a quarter and a half of the only round's draws.
     first = next(line for line in shown.err.replace("\r", "\n").splitlines() if "leading" in line)
     assert "simulating" in first

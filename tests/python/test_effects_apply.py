@@ -461,8 +461,8 @@ def test_a_module_is_told_from_an_effect(
 ) -> None:
     (tmp_path / "bare_pads.py").write_text((ROOT / "docs/examples/soft_pad.py").read_text())
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert [one.name for one in _wanted(["bare_pads"])] == ["soft_pad"]
-    assert [one.name for one in _wanted(["catch"])] == ["catch"]
+    assert [one.name for one in _wanted(("bare_pads",))] == ["soft_pad"]
+    assert [one.name for one in _wanted(("catch",))] == ["catch"]
     assert main(["effects", "check", "bare_pad"]) == 2
     assert "no effect 'bare_pad'" in capsys.readouterr().err
 

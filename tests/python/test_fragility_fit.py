@@ -12,7 +12,7 @@ from scipy.special import ndtr
 
 from vsr2.errors import ResultError
 from vsr2.fragility import FitNote, fit_fragility
-from vsr2.report.run_messages import fit_note
+from vsr2.report.messages.runs import fit_note
 
 
 def lognormal_trials(motions, per, *, between, within, seed, median=0.4):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 
-from vsr2.cli.fragility import add_verbs
+import command_line
 from vsr2.errors import ConfigError
 from vsr2.fragility import fragility_trials, load_fragility
 from vsr2.results import JOURNAL_FILE
@@ -49,11 +49,7 @@ def study(tmp_path):
     return load
 
 
-def run(*arguments):
-    parser = argparse.ArgumentParser()
-    add_verbs(parser.add_subparsers(dest="verb"))
-    options = parser.parse_args(["fragility", *map(str, arguments)])
-    return options.run(options)
+run = partial(command_line.run, "fragility")
 
 
 def test_perturbations_are_drawn_by_seed_and_place(study):

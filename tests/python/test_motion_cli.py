@@ -1,12 +1,12 @@
 """`vsr2 motion`: what it prints and writes."""
 
-import argparse
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 
-from vsr2.cli.motion import add_verbs
+import command_line
 from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import (
     STANDARD_GRAVITY,
@@ -20,11 +20,7 @@ from vsr2.motion import (
 H = 1 / 800
 
 
-def run(*arguments):
-    parser = argparse.ArgumentParser()
-    add_verbs(parser.add_subparsers())
-    options = parser.parse_args(["motion", *map(str, arguments)])
-    return options.run(options)
+run = partial(command_line.run, "motion")
 
 
 @pytest.fixture

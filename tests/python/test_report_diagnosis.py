@@ -23,7 +23,7 @@ from vsr2.report.diagnosis_figures import (
     posterior_figure,
     reliability_figure,
 )
-from vsr2.report.messages import verdict_sentence
+from vsr2.report.messages.verdicts import verdict_sentence
 from vsr2.report.panels import svg
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from vsr2.diagnosis.verdict.next_measurement import Instrument
 from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Statement
-from vsr2.report.messages import instrument, location, next_measurement, sentence
+from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
 
 SAMPLES = {float: 0.25, int: 3, str: "wear", bool: True, NAMES: ("catch", "wear")}
 

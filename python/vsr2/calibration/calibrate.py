@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -38,6 +39,8 @@ from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resample
 from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
+
+_logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -231,6 +234,13 @@ def calibrate(
     with EvaluationStore(folder, digest, count) as store:
         evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
         found = _evaluated(study, evaluator, observed, fold, on_evaluation)
+        _logger.info(
+            "%d sets searched, best objective %.4g; %d sets in all, %d of them simulated now",
+            len(found.steps),
+            found.searched.score,
+            len(found.evaluate.seen),
+            evaluator.simulated,
+        )
     resamples = motion_resamples(campaign.motion_ids, settings.replicates, seed)
     out_of_fold = np.full(count, np.nan)
     for one in found.folds:

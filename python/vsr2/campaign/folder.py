@@ -12,6 +12,7 @@ column and remedy.
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -27,6 +28,8 @@ from vsr2.errors import CampaignError, GeometryError
 from vsr2.motion import Record
 from vsr2.scene.mesh import load_mesh
 
+_logger = logging.getLogger(__name__)
+
 
 def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
     """Read a campaign.
@@ -39,6 +42,7 @@ def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
     campaign = _read(Path(folder), problems)
     if campaign is None:
         raise CampaignError(problems.listed(os.fspath(folder)))
+    _logger.debug("%s: campaign of %d trials read", os.fspath(folder), len(campaign))
     return campaign
 
 

@@ -2,285 +2,227 @@
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import fields
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from cyclopts import App, Group, Parameter
+from cyclopts.validators import mutually_exclusive
+
+from vsr2.blind import PackSettings
+from vsr2.blind.form.pack_settings import ENGINES, KINDS
+from vsr2.blind.pack_diagnoses import DRAWS
+from vsr2.cli import options as opt
+
+verbs = App(name="blind")
+BUDGET = Group("Budget (one of)", validator=mutually_exclusive)
 
 
-def add_verbs(verbs: Any) -> None:
-    """Add `blind` with its own verbs."""
-    blind = verbs.add_parser(
-        "blind",
-        help="check the diagnosis on campaigns whose effect is withheld",
-        description="A custodian makes a pack and seals the answer; the diagnosis gets the data "
-        "alone; scoring opens the key. docs/reference/blind.md describes the forms and the duties.",
-    )
-    own = blind.add_subparsers(dest="blind_verb", metavar="VERB", required=True)
-    _add_make(own)
-    _add_diagnose(own)
-    _add_score(own)
+def _count(default: object) -> Parameter:
+    shown = f"{default}, 0 with --leave-one-out"
+    return Parameter(converter=opt.whole, consume_multiple=1, show_default=shown)
 
 
-def _add_make(verbs: Any) -> None:
-    from vsr2.blind.form.pack_settings import ENGINES, PackSettings
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Pack:
+    """What a pack is made of.
 
-    defaults = {f.name: f.default for f in fields(PackSettings)}
-    make = verbs.add_parser(
-        "make",
-        help="draw, simulate and seal a pack",
-        description="Writes PACK/data and the key folder. Stopped, the same command continues.",
-    )
-    make.add_argument("scene", metavar="SCENE.yaml", type=Path, help="study with the nominal scene")
-    make.add_argument("pack", metavar="PACK", type=Path, help="folder of the pack")
-    make.add_argument(
-        "--key",
-        type=Path,
-        metavar="DIR",
-        help="folder of the key, outside PACK/data (default: PACK-key, beside PACK)",
-    )
-    make.add_argument(
-        "--engine",
-        action="append",
-        choices=ENGINES,
-        help="may be repeated (default mujoco)",
-    )
-    for name, what in (
-        ("single", "campaigns with one effect"),
-        ("none", "campaigns without any"),
-        ("pair", "campaigns with two effects"),
-        ("unknown", "campaigns whose effect the diagnosis may not use"),
-    ):
-        make.add_argument(
-            f"--{name}",
-            type=int,
-            nargs="+",
-            metavar="N",
-            help=f"{what}; for each engine, or one number for all (default {defaults[name]}, "
-            "0 with --leave-one-out)",
-        )
-    for name, what in (
-        ("trials", "trials a campaign"),
-        ("motions", "ground motions a campaign"),
-        ("sessions", "sessions a campaign"),
-        ("catalogue", "ground motions of the pack"),
-        ("protocols", "of the pack: campaigns of one share amplitudes, order and motions"),
-        ("hidden", "effect classes that may be left out of the library"),
-        ("replicates", "draws of nuisances with and without an effect that measure its signal"),
-        ("signal_trials", "trials on which signals are measured"),
-    ):
-        make.add_argument(
-            f"--{name.replace('_', '-')}",
-            type=int,
-            default=defaults[name],
-            metavar="N",
-            help=f"{what} (default {defaults[name]})",
-        )
-    make.add_argument(
-        "--leave-one-out",
-        type=int,
-        metavar="N",
-        help="N campaigns of kind unknown for every effect that reaches its detection limit, "
-        "beside what is asked for of the kinds above",
-    )
-    make.add_argument(
-        "--series-interval",
-        type=float,
-        default=defaults["series_interval"],
-        metavar="S",
-        help=f"of the series [s]; 0: none, tiers B and M alone "
-        f"(default {defaults['series_interval']})",
-    )
-    make.add_argument(
-        "--effect",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="draw only this effect (may be repeated; default: all)",
-    )
-    make.add_argument(
-        "--development", action="store_true", help="an open pack: scored as often as you like"
-    )
-    make.add_argument(
-        "--seed",
-        type=int,
-        help="of an open pack; the others have theirs from the operating system, so that nobody "
-        "can draw the answer again",
-    )
-    make.add_argument("--quiet", action="store_true")
-    make.set_defaults(run=_make)
+    Attributes:
+        single: campaigns with one effect; for each engine, or one number for all
+        none: campaigns without any; likewise
+        pair: campaigns with two effects; likewise
+        unknown: campaigns whose effect the diagnosis may not use; likewise
+        leave_one_out: so many campaigns of kind unknown for every effect that reaches its
+            detection limit, beside what is asked for of the kinds
+        trials: trials a campaign
+        motions: ground motions a campaign
+        sessions: sessions a campaign
+        catalogue: ground motions of the pack
+        protocols: of the pack: campaigns of one share amplitudes, order and motions
+        hidden: effect classes that may be left out of the library
+        replicates: draws of nuisances with and without an effect that measure its signal
+        signal_trials: trials on which signals are measured
+        series_interval: of the series [s]; 0: none, tiers B and M alone
+        development: an open pack: scored as often as you like
+    """
+
+    single: Annotated[tuple[int, ...] | None, _count(PackSettings.single)] = None
+    none: Annotated[tuple[int, ...] | None, _count(PackSettings.none)] = None
+    pair: Annotated[tuple[int, ...] | None, _count(PackSettings.pair)] = None
+    unknown: Annotated[tuple[int, ...] | None, _count(PackSettings.unknown)] = None
+    leave_one_out: opt.Integer | None = None
+    trials: opt.Integer = PackSettings.trials
+    motions: opt.Integer = PackSettings.motions
+    sessions: opt.Integer = PackSettings.sessions
+    catalogue: opt.Integer = PackSettings.catalogue
+    protocols: opt.Integer = PackSettings.protocols
+    hidden: opt.Integer = PackSettings.hidden
+    replicates: opt.Integer = PackSettings.replicates
+    signal_trials: opt.Integer = PackSettings.signal_trials
+    series_interval: float = PackSettings.series_interval
+    development: bool = False
+
+    def values(self) -> dict[str, Any]:
+        """As :class:`PackSettings` takes them.
+
+        Raises:
+            BlindError: `vsr2 blind diagnose` would refuse campaigns of this size.
+        """
+        from vsr2.diagnosis.observed.observations import OBSERVED
+        from vsr2.errors import BlindError
+
+        least_of = {"trials": OBSERVED.least_trials, "motions": OBSERVED.least_motions}
+        for name, least in least_of.items():
+            if (given := getattr(self, name)) < least:
+                raise BlindError(
+                    f"--{name} is {given}; `vsr2 blind diagnose` takes campaigns of {least} or more"
+                )
+        chosen = {name: value for name, value in asdict(self).items() if value is not None}
+        for kind in KINDS:
+            if numbers := getattr(self, kind):
+                chosen[kind] = numbers[0] if len(numbers) == 1 else numbers
+            elif self.leave_one_out is not None:
+                chosen[kind] = 0
+        return chosen
 
 
-def _add_diagnose(verbs: Any) -> None:
-    from vsr2.blind.pack_diagnoses import DRAWS
-
-    diagnose = verbs.add_parser(
-        "diagnose",
-        help="run the diagnosis over a pack's data folder",
-        description="Reads the data folder alone. Stopped, the same command continues.",
-    )
-    diagnose.add_argument("data", metavar="DATA", type=Path, help="a pack's data folder")
-    diagnose.add_argument(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder of the diagnoses and of the cache of simulations",
-    )
-    diagnose.add_argument(
-        "--tier", action="append", choices=["B", "M", "T"], help="may be repeated (default: all)"
-    )
-    diagnose.add_argument(
-        "--campaign", action="append", metavar="ID", help="may be repeated (default: all)"
-    )
-    budget = diagnose.add_mutually_exclusive_group()
-    budget.add_argument(
-        "--draws",
-        type=int,
-        default=DRAWS,
-        metavar="N",
-        help="simulated campaigns of every effect; campaigns of one protocol use the same ones "
-        f"(default {DRAWS})",
-    )
-    budget.add_argument(
-        "--budget-minutes",
-        type=float,
-        metavar="MIN",
-        help="of each diagnosis instead, for packs whose campaigns have motions of their own",
-    )
-    diagnose.add_argument("--threads", type=int, help="default: all this process may use")
-    diagnose.add_argument("--seed", type=int, default=0, help="of each diagnosis (default 0)")
-    diagnose.add_argument("--quiet", action="store_true")
-    diagnose.set_defaults(run=_diagnose)
+PACK = Pack()
 
 
-def _add_score(verbs: Any) -> None:
-    score = verbs.add_parser(
-        "score",
-        help="open the key and score the diagnoses, once",
-        description="Verifies the hashes of key and data, writes scores.json, scores.md and "
-        "reliability.png, and leaves a receipt in the key folder: from then on no other diagnoses "
-        "of the pack are scored.",
-    )
-    score.add_argument("data", metavar="DATA", type=Path, help="a pack's data folder")
-    score.add_argument("key", metavar="KEY", type=Path, help="its key folder")
-    score.add_argument(
-        "diagnoses", metavar="DIAGNOSES", type=Path, help="what `vsr2 blind diagnose` wrote"
-    )
-    score.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder that gets the scores"
-    )
-    score.add_argument(
-        "--tier",
-        action="append",
-        choices=["B", "M", "T"],
-        help="score this tier alone (may be repeated; default: all of the pack, which must have "
-        "been diagnosed)",
-    )
-    score.add_argument(
-        "--train",
-        nargs=2,
-        type=Path,
-        metavar=("DATA", "KEY"),
-        help="a development pack that trains the trivial baselines",
-    )
-    score.set_defaults(run=_score)
+@verbs.command
+def make(
+    scene: Path,
+    pack: Path,
+    /,
+    *,
+    key: Path | None = None,
+    engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = ("mujoco",),
+    made_of: Pack = PACK,
+    effect: tuple[str, ...] = (),
+    seed: opt.Integer | None = None,
+    quiet: opt.Quiet = False,
+) -> int:
+    """Draw, simulate and seal a pack.
 
+    Writes PACK/data and the key folder. Stopped, the same command continues.
 
-def _make(options: argparse.Namespace) -> int:
-    from vsr2.blind import PackSettings, make_pack
-    from vsr2.blind.form.pack_settings import KINDS
+    Args:
+        scene: study with the nominal scene
+        pack: folder of the pack
+        key: folder of the key, outside PACK/data (default: PACK-key, beside PACK)
+        engine: that simulates (may be repeated)
+        effect: draw only this effect (may be repeated; default: all)
+        seed: of an open pack; the others have theirs from the operating system, so that nobody can
+            draw the answer again
+    """
+    from vsr2.blind import make_pack
     from vsr2.config import load_study
-    from vsr2.diagnosis.observed.observations import OBSERVED
     from vsr2.errors import BlindError
+    from vsr2.report.messages.commands import sealed_pack
 
-    if options.seed is not None and not options.development:
+    if seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
-    names = ["trials", "motions", "sessions", "catalogue", "protocols", "hidden"]
-    names += ["replicates", "signal_trials", "series_interval", "development"]
-    chosen = {name: getattr(options, name) for name in names}
-    for name, value, least in (
-        ("trials", options.trials, OBSERVED.least_trials),
-        ("motions", options.motions, OBSERVED.least_motions),
-    ):
-        if value < least:
-            raise BlindError(
-                f"--{name} is {value}; `vsr2 blind diagnose` takes campaigns of {least} or more"
-            )
-    for name in KINDS:
-        given = getattr(options, name)
-        if given is not None:
-            chosen[name] = given[0] if len(given) == 1 else tuple(given)
-        elif options.leave_one_out is not None:
-            chosen[name] = 0
-    if options.leave_one_out is not None:
-        chosen["leave_one_out"] = options.leave_one_out
     settings = PackSettings(
-        engines=tuple(dict.fromkeys(options.engine or ["mujoco"])),
-        effects=tuple(options.effect),
-        **chosen,
+        engines=tuple(dict.fromkeys(engine)), effects=effect, **made_of.values()
     )
-    full = options.pack.resolve()
-    if not full.name:
-        raise BlindError(f"{options.pack}: has no name that the key's folder could have; add --key")
+    folder = pack.resolve()
+    if not folder.name:
+        raise BlindError(f"{pack}: has no name that the key's folder could have; add --key")
     made = make_pack(
-        load_study(options.scene),
-        options.pack,
-        options.key or full.with_name(f"{full.name}-key"),
+        load_study(scene),
+        pack,
+        key or folder.with_name(f"{folder.name}-key"),
         settings,
-        seed=options.seed,
-        say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
+        seed=seed,
+        say=_progress(quiet),
     )
-    print(f"{options.pack / 'data'}: {made.campaigns} campaigns, sealed as {made.commitment}")
-    for engine, effects in made.not_drawn.items():
-        if effects:
-            print(
-                f"{engine}: no magnitudes from 0.5 to 6 detection limits, not drawn: "
-                f"{', '.join(effects)}"
-            )
-    for engine, refused in made.refused.items():
-        if refused:
-            listed = ", ".join(f"{name} ({count})" for name, count in refused.items())
-            print(
-                f"{engine}: every draw measured outside 0.5 to 6 detection limits, not drawn for "
-                f"so many campaigns: {listed}"
-            )
+    print(sealed_pack(made, pack))
     return 0
 
 
-def _diagnose(options: argparse.Namespace) -> int:
+def _progress(quiet: bool) -> Callable[[str], None]:
+    return (lambda text: None) if quiet else (lambda text: print(text, flush=True))
+
+
+@verbs.command
+def diagnose(
+    data: Path,
+    /,
+    *,
+    out: Path,
+    tier: tuple[opt.Tier, ...] = (),
+    campaign: tuple[str, ...] = (),
+    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = DRAWS,
+    budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None,
+    threads: opt.Threads = None,
+    seed: opt.Integer = 0,
+    quiet: opt.Quiet = False,
+) -> int:
+    """Run the diagnosis over a pack's data folder.
+
+    Reads the data folder alone. Stopped, the same command continues.
+
+    Args:
+        data: a pack's data folder
+        out: folder of the diagnoses and of the cache of simulations
+        tier: diagnose this tier (may be repeated; default: all)
+        campaign: diagnose the campaign with this id (may be repeated; default: all)
+        draws: simulated campaigns of every effect; campaigns of one protocol use the same ones
+        budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
+        seed: of each diagnosis
+    """
     from vsr2.blind import DiagnosisOptions, diagnose_pack
 
     progress = diagnose_pack(
-        options.data,
-        options.out,
-        tiers=options.tier,
-        campaigns=options.campaign,
+        data,
+        out,
+        tiers=tier or None,
+        campaigns=campaign or None,
         options=DiagnosisOptions(
-            draws=options.draws if options.budget_minutes is None else None,
-            budget_minutes=10.0 if options.budget_minutes is None else options.budget_minutes,
-            threads=options.threads,
-            seed=options.seed,
+            draws=draws if budget_minutes is None else None,
+            budget_minutes=10.0 if budget_minutes is None else budget_minutes,
+            threads=threads,
+            seed=seed,
         ),
-        say=(lambda text: None) if options.quiet else (lambda text: print(text, flush=True)),
+        say=_progress(quiet),
     )
-    print(f"{options.out}: {progress.done} diagnoses, {len(progress.failed)} failed")
+    print(f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed")
     return 1 if progress.failed else 0
 
 
-def _score(options: argparse.Namespace) -> int:
+@verbs.command
+def score(
+    data: Path,
+    key: Path,
+    diagnoses: Path,
+    /,
+    *,
+    out: Path,
+    tier: tuple[opt.Tier, ...] = (),
+    train: tuple[Path, Path] | None = None,
+) -> int:
+    """Open the key and score the diagnoses, once.
+
+    Verifies the hashes of key and data, writes scores.json, scores.md and reliability.png, and
+    leaves a receipt in the key folder: from then on no other diagnoses of the pack are scored.
+
+    Args:
+        data: a pack's data folder
+        key: its key folder
+        diagnoses: what `vsr2 blind diagnose` wrote
+        out: folder that gets the scores
+        tier: score this tier alone (may be repeated; default: all of the pack, which must have
+            been diagnosed)
+        train: DATA KEY: a development pack that trains the trivial baselines
+    """
     from vsr2.blind import score_pack
     from vsr2.blind.scoring.tables import format_scores
 
     scored = score_pack(
-        options.data,
-        options.key,
-        options.diagnoses,
-        options.out,
-        training=None if options.train is None else tuple(options.train),
-        tiers=options.tier,
-        say=lambda text: print(text, flush=True),
+        data, key, diagnoses, out, training=train, tiers=tier or None, say=_progress(False)
     )
     print(format_scores(scored), end="")
-    print(f"wrote {options.out}")
+    print(f"wrote {out}")
     return 0

@@ -2,40 +2,44 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from cyclopts import Group, Parameter
+from cyclopts.validators import mutually_exclusive
+
+from vsr2.cli.options import Json, print_json
+
+HEAVINESS = Group("How heavy (one of)", validator=mutually_exclusive)
 
 
-def add_verbs(verbs: Any) -> None:
-    """Add `inertia`."""
-    inertia = verbs.add_parser(
-        "inertia",
-        help="mass properties, stable poses and slenderness of a mesh",
-        description="Mass properties of the homogeneous solid, its stable poses, and its "
-        "slenderness angle by azimuth.",
-    )
-    inertia.add_argument("mesh", metavar="MESH", type=Path, help="OBJ, STL, PLY or URDF [m]")
-    group = inertia.add_mutually_exclusive_group()
-    group.add_argument("--density", type=float, help="[kg/m^3] (default 2700)")
-    group.add_argument("--mass", type=float, help="[kg]")
-    inertia.add_argument("--scale", type=float, default=1.0, help="factor on the mesh's lengths")
-    inertia.add_argument("--repair", action="store_true", help="close a mesh that is open")
-    inertia.add_argument("--json", action="store_true", help="print JSON")
-    inertia.set_defaults(run=_inertia)
+def inertia(
+    mesh: Path,
+    /,
+    *,
+    density: Annotated[float | None, Parameter(group=HEAVINESS)] = None,
+    mass: Annotated[float | None, Parameter(group=HEAVINESS)] = None,
+    scale: float = 1.0,
+    repair: bool = False,
+    json: Json = False,
+) -> int:
+    """Mass properties, stable poses and slenderness of a mesh.
 
+    Mass properties of the homogeneous solid, its stable poses, and its slenderness angle by
+    azimuth.
 
-def _inertia(options: argparse.Namespace) -> int:
-    import json
-
+    Args:
+        mesh: OBJ, STL, PLY or URDF [m]
+        density: [kg/m^3] (default: 2700)
+        mass: [kg]
+        scale: factor on the mesh's lengths
+        repair: close a mesh that is open
+    """
     from vsr2.scene import format_inertia, inertia_summary
 
-    summary = inertia_summary(
-        options.mesh,
-        scale=options.scale,
-        density=options.density,
-        mass=options.mass,
-        repair=options.repair,
-    )
-    print(json.dumps(summary, indent=2) if options.json else format_inertia(summary))
+    summary = inertia_summary(mesh, scale=scale, density=density, mass=mass, repair=repair)
+    if json:
+        print_json(summary)
+    else:
+        print(format_inertia(summary))
     return 0

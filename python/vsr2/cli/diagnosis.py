@@ -2,89 +2,101 @@
 
 from __future__ import annotations
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from cyclopts import Parameter
+
+from vsr2.cli import options as opt
 
 if TYPE_CHECKING:
     from vsr2.diagnosis import Nuisance
 
 
-def add_verbs(verbs: Any) -> None:
-    """Add `diagnose`."""
-    parser = verbs.add_parser(
-        "diagnose",
-        help="find the cause of a campaign's sim-to-real gap",
-        description="Writes diagnosis.json, tables and a page (index.html) to DIR, and keeps the "
-        "simulations there (simulations.sqlite), so that an interrupted or later run reuses them. "
-        "docs/explanation/diagnosis.md says what each number means.",
-    )
-    parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="folder of a campaign")
-    parser.add_argument(
-        "--scene", required=True, type=Path, metavar="SCENE.yaml", help="study of the nominal scene"
-    )
-    parser.add_argument("--out", required=True, type=Path, metavar="DIR", help="for the results")
-    parser.add_argument(
-        "--tier", choices=("B", "M", "T"), help="information to use (default: all there is)"
-    )
-    parser.add_argument("--budget-minutes", type=float, default=10.0, help="wall time (default 10)")
-    parser.add_argument(
-        "--simulations",
-        type=int,
-        metavar="N",
-        help="so many instead of a time; more where the trials need more",
-    )
-    parser.add_argument("--threads", type=int, help="default: all this process may use")
-    parser.add_argument("--client", metavar="ADDRESS", help="of a Dask scheduler that runs trials")
-    parser.add_argument(
-        "--exclude", action="append", default=[], metavar="EFFECT", help="leave an effect out"
-    )
-    parser.add_argument(
-        "--prior",
-        action="append",
-        default=[],
-        metavar="EFFECT.PARAMETER=LOW:HIGH",
-        help="other ends of a prior, as time_scale.change=-0.3:0.1 (may be repeated)",
-    )
-    parser.add_argument(
-        "--nuisance",
-        action="append",
-        default=[],
-        metavar="NAME=SD",
-        help="standard deviation of what is uncertain of the set-up, as friction=0.05 (may be "
-        "repeated; names and defaults: docs/explanation/diagnosis.md)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="default 0")
-    parser.add_argument("--quiet", action="store_true", help="no progress, no summary")
-    parser.set_defaults(run=_diagnose)
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Question:
+    """What may be the cause, and what it is judged by.
+
+    Attributes:
+        tier: information to use (default: all there is)
+        exclude: leave this effect out (may be repeated)
+        prior: other ends of a prior, EFFECT.PARAMETER=LOW:HIGH, for example
+            time_scale.change=-0.3:0.1 (may be repeated)
+        nuisance: standard deviation of what is uncertain of the set-up, NAME=SD, for example
+            friction=0.05 (may be repeated; names and defaults: docs/explanation/diagnosis.md)
+        seed: of everything random
+    """
+
+    tier: opt.Tier | None = None
+    exclude: tuple[str, ...] = ()
+    prior: tuple[str, ...] = ()
+    nuisance: tuple[str, ...] = ()
+    seed: opt.Integer = 0
 
 
-def _diagnose(options: argparse.Namespace) -> int:
-    from contextlib import nullcontext
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Effort:
+    """How much is simulated, and where.
 
-    from vsr2.diagnosis import diagnose
+    Attributes:
+        budget_minutes: wall time
+        simulations: so many instead of a time; more where the trials need more
+        client: address of a Dask scheduler that runs trials
+    """
+
+    budget_minutes: float = 10.0
+    simulations: opt.Integer | None = None
+    threads: opt.Threads = None
+    client: str | None = None
+    quiet: opt.Quiet = False
+
+
+QUESTION, EFFORT = Question(), Effort()
+
+
+def diagnose(
+    campaign: opt.Campaign,
+    /,
+    *,
+    scene: Path,
+    out: Path,
+    question: Question = QUESTION,
+    effort: Effort = EFFORT,
+) -> int:
+    """Find the cause of a campaign's sim-to-real gap.
+
+    Writes diagnosis.json, tables and a page (index.html) to the output folder, and keeps the
+    simulations there (simulations.sqlite), so that an interrupted or later run reuses them.
+    docs/explanation/diagnosis.md says what each number means.
+
+    Args:
+        scene: study of the nominal scene
+        out: folder for the results
+    """
+    from vsr2.diagnosis import diagnose as find
     from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
-    from vsr2.simulation import connect
 
-    cluster = nullcontext() if options.client is None else connect(options.client)
-    with cluster as client:
-        found = diagnose(
-            options.campaign,
-            options.scene,
-            tier=options.tier,
-            out=options.out,
-            budget_minutes=options.budget_minutes,
-            simulations=options.simulations,
-            threads=options.threads,
+    with opt.cluster(effort.client) as client:
+        found = find(
+            campaign,
+            scene,
+            tier=question.tier,
+            out=out,
+            budget_minutes=effort.budget_minutes,
+            simulations=effort.simulations,
+            threads=effort.threads,
             client=client,
-            exclude=options.exclude,
-            priors=dict(_prior(text) for text in options.prior),
-            nuisances=_nuisances(options.nuisance),
-            seed=options.seed,
-            progress=not options.quiet,
+            exclude=question.exclude,
+            priors=dict(_prior(text) for text in question.prior),
+            nuisances=_nuisances(question.nuisance),
+            seed=question.seed,
+            progress=not effort.quiet,
         )
-    page = write_diagnosis_page(found, options.out)
-    if not options.quiet:
+    page = write_diagnosis_page(found, out)
+    if not effort.quiet:
         print(format_diagnosis(found))
         print(f"wrote {page}")
     return 0
@@ -105,7 +117,7 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
         ) from None
 
 
-def _nuisances(texts: list[str]) -> tuple[Nuisance, ...]:
+def _nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
     from vsr2.errors import ConfigError, DiagnosisError
 

@@ -2,63 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
 import math
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from vsr2.errors import GeometryError
+from cyclopts import App
 
 if TYPE_CHECKING:
     from vsr2.effects import Effect, Parameter
-    from vsr2.simulation.effect_checks import EffectReport, Liveness, Rock
+
+verbs = App(
+    name="effects",
+    help="The library of effects that a simulation may lack.\n\n"
+    "docs/reference/effects.md describes them. A study adds them with its key `effects`.",
+)
 
 
-def add_verbs(verbs: Any) -> None:
-    """Add `effects` with its own verbs."""
-    effects = verbs.add_parser(
-        "effects",
-        help="the library of effects that a simulation may lack",
-        description="The library of effects that a simulation may lack "
-        "(docs/reference/effects.md). A study adds them with its key `effects`.",
-    )
-    actions = effects.add_subparsers(dest="action", metavar="ACTION", required=True)
-
-    listed = actions.add_parser("list", help="print all effects in the order of application")
-    listed.set_defaults(run=_list)
-
-    show = actions.add_parser("show", help="print one effect with its parameters")
-    show.add_argument("name", metavar="NAME", help="of an effect")
-    show.set_defaults(run=_show)
-
-    check = actions.add_parser(
-        "check",
-        help="check effects: neutral, alive, right",
-        description="Check effects. Neutral: at the null value a trial is the same to the last "
-        "bit, and 1e-8 of the prior beside it responses change by no more than chance "
-        "does, unless the effect declares a `jump`. Alive: at the far end of the prior responses "
-        "change by more than three times the noise floor, on a block and on a rock "
-        "with the hull of a scan. Right: the closed forms of its `verify` are met.",
-    )
-    check.add_argument(
-        "what",
-        nargs="*",
-        metavar="MODULE|NAME",
-        help="a module (path of a .py file, or an importable name) with effects of one's own, or "
-        "names of the library; by default all of the library",
-    )
-    check.add_argument(
-        "--mesh",
-        type=Path,
-        metavar="FILE",
-        help="rock that stands for a scan (default: a made one)",
-    )
-    check.set_defaults(run=_check)
-
-
-def _list(options: argparse.Namespace) -> int:
+@verbs.command(name="list")
+def list_effects() -> int:
+    """Print all effects in the order of application."""
     from vsr2.effects import in_order, library
+    from vsr2.report.messages.commands import table
     from vsr2.simulation.effect_checks import EffectChecker
 
     checker = EffectChecker()
@@ -70,28 +34,23 @@ def _list(options: argparse.Namespace) -> int:
             if parameter.prior != "fixed" and not parameter.secondary
         )
         fast = "no" if checker.fast(effect) else "yes"
-        rows.append(
-            (
-                effect.name,
-                effect.stage,
-                fast,
-                ", ".join(effect.channels),
-                parameters,
-                ", ".join(effect.confounded_with),
-            )
-        )
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-        print("  ".join(cells).rstrip())
+        touches, confounded = ", ".join(effect.channels), ", ".join(effect.confounded_with)
+        rows.append((effect.name, effect.stage, fast, touches, parameters, confounded))
+    print(table(rows, str.ljust))
     return 0
 
 
-def _show(options: argparse.Namespace) -> int:
+@verbs.command
+def show(name: str, /) -> int:
+    """Print one effect with its parameters.
+
+    Args:
+        name: of an effect
+    """
     from vsr2.effects import effect
     from vsr2.simulation.effect_checks import EffectChecker
 
-    one = effect(options.name)
+    one = effect(name)
     print(f"{one.name}: {one.meaning}.")
     print(f"stage: {one.stage}")
     for parameter in one.parameters:
@@ -117,23 +76,38 @@ def _null(parameter: Parameter) -> str:
     return f"{parameter.null:g}"
 
 
-def _check(options: argparse.Namespace) -> int:
+@verbs.command
+def check(*what: str, mesh: Path | None = None) -> int:
+    """Check effects: neutral, alive, right.
+
+    Neutral: at the null value a trial is the same to the last bit, and 1e-8 of the prior beside
+    it responses change by no more than chance does, unless the effect declares a `jump`. Alive:
+    at the far end of the prior responses change by more than three times the noise floor, on a
+    block and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.
+
+    Args:
+        what: modules (path of a .py file, or an importable name) with effects of one's own, or
+            names of the library (default: all of the library)
+        mesh: rock that stands for a scan (default: a made one)
+    """
+    from vsr2.errors import GeometryError
+    from vsr2.report.messages.commands import effect_report
     from vsr2.simulation.effect_checks import EffectChecker
 
-    if options.mesh is not None and not options.mesh.is_file():
-        raise GeometryError(f"{options.mesh}: no such file; correct --mesh")
-    effects = _wanted(options.what)
-    checker = EffectChecker(options.mesh)
+    if mesh is not None and not mesh.is_file():
+        raise GeometryError(f"{mesh}: no such file; correct --mesh")
+    effects = _wanted(what)
+    checker = EffectChecker(mesh)
     failed = 0
     for one in effects:
         report = checker.check(one)
         failed += not report.good
-        _print(report)
+        print(effect_report(report))
     print(f"{len(effects) - failed} of {len(effects)} effects pass all three checks")
     return 1 if failed else 0
 
 
-def _wanted(what: list[str]) -> list[Effect]:
+def _wanted(what: tuple[str, ...]) -> list[Effect]:
     from importlib.util import find_spec
 
     from vsr2.effects import effect, in_order, library, module_effects
@@ -145,34 +119,3 @@ def _wanted(what: list[str]) -> list[Effect]:
         module = "." in name or "/" in name or find_spec(name) is not None
         found += module_effects(name) if module and name not in library() else [effect(name)]
     return found
-
-
-def _ratios(found: Mapping[Rock, Liveness]) -> str:
-    return ", ".join(
-        f"{one.ratio:.3g} times the floor on the {rock} ({one.feature})"
-        for rock, one in found.items()
-    )
-
-
-def _print(report: EffectReport) -> None:
-    print(f"{report.effect.name}: {'passes' if report.good else 'FAILS'}")
-    neutral = "yes" if report.neutral else "NO: the trajectory differs at the null value"
-    print(f"  neutral: {neutral}")
-    if report.step:
-        told = "yes" if report.is_continuous else "NO: responses jump beside the null value"
-        print(f"  continuous: {told}, {_ratios(report.step)}")
-    elif report.effect.jump:
-        print(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
-    else:
-        print("  continuous: not told, the null value has no value beside it")
-    print(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
-    if report.right is None:
-        print("  right: not told here, VSR2's own tests hold its closed forms")
-    elif not report.right:
-        print("  right: NO, its `verify` gives no check")
-    for check in report.right or ():
-        print(
-            f"  right: {'yes' if check.good else 'NO'}, {check.what}: {check.measured:.5g}, "
-            f"expected {check.expected:.5g} +- {check.tolerance:.2g}"
-        )
-    print(f"  engine fast: {'no, ' + report.fast if report.fast else 'yes'}")

@@ -2,104 +2,177 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TextIO
+from typing import Annotated, Any, Literal
+
+from cyclopts import App, CycloptsError, Parameter
 
 from vsr2.cli import (
-    blind,
     bodies,
     calibration,
-    campaign,
     configuration,
     diagnosis,
     effects,
     fragility,
-    motion,
     replay,
     study,
 )
-from vsr2.effects import EffectWarning
+from vsr2.cli.options import DEFAULTS
 from vsr2.errors import Vsr2Error
 
-EXIT_CODES = """\
-exit codes:
-  0  done
-  1  done, but some trials have no trustworthy outcome (see their status)
-  2  the input cannot be used; nothing was run
-  130  interrupted; finished trials are kept
+Shell = Literal["bash", "zsh", "fish"]
+HELP = """\
+Virtual shake robot: precariously balanced rocks on a shaking pedestal.
+
+Exit code 0: done.
+
+Exit code 1: done, but some trials have no trustworthy outcome (see their status).
+
+Exit code 2: the input cannot be used; nothing was run.
+
+Exit code 130: interrupted; finished trials are kept.
 """
 
+app = App(
+    name="vsr2",
+    help=HELP,
+    default_parameter=DEFAULTS,
+    version_flags=(),
+)
+app.command(study.run)
+app.command(replay.view)
+app.command(bodies.inertia)
+# Imported when they are asked for: their options take names and defaults from heavy rooms.
+app.command(
+    "vsr2.cli.motion:verbs",
+    name="motion",
+    help="Ground motions: measures, conversion, synthesis, fusion of a table's channels.",
+)
+app.command(
+    "vsr2.cli.campaign:verbs",
+    name="campaign",
+    help="Import, check, describe and simulate campaigns of trials.\n\n"
+    "A campaign is a folder with campaign.yaml, trials.csv, motions/ and series/; "
+    "docs/reference/campaign.md describes the form.",
+)
+app.command(calibration.calibrate)
+app.command(fragility.fragility)
+app.command(effects.verbs)
+app.command(diagnosis.diagnose)
+app.command(
+    "vsr2.cli.blind:verbs",
+    name="blind",
+    help="Check the diagnosis on campaigns whose effect is withheld.\n\n"
+    "A custodian makes a pack and seals the answer; the diagnosis gets the data alone; scoring "
+    "opens the key. docs/reference/blind.md describes the forms and the duties.",
+)
+app.command(configuration.verbs)
 
-def build_parser() -> argparse.ArgumentParser:
-    """The whole command line."""
-    parser = argparse.ArgumentParser(
-        prog="vsr2",
-        description="Virtual shake robot: precariously balanced rocks on a shaking pedestal.",
-        epilog=EXIT_CODES + "\n`vsr2 VERB --help` explains a verb.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="store_true", help="version and build facts, then end")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB")
-    for room in (
-        study,
-        replay,
-        bodies,
-        motion,
-        campaign,
-        calibration,
-        fragility,
-        effects,
-        diagnosis,
-        blind,
-        configuration,
-    ):
-        room.add_verbs(verbs)
-    return parser
+
+@app.command(name="--version")
+def _version() -> int:
+    """Version and build facts."""
+    from vsr2._native import build_facts
+
+    print("\n".join(f"{name}: {value}" for name, value in build_facts().items()))
+    return 0
+
+
+@app.command(name="--install-completion")
+def _install_completion(shell: Shell, /) -> int:
+    """Complete verbs and options of `vsr2` in a shell from now on.
+
+    Args:
+        shell: that is to complete
+    """
+    print(f"wrote {app.install_completion(shell=shell)}; a new shell reads it")
+    return 0
+
+
+@app.command(name="--show-completion")
+def _show_completion(shell: Shell, /) -> int:
+    """Print the script that completes `vsr2` in a shell.
+
+    Args:
+        shell: that runs the script
+    """
+    print(app.generate_completion(shell=shell))
+    return 0
+
+
+@app.meta.default
+def _launch(
+    *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
+    verbose: Annotated[
+        int, Parameter(alias="-v", count=True, allow_repeating=None, show_default=False)
+    ] = 0,
+) -> int:
+    """Run a verb.
+
+    Args:
+        tokens: verb and options
+        verbose: log to standard error what is done; -vv: in detail
+    """
+    verb, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
+    with _one_line_warnings(), _log_to_stderr(verbose):
+        code = verb(*bound.args, **bound.kwargs)
+    if code is None and not set(tokens) & set(app.help_flags):
+        return 2  # help in place of the verb that is missing
+    return int(code or 0)
 
 
 @contextmanager
 def _one_line_warnings() -> Iterator[None]:
     """Warnings about effects as one line on stderr, each once."""
     with warnings.catch_warnings():
-        usual, told = warnings.showwarning, set()
+        usual, shown = warnings.showwarning, set()
 
-        def show(
-            message: Warning | str,
-            category: type[Warning],
-            filename: str,
-            lineno: int,
-            file: TextIO | None = None,
-            line: str | None = None,
-        ) -> None:
+        def show(message: Warning | str, category: type[Warning], *where: Any, **how: Any) -> None:
+            from vsr2.effects import EffectWarning
+
             if not issubclass(category, EffectWarning):
-                usual(message, category, filename, lineno, file, line)
-            elif str(message) not in told:
-                told.add(str(message))
+                usual(message, category, *where, **how)
+            elif str(message) not in shown:
+                shown.add(str(message))
                 print(f"vsr2: warning: {message}", file=sys.stderr)
 
         warnings.showwarning = show
         yield
 
 
+@contextmanager
+def _log_to_stderr(verbose: int) -> Iterator[None]:
+    """Records of the package's loggers on stderr: of level INFO, from 2 on DEBUG."""
+    if not verbose:
+        yield
+        return
+    import logging
+
+    logger = logging.getLogger("vsr2")
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
+    level = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO if verbose == 1 else logging.DEBUG)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    if options.version:
-        from vsr2._native import build_facts
-
-        print("\n".join(f"{name}: {value}" for name, value in build_facts().items()))
-        return 0
-    if options.verb is None:
-        parser.print_help()
-        return 2
     try:
-        with _one_line_warnings():
-            return int(options.run(options))
+        launch, bound, _ = app.meta.parse_args(arguments, print_error=False, exit_on_error=False)
+        return int(launch(*bound.args, **bound.kwargs) or 0)
+    except CycloptsError as error:
+        command = " ".join(("vsr2", *(error.command_chain or ())))
+        print(f"{command}: {error}\n`{command} --help` explains.", file=sys.stderr)
+        return 2
     except Vsr2Error as error:
         print(f"vsr2: {error}", file=sys.stderr)
         return 2

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Group, Parameter
+from cyclopts.validators import mutually_exclusive
+
+from vsr2.cli import options as opt
 
 if TYPE_CHECKING:
     import distributed
@@ -14,80 +18,49 @@ if TYPE_CHECKING:
     from vsr2.results import BatchResult
     from vsr2.trial import Trial
 
-
-def add_verbs(verbs: Any) -> None:
-    """Add `run`."""
-    run = verbs.add_parser(
-        "run",
-        help="run a study",
-        description="Run all trials of a study and write outcomes, logs, figures and provenance.",
-        epilog=(
-            "The output folder holds trials.csv (one row a trial), provenance.json, logs/ (one "
-            ".npz a trial), models/ (for `vsr2 view`) and figures/. Finished trials are on disk at "
-            "once: after an interruption --resume runs only the others. "
-            "`docs/reference/configuration.md` lists all keys of a study, `docs/how-to/cluster.md` "
-            "tells how to use more than one machine."
-        ),
-    )
-    run.add_argument("study", metavar="STUDY.yaml", type=Path, help="study to run")
-    run.add_argument("--out", type=Path, help="output folder (default: out/NAME of the study)")
-    run.add_argument("--overwrite", action="store_true", help="replace a result that is there")
-    run.add_argument(
-        "--resume", action="store_true", help="go on with an unfinished run of the same study"
-    )
-    where = run.add_mutually_exclusive_group()
-    where.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="run on the Dask cluster of this scheduler, e.g. tcp://10.0.0.1:8786; or its "
-        "scheduler file (.json)",
-    )
-    where.add_argument(
-        "--shard",
-        metavar="I/N",
-        help="run only the I-th of N parts, 1 to N, into OUT/shards; for job arrays",
-    )
-    where.add_argument(
-        "--merge", action="store_true", help="make one result of all shards in OUT; runs nothing"
-    )
-    run.add_argument("--threads", type=int, help="default: all processors this process may use")
-    run.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="change one setting, e.g. --set contact.rock.restitution=0.5 (may be repeated)",
-    )
-    run.add_argument("--no-figures", action="store_true", help="write no figures")
-    run.add_argument("--quiet", action="store_true", help="no progress bar, no summary")
-    run.set_defaults(run=_run)
+WHERE = Group("Where trials run (one of)", validator=mutually_exclusive)
 
 
-def _run(options: argparse.Namespace) -> int:
+def run(
+    study: opt.Study,
+    /,
+    *,
+    options: opt.StudyRun = opt.RUN,
+    scheduler: Annotated[opt.Scheduler, Parameter(group=WHERE)] = None,
+    shard: Annotated[str | None, Parameter(group=WHERE)] = None,
+    merge: Annotated[bool, Parameter(group=WHERE)] = False,
+) -> int:
+    """Run a study.
+
+    Runs all trials of a study and writes outcomes, logs, figures and provenance.
+
+    The output folder holds trials.csv (one row a trial), provenance.json, logs/ (one .npz a
+    trial), models/ (for `vsr2 view`) and figures/. Finished trials are on disk at once: after an
+    interruption --resume runs only the others. docs/reference/configuration.md lists all keys of a
+    study, docs/how-to/cluster.md tells how to use more than one machine.
+
+    Args:
+        shard: I/N: run only the I-th of N parts, 1 to N, into OUT/shards; for job arrays
+        merge: make one result of all shards in OUT; runs nothing
+    """
     from vsr2.config import load_study
     from vsr2.effects import check_study_effects
-    from vsr2.errors import SimulationError
-    from vsr2.simulation import connect, study_trials
+    from vsr2.simulation import study_trials
 
-    study = load_study(options.study, overrides=options.set)
-    check_study_effects(study.effects, options.study)
-    folder = options.out or Path("out") / study.name
-    trials = study_trials(study)
-    if options.shard is not None:
-        return _run_shard(options, trials, folder)
-    if options.scheduler is None:
-        return _run_all(options, study, trials, folder, None)
-    if options.threads is not None:
-        raise SimulationError("--threads does not apply with --scheduler: workers have their own")
-    with connect(options.scheduler) as client:
-        return _run_all(options, study, trials, folder, client)
+    loaded = load_study(study, overrides=options.set)
+    check_study_effects(loaded.effects, study)
+    trials = study_trials(loaded)
+    if shard is not None:
+        return _run_shard(shard, options, trials, options.folder(loaded.name))
+    with opt.cluster(scheduler, options.threads) as client:
+        return _run_all(options, loaded, trials, merge, client)
 
 
 def _run_all(
-    options: argparse.Namespace,
+    options: opt.StudyRun,
     study: Study,
     trials: Sequence[Trial],
-    folder: Path,
+    merge: bool,
     client: distributed.Client | None,
 ) -> int:
     from dataclasses import replace
@@ -103,9 +76,10 @@ def _run_all(
     )
     from vsr2.simulation import merge_shards, native_scene, run_batch
 
+    folder = options.folder(study.name)
     scene = trials[0].scene
     facts: dict[str, Any] = {"study": study.model_dump(mode="json")}
-    if options.merge:
+    if merge:
         facts["shards"] = merge_shards(trials, folder, overwrite=options.overwrite)
     elif not (options.resume and has_journal(folder)):
         prepare_folder(folder, overwrite=options.overwrite)
@@ -125,7 +99,7 @@ def _run_all(
         client=client,
     )
     if result.provenance["interrupted"]:
-        return _interrupted(result, folder)
+        return opt.interrupted(result, folder)
     if scene.rock.surface is not None and scene.pedestal_surface is not None:
         save_models(folder, scene.rock.surface, scene.pedestal_surface)
     result = replace(result, provenance={**result.provenance, **facts})
@@ -141,16 +115,14 @@ def _run_all(
     remove_journal(folder)
     if not options.quiet:
         print(summary_table(result))
-        print("wrote:")
-        for path in written:
-            print(f"  {path}")
-    return 0 if set(result["status"]) <= {"ok"} else 1
+        opt.print_written(written)
+    return _exit_code(result)
 
 
-def _run_shard(options: argparse.Namespace, trials: Sequence[Trial], folder: Path) -> int:
+def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder: Path) -> int:
     from vsr2.simulation import Shard, run_shard
 
-    shard = Shard.parse(options.shard)
+    shard = Shard.parse(part)
     result = run_shard(
         trials,
         shard,
@@ -161,24 +133,14 @@ def _run_shard(options: argparse.Namespace, trials: Sequence[Trial], folder: Pat
         progress=not options.quiet,
     )
     if result.provenance["interrupted"]:
-        return _interrupted(result, shard.folder(folder))
+        return opt.interrupted(result, shard.folder(folder))
     if not options.quiet:
         print(
             f"shard {shard}: {len(result)} trials in {shard.folder(folder)}. Once all shards are "
             "run, --merge makes one result of them."
         )
+    return _exit_code(result)
+
+
+def _exit_code(result: BatchResult) -> int:
     return 0 if set(result["status"]) <= {"ok"} else 1
-
-
-def _interrupted(result: BatchResult, folder: Path) -> int:
-    import sys
-
-    import numpy as np
-
-    finished = int((~np.isin(result["status"], ("cancelled", "not_run"))).sum())
-    print(
-        f"vsr2: interrupted; {finished} of {len(result)} trials are finished and kept in {folder}. "
-        "`--resume` runs the others.",
-        file=sys.stderr,
-    )
-    return 130

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,6 +17,8 @@ from vsr2.config.yaml_file import KeyPath, dump_yaml, parse_yaml, read_yaml
 from vsr2.errors import ConfigError
 
 S = TypeVar("S", bound=Section)
+
+_logger = logging.getLogger(__name__)
 
 
 def load_study(
@@ -39,6 +42,7 @@ def load_study(
     document = read_yaml(path)
     for override in overrides:
         apply_override(document.data, override)
+    _logger.debug("%s: read; %d settings replaced", label, len(overrides))
     place = places(label, document.lines)
     base = Path.cwd().joinpath(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)

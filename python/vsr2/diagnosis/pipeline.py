@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -43,6 +44,8 @@ from vsr2.diagnosis.where.discrepancy import DISCREPANCY
 from vsr2.diagnosis.where.scan import SCAN
 from vsr2.diagnosis.which.amortised import TrialConditions
 from vsr2.diagnosis.which.routes import Inference, Prepared, infer, prepare
+
+_logger = logging.getLogger(__name__)
 
 FEWEST_LOOK = 3
 """Draws below which nothing is said of the leading effects."""
@@ -114,6 +117,7 @@ def diagnose_with(
             progress=lambda n, m: tell("screening", n / m, {}),
         )
         schedule.fit(screening.kept.size)
+        _logger.info("screening keeps %d of %d trials", screening.kept.size, len(seen))
         library = reaching(
             store,
             screening,
@@ -121,9 +125,11 @@ def diagnose_with(
             seed=seed,
             progress=lambda n, m: tell("trying effects", n / m, {}),
         )
+        _logger.info("%d effects can be the cause: %s", len(library), ", ".join(library))
         layers = noise_floor(store, seen, screening, most=schedule.floor_trials, seed=seed)
         rounds = _Rounds(store, library, seen, screening, reuse, seed, tell)
         last, count = rounds.run(schedule, watched=report is not None)
+        _logger.info("leading after the last round: %s", ", ".join(_leading(last)))
         tell("judging", 0.0, _leading(last))
         evidence = conclude(store, seen, screening, last.prepared, last.inference, seed=seed)
         tell("judging", 1.0, _leading(last))

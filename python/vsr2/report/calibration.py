@@ -21,9 +21,9 @@ from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
+from vsr2.report.messages.runs import compatible_values
 from vsr2.report.pages import render
 from vsr2.report.panels import scale_axis, scale_where_wide, sheet, write_page
-from vsr2.report.run_messages import compatible_values
 from vsr2.report.text import markdown_table, printable
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from vsr2.report.diagnosis_figures import (
     posterior_figure,
     reliability_figure,
 )
-from vsr2.report.messages import (
+from vsr2.report.messages.verdicts import (
     channels_note,
     closure_note,
     instrument,

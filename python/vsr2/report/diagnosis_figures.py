@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.where.scan import EVERYWHERE
 from vsr2.motion import STANDARD_GRAVITY
-from vsr2.report.messages import location
+from vsr2.report.messages.verdicts import location
 from vsr2.report.pages import plain
 from vsr2.report.panels import scale_axis, sheet, tooltip
 

@@ -14,9 +14,9 @@ from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
+from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
 from vsr2.report.panels import scale_where_wide, sheet, write_page
-from vsr2.report.run_messages import fit_caveats, fit_note
 from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:

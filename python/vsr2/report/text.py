@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.report.run_messages import STATUS_MEANING, engine_in_use
+from vsr2.report.messages.runs import STATUS_MEANING, engine_in_use
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import os
 import signal
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
 from os import PathLike
@@ -39,6 +41,7 @@ from vsr2.results import (
 from vsr2.simulation.distributed import run_on_cluster
 from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
+from vsr2.simulation.scene import native_scene
 from vsr2.trial import Observation, Trial
 
 if TYPE_CHECKING:
@@ -49,6 +52,8 @@ _ROW_BYTES = 256
 OBSERVED = tuple(field.name for field in fields(Observation))
 """Columns of what is written down of a trial, which effects on the outcome change."""
 _RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "hand_over", "steps")
+
+_logger = logging.getLogger(__name__)
 
 
 def run_batch(
@@ -117,10 +122,22 @@ def run_batch(
             bar.update()
 
         facts: dict[str, Any] = {"threads": count}
+        if _logger.isEnabledFor(logging.INFO):
+            engines = {native_scene(trial.scene).engine.name for trial in trials}
+            _logger.info(
+                "%d trials, engine %s; %d are in the journal",
+                len(trials),
+                " and ".join(sorted(engines)),
+                len(trials) - len(pending),
+            )
         if client is None:
             run_native(waiting, count, take=take, stopped=interrupt.is_raised)
         else:
             facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
+    if _logger.isEnabledFor(logging.INFO):
+        ends = Counter(collection.columns["status"])
+        counts = ", ".join(f"{count} {status}" for status, count in ends.items())
+        _logger.info("batch ended after %.3g s: %s", time.time() - started, counts)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
         **facts,

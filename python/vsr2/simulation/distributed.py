@@ -11,6 +11,7 @@ at the end, when nothing else runs, so that only a trial that kills workers all 
 
 from __future__ import annotations
 
+import logging
 import pickle
 import queue
 import threading
@@ -31,6 +32,8 @@ from vsr2.trial import Trial
 
 if TYPE_CHECKING:
     import distributed
+
+_logger = logging.getLogger(__name__)
 
 MAX_CHUNK_TRIALS = 64
 """Most trials of a chunk."""
@@ -72,6 +75,7 @@ def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:
             f"scheduler {address}: cannot be reached ({reason}); give the address that `dask "
             "scheduler` printed, such as tcp://10.0.0.1:8786"
         ) from error
+    _logger.info("connected to scheduler %s", address)
     return client
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import logging
 import marshal
 import sqlite3
 import struct
@@ -17,6 +18,10 @@ import numpy as np
 
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
 from vsr2.errors import DiagnosisError
+
+_logger = logging.getLogger(__name__)
+
+_logger = logging.getLogger(__name__)
 
 CHUNK = 512
 """Simulations between two commits."""
@@ -130,6 +135,8 @@ class SimulationCache:
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
         self._asked.update(keys)
+        _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
+        _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
             started = time.monotonic()

@@ -1,6 +1,6 @@
 """What a diagnosis states, as data: codes with typed values.
 
-Nothing here is worded. :mod:`vsr2.report.messages` makes sentences of it.
+Nothing here is worded. :mod:`vsr2.report.messages.verdicts` makes sentences of it.
 """
 
 from __future__ import annotations

@@ -1,0 +1,133 @@
+"""Options that recur, each defined once, and what the verbs that take them share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_origin
+
+from cyclopts import Parameter, Token
+
+if TYPE_CHECKING:
+    import distributed
+
+    from vsr2.results import BatchResult
+
+
+def _shown(default: object) -> str | None:
+    if isinstance(default, tuple):
+        return ", ".join(map(str, default)) or None
+    return None if default is None or default is False else str(default)
+
+
+DEFAULTS = Parameter(negative=(), allow_repeating=True, show_default=_shown)
+"""For all verbs: no `--no-OPTION`; of a value given twice the last counts."""
+
+
+def whole(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
+    """Whole numbers; the library's own converter would round 2.6 to 3."""
+    try:
+        numbers = tuple(int(token.value) for token in tokens)
+    except ValueError:
+        given = " ".join(token.value for token in tokens)
+        raise ValueError(f'"{given}" is no whole number') from None
+    return numbers if get_origin(kind) is tuple else numbers[0]
+
+
+Integer = Annotated[int, Parameter(converter=whole)]
+Study = Annotated[Path, Parameter(help="study to run")]
+Campaign = Annotated[Path, Parameter(help="folder of a campaign")]
+Tier = Literal["B", "M", "T"]
+Settings = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--set",
+        help="change one key of the study: KEY=VALUE, for example seed=7 (may be repeated)",
+    ),
+]
+Threads = Annotated[
+    int | None,
+    Parameter(converter=whole, help="default: all processors that this process may use"),
+]
+Scheduler = Annotated[
+    str | None,
+    Parameter(
+        help="run on the Dask cluster of this scheduler, for example tcp://10.0.0.1:8786, or its "
+        "scheduler file (.json)"
+    ),
+]
+Overwrite = Annotated[bool, Parameter(help="replace what is there")]
+Json = Annotated[bool, Parameter(help="print JSON")]
+Quiet = Annotated[bool, Parameter(help="no progress bar, no summary")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class StudyRun:
+    """What every run of a study into a folder can be told.
+
+    Attributes:
+        out: output folder (default: out/NAME of the study)
+        resume: go on with what is there: an unfinished run of the same study
+        no_figures: write no figures, no page
+    """
+
+    out: Path | None = None
+    overwrite: Overwrite = False
+    resume: bool = False
+    threads: Threads = None
+    set: Settings = ()
+    no_figures: bool = False
+    quiet: Quiet = False
+
+    def folder(self, name: str) -> Path:
+        """The output folder of a study with this name."""
+        return self.out or Path("out") / name
+
+
+RUN = StudyRun()
+
+
+@contextmanager
+def cluster(address: str | None, threads: int | None = None) -> Iterator[distributed.Client | None]:
+    """The client of a Dask scheduler, or None where no address is given.
+
+    Raises:
+        SimulationError: the scheduler cannot be reached, or threads are given beside it.
+    """
+    from vsr2.errors import SimulationError
+    from vsr2.simulation import connect
+
+    if address is None:
+        yield None
+        return
+    if threads is not None:
+        raise SimulationError("--threads does not apply with --scheduler: workers have their own")
+    with connect(address) as client:
+        yield client
+
+
+def interrupted(result: BatchResult, folder: Path) -> int:
+    """Say what of an interrupted batch is kept; returns the exit code."""
+    import sys
+
+    from vsr2.report.messages.commands import interrupted_batch
+
+    print(f"vsr2: {interrupted_batch(result, folder)}", file=sys.stderr)
+    return 130
+
+
+def print_json(value: object) -> None:
+    """Print plain data or dataclasses as JSON; null for NaN, which JSON does not know."""
+    from pydantic_core import to_json
+
+    print(to_json(value, indent=2, inf_nan_mode="null").decode())
+
+
+def print_written(paths: Sequence[Path]) -> None:
+    """List files and folders that a verb wrote."""
+    print("wrote:")
+    for path in paths:
+        print(f"  {path}")

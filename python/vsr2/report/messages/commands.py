@@ -1,0 +1,93 @@
+"""Sentences of the command line about what a verb did."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vsr2.report.messages.runs import compatible_values
+
+if TYPE_CHECKING:
+    from vsr2.blind.custodian.make import Made
+    from vsr2.calibration import CalibrationResult
+    from vsr2.results import BatchResult
+    from vsr2.simulation.effect_checks import EffectReport, Liveness, Rock
+
+
+def table(rows: Sequence[Sequence[str]], align: Callable[[str, int], str] = str.rjust) -> str:
+    """Rows of text, of which the first is the header, in columns two blanks apart."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(align, row, widths)).rstrip() for row in rows)
+
+
+def interrupted_batch(result: BatchResult, folder: Path) -> str:
+    """How much of an interrupted batch is kept, and how to go on."""
+    finished = int(result.finished.sum())
+    return (
+        f"interrupted; {finished} of {len(result)} trials are finished and kept in {folder}. "
+        "`--resume` runs the others."
+    )
+
+
+def calibration_summary(result: CalibrationResult) -> str:
+    """Optimism of a search, and the best value of each parameter: lines."""
+    lines = [f"optimism: {result.optimism:+.3f}"] if result.folds else []
+    lines += [
+        f"{profile.name}: {profile.best} ({profile.verdict}; {compatible_values(profile)})"
+        for profile in result.profiles
+    ]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def effect_report(report: EffectReport) -> str:
+    """The checks of an effect, one a line."""
+    neutral = "yes" if report.neutral else "NO: the trajectory differs at the null value"
+    lines = [
+        f"{report.effect.name}: {'passes' if report.good else 'FAILS'}",
+        f"  neutral: {neutral}",
+    ]
+    if report.step:
+        found = "yes" if report.is_continuous else "NO: responses jump beside the null value"
+        lines.append(f"  continuous: {found}, {_ratios(report.step)}")
+    elif report.effect.jump:
+        lines.append(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
+    else:
+        lines.append("  continuous: not told, the null value has no value beside it")
+    lines.append(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
+    if report.right is None:
+        lines.append("  right: not told here, VSR2's own tests hold its closed forms")
+    elif not report.right:
+        lines.append("  right: NO, its `verify` gives no check")
+    lines += [
+        f"  right: {'yes' if check.good else 'NO'}, {check.what}: {check.measured:.5g}, "
+        f"expected {check.expected:.5g} +- {check.tolerance:.2g}"
+        for check in report.right or ()
+    ]
+    lines.append(f"  engine fast: {'no, ' + report.fast if report.fast else 'yes'}")
+    return "\n".join(lines)
+
+
+def _ratios(found: Mapping[Rock, Liveness]) -> str:
+    return ", ".join(
+        f"{one.ratio:.3g} times the floor on the {rock} ({one.feature})"
+        for rock, one in found.items()
+    )
+
+
+def sealed_pack(made: Made, pack: Path) -> str:
+    """What a blind pack holds, and which effects were not drawn: lines."""
+    lines = [f"{pack / 'data'}: {made.campaigns} campaigns, sealed as {made.commitment}"]
+    lines += [
+        f"{engine}: no magnitudes from 0.5 to 6 detection limits, not drawn: {', '.join(effects)}"
+        for engine, effects in made.not_drawn.items()
+        if effects
+    ]
+    for engine, refused in made.refused.items():
+        if refused:
+            counts = ", ".join(f"{name} ({count})" for name, count in refused.items())
+            lines.append(
+                f"{engine}: every draw measured outside 0.5 to 6 detection limits, not drawn for "
+                f"so many campaigns: {counts}"
+            )
+    return "\n".join(lines)

@@ -1,0 +1,259 @@
+"""The command line itself: usage errors, help, version, completion, logging."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from cyclopts import App, CycloptsError
+
+import command_line
+from vsr2.cli.main import app, main
+
+STUDY = """
+name: block
+engine: {mode: fast}
+rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
+motion:
+  mode: grid_cosine
+  pga: {min: 0.2, max: 0.6, step: 0.4}
+  pgv_pga: {min: 0.1, max: 0.1, step: 0.1}
+"""
+
+
+def verbs(room: App = app, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], App]]:
+    """All verbs and the groups that hold them, with the words that call them."""
+    for name in room:
+        if not name.startswith("-"):
+            verb = room[name]
+            yield (*path, name), verb
+            yield from verbs(verb, (*path, name))
+
+
+VERBS = {" ".join(path): verb for path, verb in verbs()}
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "study.yaml"
+    path.write_text(STUDY)
+    return path
+
+
+def test_all_verbs_are_there() -> None:
+    assert set(VERBS) == {
+        *("run", "view", "inertia", "calibrate", "fragility", "diagnose"),
+        *("motion", "motion info", "motion convert", "motion generate", "motion fuse"),
+        *("campaign", "campaign import-lab", "campaign check", "campaign info"),
+        *("campaign simulate", "effects", "effects list", "effects show", "effects check"),
+        *("blind", "blind make", "blind diagnose", "blind score"),
+        *("config", "config check", "config import-ros2", "config reference", "config schema"),
+    }
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_is_printed_and_explains_every_option(
+    verb: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*verb.split(), "--help"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith(f"Usage: vsr2 {verb} ")
+    if VERBS[verb].default_command is None:
+        return  # a group: its verbs have the options
+    with app.app_stack(verb.split()):
+        for argument in VERBS[verb].assemble_argument_collection(parse_docstring=True):
+            if argument.show:
+                assert argument.parameter.help, f"{verb}: {argument.name} is not explained"
+                assert argument.name in out
+                assert not any(name.startswith("--no-") for name in argument.negatives)
+
+
+def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    assert "code 130: interrupted" in capsys.readouterr().out
+    assert main(["campaign"]) == 2
+    assert "simulate" in capsys.readouterr().out
+    assert main(["--help"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("rum study.yaml", 'Did you mean "run"'),
+        ("campaign simulte a b", 'Did you mean "simulate"'),
+        ("--verson", 'Did you mean "--version"'),
+        ("run study.yaml --thread 2", "Did you mean --threads"),
+        ("run study.yaml --overwrit", "Did you mean --overwrite"),
+        ("run study.yaml --no-quiet", "Unknown option: --no-quiet"),
+        ("run study.yaml --threads two", '"two" is no whole number'),
+        ("run study.yaml --threads 2.6", '"2.6" is no whole number'),
+        ("run study.yaml --merge --shard 1/2", "Mutually exclusive arguments"),
+        ("run study.yaml other.yaml", "other.yaml"),
+        ("run", "STUDY requires an argument"),
+        ("inertia a.obj --mass 1 --density 2", "Mutually exclusive arguments"),
+        ("diagnose folder --out o", "--scene requires an argument"),
+        ("blind make a b --engine mujcoo", 'Did you mean "mujoco"'),
+        ("blind make a b --single", "--single requires at least 1 element"),
+        ("blind make a b --single 1 2.5", '"1 2.5" is no whole number'),
+        ("blind diagnose d --out o --draws 3 --budget-minutes 1", "Mutually exclusive arguments"),
+        ("motion convert a b --units furlong", "Choose from"),
+        ("motion info", "FILES requires an argument"),
+        ("config import-ros2", "FILES requires an argument"),
+    ],
+)
+def test_usage_errors_are_told_in_two_lines_with_code_2(
+    line: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.startswith("vsr2")
+    assert err.endswith("--help` explains.\n")
+    assert err.count("\n") == 2
+
+
+def test_options_may_stand_anywhere_and_the_last_of_two_values_counts(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    line = ["run", "--threads", "7", "--quiet", str(study), "--out", str(out), "--threads", "1"]
+    changes = ["--set", "motion.pga.max=0.2", "--set=name=changed", "--no-figures"]
+    assert main([*line, *changes]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert '"threads": 1' in (out / "provenance.json").read_text()
+    assert len((out / "trials.csv").read_text().splitlines()) == 2
+    assert '"name": "changed"' in (out / "provenance.json").read_text()
+
+
+def test_interruption_has_its_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted() -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vsr2.config.reference_markdown", interrupted)
+    assert main(["config", "reference"]) == 130
+    assert capsys.readouterr().err == "vsr2: interrupted\n"
+
+
+@pytest.mark.parametrize("verb", ["", "run", "campaign simulate", "motion info"])
+def test_help_is_printed_where_output_is_ascii(verb: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "vsr2.cli.main", *verb.split(), "--help"],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "--verbose" in done.stdout.decode("ascii")
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    command = f"{sys.executable} -m vsr2.cli.main config reference | head -1"
+    shell = ["bash", "-c", f"{command}; exit ${{PIPESTATUS[0]}}"]
+    done = subprocess.run(shell, capture_output=True, text=True)
+    assert done.returncode == 0
+    assert done.stderr == ""
+
+
+def test_version_and_help_import_no_room() -> None:
+    code = (
+        "import sys; from vsr2.cli.main import main; main(sys.argv[1:]); "
+        "print(*sorted(name for name in sys.modules if name.startswith('vsr2.')), file=sys.stderr);"
+        "print(*sorted({'numpy', 'pydantic', 'yaml', 'tqdm'} & set(sys.modules)), file=sys.stderr)"
+    )
+    for option in ("--version", "--help"):
+        done = subprocess.run(
+            [sys.executable, "-c", code, option], capture_output=True, text=True, check=True
+        )
+        rooms, heavy = done.stderr.splitlines()
+        assert heavy == ""
+        assert {name.split(".")[1] for name in rooms.split()} <= {"_native", "cli", "errors"}
+        assert ("build_type" in done.stdout) is (option == "--version")
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_verbs_options_and_choices(
+    shell: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--show-completion", shell]) == 0
+    script = capsys.readouterr().out
+    for word in ("import-ros2", "diagnose", "fuse", "scheduler", "mujoco", "verbose"):
+        assert word in script
+    if program := shutil.which(shell):
+        file = tmp_path / "vsr2"
+        file.write_text(script)
+        subprocess.run([program, "-n", str(file)], check=True)
+
+
+def test_completion_is_installed_in_the_home_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in os.environ if name.startswith(("XDG_", "ZSH"))]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert main(["--install-completion", "bash"]) == 0
+    (script,) = (path for path in tmp_path.rglob("vsr2*") if path.is_file())
+    assert str(script) in capsys.readouterr().out
+    assert str(script.parent) in (tmp_path / ".bashrc").read_text()
+    assert "import-ros2" in script.read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "levels"),
+    [
+        ([], set()),
+        (["-v"], {"info"}),
+        (["-v", "-v"], {"info", "debug"}),
+        (["-vv"], {"info", "debug"}),
+    ],
+)
+@pytest.mark.parametrize("before", [True, False])
+def test_verbosity_chooses_what_is_logged(
+    options: list[str],
+    levels: set[str],
+    before: bool,
+    study: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = ["run", str(study), "--out", str(tmp_path / "out"), "--quiet", "--no-figures"]
+    assert main([*options, *line] if before else [*line, *options]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert ("vsr2.simulation.batch: 2 trials, engine fast; 0 are in the journal" in err) is (
+        "info" in levels
+    )
+    assert (" s: 2 ok\n" in err) is ("info" in levels)
+    assert ("vsr2.config.load: " in err) is ("debug" in levels)
+    assert bool(err) is bool(levels)
+    logger = logging.getLogger("vsr2")
+    assert logger.handlers == []
+    assert logger.level == logging.NOTSET
+
+
+def test_the_journal_taken_up_is_logged(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    line = ["run", str(study), "--out", str(tmp_path / "out"), "--quiet", "--no-figures"]
+
+    def killed(*arguments: object, **options: object) -> None:
+        raise RuntimeError("killed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("vsr2.results.save_result", killed)
+        with pytest.raises(RuntimeError, match="killed"):
+            main(line)
+    assert main(["-v", *line, "--resume"]) == 0
+    assert "2 trials, engine fast; 2 are in the journal" in caplog.text
+
+
+def test_errors_of_usage_reach_callers_that_want_them() -> None:
+    with pytest.raises(CycloptsError, match="no whole number"):
+        command_line.run("run", "study.yaml", "--threads", "x")
