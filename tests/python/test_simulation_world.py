@@ -20,6 +20,7 @@ from vsr2.simulation import (
     contact_softness,
     effective_pair,
     inverse_mass_along,
+    native_scene,
     normal_impulse,
     restitution_target,
 )
@@ -116,7 +117,7 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
 
 
 def test_errors_of_the_core_carry_a_code() -> None:
-    world = _native.World(Simulation(study()).scene.native, _native.Drive.prescribed)
+    world = _native.World(native_scene(Simulation(study()).scene), _native.Drive.prescribed)
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
     assert caught.value.fault is _native.InputFault.no_rock
