@@ -122,22 +122,13 @@ def run_batch(
             bar.update()
 
         facts: dict[str, Any] = {"threads": count}
-        if _logger.isEnabledFor(logging.INFO):
-            engines = {native_scene(trial.scene).engine.name for trial in trials}
-            _logger.info(
-                "%d trials, engine %s; %d are in the journal",
-                len(trials),
-                " and ".join(sorted(engines)),
-                len(trials) - len(pending),
-            )
+        _log_begin(trials, len(pending))
         if client is None:
             run_native(waiting, count, take=take, stopped=interrupt.is_raised)
         else:
             facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
-    if _logger.isEnabledFor(logging.INFO):
-        ends = Counter(collection.columns["status"])
-        counts = ", ".join(f"{count} {status}" for status, count in ends.items())
-        _logger.info("batch ended after %.3g s: %s", time.time() - started, counts)
+    ends = dict(Counter(collection.columns["status"]))
+    _logger.info("batch ended after %.3g s: %s", time.time() - started, ends)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
         **facts,
@@ -158,6 +149,13 @@ def _threads(threads: int | None, client: distributed.Client | None) -> int:
     if not 1 <= count <= 1024:
         raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
     return count
+
+
+def _log_begin(trials: Sequence[Trial], pending: int) -> None:
+    if _logger.isEnabledFor(logging.INFO):
+        engines = " and ".join(sorted({native_scene(one.scene).engine.name for one in trials}))
+        done = len(trials) - pending
+        _logger.info("%d trials, engine %s; %d are in the journal", len(trials), engines, done)
 
 
 class _Collection:
