@@ -376,13 +376,14 @@ def _turned(pedestal: PedestalBody, turn: Array, about: Array) -> PedestalBody:
             center = _triple(moved(np.asarray([part.center]))[0])
             box = replace(part, center=center, orientation=multiply(quaternion, part.orientation))
             parts.append(box)
-            highest.append(float(box_corners(box)[:, 2].max()))
+            points = box_corners(box)
         elif isinstance(part, Hull):
-            parts.append(Hull(moved(part.points)))
-            highest.append(float(moved(part.points)[:, 2].max()))
+            points = moved(part.points)
+            parts.append(Hull(points))
         else:
-            parts.append(Triangles(moved(part.vertices), part.faces))
-            highest.append(float(moved(part.vertices)[:, 2].max()))
+            points = moved(part.vertices)
+            parts.append(Triangles(points, part.faces))
+        highest.append(float(points[:, 2].max()))
     surface = pedestal.surface
     return replace(
         pedestal,
