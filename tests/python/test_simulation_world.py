@@ -156,27 +156,6 @@ def test_table_s1_follows_from_the_body_level_inputs() -> None:
     assert pair.stiffness == pytest.approx(1.3e9)
 
 
-def test_softness_expressions() -> None:
-    cfm, erp = _native.contact_softness(1.3e9, 2.0e7, 1e-3)
-    assert cfm == pytest.approx(1 / (1.3e6 + 2e7))
-    assert erp == pytest.approx(1.3e6 / (1.3e6 + 2e7))
-    with pytest.raises(ValueError, match="softness"):
-        _native.contact_softness(0.0, 0.0, 1e-3)
-
-
-def test_impulse_expressions() -> None:
-    assert _native.restitution_target(0.5, -0.1, 0.2) == 0.0
-    assert _native.restitution_target(0.5, -2.0, 0.2) == 1.0
-    origin, beside, up = np.zeros(3), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    fixed = (0.0, np.zeros((3, 3)), origin)
-    assert _native.inverse_mass_along(up, 0.5, np.eye(3), origin, *fixed) == 0.5
-    # One metre beside the mass centre, unit inertia: K = 1/m + r^2 / I.
-    assert _native.inverse_mass_along(up, 0.5, np.eye(3), beside, *fixed) == pytest.approx(1.5)
-    # A perfectly hard contact stops the approach.
-    assert _native.normal_impulse(0.0, -3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == pytest.approx(6.0)
-    assert _native.normal_impulse(0.0, 3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == 0.0
-
-
 def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
     contact = {"rock": {"restitution": 0.2, "stiffness": 4e8}, "pedestal": {"stiffness": 1e9}}
     scene = build_scene(study(contact=contact))
