@@ -104,14 +104,12 @@ def run_batch(
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
     check_trials(trials)
-    count = _threads(threads, client)
+    facts: dict[str, Any] = {"threads": _threads(threads, client)}
     collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
     with contextlib.ExitStack() as stack:
         if checkpoint is not None:
-            collection.resume(
-                stack.enter_context(Journal(checkpoint, plan_sha256(trials), len(trials))),
-                Path(checkpoint),
-            )
+            journal = Journal(checkpoint, plan_sha256(trials), len(trials))
+            collection.resume(stack.enter_context(journal), Path(checkpoint))
         pending = collection.pending
         waiting = [trials[i] for i in pending]
         interrupt = stack.enter_context(_InterruptFlag())
@@ -121,10 +119,9 @@ def run_batch(
             collection.take(pending[position], row, log)
             bar.update()
 
-        facts: dict[str, Any] = {"threads": count}
         _log_begin(trials, len(pending))
         if client is None:
-            run_native(waiting, count, take=take, stopped=interrupt.is_raised)
+            run_native(waiting, facts["threads"], take=take, stopped=interrupt.is_raised)
         else:
             facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
     ends = dict(Counter(collection.columns["status"]))
