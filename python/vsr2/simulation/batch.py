@@ -124,7 +124,7 @@ def run_batch(
             run_native(waiting, facts["threads"], take=take, stopped=interrupt.is_raised)
         else:
             facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
-    ends = dict(Counter(collection.columns["status"]))
+    ends = ", ".join(f"{n} {end}" for end, n in Counter(collection.columns["status"]).items())
     _logger.info("batch ended after %.3g s: %s", time.time() - started, ends)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
