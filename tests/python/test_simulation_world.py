@@ -12,18 +12,10 @@ import numpy as np
 import pytest
 
 from vsr2 import _native
-from vsr2.config.study import Material, Study
+from vsr2.config.study import Contact, Study
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
-from vsr2.simulation import (
-    Simulation,
-    contact_softness,
-    effective_pair,
-    inverse_mass_along,
-    native_scene,
-    normal_impulse,
-    restitution_target,
-)
+from vsr2.simulation import Simulation, native_scene, pair_values
 
 
 def study(**sections: object) -> Study:
@@ -117,7 +109,7 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
 
 
 def test_errors_of_the_core_carry_a_code() -> None:
-    world = _native.World(native_scene(Simulation(study()).scene), _native.Drive.prescribed)
+    world = _native.World(native_scene(build_scene(study())), _native.Drive.prescribed)
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
     assert caught.value.fault is _native.InputFault.no_rock
@@ -156,36 +148,12 @@ def test_settling_has_a_timeout() -> None:
 
 
 def test_table_s1_follows_from_the_body_level_inputs() -> None:
-    pair = effective_pair(Material(), Material())
+    pair = pair_values(Contact())
     assert round(pair.restitution, 2) == 0.12
     assert round(pair.lateral_friction, 2) == 0.49
     assert round(pair.spinning_friction, 2) == 0.70
     assert pair.damping == 2.0e7
     assert pair.stiffness == pytest.approx(1.3e9)
-
-
-def test_softness_expressions() -> None:
-    cfm, erp = contact_softness(1.3e9, 2.0e7, 1e-3)
-    assert cfm == pytest.approx(1 / (1.3e6 + 2e7))
-    assert erp == pytest.approx(1.3e6 / (1.3e6 + 2e7))
-    with pytest.raises(ValueError, match="softness"):
-        contact_softness(0.0, 0.0, 1e-3)
-
-
-def test_impulse_expressions() -> None:
-    assert restitution_target(0.5, -0.1, 0.2) == 0.0
-    assert restitution_target(0.5, -2.0, 0.2) == 1.0
-    point_mass = inverse_mass_along(
-        [0, 0, 1], 0.5, np.eye(3), [0, 0, 0], 0.0, np.zeros((3, 3)), [0, 0, 0]
-    )
-    assert point_mass == 0.5
-    # One metre beside the mass centre, unit inertia: K = 1/m + r^2 / I.
-    assert inverse_mass_along(
-        [0, 0, 1], 0.5, np.eye(3), [1, 0, 0], 0.0, np.zeros((3, 3)), [0, 0, 0]
-    ) == pytest.approx(1.5)
-    # A perfectly hard contact stops the approach.
-    assert normal_impulse(0.0, -3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == pytest.approx(6.0)
-    assert normal_impulse(0.0, 3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == 0.0
 
 
 def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
@@ -195,7 +163,7 @@ def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
     simulation.step(0.0, steps=2000)
     contacts = simulation.contacts()
     assert len(contacts) == 4
-    pair = effective_pair(scene.contact.rock, scene.contact.pedestal)
+    pair = pair_values(scene.contact)
     for point in contacts:
         assert point["stiffness"] == pytest.approx(pair.stiffness, rel=1e-12)
         assert point["restitution"] == pytest.approx(pair.restitution)

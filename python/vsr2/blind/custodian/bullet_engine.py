@@ -93,10 +93,9 @@ class BulletEngine:
             # As the study has it: Housner's ratio for an impact, the pair's own spinning friction.
             null = 1.0
             if effect == "spin_friction":
-                from vsr2.simulation import effective_pair
+                from vsr2.simulation import pair_values
 
-                contact = self._study.contact
-                null = effective_pair(contact.rock, contact.pedestal).spinning_friction
+                null = pair_values(self._study.contact).spinning_friction
         return _parameter(parameter, null)
 
     def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:

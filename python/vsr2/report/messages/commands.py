@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from vsr2.blind.custodian.make import Made
     from vsr2.calibration import CalibrationResult
     from vsr2.results import BatchResult
-    from vsr2.simulation.effect_checks import EffectReport, Liveness, Rock
+    from vsr2.simulation.bench import Rock
+    from vsr2.simulation.effect_checks import EffectReport, Liveness
 
 
 def table(rows: Sequence[Sequence[str]], align: Callable[[str, int], str] = str.rjust) -> str:
