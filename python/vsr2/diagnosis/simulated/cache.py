@@ -21,8 +21,6 @@ from vsr2.errors import DiagnosisError
 
 _logger = logging.getLogger(__name__)
 
-_logger = logging.getLogger(__name__)
-
 CHUNK = 512
 """Simulations between two commits."""
 
@@ -135,7 +133,6 @@ class SimulationCache:
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
         self._asked.update(keys)
-        _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
