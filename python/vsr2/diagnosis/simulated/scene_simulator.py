@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -22,12 +22,8 @@ from vsr2.diagnosis.observed.features import (
 )
 from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.cache import own_code
-from vsr2.diagnosis.simulated.nuisances import (
-    DEFAULT_NUISANCES,
-    DrawnByEffect,
-    Nuisance,
-    Scope,
-)
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
@@ -38,7 +34,6 @@ from vsr2.diagnosis.simulated.simulator import (
     nuisance_normal,
 )
 from vsr2.effects import Effect, in_order, with_effects
-from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import TrialLog
@@ -54,6 +49,8 @@ Array = NDArray[np.float64]
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which an outcome is known."""
+HYPOTHESES = Hypotheses()
+"""All registered effects, and the default nuisances."""
 ROW = 0.01
 """Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
@@ -65,9 +62,7 @@ class SceneSimulator:
         campaign: every trial needs a motion; in order of execution.
         study: of the nominal scene; its own motions are not used, but how recordings are turned
             into the driven motion is (channel, filter, scale, drive).
-        nuisances: what is uncertain about the set-up; None: `DEFAULT_NUISANCES`.
-        library: effects; default: all that are registered.
-        exclude: names left out.
+        hypotheses: effects and nuisances.
         series: also draw features from the tilt's series.
         sampling: of series, where the campaign has none.
         threads: of the native core; None: all.
@@ -79,7 +74,7 @@ class SceneSimulator:
         nuisances: that are drawn.
 
     Raises:
-        DiagnosisError: a trial without motion, or an unknown name in `exclude`.
+        DiagnosisError: a trial without motion, or an unknown name in `hypotheses.exclude`.
         GeometryError, MotionError, SimulationError: the scene or a motion cannot be used.
     """
 
@@ -88,22 +83,15 @@ class SceneSimulator:
         campaign: Campaign,
         study: Study,
         *,
-        nuisances: Sequence[Nuisance] | None = None,
-        library: Mapping[str, Effect] | None = None,
-        exclude: Collection[str] = (),
+        hypotheses: Hypotheses = HYPOTHESES,
         series: bool = False,
         sampling: Sampling | None = None,
         threads: int | None = None,
         client: distributed.Client | None = None,
         seed: int = 0,
     ) -> None:
-        offered = dict(known_effects() if library is None else library)
-        strange = sorted(set(exclude) - set(offered))
-        if strange:
-            raise DiagnosisError(
-                f"exclude: there is no effect {strange[0]!r}; there are {', '.join(offered)}"
-            )
-        self.nuisances = DEFAULT_NUISANCES if nuisances is None else tuple(nuisances)
+        offered = hypotheses.offered
+        self.nuisances = tuple(hypotheses.nuisances)
         self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
         self._names = tuple(one.name for one in self._wide)
         self._series = series
@@ -123,8 +111,6 @@ class SceneSimulator:
         self.unavailable: dict[str, str] = {}
         self._library: dict[str, Effect] = {}
         for name, effect in offered.items():
-            if name in exclude:
-                continue
             reason = self._refusal(effect)
             if reason is None:
                 self._library[name] = effect
