@@ -696,9 +696,8 @@ def test_rest_features_are_those_of_the_batch(shaken, tmp_path) -> None:
 def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, capsys) -> None:
     study = study_from_mapping(BOX, base=tmp_path)
     library = {name: full_library()[name] for name in ("table_gain", "catch")}
-    simulator = SceneSimulator(
-        shaken, study, hypotheses=Hypotheses(library, nuisances=STILL), seed=5
-    )
+    still = Hypotheses(library, nuisances=STILL)
+    simulator = SceneSimulator(shaken, study, hypotheses=still, seed=5)
     truth = simulator.run([Request(i, (), 3, 1) for i in range(len(shaken))])
     observed = replace(
         shaken,
@@ -712,7 +711,7 @@ def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, ca
         study,
         out=tmp_path / "out",
         budget=Budget(simulations=500),
-        hypotheses=hypotheses,
+        hypotheses=still,
         execution=Execution(threads=2),
     )
     assert result.content["campaign"]["tier"] == "B"
