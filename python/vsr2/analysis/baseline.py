@@ -122,7 +122,7 @@ def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> 
     Raises:
         ResultError: no trial has all three.
         CampaignError: fewer motions than folds.
-        MotionError: intensity is to be told from a motion that cannot be filtered.
+        MotionError: intensity is to be measured of a motion that cannot be filtered.
     """
     measures = intensity_measures(campaign)
     # NaN compares as false, so that unknown intensities drop out, too.

@@ -104,7 +104,7 @@ def svg(figure: Figure, meaning: str) -> str:
 def save_figure(
     figure: Figure, stem: Path, kinds: Sequence[str] = ("png", "pdf"), *, dpi: int = 200
 ) -> list[Path]:
-    """Write a figure, as PNG and PDF unless told otherwise.
+    """Write a figure, as PNG and PDF by default.
 
     Args:
         figure: what to write.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -70,8 +70,12 @@ class SceneSimulator:
         seed: of nuisances and of what belongs to single trials.
 
     Attributes:
-        unavailable: effects that this scene cannot have, with the reason.
+        library: effects that this scene can have.
+        unavailable: those that it cannot have, with the reason.
         nuisances: that are drawn.
+        nuisance_names: of those drawn once a campaign.
+        identity: hash of scene, motions, schedule, priors and seed.
+        variants: half the time step, twice the solver's iterations.
 
     Raises:
         DiagnosisError: a trial without motion, or an unknown name in `hypotheses.exclude`.
@@ -93,7 +97,8 @@ class SceneSimulator:
         offered = hypotheses.offered
         self.nuisances = tuple(hypotheses.nuisances)
         self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
-        self._names = tuple(one.name for one in self._wide)
+        self.nuisance_names = tuple(one.name for one in self._wide)
+        self.variants = (HALF_STEP, FINE_SOLVER)
         self._series = series
         self._threads = threads
         self._client = client
@@ -109,14 +114,14 @@ class SceneSimulator:
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
         self._sessions = [trial.session for trial in campaign.trials]
         self.unavailable: dict[str, str] = {}
-        self._library: dict[str, Effect] = {}
+        self.library: dict[str, Effect] = {}
         for name, effect in offered.items():
             reason = self._refusal(effect)
             if reason is None:
-                self._library[name] = effect
+                self.library[name] = effect
             else:
                 self.unavailable[name] = reason
-        self._identity = self._digest(study)
+        self.identity = self._digest(study)
 
     def _digest(self, study: Study) -> str:
         from vsr2 import _native
@@ -151,26 +156,6 @@ class SceneSimulator:
         except Vsr2Error as error:
             return str(error)
         return None
-
-    @property
-    def library(self) -> Mapping[str, Effect]:
-        """Effects that this scene can have."""
-        return self._library
-
-    @property
-    def identity(self) -> str:
-        """Hash of scene, motions, schedule, priors and seed."""
-        return self._identity
-
-    @property
-    def variants(self) -> tuple[int, ...]:
-        """Half the time step, twice the solver's iterations."""
-        return HALF_STEP, FINE_SOLVER
-
-    @property
-    def nuisance_names(self) -> tuple[str, ...]:
-        """Drawn once a campaign."""
-        return self._names
 
     def nuisance_draw(self, index: int) -> Array:
         """Standardised nuisances of a draw."""
@@ -221,8 +206,8 @@ class SceneSimulator:
     ) -> dict[int, Trial]:
         """The wanted trials with nuisances and effects in them.
 
-        What an effect draws belongs to the trial's place in the whole campaign; trials that are not
-        wanted keep a place without work.
+        What an effect draws belongs to the trial's position in the campaign; trials that are not
+        wanted keep theirs without work.
         """
         seed = int(
             np.random.SeedSequence(
@@ -250,7 +235,7 @@ class SceneSimulator:
             drawn += [(one, 0.0) for one in own if isinstance(one.prior, DrawnByEffect)]
         caused = []
         for name, numbers in effects:
-            effect = self._library[name]
+            effect = self.library[name]
             pairs = zip(effect.parameters, numbers, strict=True)
             caused.append((effect, {p.name: value for p, value in pairs}))
         causes = {effect.name: values for effect, values in caused}
@@ -268,8 +253,6 @@ class SceneSimulator:
 
     def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
         """Base trials with values of their own (replicates above 0), a variant or a tiny shift."""
-        from vsr2.effects import with_effects
-
         if replicate == 0:
             return self._trials
         if replicate in self.variants:

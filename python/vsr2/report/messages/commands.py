@@ -53,10 +53,10 @@ def effect_report(report: EffectReport) -> str:
     elif report.effect.jump:
         lines.append(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
     else:
-        lines.append("  continuous: not told, the null value has no value beside it")
+        lines.append("  continuous: not checked, the null value has no value beside it")
     lines.append(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
     if report.right is None:
-        lines.append("  right: not told here, VSR2's own tests hold its closed forms")
+        lines.append("  right: not checked here, VSR2's own tests hold its closed forms")
     elif not report.right:
         lines.append("  right: NO, its `verify` gives no check")
     lines += [
