@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsr2.analysis.bootstrap import SCORES
 from vsr2.report.messages.runs import compatible_values
 
 if TYPE_CHECKING:
+    from vsr2.analysis.baseline import BaselineScore
     from vsr2.blind.custodian.make import Made
     from vsr2.calibration import CalibrationResult
     from vsr2.results import BatchResult
@@ -38,6 +40,16 @@ def calibration_summary(result: CalibrationResult) -> str:
         for profile in result.profiles
     ]
     return "".join(f"{line}\n" for line in lines)
+
+
+def baseline_table(scores: Sequence[BaselineScore]) -> str:
+    """Ways of predicting outcomes: scores with their 95 % intervals."""
+    header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
+    rows = [
+        [one.name, one.fitted, str(one.metrics.trials), *(str(one.intervals[n]) for n in SCORES)]
+        for one in scores
+    ]
+    return table([header, *rows], str.ljust)
 
 
 def effect_report(report: EffectReport) -> str:
