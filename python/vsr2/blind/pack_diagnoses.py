@@ -207,17 +207,15 @@ def diagnose_pack(
 
         def diagnosed(name: str = name, tier: Tier = tier) -> Saved:
             campaign = load_campaign(data / name)
+            # Without series too, simulate them as this campaign measured them.
+            shared = replace(cache, sampling=series_sampling(campaign))
             return diagnose(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
                 budget=options.budget,
                 hypotheses=Hypotheses(exclude=excluded[name], nuisances=nuisances),
-                execution=Execution(
-                    options.threads,
-                    # Without series too, simulate them as this campaign measured them.
-                    cache=replace(cache, sampling=series_sampling(campaign)),
-                ),
+                execution=Execution(options.threads, cache=shared),
                 seed=options.seed,
             )
 
