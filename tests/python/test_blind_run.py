@@ -101,8 +101,8 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
     for campaign, how in Stub.calls:
         assert campaign.tier == how["tier"]
-        assert list(how["exclude"]) == excluded[campaign.name]
-        assert (how["seed"], how["draws"]) == (7, 9)
+        assert list(how["hypotheses"].exclude) == excluded[campaign.name]
+        assert (how["seed"], how["budget"].draws) == (7, 9)
         if how["tier"] == "B":
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None
@@ -110,7 +110,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     whole = load_campaign(small / Stub.calls[0][0].name)
     assert at_tier(whole, "T") is whole
     # All tiers share one cache of simulations.
-    shared = Stub.calls[0][1]["cache"]
+    shared = Stub.calls[0][1]["execution"].cache
     scene = load_study(small / "scene.yaml")
     simulators = [
         SceneSimulator(at_tier(whole, tier), scene, series=True, sampling=shared.sampling)
@@ -261,7 +261,6 @@ def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> N
 
 WATCHED = """
 import json, sys
-from functools import partial
 from pathlib import Path
 # Libraries ask what the machine is.
 HARMLESS = [("uname", ["uname", "-p"]), ("lscpu", ["lscpu", "--parse=core"])]
@@ -290,7 +289,9 @@ vsr2.diagnosis.simulated.design.SCREENING = replace(
 )
 vsr2.diagnosis.budget.NOISE_FLOOR = replace(vsr2.diagnosis.budget.NOISE_FLOOR, most_trials=4)
 vsr2.diagnosis.which.amortised.TREES = 40
-rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
+def rough(*given, hypotheses, **how):
+    offered = {{name: library()[name] for name in {names!r}}}
+    return diagnose(*given, hypotheses=replace(hypotheses, library=offered), **how)
 made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"],
                      options=DiagnosisOptions(6), diagnose=rough)
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))

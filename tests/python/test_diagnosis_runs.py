@@ -17,7 +17,7 @@ from planted import shaken_campaign
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
-from vsr2.diagnosis import diagnose, schema
+from vsr2.diagnosis import Budget, Hypotheses, diagnose, schema
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import library
@@ -134,9 +134,11 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(
         mixed,
         scene,
         tier="B",
-        simulations=300,
-        exclude=[name for name in EXCLUDED if name != "table_pitch"],
-        priors={"table_gain.change": (-0.3, 0.1)},
+        budget=Budget(simulations=300),
+        hypotheses=Hypotheses(
+            exclude=[name for name in EXCLUDED if name != "table_pitch"],
+            priors={"table_gain.change": (-0.3, 0.1)},
+        ),
     )
     limits = {row["code"]: row["values"] for row in found.content["limits"]}
     assert limits["trials_incomplete"] == {"count": 1}

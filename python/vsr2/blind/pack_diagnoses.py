@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
 from vsr2.blind.form.pack_form import TIERS
@@ -23,6 +23,9 @@ from vsr2.blind.form.seal import (
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
 from vsr2.errors import BlindError, Vsr2Error
+
+if TYPE_CHECKING:
+    from vsr2.diagnosis import Budget
 
 CACHE_FILE = "simulations.sqlite"
 DRAWS = 48
@@ -78,6 +81,13 @@ class DiagnosisOptions:
         if self.draws is None:
             return {"budget_minutes": self.budget_minutes, "seed": self.seed}
         return {"draws": self.draws, "seed": self.seed}
+
+    @property
+    def budget(self) -> Budget:
+        """Of each diagnosis."""
+        from vsr2.diagnosis import Budget
+
+        return Budget(self.budget_minutes, draws=self.draws)
 
 
 @dataclass(frozen=True)
@@ -176,7 +186,7 @@ def diagnose_pack(
         from vsr2.effects import library
 
         diagnose, known = installed, library()
-    from vsr2.diagnosis import ProtocolCache, with_deviations
+    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, with_deviations
     from vsr2.diagnosis.observed.observations import series_sampling
 
     scene = data / pack["scene"]
@@ -197,16 +207,16 @@ def diagnose_pack(
 
         def diagnosed(name: str = name, tier: Tier = tier) -> Saved:
             campaign = load_campaign(data / name)
+            # Without series too, simulate them as this campaign measured them.
+            shared = replace(cache, sampling=series_sampling(campaign))
             return diagnose(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
-                threads=options.threads,
-                exclude=excluded[name],
-                # Without series too, simulate them as this campaign measured them.
-                cache=replace(cache, sampling=series_sampling(campaign)),
-                nuisances=nuisances,
-                **options.result,
+                budget=options.budget,
+                hypotheses=Hypotheses(exclude=excluded[name], nuisances=nuisances),
+                execution=Execution(options.threads, cache=shared),
+                seed=options.seed,
             )
 
         error = _save(diagnosed, folder)

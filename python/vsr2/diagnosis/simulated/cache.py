@@ -21,8 +21,8 @@ from vsr2.errors import DiagnosisError
 
 _logger = logging.getLogger(__name__)
 
-_logger = logging.getLogger(__name__)
-
+Progress = Callable[[int, int], None]
+"""Called with simulations done and all."""
 CHUNK = 512
 """Simulations between two commits."""
 
@@ -117,14 +117,12 @@ class SimulationCache:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def run(
-        self, requests: Sequence[Request], *, done: Callable[[int], None] | None = None
-    ) -> Responses:
+    def run(self, requests: Sequence[Request], *, progress: Progress | None = None) -> Responses:
         """Answer requests from the file, the rest by simulation.
 
         Args:
             requests: any, also the same twice.
-            done: called with the number of answered requests as it grows.
+            progress: called with the number of answered requests, as it grows, and of all.
 
         Raises:
             DiagnosisError: the file holds damaged simulations, or can no longer be used.
@@ -135,7 +133,6 @@ class SimulationCache:
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
         self._asked.update(keys)
-        _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
@@ -154,8 +151,8 @@ class SimulationCache:
                 self._file.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?)", rows)
                 self._file.execute("INSERT INTO spent VALUES (?, ?)", (seconds, len(part)))
             self.simulated += len(part)
-            if done is not None:
-                done(len(requests) - len(pending) + start + len(part))
+            if progress is not None:
+                progress(len(requests) - len(pending) + start + len(part), len(requests))
         content = b"".join(known[key] for key in keys)
         sizes = {len(known[key]) for key in keys}
         if len(sizes) > 1 or any(size < 16 or size % 8 for size in sizes):
