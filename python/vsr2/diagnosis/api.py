@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from vsr2.effects import Effect
 
-CACHE_FILE = "simulations.sqlite"
+CACHE_FILE = "simulations.jsonl"
 
 
 def diagnose(
