@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.calibration.calibration_study import CalibrationStudy, study_values
-from vsr2.calibration.store import Evaluation, EvaluationStore
+from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
 from vsr2.config.motion_source import AllRecordings

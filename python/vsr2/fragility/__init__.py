@@ -1,7 +1,7 @@
 """Fragility: the probability of overturning as a function of ground-motion intensity."""
 
-from vsr2.fragility.files import remove_old_tables, save_fragility
 from vsr2.fragility.fit import FitNote, FragilityFit, Lognormal, fit_fragility
+from vsr2.fragility.fragility_tables import remove_old_tables, save_fragility
 from vsr2.fragility.run import FragilityResult, fragility_result, run_fragility
 from vsr2.fragility.settings import FragilitySettings, FragilityStudy, Jitter, load_fragility
 from vsr2.fragility.trials import PlannedTrial, fragility_trials
