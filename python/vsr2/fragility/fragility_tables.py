@@ -14,13 +14,12 @@ extrapolates.
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from vsr2.errors import ResultError
-from vsr2.fragility.fit import FragilityFit
+from vsr2.fragility.fit import FragilityFit, Lognormal
 from vsr2.fragility.run import FragilityResult
 from vsr2.results import has_journal, remove_journal, save_result
 from vsr2.results.atomic import csv_text, write_text
@@ -116,21 +115,21 @@ def lognormal_rows(result: FragilityResult) -> list[dict[str, Any]]:
             for (other, turn), one in result.azimuth_curves.items()
             if other == name
         ]
-    rows = []
-    for name, azimuth, fit in curves:
-        found = fit.lognormal
-        row: dict[str, Any] = {"measure": name, "azimuth_deg": azimuth}
-        for key in (
-            "median", "median_lower", "median_upper", "beta", "beta_lower", "beta_upper",
-        ):  # fmt: skip
-            row[key] = math.nan if found is None else getattr(found, key)
-        row |= {
-            "fits": "" if found is None else int(found.fits),
+    blank = {key: "" for key in Lognormal.__dataclass_fields__}
+    return [
+        {
+            "measure": name,
+            "azimuth_deg": azimuth,
+            **(
+                blank
+                if (found := fit.lognormal) is None
+                else vars(found) | {"fits": int(found.fits)}
+            ),
             "trials": fit.trials,
             "overturned": fit.overturned,
             "motions": fit.groups,
             "separated": int(fit.separated),
             "note": fit.note or "",
         }
-        rows.append(row)
-    return rows
+        for name, azimuth, fit in curves
+    ]
