@@ -389,15 +389,12 @@ class _Remembered:
             predicted = np.where(self.certain, self.assumed, found.predicted)
             self.seen[key] = replace(found, predicted=predicted)
             if len(self.seen) == self.screen:
-                self._settle()
+                ends = np.stack([one.predicted for one in self.seen.values()])
+                self.certain = (ends == ends[0]).all(axis=0)
+                self.assumed = np.where(self.certain, ends[0], np.nan)
             if self._on_evaluation is not None:
                 self._on_evaluation(self.seen[key])
         return self.seen[key]
-
-    def _settle(self) -> None:
-        ends = np.stack([one.predicted for one in self.seen.values()])
-        self.certain = (ends == ends[0]).all(axis=0)
-        self.assumed = np.where(self.certain, ends[0], np.nan)
 
 
 def _search(study: CalibrationStudy, evaluate: _Remembered, seed: int) -> Search:

@@ -39,7 +39,6 @@ OWN_FILES = (
     "provenance.json", TABLE, "evaluations.csv", "predictions.csv", "folds.csv", "scores.csv",
     "profiles.csv", "best.yaml", "report.md",
 )  # fmt: skip
-S2_SCORES = ("accuracy", "precision", "recall", "f1", "objective")
 
 
 def prepare_calibration_folder(
@@ -125,7 +124,7 @@ def sequential_rows(result: CalibrationResult) -> list[dict[str, Any]]:
 
 
 def _scores(metrics: Classification) -> dict[str, float]:
-    return {name: float(getattr(metrics, name)) for name in S2_SCORES}
+    return {name: float(getattr(metrics, name)) for name in SCORES}
 
 
 def evaluation_rows(result: CalibrationResult) -> list[dict[str, Any]]:
