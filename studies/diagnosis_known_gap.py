@@ -133,7 +133,7 @@ def main() -> None:
         screening_runs=10,
         noise=0.003,
         series=True,
-        cache=options.out / "simulations.sqlite",
+        cache=options.out / "simulations.jsonl",
     )
     other = 10_001
     cases = {

@@ -63,8 +63,8 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
         seed=0,
     )
     effects = simulator.library
-    copy = out / f"{part.name}.sqlite"
-    shutil.copyfile(part / "verdicts" / "bank.sqlite", copy)
+    copy = out / f"{part.name}.jsonl"
+    shutil.copyfile(part / "verdicts" / "simulations.jsonl", copy)
     with SimulationCache(simulator, copy) as cache:
         schedule = Schedule(Budget(draws=DRAWS), cache, len(first), effects)
         screening = screen(

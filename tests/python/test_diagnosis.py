@@ -546,9 +546,9 @@ def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> N
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        small(cache=tmp_path / "simulations.sqlite", report=stop)
+        small(cache=tmp_path / "simulations.jsonl", report=stop)
     assert Stage.SCREENING in seen
-    again = small(cache=tmp_path / "simulations.sqlite")
+    again = small(cache=tmp_path / "simulations.jsonl")
     assert again.content["provenance"]["budget"]["reused"] > 400
     assert without_times(again) == without_times(found)
 

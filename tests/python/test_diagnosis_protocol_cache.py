@@ -36,7 +36,7 @@ def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
     fits = []
     fit = module.prepare
     monkeypatch.setattr(module, "prepare", lambda *a, **k: fits.append(1) or fit(*a, **k))
-    reuse = ProtocolCache(tmp_path / "simulations.sqlite")
+    reuse = ProtocolCache(tmp_path / "simulations.jsonl")
     together = [
         diagnose_with(simulator, campaign, budget=Budget(draws=6), cache=reuse)
         for campaign in campaigns

@@ -27,7 +27,7 @@ from vsr2.errors import BlindError, Vsr2Error
 if TYPE_CHECKING:
     from vsr2.diagnosis import Budget
 
-CACHE_FILE = "simulations.sqlite"
+CACHE_FILE = "simulations.jsonl"
 DRAWS = 48
 """Of every effect."""
 
@@ -155,7 +155,7 @@ def diagnose_pack(
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
-    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.sqlite`: those for one
+    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.jsonl`: those for one
     campaign serve all of its protocol, and with a fixed number of draws so do fitted models.
     Therefore campaigns of one protocol that lack the same effects come one after the other. Only
     the data folder is read. A campaign whose diagnosis ends with an error of ours gets a

@@ -69,7 +69,7 @@ def diagnose(
     """Find the cause of a campaign's sim-to-real gap.
 
     Writes diagnosis.json, tables and a page (index.html) to the output folder, and keeps the
-    simulations there (simulations.sqlite), so that an interrupted or later run reuses them.
+    simulations there (simulations.jsonl), so that an interrupted or later run reuses them.
     docs/explanation/diagnosis.md says what each number means.
 
     Args:

@@ -24,7 +24,7 @@ from vsr2.errors import DiagnosisError
 if TYPE_CHECKING:
     import distributed
 
-CACHE_FILE = "simulations.sqlite"
+CACHE_FILE = "simulations.jsonl"
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import numpy as np
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import Parameter
+from vsr2.calibration.calibration_tables import best_of_sweeps
 from vsr2.calibration.profile import Identifiability, Profile
-from vsr2.calibration.tables import best_of_sweeps
 from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
