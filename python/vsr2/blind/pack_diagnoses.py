@@ -9,7 +9,12 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Protocol
 
-from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
+from vsr2.blind.form.diagnosis_form import (
+    DIAGNOSIS_FILE,
+    FAILED_FILE,
+    Verdict,
+    read_verdict,
+)
 from vsr2.blind.form.pack_form import TIERS
 from vsr2.blind.form.seal import (
     KEY_FILE,
@@ -115,16 +120,11 @@ def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
     4/3 m R^2, a quarter is about the centre.
     """
     tolerances = {name: value for name, value in tolerances.items() if value is not None}
-    out: dict[str, float] = {}
+    units = {"friction": 1.0, "yaw": math.degrees(1), "offset": 1.0}
+    out = {name: unit * tolerances[name] for name, unit in units.items() if name in tolerances}
     if {"width", "height"} <= set(tolerances):
         out["slenderness"] = math.hypot(tolerances["width"], tolerances["height"])
         out["inertia"] = 4 * tolerances["height"]
-    if "friction" in tolerances:
-        out["friction"] = tolerances["friction"]
-    if "yaw" in tolerances:
-        out["yaw"] = math.degrees(tolerances["yaw"])
-    if "offset" in tolerances:
-        out["offset"] = tolerances["offset"]
     if "input_gain" in tolerances:
         # Root mean square of a log-uniform draw.
         low, high = tolerances["input_gain"]
@@ -209,26 +209,25 @@ def diagnose_pack(
                 **options.result,
             )
 
-        error = _save(diagnosed, folder)
-        if error is not None:
+        verdict = _save(diagnosed, folder)
+        if verdict.failed:
             failed.append(f"{name} {tier}")
-        said = f"failed: {error}" if error is not None else read_verdict(folder).kind
-        say(f"{name} {tier}: {said}")
+        say(f"{name} {tier}: {f'failed: {verdict.failed}' if verdict.failed else verdict.kind}")
     return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
 
 
-def _save(diagnosed: Callable[[], Saved], folder: Path) -> Vsr2Error | None:
-    """Write a diagnosis that scoring can read, or why there is none."""
+def _save(diagnosed: Callable[[], Saved], folder: Path) -> Verdict:
+    """Write a diagnosis that scoring can read, or why there is none; returns what it reads."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
         diagnosed().save(folder)
-        read_verdict(folder)
+        verdict = read_verdict(folder)
+        (folder / FAILED_FILE).unlink(missing_ok=True)
     except Vsr2Error as error:
         (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
         write_json(folder / FAILED_FILE, {"error": str(error)})
-        return error
-    (folder / FAILED_FILE).unlink(missing_ok=True)
-    return None
+        verdict = read_verdict(folder)
+    return verdict
 
 
 def _chosen(data: Path, listed: Collection[str], campaigns: Sequence[str] | None) -> list[str]:
