@@ -203,16 +203,15 @@ def diagnose_pack(
                 tier=tier,
                 threads=options.threads,
                 exclude=excluded[name],
-                # Without series too, simulate them as this campaign measured them.
+                # Series are simulated as this campaign measured them, at every tier.
                 cache=replace(cache, sampling=series_sampling(campaign)),
                 nuisances=nuisances,
                 **options.result,
             )
 
-        verdict = _save(diagnosed, folder)
-        if verdict.failed:
-            failed.append(f"{name} {tier}")
-        say(f"{name} {tier}: {f'failed: {verdict.failed}' if verdict.failed else verdict.kind}")
+        error = (verdict := _save(diagnosed, folder)).failed
+        failed += [f"{name} {tier}"] if error else []
+        say(f"{name} {tier}: {f'failed: {error}' if error else verdict.kind}")
     return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
 
 

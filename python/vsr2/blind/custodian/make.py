@@ -111,19 +111,9 @@ def make_pack(
     data = pack / "data"
     _check_asked(pack, data, key, seed)
     engines = {name: build_engine(name, study) for name in settings.engines}
-    effects = {
-        name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
-    }
-    classes = [{settings.class_of(name) for name in found} for found in effects.values()]
-    if classes:
-        most = len(set.intersection(*classes))
-        check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
+    effects = _allowed(engines, settings)
     state = _begin(study, data, key, settings, seed)
-    data.mkdir(parents=True, exist_ok=True)
-    for folder in (data, key):
-        _clear(folder)
-    if not (data / PACK_FILE).exists():
-        _write_scene(study, data)
+    _prepare(study, data, key)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
     steps = Steps(key / _STEPS)
@@ -155,13 +145,12 @@ def make_pack(
 
         gone = not (data / planned.id).is_dir()
         entries[planned.id] = steps.once(f"campaign {planned.id}", simulated, again=gone)
-    if not (data / PACK_FILE).exists():
-        _write_together(data, sorted(entries))
     if (data / PACK_FILE).exists():
         # Its hash may be published: it stays, whatever versions run now.
         open_key(data, key)
         sealed = str(read_json(data / PACK_FILE)["commitment"]["sha256"])
     else:
+        _write_together(data, sorted(entries))
         sealed = _seal(data, key, state, settings, engines, limits, entries)
     set_time_stamps(data)
     return Made(
@@ -187,16 +176,27 @@ def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
             )
 
 
-def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Drawable]:
-    """The effects that may be drawn."""
-    unknown = set(settings.effects) - set(engine.effects)
-    if unknown:
-        raise BlindError(
-            f"engine {engine.name} has no effect {min(unknown)!r}; it has "
-            f"{', '.join(engine.effects)}"
+def _allowed(
+    engines: Mapping[str, Engine], settings: PackSettings
+) -> dict[str, dict[str, Drawable]]:
+    """The effects that may be drawn, by engine and name."""
+    out = {}
+    for name, engine in engines.items():
+        if not settings.asks(name):
+            continue
+        unknown = set(settings.effects) - set(engine.effects)
+        if unknown:
+            raise BlindError(
+                f"engine {name} has no effect {min(unknown)!r}; it has {', '.join(engine.effects)}"
+            )
+        allowed = settings.effects or engine.effects
+        out[name] = {one: effect for one, effect in engine.effects.items() if one in allowed}
+    if out:
+        most = len(
+            set.intersection(*({settings.class_of(one) for one in of} for of in out.values()))
         )
-    allowed = settings.effects or engine.effects
-    return {name: effect for name, effect in engine.effects.items() if name in allowed}
+        check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
+    return out
 
 
 def _begin(
@@ -246,15 +246,6 @@ def _begin(
     return state
 
 
-def _clear(folder: Path) -> None:
-    """Remove what a killed writer left behind."""
-    for path in folder.glob(".*.tmp"):
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
-
-
 def _scene(study: Study) -> dict[str, Any]:
     """The nominal scene as plain data; the motion is a mere placeholder."""
     content = study.model_dump(mode="json", exclude_unset=True)
@@ -266,7 +257,16 @@ def _scene(study: Study) -> dict[str, Any]:
     return content
 
 
-def _write_scene(study: Study, data: Path) -> None:
+def _prepare(study: Study, data: Path, key: Path) -> None:
+    """Remove what a killed writer left behind, and write the scene of an unfinished pack."""
+    data.mkdir(parents=True, exist_ok=True)
+    for left in (*data.glob(".*.tmp"), *key.glob(".*.tmp")):
+        if left.is_dir():
+            shutil.rmtree(left)
+        else:
+            left.unlink()
+    if (data / PACK_FILE).exists():
+        return
     (data / SCENE_FILE).write_text(dump_yaml(_scene(study)), encoding="utf-8")
     file = getattr(study.rock, "file", None)
     if file is not None:
