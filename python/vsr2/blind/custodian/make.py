@@ -51,8 +51,8 @@ from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 5
-"""Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
+FORM = 6
+"""Of the data, of what is drawn and of the steps kept; a pack of another form is not continued."""
 _STATE = "custodian.json"
 _STEPS = "steps.json"
 PLACEMENTS = 6
