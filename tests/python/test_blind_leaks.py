@@ -244,7 +244,7 @@ def drawn_plan(seed, settings, effects, limits):
         strength = effect.strength
         value = values[strength.name]
         size = 1 / value if strength.reciprocal else value - strength.null
-        return abs(size) / limits[engine, effect.name, 1 if size > 0 else -1].magnitude
+        return abs(size) / limits[engine, effect.name, 1 if size > 0 else -1]
 
     return draw_plan(seed, settings, effects, limits, measure).campaigns
 
