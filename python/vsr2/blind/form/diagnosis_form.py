@@ -10,7 +10,16 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from vsr2.blind.form.reader import Interval, Name, Names, Part, Probability, misfit, parsed
+from vsr2.blind.form.reader import (
+    Interval,
+    Name,
+    Names,
+    Part,
+    Probability,
+    check_count,
+    misfit,
+    parsed,
+)
 from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
@@ -135,11 +144,7 @@ class _Verdict(Part):
 
     @model_validator(mode="after")
     def _check_count(self) -> _Verdict:
-        least, most = NAMING.get(self.kind, (0, float("inf")))
-        if not least <= len(self.effects) <= most:
-            number = f"{least}" if least == most else f"{least} or more"
-            wanted = f"it should be a list of {number}, as the kind is {self.kind}"
-            raise misfit("effects", self.effects, wanted)
+        check_count(self.effects, self.kind, NAMING.get(self.kind, (0, float("inf"))))
         return self
 
 

@@ -146,15 +146,14 @@ def _features(folders: Sequence[Path]) -> dict[str, Array]:
 def _guess(x: Array, labels: NDArray[np.str_], z: Array) -> tuple[list[str], Array]:
     """Answers, and the probability of each, shape (campaigns, answers)."""
     from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
 
     names = [str(name) for name in np.unique(labels)]
     if len(names) == 1:
         return names, np.ones((len(z), 1))
-    center, spread = x.mean(axis=0), x.std(axis=0)
-    spread[spread < 1e-12] = 1.0
-    model = LogisticRegression(C=1.0, max_iter=5000).fit((x - center) / spread, labels)
-    found: Array = model.predict_proba((z - center) / spread)
-    return names, found
+    model = make_pipeline(StandardScaler(), LogisticRegression(C=1.0, max_iter=5000))
+    return names, np.asarray(model.fit(x, labels).predict_proba(z), dtype=np.float64)
 
 
 def _labelled(data: Path, key: Mapping[str, Any]) -> list[tuple[Path, str]]:

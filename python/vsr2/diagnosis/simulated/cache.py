@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import logging
 import marshal
 import struct
 import time
@@ -17,6 +18,8 @@ import numpy as np
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
 from vsr2.errors import ResultError
 from vsr2.results.store import Store, StoreKind
+
+_logger = logging.getLogger(__name__)
 
 Progress = Callable[[int, int], None]
 """Called with simulations done and all."""
