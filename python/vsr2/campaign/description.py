@@ -21,7 +21,7 @@ from vsr2.campaign.campaign import (
 from vsr2.campaign.problems import Problems
 from vsr2.config.problems import Problem, dotted, problems_of, shown
 from vsr2.config.section import Section
-from vsr2.config.yaml_file import dump_yaml, read_yaml
+from vsr2.config.yaml_file import dump_yaml, nearest_above, read_yaml
 from vsr2.errors import CampaignError, ConfigError
 
 SCHEMA = "vsr2.campaign/1"
@@ -128,10 +128,8 @@ def read_description(folder: Path, problems: Problems) -> Description | None:
     found: list[Problem] = []
     description = _description(dict(document.data), folder, found)
     for problem in found:
-        at = problem.path
-        known = (at[:n] for n in range(len(at), 0, -1) if at[:n] in document.lines)
-        line = next((document.lines[key] for key in known), None)
-        problems.add(FILE, problem.what, row=line, column=dotted(at)[:100])
+        line = nearest_above(document.lines, problem.path)
+        problems.add(FILE, problem.what, row=line, column=dotted(problem.path)[:100])
     return None if found else description
 
 
