@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,6 @@ import numpy as np
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
-from vsr2.motion.units import Quantity
 
 MAX_DISPLACEMENT = 1000.0
 """[m]; more is a mistaken unit."""
@@ -120,27 +120,25 @@ class Record:
         return (self.size - 1) * self.sample_interval
 
 
-def one_channel_record(
-    path: Path, content: bytes, sample_interval: float, quantity: Quantity, values: Array
+def file_record(
+    path: Path, content: bytes, sample_interval: float, channels: Mapping[str, Array | None]
 ) -> Record:
-    """The record of a file with one channel.
+    """The record of a file.
 
     Args:
         path: the file.
         content: its bytes.
         sample_interval: [s].
-        quantity: what `values` are.
-        values: shape (n,) [m], [m/s] or [m/s^2].
+        channels: "displacement" (n,) [m], "velocity" (n,) [m/s], "acceleration" (n,) [m/s^2], or
+            some of them.
 
     Raises:
         MotionError: as :class:`Record`.
     """
     return Record(
-        name=path.stem,
-        sample_interval=sample_interval,
-        displacement=values if quantity == "displacement" else None,
-        velocity=values if quantity == "velocity" else None,
-        acceleration=values if quantity == "acceleration" else None,
+        path.stem,
+        sample_interval,
+        **channels,
         source=str(path),
         sha256=hashlib.sha256(content).hexdigest(),
     )
