@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Never
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -177,7 +177,7 @@ def kinematics(
     if used == "fused":
         fused = fuse(record, baseline=baseline)
         if filter is None:
-            return Kinematics(fused.displacement, fused.velocity, fused.acceleration)
+            return fused
         displacement = band_pass(fused.displacement, interval, filter, name=record.label)
         velocity, acceleration = (
             filtered[pad : filtered.size - pad]
@@ -187,11 +187,7 @@ def kinematics(
             )
         )
         return Kinematics(displacement - displacement[0], velocity, acceleration)
-    signal = getattr(record, used)
-    if signal is None:
-        missing_channel(record, used)
-    if baseline is not None:
-        signal = remove_baseline(signal, baseline, name=record.label)
+    signal = channel_signal(record, used, baseline)
     if used == "acceleration":
         return integrate_acceleration(signal, interval, filter, name=record.label)
     if used == "velocity":
@@ -201,18 +197,24 @@ def kinematics(
     return differentiate(signal, interval)
 
 
-def missing_channel(record: Record, channel: str) -> Never:
-    """Refuse a channel that the record lacks.
+def channel_signal(record: Record, channel: str, baseline: int | None) -> Array:
+    """A channel of a record without its baseline (:func:`vsr2.motion.remove_baseline`), (n,).
 
     Raises:
-        MotionError: always.
+        MotionError: the record lacks it, or the degree of `baseline` is not possible.
     """
-    has = [
-        c for c in ("displacement", "velocity", "acceleration") if getattr(record, c) is not None
-    ]
-    raise MotionError(
-        f"{record.label}: has no {channel} channel; set motion.channel to '{has[0]}' or 'auto'"
-    )
+    channels = {
+        name: signal
+        for name in ("displacement", "velocity", "acceleration")
+        if (signal := getattr(record, name)) is not None
+    }
+    if channel not in channels:
+        raise MotionError(
+            f"{record.label}: has no {channel} channel; set motion.channel to "
+            f"'{next(iter(channels))}' or 'auto'"
+        )
+    found: Array = channels[channel]
+    return found if baseline is None else remove_baseline(found, baseline, name=record.label)
 
 
 def intensity_measures(

@@ -48,10 +48,10 @@ MIN_RELATIVE_CORNER = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """One motion at a record's own sampling.
+    """One motion, sampled uniformly.
 
     Attributes:
-        displacement: shape (n,) [m], from 0 at the start.
+        displacement: shape (n,) [m]; of a record from 0 at the start.
         velocity: shape (n,) [m/s].
         acceleration: shape (n,) [m/s^2].
     """

@@ -49,7 +49,7 @@ from vsr2.motion.plain_text import read_columns, read_original_tab
 from vsr2.motion.record import Record, file_record
 from vsr2.motion.seismology import read_obspy
 from vsr2.motion.text_table import number_columns, text_lines, uniform_interval
-from vsr2.motion.units import STANDARD_GRAVITY, check_units
+from vsr2.motion.units import STANDARD_GRAVITY, UNITS
 
 METRES_PER_VOLT = 5.9797e-4 * 0.0254
 """Scale of the laboratory's displacement transducer: inches per volt times metres per inch."""
@@ -109,8 +109,8 @@ def read_record(
         raise MotionError(
             f"{path}: format {format!r} is unknown; known: {', '.join(get_args(RecordFormat))}"
         )
-    if units is not None:
-        check_units(path, units)
+    if units is not None and units not in UNITS:
+        raise MotionError(f"{path}: units {units!r} are unknown; known: {', '.join(UNITS)}")
     try:
         content = read_bounded(path, MAX_FILE_BYTES, remedy="cut or decimate the record")
     except UnreadableError as error:

@@ -58,7 +58,7 @@ def require_units(path: Path, kind: str, units: RecordUnits | None) -> tuple[Qua
     """Quantity and size of the `units` given for a file whose format carries none.
 
     Raises:
-        MotionError: none are given, or one we do not know.
+        MotionError: none are given.
     """
     if units is None:
         raise MotionError(
@@ -66,15 +66,4 @@ def require_units(path: Path, kind: str, units: RecordUnits | None) -> tuple[Qua
             "(in a study `motion.units: g`, on the command line `--units g`); known: "
             f"{', '.join(get_args(RecordUnits))}"
         )
-    check_units(path, units)
     return UNITS[units]
-
-
-def check_units(path: Path, units: str) -> None:
-    """Refuse a unit we do not know.
-
-    Raises:
-        MotionError: `units` is none of `UNITS`.
-    """
-    if units not in UNITS:
-        raise MotionError(f"{path}: units {units!r} are unknown; known: {', '.join(UNITS)}")
