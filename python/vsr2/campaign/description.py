@@ -18,7 +18,7 @@ from vsr2.campaign.campaign import (
     id_fault,
     text_fault,
 )
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.config.problems import Problem, dotted, problems_of, shown
 from vsr2.config.section import Section
 from vsr2.config.yaml_file import dump_yaml, nearest_above, read_yaml

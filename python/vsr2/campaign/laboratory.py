@@ -22,7 +22,7 @@ from vsr2.campaign.campaign import (
     number_fault,
     trial_faults,
 )
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.problems import shown
 

@@ -19,7 +19,7 @@ from vsr2.campaign.campaign import (
     trial_faults,
 )
 from vsr2.campaign.description import FILE, Description
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
 

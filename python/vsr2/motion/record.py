@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Array
+from vsr2.motion.motion import Array, samples_of
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 
 MAX_DISPLACEMENT = 1000.0
@@ -76,16 +76,8 @@ class Record:
             raise MotionError(f"{self.label}: {counts}; they must have the same number")
 
     def _checked(self, field: str, unit: str, limit: float) -> Array:
-        try:
-            value = np.array(getattr(self, field), dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise MotionError(f"{self.label}: {field} is no array of numbers ({error})") from None
-        value.setflags(write=False)
-        if value.ndim != 1 or not MIN_RECORD_SAMPLES <= value.size <= MAX_SAMPLES:
-            raise MotionError(
-                f"{self.label}: {field} has shape {value.shape}; it needs one dimension and "
-                f"{MIN_RECORD_SAMPLES} to {MAX_SAMPLES} samples"
-            )
+        what = f"{self.label}: {field}"
+        value = samples_of(getattr(self, field), what, fewest=MIN_RECORD_SAMPLES)
         bad = np.flatnonzero(~(np.abs(value) <= limit))
         if bad.size:
             remedy = "check the unit" if np.isfinite(value[bad[0]]) else "repair or cut the record"
