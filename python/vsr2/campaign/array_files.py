@@ -54,10 +54,8 @@ class ArrayFiles:
         """The record in `motions/`, named first in `row` of the table."""
         file = f"{MOTIONS}/{name}.npz"
         content = self._content(file, f"named in {TRIALS}, row {row}: ")
-        if content is None:
-            return None
         arrays = self._arrays(content, file, _MOTION_ARRAYS)
-        if arrays is None:
+        if content is None or arrays is None:
             return None
         interval = self._one_number(file, arrays, "sample_interval_s")
         if interval is None:
@@ -84,10 +82,7 @@ class ArrayFiles:
                 return None
         except ValueError:
             return None
-        content = self._content(file)
-        if content is None:
-            return None
-        arrays = self._arrays(content, file, _SERIES_ARRAYS)
+        arrays = self._arrays(self._content(file), file, _SERIES_ARRAYS)
         if arrays is None:
             return None
         if "time_s" not in arrays:
@@ -129,9 +124,9 @@ class ArrayFiles:
             return None
 
     def _arrays(
-        self, content: bytes, file: str, allowed: Collection[str]
+        self, content: bytes | None, file: str, allowed: Collection[str]
     ) -> dict[str, Array] | None:
-        if self._numbers > MAX_TOTAL_NUMBERS:
+        if content is None or self._numbers > MAX_TOTAL_NUMBERS:
             return None
 
         def check_names(names: Collection[str]) -> None:

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, Strict, ValidationError
 from vsr2.campaign.campaign import (
     MAX_MASS,
     MAX_NOTE,
+    Campaign,
     MeasurementNoise,
     Specimen,
     id_fault,
@@ -177,39 +178,42 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def dump_description(description: Description, models: Mapping[str, str]) -> str:
+def dump_description(
+    campaign: Campaign, sampling: Mapping[str, float], models: Mapping[str, str]
+) -> str:
     """The text of `campaign.yaml`.
 
     Args:
-        description: what to write.
+        campaign: what to write.
+        sampling: intervals to state, by key [s].
         models: of each specimen that has a model, its path within the campaign's folder.
 
     Raises:
         CampaignError: the provenance is not JSON-serialisable.
     """
     specimens: dict[str, Any] = {}
-    for key, specimen in description.specimens.items():
+    for key, specimen in campaign.specimens.items():
         entry = {
             "description": specimen.description or None,
             "mass_kg": specimen.mass,
             "model_file": models.get(key),
         }
         specimens[key] = {name: value for name, value in entry.items() if value is not None}
-    noise = {key: getattr(description.noise, name) for key, name in _NOISE_KEYS.items()}
+    noise = {key: getattr(campaign.noise, name) for key, name in _NOISE_KEYS.items()}
     try:
-        provenance = json.loads(json.dumps(description.provenance))
+        provenance = json.loads(json.dumps(campaign.provenance))
     except (TypeError, ValueError) as error:
         raise CampaignError(
-            f"campaign {description.name!r}: its provenance cannot be written ({error}); give "
+            f"campaign {campaign.name!r}: its provenance cannot be written ({error}); give "
             "plain data"
         ) from None
     content = {
         "schema": SCHEMA,
-        "name": description.name,
-        "description": description.description,
+        "name": campaign.name,
+        "description": campaign.description,
         "units": "SI",
         "specimens": specimens,
-        "sampling": dict(description.sampling),
+        "sampling": dict(sampling),
         "noise": {key: value for key, value in noise.items() if value is not None},
         "provenance": provenance,
     }
