@@ -29,6 +29,11 @@ MOTIONS = "motions"
 
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
 _OPTIONAL = ("motion_file", "peak_tilt_rad", "pga_m_s2", "pgv_pga_s", "date", "note")
+_ATTRIBUTES = (
+    *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
+    *("peak_tilt", "pga", "pgv_pga", "date", "note"),
+)
+"""Of a trial, in the order of the columns that are written."""
 _NUMBERS = {"peak_tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv_pga": "pgv_pga_s"}
 """Columns of numbers by the attribute of a trial."""
 
@@ -161,22 +166,8 @@ def trials_table(campaign: Campaign) -> str:
         return str(value)
 
     rows = [
-        {
-            "trial": t.trial,
-            "motion": t.motion,
-            "motion_file": t.motion_file,
-            "session": t.session,
-            "order": t.order,
-            "specimen": t.specimen,
-            "overturned": t.overturned,
-            "peak_tilt_rad": t.peak_tilt,
-            "pga_m_s2": t.pga,
-            "pgv_pga_s": t.pgv_pga,
-            "date": t.date,
-            "note": t.note,
-            **t.extra,
-        }
-        for t in campaign.trials
+        {_NUMBERS.get(key, key): getattr(trial, key) for key in _ATTRIBUTES} | dict(trial.extra)
+        for trial in campaign.trials
     ]
     cells = [{name: cell(value) for name, value in row.items()} for row in rows]
     always = (*_REQUIRED, "motion_file")

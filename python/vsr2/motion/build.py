@@ -107,11 +107,7 @@ class Recorded:
     @property
     def used(self) -> Channel:
         """The channel that drives, "auto" resolved."""
-        if self.channel != "auto":
-            return self.channel
-        if self.record.displacement is not None:
-            return "displacement"
-        return "acceleration" if self.record.velocity is None else "velocity"
+        return next(iter(self.record.channels)) if self.channel == "auto" else self.channel
 
     def through(self, channel: Channel) -> Recorded:
         """The same record and scale through another channel.

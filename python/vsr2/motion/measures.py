@@ -163,17 +163,11 @@ def kinematics(
         MotionError: the channel is missing, or filter or baseline does not fit.
     """
     interval = record.sample_interval
-    used = channel
-    if used == "auto" and filter is None and baseline is None:
-        told = (record.displacement, record.velocity, record.acceleration)
-        if told[0] is not None and told[1] is not None and told[2] is not None:
-            return Kinematics(told[0] - told[0][0], told[1], told[2])
-    if used == "auto":
-        used = next(
-            name
-            for name in ("acceleration", "velocity", "displacement")
-            if getattr(record, name) is not None
-        )
+    recorded = record.channels
+    if channel == "auto" and filter is None and baseline is None and len(recorded) == 3:
+        displacement, velocity, acceleration = recorded.values()
+        return Kinematics(displacement - displacement[0], velocity, acceleration)
+    used = next(reversed(recorded)) if channel == "auto" else channel
     if used == "fused":
         fused = fuse(record, baseline=baseline)
         if filter is None:
@@ -203,17 +197,12 @@ def channel_signal(record: Record, channel: str, baseline: int | None) -> Array:
     Raises:
         MotionError: the record lacks it, or the degree of `baseline` is not possible.
     """
-    channels = {
-        name: signal
-        for name in ("displacement", "velocity", "acceleration")
-        if (signal := getattr(record, name)) is not None
-    }
-    if channel not in channels:
+    found: Array | None = getattr(record, channel)
+    if found is None:
         raise MotionError(
             f"{record.label}: has no {channel} channel; set motion.channel to "
-            f"'{next(iter(channels))}' or 'auto'"
+            f"'{next(iter(record.channels))}' or 'auto'"
         )
-    found: Array = channels[channel]
     return found if baseline is None else remove_baseline(found, baseline, name=record.label)
 
 

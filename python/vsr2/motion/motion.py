@@ -179,8 +179,7 @@ class Motion:
         digest = hashlib.sha256(np.float64(self.time_step).tobytes())
         digest.update(self.displacement.tobytes())
         digest.update(self.velocity.tobytes())
-        for name in SIDES:
-            side: SideMotion | None = getattr(self, name)
+        for name, side in self.sides.items():
             if side is not None:
                 digest.update(name.encode() + side.displacement.tobytes())
                 digest.update(side.velocity.tobytes())

@@ -133,18 +133,9 @@ def band_pass(
             f"{name}: filter.low = {filter.low:g} Hz is below {MIN_RELATIVE_CORNER * nyquist:g} "
             "Hz, where the filter is not accurate; raise it, or set 0 for none"
         )
-    if filter.low > 0:
-        sections = butter(
-            filter.order,
-            [filter.low, filter.high],
-            "bandpass",
-            fs=1 / sample_interval,
-            output="sos",
-        )
-    else:
-        sections = butter(
-            filter.order, filter.high, "lowpass", fs=1 / sample_interval, output="sos"
-        )
+    corners = [filter.low, filter.high] if filter.low > 0 else filter.high
+    kind = "bandpass" if filter.low > 0 else "lowpass"
+    sections = butter(filter.order, corners, kind, fs=1 / sample_interval, output="sos")
     # scipy's own choice of padding, which needs a longer signal than the shortest records
     zeros = min((sections[:, 2] == 0).sum(), (sections[:, 5] == 0).sum())
     padding = min(int(3 * (2 * len(sections) + 1 - zeros)), signal.size - 1)

@@ -12,6 +12,7 @@ import numpy as np
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array, samples_of
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
+from vsr2.motion.units import Quantity
 
 MAX_DISPLACEMENT = 1000.0
 """[m]; more is a mistaken unit."""
@@ -99,12 +100,15 @@ class Record:
         return next((name for name in needed if getattr(self, name) is None), None)
 
     @property
+    def channels(self) -> dict[Quantity, Array]:
+        """Those that were recorded, displacement first, acceleration last."""
+        names: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    @property
     def size(self) -> int:
         """Number of samples."""
-        for channel in (self.displacement, self.velocity, self.acceleration):
-            if channel is not None:
-                return channel.size
-        return 0
+        return next(iter(self.channels.values())).size
 
     @property
     def duration(self) -> float:
