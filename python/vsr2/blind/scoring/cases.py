@@ -11,7 +11,7 @@ from typing import Any
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, Verdict, read_verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import read_table
 from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.problems import shown
