@@ -18,7 +18,7 @@ from vsr2.blind.custodian.design import draw_protocol
 from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.plan import directions, draw_plan
 from vsr2.blind.custodian.recording import recorded_campaign
-from vsr2.blind.form.diagnosis_form import Verdict, VerdictKind
+from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import CLASSES, KINDS
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.mujoco import Drawable, Parameter, Response
@@ -42,6 +42,7 @@ from vsr2.campaign import (
     load_campaign,
     save_campaign,
 )
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
 

@@ -128,7 +128,8 @@ def diagnose_with(
         The diagnosis; equal campaign, simulator, seed and number of simulations give an equal one.
 
     Raises:
-        DiagnosisError: the campaign holds too little, or the cache cannot be used.
+        DiagnosisError: the campaign holds too little.
+        ResultError: the simulation cache cannot be used.
     """
     started = time.monotonic()
     seen = observe_campaign(campaign, tier)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +21,7 @@ from vsr2.blind.form.reader import (
 )
 from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
 DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
@@ -29,17 +29,6 @@ DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 NONE, UNKNOWN = "none", "unknown"
-
-
-class VerdictKind(StrEnum):
-    """What a verdict comes to."""
-
-    NONE = "none"
-    EFFECT = "effect"
-    CLASS = "class"
-    PAIR = "pair"
-    UNKNOWN = "unknown"
-    UNRESOLVED = "unresolved"
 
 
 NAMING: Mapping[VerdictKind, tuple[int, float]] = {
