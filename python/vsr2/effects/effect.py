@@ -210,6 +210,18 @@ class Effect:
         """Null values of all parameters."""
         return {parameter.name: parameter.null for parameter in self.parameters}
 
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        """Values that leave a trial as it is: the null values, or the trial's own where they are NaN."""
+        return self.null()
+
+    def with_null(self, values: Mapping[str, float]) -> Self:
+        """The same effect with other null values."""
+        made = copy(self)
+        vars(made)["parameters"] = tuple(
+            replace(p, null=values[p.name]) if p.name in values else p for p in self.parameters
+        )
+        return made
+
     def extreme(self) -> dict[str, float]:
         """Parameters at their prior's end farther from null; secondary ones at null."""
         return {

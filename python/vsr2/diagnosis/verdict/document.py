@@ -12,7 +12,7 @@ from typing import Any
 
 from vsr2.results.atomic import csv_text, write_text
 
-SCHEMA = "vsr2.diagnosis/2"
+SCHEMA = "vsr2.diagnosis/3"
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
 PAGE_TITLE = "Diagnosis of"
@@ -62,8 +62,7 @@ class Diagnosis:
             {
                 "effect": row["name"],
                 "probability": row["probability"],
-                "class": row["class"],
-                "closure": row["closure"]["value"],
+                "acts": row["acts"],
                 "parameters": "; ".join(
                     f"{name} {p['mean']:.4g} [{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}] {p['unit']}"
                     for name, p in row["parameters"].items()
