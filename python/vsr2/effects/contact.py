@@ -121,6 +121,3 @@ class SpinFriction(Effect):
         friction = rock.lateral_friction + pedestal.lateral_friction
         each = values["coefficient"] / friction if friction > 0 else 0.0
         return _both(trial, lambda material: {"spinning_friction": each})
-
-
-CONTACT: tuple[Effect, ...] = (ContactStiffness(), Friction(), SpinFriction())
