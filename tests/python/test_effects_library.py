@@ -22,7 +22,7 @@ from effect_closed_forms import FORMS, closed_forms
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.effects.registry import BUILT_IN
 from vsr2.scene import Hull
-from vsr2.simulation import run_batch
+from vsr2.simulation import pair_values, run_batch
 from vsr2.simulation.bench import EffectBench, Rock
 from vsr2.simulation.effect_checks import ROCKS, EffectChecker, beside_null, ensemble
 from vsr2.trial import Trial
@@ -159,6 +159,27 @@ def test_null_values_give_the_trial_back(effect: Effect, checker: EffectChecker)
     assert [one.effect for one in changed.effects] == [effect]
     if effect.stage != "outcome":
         assert changed.sha256 != dataclasses.replace(trials[1], effects=changed.effects).sha256
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_nominal_values_are_null_or_those_of_the_trial(
+    effect: Effect, checker: EffectChecker
+) -> None:
+    values = effect.nominal(checker.bench.block())
+    for name, null in effect.null().items():
+        assert values[name] == null or (math.isnan(null) and math.isfinite(values[name]))
+
+
+def test_nominal_values_of_a_pair_and_of_an_impact(checker: EffectChecker) -> None:
+    trial = checker.bench.block()
+    spin, impact = library()["spin_friction"], library()["restitution"]
+    own = pair_values(trial.scene.contact).spinning_friction
+    assert spin.nominal(trial) == pytest.approx({"coefficient": own})
+    same = spin.change(trial, spin.nominal(trial))
+    assert pair_values(same.scene.contact).spinning_friction == pytest.approx(own)
+    assert impact.nominal(trial) == {"energy_ratio": 1.0}
+    softer = impact.change(trial, {"energy_ratio": 0.8})
+    assert impact.nominal(softer) == {"energy_ratio": 0.8}
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)

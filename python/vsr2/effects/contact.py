@@ -121,3 +121,8 @@ class SpinFriction(Effect):
         friction = rock.lateral_friction + pedestal.lateral_friction
         each = values["coefficient"] / friction if friction > 0 else 0.0
         return _both(trial, lambda material: {"spinning_friction": each})
+
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        rock, pedestal = trial.scene.contact.rock, trial.scene.contact.pedestal
+        own = rock.spinning_friction * pedestal.lateral_friction
+        return {"coefficient": own + pedestal.spinning_friction * rock.lateral_friction}

@@ -215,6 +215,10 @@ class Effect:
         """Null values of all parameters."""
         return {parameter.name: parameter.null for parameter in self.parameters}
 
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        """Values that leave a trial as it is: the null values; the trial's own where one is NaN."""
+        return self.null()
+
     def extreme(self) -> dict[str, float]:
         """Parameters at their prior's end farther from null; secondary ones at null."""
         return {
