@@ -34,10 +34,9 @@ from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
 from vsr2.results.journal import JOURNAL_FILE
 from vsr2.results.result import (
-    CONTACT_COLUMNS,
+    COLUMNS,
     INTEGER_COLUMNS,
     OUTCOMES,
-    STATE_COLUMNS,
     STATUSES,
     TEXT_COLUMNS,
     TRIAL_COLUMNS,
@@ -326,9 +325,8 @@ def _provenance_text(result: BatchResult, logged: list[int]) -> str:
             "format_version": FORMAT_VERSION,
             "trials": len(result),
             "logs": logged,
+            **COLUMNS,
             "trial_columns": TRIAL_COLUMNS,
-            "state_columns": STATE_COLUMNS,
-            "contact_columns": CONTACT_COLUMNS,
             "npy_columns": NPY_COLUMNS,
         },
     }
@@ -437,6 +435,15 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
             f"{path}: has format version {facts.get('format_version')!r}, this VSR2 reads "
             f"{FORMAT_VERSION}; use the VSR2 that wrote it ({content.get('vsr2', 'unknown')})"
         )
+    for kind, columns in COLUMNS.items():
+        given = facts.get(kind)
+        names = tuple(map(str, given)) if isinstance(given, dict | list) else ()
+        if names != columns:
+            odd = sorted(set(names).symmetric_difference(columns))
+            raise ResultError(
+                f"{path}: its {kind} are not those of this VSR2 ({', '.join(odd) or 'order'}); use "
+                f"the VSR2 that wrote it ({content.get('vsr2', 'unknown')}), or run the study again"
+            )
     count, logged = facts.get("trials"), facts.get("logs")
     if type(count) is not int or count < 0:
         raise ResultError(f"{path}: damaged ({_RESERVED}.trials is {count!r})")
