@@ -1,6 +1,6 @@
 #pragma once
-// Closed-form expressions of the contact model (supplement S2). The engines do not call these:
-// tests hold them against what Bullet uses in a running contact.
+// Closed-form expressions of the contact model (supplement S2). The engines take a pair's values
+// from `combine`; tests hold the others against what Bullet uses in a running contact.
 
 #include "vsr2/scene.hpp"
 
