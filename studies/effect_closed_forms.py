@@ -64,8 +64,8 @@ def uplift_acceleration(
     """Least constant acceleration of the pedestal that tips a block, by bisection [m/s^2].
 
     Tipped: the tilt passes 1e-3 rad while the push lasts. The bracket shrinks to 1 % of the guess;
-    its middle is told. Just above the threshold a tilt grows by about g alpha p^2 t^2 / 2 times the
-    relative excess, so a push of 0.6 s tells an excess of 0.3 %.
+    its middle is returned. Just above the threshold a tilt grows by about g alpha p^2 t^2 / 2 times
+    the relative excess, so a push of 0.6 s tells an excess of 0.3 %.
     """
     low, high = 0.75 * guess, 1.25 * guess
     while high - low > 0.01 * guess:
