@@ -21,10 +21,17 @@ from effect_checks import engines_differ
 from effect_closed_forms import FORMS, closed_forms
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.effects.registry import BUILT_IN
+from vsr2.report.messages.commands import effect_report
 from vsr2.scene import Hull
 from vsr2.simulation import pair_values, run_batch
 from vsr2.simulation.bench import EffectBench, Rock
-from vsr2.simulation.effect_checks import ROCKS, EffectChecker, beside_null, ensemble
+from vsr2.simulation.effect_checks import (
+    ROCKS,
+    EffectChecker,
+    EffectReport,
+    beside_null,
+    ensemble,
+)
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -145,6 +152,11 @@ def test_closed_forms_of_no_effect_and_effects_without() -> None:
     message = r"'perturbed_hull'.*`perturbed_hull\(.*studies/effect_closed_forms\.py"
     with pytest.raises(LookupError, match=message):
         closed_forms(PerturbedHull(), EffectBench())
+
+
+def test_the_report_says_where_the_closed_forms_of_the_library_stand() -> None:
+    report = EffectReport(library()["wear"], True, {}, {}, None, "")
+    assert "hold `wear` in studies/effect_closed_forms.py" in effect_report(report)
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
