@@ -15,15 +15,7 @@ from vsr2 import _native
 from vsr2.config.study import Material, Study
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
-from vsr2.simulation import (
-    Simulation,
-    contact_softness,
-    effective_pair,
-    inverse_mass_along,
-    native_scene,
-    normal_impulse,
-    restitution_target,
-)
+from vsr2.simulation import Simulation, effective_pair, native_scene
 
 
 def study(**sections: object) -> Study:
@@ -162,30 +154,6 @@ def test_table_s1_follows_from_the_body_level_inputs() -> None:
     assert round(pair.spinning_friction, 2) == 0.70
     assert pair.damping == 2.0e7
     assert pair.stiffness == pytest.approx(1.3e9)
-
-
-def test_softness_expressions() -> None:
-    cfm, erp = contact_softness(1.3e9, 2.0e7, 1e-3)
-    assert cfm == pytest.approx(1 / (1.3e6 + 2e7))
-    assert erp == pytest.approx(1.3e6 / (1.3e6 + 2e7))
-    with pytest.raises(ValueError, match="softness"):
-        contact_softness(0.0, 0.0, 1e-3)
-
-
-def test_impulse_expressions() -> None:
-    assert restitution_target(0.5, -0.1, 0.2) == 0.0
-    assert restitution_target(0.5, -2.0, 0.2) == 1.0
-    point_mass = inverse_mass_along(
-        [0, 0, 1], 0.5, np.eye(3), [0, 0, 0], 0.0, np.zeros((3, 3)), [0, 0, 0]
-    )
-    assert point_mass == 0.5
-    # One metre beside the mass centre, unit inertia: K = 1/m + r^2 / I.
-    assert inverse_mass_along(
-        [0, 0, 1], 0.5, np.eye(3), [1, 0, 0], 0.0, np.zeros((3, 3)), [0, 0, 0]
-    ) == pytest.approx(1.5)
-    # A perfectly hard contact stops the approach.
-    assert normal_impulse(0.0, -3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == pytest.approx(6.0)
-    assert normal_impulse(0.0, 3.0, 0.0, 0.0, 0.0, 1e-3, 0.5) == 0.0
 
 
 def test_running_contact_carries_the_weight_with_the_pair_values() -> None:

@@ -1,14 +1,7 @@
 """Simulations on the native core: one interactive world, and batches of trials."""
 
 from vsr2.simulation.batch import run_batch
-from vsr2.simulation.contact_model import (
-    ContactPair,
-    contact_softness,
-    effective_pair,
-    inverse_mass_along,
-    normal_impulse,
-    restitution_target,
-)
+from vsr2.simulation.contact_model import ContactPair, effective_pair
 from vsr2.simulation.distributed import connect
 from vsr2.simulation.planning import check_trials, plan_sha256, study_trials
 from vsr2.simulation.scene import native_scene
@@ -22,14 +15,10 @@ __all__ = [
     "State",
     "check_trials",
     "connect",
-    "contact_softness",
     "effective_pair",
-    "inverse_mass_along",
     "merge_shards",
     "native_scene",
-    "normal_impulse",
     "plan_sha256",
-    "restitution_target",
     "run_batch",
     "run_shard",
     "study_trials",
