@@ -21,7 +21,7 @@ from diagnosis_planar import write
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
-from vsr2.diagnosis import Diagnosis, diagnose
+from vsr2.diagnosis import Budget, Diagnosis, Execution, diagnose
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 
@@ -92,10 +92,8 @@ def main() -> None:
                 observed(planted),
                 SCENE,
                 out=folder,
-                budget_minutes=minutes,
-                simulations=allowed,
-                threads=options.threads,
-                progress=True,
+                budget=Budget(minutes, allowed),
+                execution=Execution(options.threads, progress=True),
             )
             allowed = found.content["provenance"]["budget"]["allowed"]
             rows.append(row(planted, minutes, found))

@@ -30,6 +30,7 @@ from diagnosis_planar import write
 from planted import Rehearsal, shaken_campaign
 from vsr2.campaign import Campaign, Tier
 from vsr2.config import study_from_mapping
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.effects import Effect
 from vsr2.effects import library as known_effects
@@ -117,7 +118,12 @@ def main() -> None:
         }
         study = study_from_mapping(scene, base=MODELS)
         return SceneSimulator(
-            of, study, library=effects, series=True, threads=options.threads, seed=seed
+            of,
+            study,
+            hypotheses=Hypotheses(effects),
+            series=True,
+            threads=options.threads,
+            seed=seed,
         )
 
     rehearsal = Rehearsal(
@@ -127,7 +133,7 @@ def main() -> None:
         screening_runs=10,
         noise=0.003,
         series=True,
-        cache=options.out / "simulations.sqlite",
+        cache=options.out / "simulations.jsonl",
     )
     other = 10_001
     cases = {

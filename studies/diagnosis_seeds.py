@@ -22,7 +22,7 @@ from diagnosis_planar import write
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
-from vsr2.diagnosis import diagnose
+from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 from vsr2.effects import library
@@ -69,9 +69,9 @@ def main() -> None:
                 campaign,
                 SCENE,
                 out=options.out / f"seed{seed}",
-                simulations=options.simulations,
-                threads=options.threads,
-                library=offered,
+                budget=Budget(simulations=options.simulations),
+                hypotheses=Hypotheses(offered),
+                execution=Execution(options.threads),
                 seed=seed,
             )
             rows.append({"campaign": label, "seed": seed} | row(found.content))

@@ -29,8 +29,8 @@ from vsr2.effects import Effect, in_order, library, with_effects
 from vsr2.motion import Motion
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
-from vsr2.simulation.bench import EffectBench, with_tail
-from vsr2.simulation.effect_checks import ROCKS, TURNS, EffectChecker, Rock, perturbed_start
+from vsr2.simulation.bench import EffectBench, Rock, with_tail
+from vsr2.simulation.effect_checks import ROCKS, TURNS, EffectChecker, perturbed_start
 
 MESH = Path("models/pbr_scan.obj")
 OUT = Path("docs/results/effects/checks.csv")
@@ -56,8 +56,7 @@ def shift(effect: Effect, rock: Rock, motions: list[Motion]) -> tuple[float, flo
     logs = []
     for mode in ("exact", "fast"):
         bench = EffectBench("exact" if mode == "exact" else "fast", MESH)
-        standing = bench.block() if rock == "block" else bench.scan()
-        first = replace(with_tail(standing, 1.5), output=Output(log_every=0))
+        first = replace(with_tail(bench.standing(rock), 1.5), output=Output(log_every=0))
         trials = []
         for draw in range(DRAWS):
             dx, dy, yaw = SPREAD * np.random.default_rng(draw).standard_normal(3)

@@ -29,7 +29,7 @@ from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.blind.pack_diagnoses import uncertainties
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, with_deviations
+from vsr2.diagnosis import Budget, Hypotheses, with_deviations
 from vsr2.diagnosis.budget import Schedule
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.evidence import Data, tabulate
@@ -57,14 +57,14 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
     simulator = SceneSimulator(
         first.campaign,
         load_study(part / "data" / pack["scene"]),
-        nuisances=with_deviations(uncertainties(pack.get("tolerances", {}))),
+        hypotheses=Hypotheses(nuisances=with_deviations(uncertainties(pack.get("tolerances", {})))),
         series=True,
         threads=1,
         seed=0,
     )
     effects = simulator.library
-    copy = out / f"{part.name}.sqlite"
-    shutil.copyfile(part / "verdicts" / "bank.sqlite", copy)
+    copy = out / f"{part.name}.jsonl"
+    shutil.copyfile(part / "verdicts" / "simulations.jsonl", copy)
     with SimulationCache(simulator, copy) as cache:
         schedule = Schedule(Budget(draws=DRAWS), cache, len(first), effects)
         screening = screen(

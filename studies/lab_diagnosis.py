@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.analysis import classification_metrics
-from vsr2.diagnosis import diagnose
+from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
 from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     bars_figure,
@@ -50,11 +50,9 @@ def main() -> None:
         options.campaign,
         options.scene,
         out=options.out,
-        budget_minutes=options.budget_minutes,
-        simulations=options.simulations,
-        threads=options.threads,
-        exclude=["base_slope"],
-        progress=True,
+        budget=Budget(options.budget_minutes, options.simulations),
+        hypotheses=Hypotheses(exclude=["base_slope"]),
+        execution=Execution(options.threads, progress=True),
     )
     write_diagnosis_page(found, options.out)
     print(format_diagnosis(found))

@@ -7,10 +7,9 @@ import numpy as np
 
 from vsr2.blind import make_pack
 from vsr2.blind.custodian.design import catalogue, draw_protocol
-from vsr2.blind.custodian.engine import Drawable
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
-from vsr2.blind.mujoco import GroundMotion, Parameter, Response
+from vsr2.blind.mujoco import Drawable, GroundMotion, Parameter, Response
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}

@@ -8,12 +8,12 @@ import pytest
 from campaign_samples import grid
 from vsr2.analysis.baseline import (
     baseline_scores,
-    format_baselines,
     logistic_baseline,
     logistic_probability,
     peer_columns,
 )
 from vsr2.errors import CampaignError, ResultError
+from vsr2.report.messages.commands import baseline_table
 
 
 def changed(campaign, change):
@@ -137,6 +137,6 @@ def test_peers_are_scored_on_what_they_predict():
     assert scores["x_some"].metrics.trials == 10
     assert scores["x_some"].metrics.recall == 1.0
     assert "x_number" not in scores
-    table = format_baselines(list(scores.values()))
+    table = baseline_table(list(scores.values()))
     assert "1.000 [1.000, 1.000]" in table
     assert table.splitlines()[0].split()[:3] == ["prediction", "fitted", "trials"]

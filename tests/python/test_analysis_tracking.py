@@ -13,6 +13,11 @@ from vsr2.errors import ResultError
 STEP = 0.001
 
 
+def gain_at(found, frequency):
+    """Gain between lines; NaN: not excited there."""
+    return float(np.interp(frequency, found.frequency, found.gain, left=np.nan, right=np.nan))
+
+
 def record(seconds: float = 20.0, corner: float = 25.0, seed: int = 1) -> np.ndarray:
     """Broad-band displacement up to about `corner` [Hz] that starts and ends at rest [m]."""
     count = round(seconds / STEP)
@@ -39,7 +44,7 @@ def test_first_order_lag_of_the_position_motor() -> None:
         exact = 0.1 / (1 - 0.9 * np.exp(-2j * np.pi * frequency * STEP))
         assert abs(exact) == pytest.approx(printed, abs=0.005)
         # The delay within a segment costs lag / segment = 9 ms / 4 s, a quarter of a per cent.
-        assert got.gain_at(frequency) == pytest.approx(abs(exact), rel=0.005)
+        assert gain_at(got, frequency) == pytest.approx(abs(exact), rel=0.005)
         line = np.argmin(np.abs(got.frequency - frequency))
         assert got.phase[line] == pytest.approx(np.angle(exact), abs=0.01)
         assert got.coherence[line] > 0.999
@@ -65,7 +70,7 @@ def test_pure_delay(delay: float, decimation: int) -> None:
     got = tracking(log)
     # A hundredth of the finest sample; the log may be ten times coarser.
     assert got.lag == pytest.approx(delay, abs=1e-5)
-    assert got.gain_at(5.0) == pytest.approx(1.0, abs=0.01)
+    assert gain_at(got, 5.0) == pytest.approx(1.0, abs=0.01)
 
 
 def test_exact_drive_has_no_error() -> None:
@@ -97,7 +102,7 @@ def test_cosine_pulse_with_a_long_rest_after_it() -> None:
     command = np.where(pulse, 0.05 * (1 - np.cos(2 * np.pi * time / period)), 0.0)
     got = tracking(make_log(time, command=command, achieved=lfilter([0.1], [1, -0.9], command)))
     assert got.lag == pytest.approx(0.009, abs=5e-4)
-    assert got.gain_at(5.0) == pytest.approx(0.958, abs=0.01)
+    assert gain_at(got, 5.0) == pytest.approx(0.958, abs=0.01)
     # The rest does not dilute the mean: the lag of 9 ms times the rms velocity of the pulse.
     speed = 0.05 * 2 * np.pi / period / np.sqrt(2)
     assert got.rms_error == pytest.approx(0.009 * speed, rel=0.05)
@@ -107,8 +112,8 @@ def test_lines_without_excitation_are_unknown() -> None:
     command = record(corner=5.0)
     got = tracking(make_log(times(command), command=command))
     assert np.isnan(got.gain[got.frequency > 100.0]).all()
-    assert np.isnan(got.gain_at(100.0))
-    assert np.isfinite(got.gain_at(5.0))
+    assert np.isnan(gain_at(got, 100.0))
+    assert np.isfinite(gain_at(got, 5.0))
 
 
 def test_incoherent_noise_lowers_the_coherence() -> None:

@@ -31,7 +31,13 @@ from vsr2.blind.mujoco import (
     with_effects,
 )
 from vsr2.blind.mujoco.ground import acceleration_of
-from vsr2.blind.mujoco.mechanisms import CATCH_STIFFNESS, _Catch, _Friction, step_actions
+from vsr2.blind.mujoco.mechanisms import (
+    CATCH_STIFFNESS,
+    RelativeMotion,
+    catch,
+    friction,
+    step_actions,
+)
 from vsr2.blind.mujoco.model import build_model
 from vsr2.effects import Circumstances
 from vsr2.effects.order import ChangePoint
@@ -232,7 +238,7 @@ def test_friction_falls_to_a_part_in_e_at_its_speed() -> None:
             table=lambda: np.array([0.7, 0, 0, 0, 0, 0]),
             pose=np.array([0, 0, 1, 1.0, 0, 0, 0]),
         )
-        _Friction(base, model, moving)(0)
+        friction(base, model, moving)(0)
         expected = base.friction * (1 + 0.5 * math.exp(-slip / 0.02))
         np.testing.assert_allclose(model.geom_friction[:, 0], expected)
 
@@ -302,7 +308,7 @@ def test_rocking_damping_takes_its_share_of_the_velocity() -> None:
     data = mujoco.MjData(model)
     data.qpos[3:8] = [10.0, math.cos(0.05), 0.0, math.sin(0.05), 0.0]
     data.qvel[1] = 2.0
-    (damp,) = step_actions(base, model, data, 1, ["x"], 0.001)
+    (damp,) = step_actions(base, model, data, RelativeMotion(data, ["x"], 0.5), 0.001)
     for _ in range(300):
         mujoco.mj_step(model, data)
         damp(-1)
@@ -460,7 +466,7 @@ def test_a_tether_catches_the_block() -> None:
             pose=np.array([0, 0, 1, math.cos(half), 0, math.sin(half), 0]),
             speed=np.array([0, 0, 0, 0, rate, 0]),
         )
-        _Catch(base, data, moving, math.radians(10.0))(0)
+        catch(base, data, moving, math.radians(10.0))(0)
         expected = stiffness * math.radians(2.0) + damping * resisted
         np.testing.assert_allclose(data.xfrc_applied[2, 3:], [0, -expected, 0], rtol=1e-9)
     # Tilts within the slack are free.

@@ -243,11 +243,11 @@ def test_a_pack_of_others_is_diagnosed_and_scored(tmp_path) -> None:
     by_name = {campaign.name: (campaign, scene, how) for campaign, scene, how in Told.calls}
     campaign, scene, how = by_name["Hall.1"]
     assert [trial.trial for trial in campaign.trials] == list(TRIALS)
-    assert (scene, how["exclude"]) == ("scene.yaml", ("wind",))
-    deviations = {one.name: one.prior.sd for one in how["nuisances"]}
+    assert (scene, how["hypotheses"].exclude) == ("scene.yaml", ("wind",))
+    deviations = {one.name: one.prior.sd for one in how["hypotheses"].nuisances}
     assert deviations["slenderness"] == pytest.approx(0.05)
     assert deviations["trial_gain"] == pytest.approx(0.004)
-    assert by_name["Hall.2"][2]["exclude"] == ()
+    assert by_name["Hall.2"][2]["hypotheses"].exclude == ()
 
     scored = score_pack(data, tmp_path / "away", tmp_path / "out", tmp_path / "scores")
     scores = scored.scores["M", "all"]

@@ -15,14 +15,13 @@ import vsr2.blind.custodian.make as make_module
 from blind_samples import QuickEngine, make, pulses
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import draw_protocol
-from vsr2.blind.custodian.detection_limit import DetectionLimit
-from vsr2.blind.custodian.engine import Drawable, TrialInput, build_engine
+from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.plan import directions, draw_plan
 from vsr2.blind.custodian.recording import recorded_campaign
-from vsr2.blind.form.diagnosis_form import Verdict, VerdictKind
+from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import CLASSES, KINDS
 from vsr2.blind.form.seal import open_key
-from vsr2.blind.mujoco import Parameter, Response
+from vsr2.blind.mujoco import Drawable, Parameter, Response
 from vsr2.blind.scoring.baselines import (
     BASELINES,
     _guess,
@@ -43,6 +42,7 @@ from vsr2.campaign import (
     load_campaign,
     save_campaign,
 )
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
 
@@ -245,7 +245,7 @@ def drawn_plan(seed, settings, effects, limits):
         strength = effect.strength
         value = values[strength.name]
         size = 1 / value if strength.reciprocal else value - strength.null
-        return abs(size) / limits[engine, effect.name, 1 if size > 0 else -1].magnitude
+        return abs(size) / limits[engine, effect.name, 1 if size > 0 else -1]
 
     return draw_plan(seed, settings, effects, limits, measure).campaigns
 
@@ -255,7 +255,7 @@ def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
     from scipy.stats import chi2_contingency, kruskal
 
     settings = PackSettings(single=0, none=450, pair=0, unknown=450, protocols=3, hidden=4)
-    limits = {("mujoco", name, 1): DetectionLimit(0.05, ()) for name in QuickEngine.effects}
+    limits = {("mujoco", name, 1): 0.05 for name in QuickEngine.effects}
     plan = drawn_plan(5, settings, {"mujoco": QuickEngine.effects}, limits)
     assert len({p.exclude for p in plan}) == 4
     for trait in ("exclude", "protocol"):
@@ -274,16 +274,14 @@ def planned(seed=5, engines=("mujoco",), limits=None, **changes):
     counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0}
     settings = PackSettings(engines=engines, **(counts | changes))
     known = {name: QuickEngine.effects for name in engines}
-    limits = limits or {
-        (e, name, 1): DetectionLimit(0.05, ()) for e in engines for name in known[e]
-    }
+    limits = limits or {(e, name, 1): 0.05 for e in engines for name in known[e]}
     return drawn_plan(seed, settings, known, limits), settings
 
 
 def only_one_class_drawn():
     """A plan in which every draw but one effect's is measured far beyond six limits."""
     effects = {"mujoco": QuickEngine.effects}
-    limits = {("mujoco", name, 1): DetectionLimit(0.05, ()) for name in QuickEngine.effects}
+    limits = {("mujoco", name, 1): 0.05 for name in QuickEngine.effects}
 
     def measure(engine, protocol, effect, values):
         return 2.0 if effect.name == "wear" else 99.0
@@ -340,7 +338,7 @@ def test_too_few_classes_to_leave_out_are_refused(quick, study, tmp_path) -> Non
             make(study, tmp_path, **(counts | change))
         # Before any work.
         assert not (tmp_path / "key").exists()
-    limits = {("mujoco", name, 1): DetectionLimit(0.05, ()) for name in ("wear", "friction")}
+    limits = {("mujoco", name, 1): 0.05 for name in ("wear", "friction")}
     with pytest.raises(BlindError, match="this pack needs 3"):
         planned(single=2, pair=1, limits=limits)
     assert len(planned(single=2, none=2, unknown=2, limits=limits)[0]) == 6
@@ -375,12 +373,12 @@ def test_magnitudes_lie_from_half_a_limit_to_six() -> None:
     }
     engine["catch"] = Drawable("catch", Parameter("slack", "1", math.inf, 5.0, 25.0, True))
     engine["gain"] = Drawable("gain", Parameter("change", "1", 0.0, -0.3, 0.3))
-    limits = {("mujoco", name, 1): DetectionLimit(0.01, ()) for name in engine if name != "tether"}
+    limits = {("mujoco", name, 1): 0.01 for name in engine if name != "tether"}
     limits |= {
-        ("mujoco", "tether", 1): DetectionLimit(0.005, ()),
-        ("mujoco", "gain", -1): DetectionLimit(0.2, ()),
+        ("mujoco", "tether", 1): 0.005,
+        ("mujoco", "gain", -1): 0.2,
     }
-    limits["mujoco", "catch", 1] = DetectionLimit(0.006, ())
+    limits["mujoco", "catch", 1] = 0.006
     assert directions({"mujoco": engine}, limits, "mujoco") == [
         ("gain", -1), ("gain", 1), ("some", 1), ("weak", 1)
     ]  # fmt: skip
@@ -396,7 +394,7 @@ def test_magnitudes_lie_from_half_a_limit_to_six() -> None:
 
 def test_unknown_effects_are_several_and_drawn_as_single_ones_are() -> None:
     settings = PackSettings(single=120, none=0, pair=0, unknown=120, hidden=6)
-    limits = {("mujoco", name, 1): DetectionLimit(0.02, ()) for name in QuickEngine.effects}
+    limits = {("mujoco", name, 1): 0.02 for name in QuickEngine.effects}
     plan = drawn_plan(2, settings, {"mujoco": QuickEngine.effects}, limits)
     unknown = [p.effects[0] for p in plan if p.kind == "unknown"]
     classes = Counter(settings.class_of(e.name) for e in unknown)

@@ -260,7 +260,7 @@ def dying(function, place, count):
 if {place!r} == "rename":
     Path.rename = dying(Path.rename, "", 3)
 elif {place!r}:
-    os.replace = dying(os.replace, {place!r}, {{"measurements.json": 20}}.get({place!r}, 1))
+    os.replace = dying(os.replace, {place!r}, {{"steps.json": 20}}.get({place!r}, 1))
 else:
     save.trials_table = dying(save.trials_table, "", 5)
 tests.make_module.build_engine = lambda name, study: tests.QuickEngine()
@@ -268,9 +268,7 @@ tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
 """
 
 
-@pytest.mark.parametrize(
-    "place", ["custodian.json", "measurements.json", "", "rename", "pack.json"]
-)
+@pytest.mark.parametrize("place", ["custodian.json", "steps.json", "", "rename", "pack.json"])
 def test_a_pack_whose_maker_was_killed_is_continued(quick, study, tmp_path, place) -> None:
     # As it writes its state, the 20th measurement (limits are 11, draws the rest), the fifth
     # campaign, the third in its last place, and the last file.

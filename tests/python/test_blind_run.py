@@ -1,12 +1,10 @@
 """The diagnosis of packs from the data alone, and a small pack from end to end."""
 
-import contextlib
 import dataclasses
 import json
 import math
 import os
 import shutil
-import sqlite3
 import subprocess
 import sys
 from collections import Counter
@@ -101,8 +99,8 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
     for campaign, how in Stub.calls:
         assert campaign.tier == how["tier"]
-        assert list(how["exclude"]) == excluded[campaign.name]
-        assert (how["seed"], how["draws"]) == (7, 9)
+        assert list(how["hypotheses"].exclude) == excluded[campaign.name]
+        assert (how["seed"], how["budget"].draws) == (7, 9)
         if how["tier"] == "B":
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None
@@ -110,7 +108,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     whole = load_campaign(small / Stub.calls[0][0].name)
     assert at_tier(whole, "T") is whole
     # All tiers share one cache of simulations.
-    shared = Stub.calls[0][1]["cache"]
+    shared = Stub.calls[0][1]["execution"].cache
     scene = load_study(small / "scene.yaml")
     simulators = [
         SceneSimulator(at_tier(whole, tier), scene, series=True, sampling=shared.sampling)
@@ -261,7 +259,6 @@ def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> N
 
 WATCHED = """
 import json, sys
-from functools import partial
 from pathlib import Path
 # Libraries ask what the machine is.
 HARMLESS = [("uname", ["uname", "-p"]), ("lscpu", ["lscpu", "--parse=core"])]
@@ -290,7 +287,9 @@ vsr2.diagnosis.simulated.design.SCREENING = replace(
 )
 vsr2.diagnosis.budget.NOISE_FLOOR = replace(vsr2.diagnosis.budget.NOISE_FLOOR, most_trials=4)
 vsr2.diagnosis.which.amortised.TREES = 40
-rough = partial(diagnose, library={{name: library()[name] for name in {names!r}}})
+def rough(*given, hypotheses, **how):
+    offered = {{name: library()[name] for name in {names!r}}}
+    return diagnose(*given, hypotheses=replace(hypotheses, library=offered), **how)
 made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"],
                      options=DiagnosisOptions(6), diagnose=rough)
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
@@ -376,7 +375,9 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
         for tier in "MT"
     }
     # Campaigns of one protocol share their simulations, but for what is named of each.
-    assert sum(simulated.values()) == len(cache_keys(out / "simulations.sqlite"))
+    assert sum(simulated.values()) == (
+        len((out / "simulations.jsonl").read_bytes().splitlines()) - 1
+    )
     assert sorted(simulated[name, "M"] for name in names)[:9] == [0] * 9
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 2
@@ -387,11 +388,6 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     assert "| score | M | T |" in told
     for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none", "limit x"):
         assert f"### {group}" in told
-
-
-def cache_keys(path):
-    with contextlib.closing(sqlite3.connect(path)) as file:
-        return file.execute("SELECT key FROM runs").fetchall()
 
 
 def test_the_scene_rocks_under_all_nuisances(study) -> None:

@@ -14,7 +14,7 @@ from blind_results import committed_verdicts
 from blind_samples import diagnosis, effect, hand_made, same_folders
 from vsr2.blind import score_pack
 from vsr2.blind.custodian.engine import build_engine
-from vsr2.blind.form.diagnosis_form import Location, VerdictKind, read_verdict, verdict_of
+from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.intervals import (
@@ -41,6 +41,7 @@ from vsr2.blind.scoring.score import (
 )
 from vsr2.blind.scoring.tables import Scored, format_scores
 from vsr2.config import load_study
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -19,8 +19,8 @@ def evaluation(p: float = 0.1, plan: str = "plan") -> Evaluation:
 
 def test_what_was_stored_is_found_again(tmp_path):
     with EvaluationStore(tmp_path, "c", 3) as store:
-        store.add("k1", evaluation(1 / 3))
-        store.add("k2", evaluation(2.0, "other"))
+        store.keep("k1", evaluation(1 / 3))
+        store.keep("k2", evaluation(2.0, "other"))
     with EvaluationStore(tmp_path, "c", 3) as store:
         assert len(store) == 2
         found = store.by_key("k1")
@@ -31,36 +31,10 @@ def test_what_was_stored_is_found_again(tmp_path):
         assert store.by_key("k3") is None
 
 
-def test_a_torn_last_line_is_dropped_and_a_damaged_one_is_not(tmp_path):
-    with EvaluationStore(tmp_path, "c", 3) as store:
-        store.add("k1", evaluation())
-    path = tmp_path / "evaluations.jsonl"
-    whole = path.read_bytes()
-    path.write_bytes(whole + b'{"key":"k2","plan":"x","val')
-    with EvaluationStore(tmp_path, "c", 3) as store:
-        assert len(store) == 1
-        store.add("k2", evaluation())
-    assert path.read_bytes().startswith(whole)
-    with EvaluationStore(tmp_path, "c", 3) as store:
-        assert len(store) == 2
-    path.write_bytes(whole + whole.splitlines()[1].replace(b"10x", b"1?x") + b"\n")
-    with pytest.raises(ResultError, match=r"evaluations.jsonl:3: damaged"):
-        EvaluationStore(tmp_path, "c", 3)
-
-
-def test_another_campaign_or_process_is_refused(tmp_path):
-    with EvaluationStore(tmp_path, "c", 3), pytest.raises(ResultError, match="another process"):
-        EvaluationStore(tmp_path, "c", 3)
-    with pytest.raises(ResultError, match="another campaign"):
-        EvaluationStore(tmp_path, "d", 3)
-    with pytest.raises(ResultError, match="another campaign"):
-        EvaluationStore(tmp_path, "c", 4)
-
-
 def test_a_folder_with_a_calibration_is_not_overwritten_unasked(tmp_path):
     folder = prepare_calibration_folder(tmp_path / "new" / "one")
     with EvaluationStore(folder, "c", 3) as store:
-        store.add("k", evaluation())
+        store.keep("k", evaluation())
     with pytest.raises(ResultError, match="already holds a calibration"):
         prepare_calibration_folder(folder)
     prepare_calibration_folder(folder, resume=True)
@@ -105,11 +79,11 @@ def test_trials_simulated_later_are_added_to_their_set(tmp_path):
     known = np.array([True, False, True])
     first = Evaluation({"p": 1.0}, np.array([1.0, np.nan, np.nan]), "plan", 2.0, known)
     with EvaluationStore(tmp_path, "c", 3) as store:
-        store.add("key", first)
+        store.keep("key", first)
         found = store.by_key("key")
         assert found is not None
         assert found.lacking(np.ones(3, dtype=bool)).tolist() == [False, True, False]
-        store.add("other key", Evaluation({"p": 1.0}, np.array([np.nan, 0.0, np.nan]), "plan", 1.0,
+        store.keep("other key", Evaluation({"p": 1.0}, np.array([np.nan, 0.0, np.nan]), "plan", 1.0,
                                           ~known))  # fmt: skip
     with EvaluationStore(tmp_path, "c", 3) as store:
         for key in ("key", "other key"):

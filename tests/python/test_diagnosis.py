@@ -19,7 +19,15 @@ from planted import Rehearsal, observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, save_campaign, simulate_campaign
 from vsr2.cli.main import main
 from vsr2.config import study_from_mapping
-from vsr2.diagnosis import Budget, diagnose, diagnose_with, schema, with_deviations
+from vsr2.diagnosis import (
+    Budget,
+    Execution,
+    Hypotheses,
+    diagnose,
+    diagnose_with,
+    schema,
+    with_deviations,
+)
 from vsr2.diagnosis.how_far.held_out import judge
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.equivalence import (
@@ -30,6 +38,7 @@ from vsr2.diagnosis.likelihood.equivalence import (
 )
 from vsr2.diagnosis.likelihood.evidence import Data, posterior, predict
 from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.pipeline import Stage
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.diagnosis.verdict.limits import LIMITS
@@ -516,7 +525,7 @@ def test_linear_algebra_has_the_same_bits_on_any_machine() -> None:
 
     seen = []
 
-    def stop(stage, share, leading):
+    def stop(progress):
         seen.append(threads())
         raise KeyboardInterrupt
 
@@ -531,15 +540,15 @@ def test_linear_algebra_has_the_same_bits_on_any_machine() -> None:
 def test_an_interruption_loses_nothing_and_changes_nothing(found, tmp_path) -> None:
     seen = []
 
-    def stop(stage, share, leading):
-        seen.append(stage)
-        if stage.startswith("simulating") and share > 0.4:
+    def stop(progress):
+        seen.append(progress.stage)
+        if progress.stage is Stage.SIMULATION and progress.share > 0.4:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        small(cache=tmp_path / "simulations.sqlite", report=stop)
-    assert "screening" in seen
-    again = small(cache=tmp_path / "simulations.sqlite")
+        small(cache=tmp_path / "simulations.jsonl", report=stop)
+    assert Stage.SCREENING in seen
+    again = small(cache=tmp_path / "simulations.jsonl")
     assert again.content["provenance"]["budget"]["reused"] > 400
     assert without_times(again) == without_times(found)
 
@@ -636,7 +645,9 @@ def test_a_scene_that_says_nothing_of_recordings_is_driven_as_recorded(tmp_path,
     study = study_from_mapping(BOX | {"motion": cosines}, base=tmp_path)
     simulated = simulate_campaign(study)
     campaign = replace(simulated, noise=MeasurementNoise(displacement=noise))
-    simulator = SceneSimulator(campaign, study, library={"wear": full_library()["wear"]})
+    simulator = SceneSimulator(
+        campaign, study, hypotheses=Hypotheses({"wear": full_library()["wear"]})
+    )
     found = simulator.run([Request(i, (), 0, 0) for i in range(len(campaign))])
     apart = np.abs(found.peak_tilt - [trial.peak_tilt for trial in campaign.trials])
     if noise is None:
@@ -649,7 +660,9 @@ def test_a_scene_that_says_nothing_of_recordings_is_driven_as_recorded(tmp_path,
 
 def test_real_trials_answer_alike_alone_and_together(shaken, tmp_path) -> None:
     study = study_from_mapping(BOX, base=tmp_path)
-    simulator = SceneSimulator(shaken, study, library={"wear": full_library()["wear"]})
+    simulator = SceneSimulator(
+        shaken, study, hypotheses=Hypotheses({"wear": full_library()["wear"]})
+    )
     requests = [Request(i, (("wear", (0.1,)),), 2, 1) for i in (0, 20, 39)]
     together = simulator.run([*requests, Request(20, (), 2, 1), Request(20, (), 0, -1)])
     alone = simulator.run([requests[1]])
@@ -663,7 +676,7 @@ def test_real_trials_answer_alike_alone_and_together(shaken, tmp_path) -> None:
 def test_rest_features_are_those_of_the_batch(shaken, tmp_path) -> None:
     library = {"off_axis_motion": full_library()["off_axis_motion"]}
     study = study_from_mapping(BOX, base=tmp_path)
-    simulator = SceneSimulator(shaken, study, library=library, series=True)
+    simulator = SceneSimulator(shaken, study, hypotheses=Hypotheses(library), series=True)
     some = [14, 22, 37]
     given = [Request(i, (), 0, 0) for i in some]
     found = simulator.run(given)
@@ -683,7 +696,8 @@ def test_rest_features_are_those_of_the_batch(shaken, tmp_path) -> None:
 def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, capsys) -> None:
     study = study_from_mapping(BOX, base=tmp_path)
     library = {name: full_library()[name] for name in ("table_gain", "catch")}
-    simulator = SceneSimulator(shaken, study, library=library, nuisances=STILL, seed=5)
+    still = Hypotheses(library, nuisances=STILL)
+    simulator = SceneSimulator(shaken, study, hypotheses=still, seed=5)
     truth = simulator.run([Request(i, (), 3, 1) for i in range(len(shaken))])
     observed = replace(
         shaken,
@@ -695,11 +709,10 @@ def test_a_real_campaign_is_diagnosed_from_the_command_line(shaken, tmp_path, ca
     result = diagnose(
         observed,
         study,
-        library=library,
-        nuisances=STILL,
-        simulations=500,
         out=tmp_path / "out",
-        threads=2,
+        budget=Budget(simulations=500),
+        hypotheses=still,
+        execution=Execution(threads=2),
     )
     assert result.content["campaign"]["tier"] == "B"
     assert result.kind in ("none", "unresolved")

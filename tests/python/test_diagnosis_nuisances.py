@@ -13,6 +13,7 @@ from vsr2.config import study_from_mapping
 from vsr2.diagnosis import (
     DEFAULT_NUISANCES,
     DrawnByEffect,
+    Hypotheses,
     LogNormal,
     Normal,
     Nuisance,
@@ -88,7 +89,9 @@ def shaken():
 def simulator(shaken, tmp_path, nuisances):
     study = study_from_mapping(BOX, base=tmp_path)
     offered = {name: library()[name] for name in ("restitution", "table_gain")}
-    return SceneSimulator(shaken, study, nuisances=nuisances, library=offered, seed=3)
+    return SceneSimulator(
+        shaken, study, hypotheses=Hypotheses(offered, nuisances=nuisances), seed=3
+    )
 
 
 def test_a_user_s_effect_may_be_a_nuisance(shaken, tmp_path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from planar.library import PLANAR_LIBRARY
 from planar.simulator import PlanarSimulator
 from planted import observe, shaken_campaign
-from vsr2.diagnosis import Budget, ProtocolCache, diagnose_with
+from vsr2.diagnosis import Budget, Execution, ProtocolCache, diagnose_with
 from vsr2.diagnosis import diagnose as api
 from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS
 from vsr2.diagnosis.simulated.design import SCREENING
@@ -36,7 +36,7 @@ def test_sharing_changes_no_diagnosis(tmp_path, monkeypatch) -> None:
     fits = []
     fit = module.prepare
     monkeypatch.setattr(module, "prepare", lambda *a, **k: fits.append(1) or fit(*a, **k))
-    reuse = ProtocolCache(tmp_path / "simulations.sqlite")
+    reuse = ProtocolCache(tmp_path / "simulations.jsonl")
     together = [
         diagnose_with(simulator, campaign, budget=Budget(draws=6), cache=reuse)
         for campaign in campaigns
@@ -61,10 +61,10 @@ def without_cost(diagnosis):
 
 def test_too_few_draws_are_refused() -> None:
     with pytest.raises(DiagnosisError, match="at least 6"):
-        api("nowhere", "nothing", draws=5)
+        api("nowhere", "nothing", budget=Budget(draws=5))
 
 
 @pytest.mark.parametrize("threads", [0, -3])
 def test_no_threads_are_refused(threads) -> None:
     with pytest.raises(DiagnosisError, match=f"threads is {threads}; give at least 1"):
-        api("nowhere", "nothing", threads=threads)
+        api("nowhere", "nothing", execution=Execution(threads=threads))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
-import sqlite3
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,7 @@ from vsr2.diagnosis.simulated.design import screen
 from vsr2.diagnosis.simulated.library import basis, free_parameters, null_quantile, values_at
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.effects import library as full_library
-from vsr2.errors import DiagnosisError
+from vsr2.errors import ResultError
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
 
@@ -183,39 +184,23 @@ def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
     assert not _settled([*same[:2], one(["catch"], 0.03)]), "a gap, and then none"
 
 
-def test_a_file_that_is_no_cache_is_refused(tmp_path) -> None:
-    (tmp_path / "b").write_text("no cache at all, and long enough to be looked at" * 20)
-    with pytest.raises(DiagnosisError, match=r"remove it, and .* or choose another folder"):
-        SimulationCache(Counting(), tmp_path / "b")
-    with pytest.raises(DiagnosisError, match="see that its folder may be written to"):
-        SimulationCache(Counting(), tmp_path / "none" / "b")
-
-
-def test_a_cache_that_fails_later_is_stated_too(tmp_path) -> None:
-    requests = [Request(i % 10, (), i // 10, 1) for i in range(2000)]
-    with SimulationCache(Counting(), tmp_path / "b") as cache:
+def test_a_cache_of_an_older_form_or_with_damaged_records_is_refused(tmp_path) -> None:
+    (tmp_path / "b.sqlite").write_bytes(b"SQLite format 3")
+    with pytest.raises(ResultError, match=r"b\.sqlite: is a simulation cache of an older VSR2; r"):
+        SimulationCache(Counting(), tmp_path / "b.jsonl")
+    requests = [Request(0, (), 0, 1), Request(1, (), 0, 1)]
+    path = tmp_path / "c.jsonl"
+    with SimulationCache(Counting(), path) as cache:
         cache.run(requests)
-    # Pages behind the first, on which opening looks at no row.
-    with (tmp_path / "b").open("r+b") as file:
-        for page in range(2, (tmp_path / "b").stat().st_size // 4096):
-            file.seek(4096 * page)
-            file.write(b"\xff" * 64)
+    header, first, second = path.read_bytes().splitlines(keepends=True)
+    longer = json.loads(second)
+    longer["response"] = base64.b64encode(bytes(24)).decode()
+    path.write_bytes(header + first + json.dumps(longer).encode() + b"\n")
     with (
-        pytest.raises(DiagnosisError, match=r"b: cannot be used .* remove it, and"),
-        SimulationCache(Counting(), tmp_path / "b") as cache,
+        SimulationCache(Counting(), path) as cache,
+        pytest.raises(ResultError, match=r"different lengths.*remove it"),
     ):
         cache.run(requests)
-    with SimulationCache(Counting(), tmp_path / "c") as cache:
-        other = sqlite3.connect(tmp_path / "c")
-        other.execute("BEGIN EXCLUSIVE")
-        cache._file.execute("PRAGMA busy_timeout = 1")
-        with pytest.raises(DiagnosisError, match="another process writes to it: wait"):
-            cache.run(requests)
-        other.rollback()
-        other.close()
-        cache._file.execute("PRAGMA query_only = 1")
-        with pytest.raises(DiagnosisError, match="may be written to and has room"):
-            cache.run(requests)
 
 
 @pytest.mark.parametrize("name", sorted(full_library()))

@@ -19,7 +19,8 @@ from effect_closed_forms import closed_forms
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.scene import Hull
 from vsr2.simulation import run_batch
-from vsr2.simulation.effect_checks import ROCKS, EffectChecker, Rock, beside_null, ensemble
+from vsr2.simulation.bench import Rock
+from vsr2.simulation.effect_checks import ROCKS, EffectChecker, beside_null, ensemble
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from vsr2.effects.oscillator import Path, base_excited, limited, low_passed, respond
+from vsr2.effects.oscillator import base_excited, limited, low_passed, respond
+from vsr2.motion.processing import Kinematics
 
 STEP = 1e-3
 
@@ -33,7 +34,7 @@ def test_paths_belong_to_one_function() -> None:
     time = np.arange(2000) * STEP
     x = 0.02 * np.sin(2 * np.pi * 3 * time) * np.sin(np.pi * time / 2) ** 2
     v = np.gradient(x, STEP)
-    path = Path(x, v, np.gradient(v, STEP))
+    path = Kinematics(x, v, np.gradient(v, STEP))
     for driven in (low_passed(path, 6.0, 0.7, STEP), base_excited(path, 9.0, 0.2, STEP)):
         scale = np.abs(driven.velocity).max()
         slope = np.gradient(driven.displacement, STEP)
@@ -46,12 +47,12 @@ def test_a_stiff_table_follows() -> None:
     time = np.arange(2000) * STEP
     x = 0.01 * np.sin(np.pi * time / 2) ** 4
     v = np.gradient(x, STEP)
-    driven = base_excited(Path(x, v, np.gradient(v, STEP)), 15.0, 1e4, STEP)
+    driven = base_excited(Kinematics(x, v, np.gradient(v, STEP)), 15.0, 1e4, STEP)
     assert np.abs(driven.displacement - x).max() < 1e-6
 
 
 def test_a_table_within_its_limits_is_left_alone() -> None:
     x = 0.01 * np.sin(np.linspace(0, np.pi, 500)) ** 2
     v = np.gradient(x, STEP)
-    path = Path(x, v, np.gradient(v, STEP))
+    path = Kinematics(x, v, np.gradient(v, STEP))
     assert limited(path, 10.0, 100.0, STEP, loop=3.0) is path

@@ -303,7 +303,7 @@ def test_what_is_no_recording_is_refused(tmp_path, name):
     [
         ({"displacement": None}, "neither displacement nor acceleration"),
         ({"displacement": X, "acceleration": A[:-1]}, "same number"),
-        ({"displacement": ["a"] * 20}, "no array of numbers"),
+        ({"displacement": ["a"] * 20}, "not an array of numbers"),
         ({"displacement": X, "sample_interval": float("inf")}, "lies outside"),
     ],
 )

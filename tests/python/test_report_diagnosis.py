@@ -281,8 +281,8 @@ def test_the_page_shows_the_numbers() -> None:
         ({"closure": 0.005}, "but not surely better than a wrong effect"),
         (
             {"kind": "unresolved", "state": "size_open"},
-            "There are signs of a gap, but its size is not told from zero; the leading candidate "
-            "is wear.",
+            "There are signs of a gap, but its size is not distinguished from zero; the leading "
+            "candidate is wear.",
         ),
         ({"kind": "unresolved", "state": "not_found"}, "Whether there is a gap is not resolved;"),
         ({"kind": "unresolved"}, "There is a gap, but its cause is not resolved; the leading"),

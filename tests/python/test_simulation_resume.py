@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 import signal
@@ -19,7 +18,7 @@ import pytest
 from vsr2.config.study import Output, Study
 from vsr2.errors import ResultError
 from vsr2.motion import Motion
-from vsr2.results import JOURNAL_FILE, BatchResult, Journal, load_trial_log, prepare_folder
+from vsr2.results import JOURNAL_FILE, BatchResult, load_trial_log, prepare_folder
 from vsr2.simulation import run_batch, study_trials
 from vsr2.trial import Trial
 
@@ -90,17 +89,6 @@ def test_a_journal_of_other_trials_is_refused(tmp_path: Path) -> None:
     for wrong in (other, batch[:1], list(reversed(batch))):
         with pytest.raises(ResultError, match="other trials"):
             run_batch(wrong, checkpoint=folder)
-
-
-@pytest.mark.parametrize(
-    "content",
-    [b"{}\n", b"no json\n", b"\xff\xfe\n", b"[1]\n", b'{"format":"vsr2 journal"}\nx\n'],
-)
-def test_a_damaged_journal_is_refused(tmp_path: Path, content: bytes) -> None:
-    folder = prepare_folder(tmp_path / "run")
-    (folder / JOURNAL_FILE).write_bytes(content)
-    with pytest.raises(ResultError, match="overwrite"):
-        run_batch(trials()[:1], checkpoint=folder)
 
 
 def run_cli(folder: Path, *more: str) -> list[str]:
@@ -179,13 +167,6 @@ def test_interrupt_then_resume_from_the_command_line(tmp_path: Path) -> None:
     assert subprocess.run(run_cli(tmp_path, "--resume")).returncode == 0
 
 
-def test_a_journal_that_is_no_file_is_refused(tmp_path: Path) -> None:
-    folder = prepare_folder(tmp_path / "run")
-    os.symlink("/dev/full", folder / JOURNAL_FILE)
-    with pytest.raises(ResultError, match="regular file"):
-        run_batch(trials()[:1], checkpoint=folder)
-
-
 def test_a_full_disk_stops_with_an_error_and_leaves_whole_lines(tmp_path: Path) -> None:
     # A limit on file sizes stands for the full disk: writes fail in the middle of a line.
     code = (
@@ -209,18 +190,6 @@ def test_a_full_disk_stops_with_an_error_and_leaves_whole_lines(tmp_path: Path) 
         [sys.executable, "-m", "vsr2.cli.main", *arguments, "--resume"], timeout=60
     )
     assert done.returncode == 0
-
-
-def test_two_processes_cannot_write_one_journal(tmp_path: Path) -> None:
-    folder = prepare_folder(tmp_path / "run")
-    with Journal(folder, "plan", 3) as journal:
-        journal.record(0, {"x": 1})
-        with pytest.raises(ResultError, match="another process"):
-            Journal(folder, "plan", 3)
-        with pytest.raises(ResultError, match="another process"):
-            prepare_folder(folder, overwrite=True)
-    with Journal(folder, "plan", 3) as journal:
-        assert journal.finished == {0: {"x": 1, "trial": 0}}
 
 
 def test_logs_that_cannot_fit_are_refused_at_the_start(tmp_path: Path) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from vsr2 import _native
-from vsr2.config.study import Material, Study
+from vsr2.config.study import Contact, Study
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
-from vsr2.simulation import Simulation, effective_pair, native_scene
+from vsr2.simulation import Simulation, native_scene, pair_values
 
 
 def study(**sections: object) -> Study:
@@ -109,7 +109,7 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
 
 
 def test_errors_of_the_core_carry_a_code() -> None:
-    world = _native.World(native_scene(Simulation(study()).scene), _native.Drive.prescribed)
+    world = _native.World(native_scene(build_scene(study())), _native.Drive.prescribed)
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
     assert caught.value.fault is _native.InputFault.no_rock
@@ -148,7 +148,7 @@ def test_settling_has_a_timeout() -> None:
 
 
 def test_table_s1_follows_from_the_body_level_inputs() -> None:
-    pair = effective_pair(Material(), Material())
+    pair = pair_values(Contact())
     assert round(pair.restitution, 2) == 0.12
     assert round(pair.lateral_friction, 2) == 0.49
     assert round(pair.spinning_friction, 2) == 0.70
@@ -163,7 +163,7 @@ def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
     simulation.step(0.0, steps=2000)
     contacts = simulation.contacts()
     assert len(contacts) == 4
-    pair = effective_pair(scene.contact.rock, scene.contact.pedestal)
+    pair = pair_values(scene.contact)
     for point in contacts:
         assert point["stiffness"] == pytest.approx(pair.stiffness, rel=1e-12)
         assert point["restitution"] == pytest.approx(pair.restitution)

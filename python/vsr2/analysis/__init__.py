@@ -1,6 +1,6 @@
 """Numbers drawn from results and campaigns: agreement with outcomes, tracking, baselines."""
 
-from vsr2.analysis.baseline import baseline_scores, format_baselines, logistic_baseline
+from vsr2.analysis.baseline import baseline_scores, logistic_baseline
 from vsr2.analysis.bootstrap import classification_intervals
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.analysis.tracking import Tracking, tracking
@@ -11,7 +11,6 @@ __all__ = [
     "baseline_scores",
     "classification_intervals",
     "classification_metrics",
-    "format_baselines",
     "logistic_baseline",
     "tracking",
 ]

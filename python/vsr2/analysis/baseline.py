@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsr2.analysis.bootstrap import SCORES, Interval, classification_intervals
+from vsr2.analysis.bootstrap import Interval, classification_intervals
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
@@ -122,7 +122,7 @@ def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> 
     Raises:
         ResultError: no trial has all three.
         CampaignError: fewer motions than folds.
-        MotionError: intensity is to be told from a motion that cannot be filtered.
+        MotionError: intensity is to be measured of a motion that cannot be filtered.
     """
     measures = intensity_measures(campaign)
     # NaN compares as false, so that unknown intensities drop out, too.
@@ -206,22 +206,3 @@ def baseline_scores(
         if not np.isnan(column).all():
             scores.append(score(name, "", column))
     return scores
-
-
-def format_baselines(scores: Sequence[BaselineScore]) -> str:
-    """The scores as a table for people: figure and 95 % interval."""
-    header = ["prediction", "fitted", "trials", *SCORES[:3], "f1", "mean of three"]
-    rows = [
-        [
-            one.name,
-            one.fitted,
-            str(one.metrics.trials),
-            *(str(one.intervals[name]) for name in SCORES),
-        ]
-        for one in scores
-    ]
-    widths = [max(len(row[i]) for row in [header, *rows]) for i in range(len(header))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        for row in [header, *rows]
-    )

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,21 +84,32 @@ def classification_intervals(
         raise ResultError(f"motions has shape {groups.shape} for {truth.size} trials")
     if not 0 < level < 1:
         raise ResultError(f"level {level} must lie between 0 and 1")
-    drawn = motion_resamples(groups, replicates, seed).astype(np.float64)
-    true_positives = drawn @ (truth & guess)
-    false_positives = drawn @ (~truth & guess)
-    false_negatives = drawn @ (truth & ~guess)
-    right = drawn @ (truth == guess)
-    accuracy = _ratio(right, drawn.sum(axis=1))
-    precision = _ratio(true_positives, true_positives + false_positives)
-    recall = _ratio(true_positives, true_positives + false_negatives)
-    f1 = _ratio(2 * true_positives, 2 * true_positives + false_positives + false_negatives)
-    objective = (accuracy + precision + recall) / 3.0
-    values = (accuracy, precision, recall, f1, objective)
+    drawn = score_replicates(truth, guess, motion_resamples(groups, replicates, seed))
     return {
-        name: _interval(float(getattr(found, name)), value, level)
-        for name, value in zip(SCORES, values, strict=True)
+        name: _interval(float(getattr(found, name)), values, level)
+        for name, values in drawn.items()
     }
+
+
+def score_replicates(
+    observed: NDArray[np.bool_], predicted: NDArray[np.bool_], counts: NDArray[np.integer[Any]]
+) -> dict[str, Array]:
+    """Each score in each bootstrap replicate, shape (replicates,), NaN where it is undefined.
+
+    Args:
+        observed: shape (n,).
+        predicted: shape (n,).
+        counts: how often each trial is drawn, shape (replicates, n)
+            (:func:`vsr2.campaign.motion_resamples`).
+    """
+    drawn = counts.astype(np.float64)
+    hits, false = drawn @ (observed & predicted), drawn @ (~observed & predicted)
+    missed, right = drawn @ (observed & ~predicted), drawn @ (observed == predicted)
+    accuracy = _ratio(right, drawn.sum(axis=1))
+    precision, recall = _ratio(hits, hits + false), _ratio(hits, hits + missed)
+    f1 = _ratio(2 * hits, 2 * hits + false + missed)
+    objective = (accuracy + precision + recall) / 3.0
+    return dict(zip(SCORES, (accuracy, precision, recall, f1, objective), strict=True))
 
 
 def _ratio(part: Array, whole: Array) -> Array:

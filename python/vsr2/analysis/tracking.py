@@ -52,10 +52,6 @@ class Tracking:
     commanded_power: Array
     achieved_power: Array
 
-    def gain_at(self, frequency: float) -> float:
-        """Gain at a frequency [Hz], interpolated between lines; NaN: not excited there."""
-        return float(np.interp(frequency, self.frequency, self.gain, left=np.nan, right=np.nan))
-
 
 def tracking(log: TrialLog) -> Tracking:
     """Compare commanded and achieved pedestal motion of a trial, settling left out.

@@ -7,9 +7,14 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, FAILED_FILE, read_verdict
+from vsr2.blind.form.diagnosis_form import (
+    DIAGNOSIS_FILE,
+    FAILED_FILE,
+    Verdict,
+    read_verdict,
+)
 from vsr2.blind.form.pack_form import TIERS
 from vsr2.blind.form.seal import (
     KEY_FILE,
@@ -24,7 +29,10 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
 from vsr2.errors import BlindError, Vsr2Error
 
-CACHE_FILE = "simulations.sqlite"
+if TYPE_CHECKING:
+    from vsr2.diagnosis import Budget
+
+CACHE_FILE = "simulations.jsonl"
 DRAWS = 48
 """Of every effect."""
 
@@ -79,6 +87,13 @@ class DiagnosisOptions:
             return {"budget_minutes": self.budget_minutes, "seed": self.seed}
         return {"draws": self.draws, "seed": self.seed}
 
+    @property
+    def budget(self) -> Budget:
+        """Of each diagnosis."""
+        from vsr2.diagnosis import Budget
+
+        return Budget(self.budget_minutes, draws=self.draws)
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -115,16 +130,11 @@ def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
     4/3 m R^2, a quarter is about the centre.
     """
     tolerances = {name: value for name, value in tolerances.items() if value is not None}
-    out: dict[str, float] = {}
+    units = {"friction": 1.0, "yaw": math.degrees(1), "offset": 1.0}
+    out = {name: unit * tolerances[name] for name, unit in units.items() if name in tolerances}
     if {"width", "height"} <= set(tolerances):
         out["slenderness"] = math.hypot(tolerances["width"], tolerances["height"])
         out["inertia"] = 4 * tolerances["height"]
-    if "friction" in tolerances:
-        out["friction"] = tolerances["friction"]
-    if "yaw" in tolerances:
-        out["yaw"] = math.degrees(tolerances["yaw"])
-    if "offset" in tolerances:
-        out["offset"] = tolerances["offset"]
     if "input_gain" in tolerances:
         # Root mean square of a log-uniform draw.
         low, high = tolerances["input_gain"]
@@ -145,7 +155,7 @@ def diagnose_pack(
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
-    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.sqlite`: those for one
+    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.jsonl`: those for one
     campaign serve all of its protocol, and with a fixed number of draws so do fitted models.
     Therefore campaigns of one protocol that lack the same effects come one after the other. Only
     the data folder is read. A campaign whose diagnosis ends with an error of ours gets a
@@ -176,7 +186,7 @@ def diagnose_pack(
         from vsr2.effects import library
 
         diagnose, known = installed, library()
-    from vsr2.diagnosis import ProtocolCache, with_deviations
+    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, with_deviations
     from vsr2.diagnosis.observed.observations import series_sampling
 
     scene = data / pack["scene"]
@@ -197,38 +207,36 @@ def diagnose_pack(
 
         def diagnosed(name: str = name, tier: Tier = tier) -> Saved:
             campaign = load_campaign(data / name)
+            # Without series too, simulate them as this campaign measured them.
+            sampled = replace(cache, sampling=series_sampling(campaign))
             return diagnose(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
-                threads=options.threads,
-                exclude=excluded[name],
-                # Without series too, simulate them as this campaign measured them.
-                cache=replace(cache, sampling=series_sampling(campaign)),
-                nuisances=nuisances,
-                **options.result,
+                budget=options.budget,
+                hypotheses=Hypotheses(exclude=excluded[name], nuisances=nuisances),
+                execution=Execution(options.threads, cache=sampled),
+                seed=options.seed,
             )
 
-        error = _save(diagnosed, folder)
-        if error is not None:
-            failed.append(f"{name} {tier}")
-        said = f"failed: {error}" if error is not None else read_verdict(folder).kind
-        say(f"{name} {tier}: {said}")
+        error = (verdict := _save(diagnosed, folder)).failed
+        failed += [f"{name} {tier}"] if error else []
+        say(f"{name} {tier}: {f'failed: {error}' if error else verdict.kind}")
     return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
 
 
-def _save(diagnosed: Callable[[], Saved], folder: Path) -> Vsr2Error | None:
-    """Write a diagnosis that scoring can read, or why there is none."""
+def _save(diagnosed: Callable[[], Saved], folder: Path) -> Verdict:
+    """Write a diagnosis that scoring can read, or why there is none; returns what it reads."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
         diagnosed().save(folder)
-        read_verdict(folder)
+        verdict = read_verdict(folder)
+        (folder / FAILED_FILE).unlink(missing_ok=True)
     except Vsr2Error as error:
         (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
         write_json(folder / FAILED_FILE, {"error": str(error)})
-        return error
-    (folder / FAILED_FILE).unlink(missing_ok=True)
-    return None
+        verdict = read_verdict(folder)
+    return verdict
 
 
 def _chosen(data: Path, listed: Collection[str], campaigns: Sequence[str] | None) -> list[str]:

@@ -14,11 +14,11 @@ from vsr2.calibration.calibration_study import (
     Parameter,
     load_calibration,
 )
+from vsr2.calibration.calibration_tables import prepare_calibration_folder, save_calibration
 from vsr2.calibration.evaluation import CalibrationInterrupted, Evaluator, usable_trials
+from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
 from vsr2.calibration.profile import Identifiability, Profile, profiles
 from vsr2.calibration.search import Step, joint_search, sequential_search
-from vsr2.calibration.store import Evaluation, EvaluationStore
-from vsr2.calibration.tables import prepare_calibration_folder, save_calibration
 
 __all__ = [
     "CalibrationInterrupted",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from vsr2.calibration.calibration_study import (
     start_values,
 )
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
+from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
 from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
 from vsr2.calibration.scores import as_predictions, metrics_of, objective_of
 from vsr2.calibration.search import (
@@ -34,7 +35,6 @@ from vsr2.calibration.search import (
     profile_values,
     sequential_search,
 )
-from vsr2.calibration.store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resamples
 from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
@@ -52,18 +52,23 @@ class Fold:
 
     Attributes:
         held_out: its trials, shape (trials,).
-        values: chosen without them.
+        chosen: the set chosen without them.
         training: objective on the other trials, as the search saw it.
         judged: objective on its own.
-        predicted: of all trials with these values, shape (trials,); of its own trials all were
+        predicted: of all trials with the chosen values, shape (trials,); of its own trials all were
             simulated, as :attr:`CalibrationSettings.judged_with` has it.
     """
 
     held_out: Mask
-    values: Mapping[str, Plain]
+    chosen: Evaluation
     training: float
     judged: float
     predicted: Array
+
+    @property
+    def values(self) -> Mapping[str, Plain]:
+        """The values chosen."""
+        return self.chosen.values
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,19 +94,19 @@ class CalibrationResult:
     Attributes:
         campaign: the trials that were matched.
         settings: parameters, method, folds.
+        evaluations: every evaluated set once, in order: those of the search on all trials, then
+            those of folds and profiles.
         steps: of the search on all trials, in order.
-        extra: evaluations beyond these: of folds and profiles.
         searched: the best step of the search on all trials, which compares with the folds'.
-        searched_in_sample: its objective on all trials, judged as the folds are.
-        best: the best on all trials of all evaluated sets, those of folds and profiles included.
+        searched_predicted: prediction of each trial with its values, judged as the folds are
+            (1, 0, NaN), shape (trials,).
+        best: the best on all trials of all evaluated sets.
+        in_sample: prediction of each trial with its values (1, 0, NaN), shape (trials,).
         start: the evaluation of the study's own values; None: they lie outside the ranges.
         folds: empty where there are none.
         fold: of each trial, -1 where there are none, shape (trials,).
-        out_of_fold: prediction of each trial with values chosen without its motion (1, 0, NaN),
-            shape (trials,); all NaN where there are no folds.
-        in_sample: prediction of each trial with the best values (1, 0, NaN), shape (trials,).
-        scores: of the calibrated simulator in sample and out of fold, then of the baselines.
         screen: None: every set was run on all trials.
+        scores: of the calibrated simulator in sample and out of fold, then of the baselines.
         no_baselines: why the campaign gives no baselines; empty: it does.
         profiles: of each parameter.
         provenance: versions, hashes, seeds, wall time (JSON-serialisable).
@@ -109,20 +114,19 @@ class CalibrationResult:
 
     campaign: Campaign
     settings: CalibrationSettings
+    evaluations: tuple[Evaluation, ...]
     steps: tuple[Step, ...]
-    extra: tuple[Evaluation, ...]
     searched: Step
+    searched_predicted: Array
     best: Step
+    in_sample: Array
     start: Evaluation | None
     folds: tuple[Fold, ...]
     fold: NDArray[np.int64]
-    out_of_fold: Array
-    searched_in_sample: float
-    in_sample: Array
-    scores: tuple[BaselineScore, ...]
-    profiles: tuple[Profile, ...]
     screen: Screen | None = None
+    scores: tuple[BaselineScore, ...] = ()
     no_baselines: str = ""
+    profiles: tuple[Profile, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -130,6 +134,22 @@ class CalibrationResult:
         """Outcomes, shape (trials,)."""
         found: Mask = self.campaign.overturned == 1
         return found
+
+    @property
+    def out_of_fold(self) -> Array:
+        """Prediction of each trial with values chosen without its motion, shape (trials,).
+
+        1, 0, NaN; all NaN where there are no folds.
+        """
+        found = np.full(len(self.campaign), np.nan)
+        for one in self.folds:
+            found[one.held_out] = one.predicted[one.held_out]
+        return found
+
+    @property
+    def searched_in_sample(self) -> float:
+        """Objective of the search on all trials, judged as the folds are."""
+        return objective_of(self.observed, self.searched_predicted)
 
     @property
     def optimism(self) -> float:
@@ -167,7 +187,7 @@ def cross_validate(search: Search, observed: Mask, fold: NDArray[np.int64]) -> l
         found.append(
             Fold(
                 held_out=held_out,
-                values=best.evaluation.values,
+                chosen=best.evaluation,
                 training=best.score,
                 judged=objective_of(observed, best.evaluation.predicted, held_out),
                 predicted=best.evaluation.predicted,
@@ -227,109 +247,68 @@ def calibrate(
         raise CampaignError(
             f"campaign {campaign.name!r}: all {len(campaign)} usable trials ended alike: no fit"
         )
-    seed, settings = study.study.seed, study.own
-    count = len(campaign)
-    fold = motion_folds(campaign, settings.folds, seed) if settings.folds else np.full(count, -1)
-    digest = campaign_sha256(campaign)
-    with EvaluationStore(folder, digest, count) as store:
+    seed, settings, digest = study.study.seed, study.own, campaign_sha256(campaign)
+    with EvaluationStore(folder, digest, len(campaign)) as store:
         evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
-        found = _evaluated(study, evaluator, observed, fold, on_evaluation)
-        _logger.info(
-            "%d sets searched, best objective %.4g; %d sets in all, %d of them simulated now",
-            len(found.steps),
-            found.searched.score,
-            len(found.evaluate.seen),
-            evaluator.simulated,
-        )
-    resamples = motion_resamples(campaign.motion_ids, settings.replicates, seed)
-    out_of_fold = np.full(count, np.nan)
-    for one in found.folds:
-        out_of_fold[one.held_out] = one.predicted[one.held_out]
-    chosen = {"out of fold": out_of_fold} if found.folds else {}
-    chosen["in sample"] = found.final
-    if found.best is not found.searched:
-        chosen["in sample, best of all sets"] = found.in_sample
-    scores, no_baselines = _compare(campaign, settings, seed, chosen)
-    everything = list(found.evaluate.seen.values())
-    best, cells = found.best.evaluation.values, _cells(settings)
-    provenance = base_provenance(_native.build_facts()) | {
-        "study": study.study.model_dump(mode="json"),
-        "calibration": settings.model_dump(mode="json"),
-        "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
-        "seed": seed,
-        "evaluations": len(everything),
-        "simulated_in_this_run": evaluator.simulated,
-        "seconds_of_simulation": sum(one.seconds for one in everything),
-        "wall_time_s": time.time() - started,
-    }
-    return CalibrationResult(
-        campaign=campaign,
-        settings=settings,
-        steps=tuple(found.steps),
-        extra=found.extra,
-        searched=found.searched,
-        best=found.best,
-        start=found.evaluate.seen.get(_as_key(start_values(study))),
-        folds=tuple(found.folds),
-        fold=fold,
-        out_of_fold=out_of_fold,
-        searched_in_sample=objective_of(observed, found.final),
-        in_sample=found.in_sample,
-        screen=_screen(found),
-        scores=tuple(scores),
-        profiles=tuple(
-            profiles(settings.parameters, everything, observed, resamples, best, cells=cells)
-        ),
-        no_baselines=no_baselines,
-        provenance=provenance,
+        found = _evaluated(study, evaluator, campaign, on_evaluation)
+    _logger.info(
+        "%d sets searched, best objective %.4g; %d sets in all, %d of them simulated now",
+        len(found.steps),
+        found.searched.score,
+        len(found.evaluations),
+        evaluator.simulated,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """What the evaluations of a calibration gave.
-
-    Attributes:
-        evaluate: with all evaluations it has seen.
-        steps: of the search; the best of them is `searched`.
-        extra: evaluations beside the search.
-        best: of all.
-        folds: judged on what they held out.
-        final, in_sample: predictions of `searched` and `best`, as they are judged, shape (trials,).
-    """
-
-    evaluate: _Remembered
-    steps: list[Step]
-    extra: tuple[Evaluation, ...]
-    searched: Step
-    best: Step
-    folds: list[Fold]
-    final: Array
-    in_sample: Array
+    points = settings.method.profile_points if isinstance(settings.method, Joint) else 0
+    scores, no_baselines = _compare(found, seed)
+    return replace(
+        found,
+        scores=scores,
+        no_baselines=no_baselines,
+        profiles=profiles(
+            settings.parameters,
+            found.evaluations,
+            observed,
+            motion_resamples(campaign.motion_ids, settings.replicates, seed),
+            found.best.evaluation.values,
+            cells=points or DEFAULT_CELLS,
+        ),
+        provenance=base_provenance(_native.build_facts())
+        | {
+            "study": study.study.model_dump(mode="json"),
+            "calibration": settings.model_dump(mode="json"),
+            "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
+            "seed": seed,
+            "evaluations": len(found.evaluations),
+            "simulated_in_this_run": evaluator.simulated,
+            "seconds_of_simulation": sum(one.seconds for one in found.evaluations),
+            "wall_time_s": time.time() - started,
+        },
+    )
 
 
 def _evaluated(
     study: CalibrationStudy,
     evaluator: Evaluator,
-    observed: Mask,
-    fold: NDArray[np.int64],
+    campaign: Campaign,
     on_evaluation: Callable[[Evaluation], None] | None,
-) -> _Found:
-    """Search, cross-validate, and judge what was chosen."""
-    settings, method = study.own, study.own.method
+) -> CalibrationResult:
+    """Search, cross-validate, and judge what was chosen; without scores and profiles."""
+    settings, method, seed = study.own, study.own.method, study.study.seed
+    count, observed = len(campaign), campaign.overturned == 1
+    fold = motion_folds(campaign, settings.folds, seed) if settings.folds else np.full(count, -1)
     screened = method.screen if isinstance(method, Joint) else 0
-    evaluate = _Remembered(evaluator, on_evaluation, screened, len(observed))
-    search = _search(study, evaluate, study.study.seed)
+    evaluate = _Remembered(evaluator, on_evaluation, screened, count)
+    search = _search(study, evaluate, seed)
     steps = search(lambda one: objective_of(observed, one.predicted), 0)
     searched = best_step(steps)
     folds = cross_validate(search, observed, fold) if settings.folds else []
     if isinstance(method, Joint):
-        chosen = searched.evaluation.values
-        for values in profile_values(settings.parameters, chosen, method.profile_points):
+        best_values = searched.evaluation.values
+        for values in profile_values(settings.parameters, best_values, method.profile_points):
             evaluate(values)
-    everything = list(evaluate.seen.values())
+    everything = tuple(evaluate.seen.values())
     looked_at = {id(step.evaluation) for step in steps}
-    extra = tuple(one for one in everything if id(one) not in looked_at)
+    extra = [one for one in everything if id(one) not in looked_at]
     beyond = [Step(0, "extra", one, objective_of(observed, one.predicted)) for one in extra]
     best = best_step([searched, *beyond])
 
@@ -341,40 +320,40 @@ def _evaluated(
             on_evaluation(found)
         return np.where(among, found.predicted, one.predicted)
 
-    every = np.ones(len(observed), dtype=np.bool_)
+    every = np.ones(count, dtype=np.bool_)
     final = judge(searched.evaluation, every)
     in_sample = final if best is searched else judge(best.evaluation, every)
-    by_id = {id(one.predicted): one for one in everything}
-    folds = [
-        replace(
-            one,
-            predicted=(predicted := judge(by_id[id(one.predicted)], one.held_out)),
-            judged=objective_of(observed, predicted, one.held_out),
-        )
-        for one in folds
-    ]
-    return _Found(evaluate, steps, extra, searched, best, folds, final, in_sample)
+    for k, one in enumerate(folds):
+        predicted = judge(one.chosen, one.held_out)
+        judged = objective_of(observed, predicted, one.held_out)
+        folds[k] = replace(one, predicted=predicted, judged=judged)
+    return CalibrationResult(
+        campaign=campaign,
+        settings=settings,
+        evaluations=everything,
+        steps=tuple(steps),
+        searched=searched,
+        searched_predicted=final,
+        best=best,
+        in_sample=in_sample,
+        start=evaluate.seen.get(_as_key(start_values(study))),
+        folds=tuple(folds),
+        fold=fold,
+        screen=_screen(evaluate, best, in_sample, folds) if screened else None,
+    )
 
 
-def _screen(found: _Found) -> Screen | None:
-    """How often the screen was wrong where it was checked; None: nothing was screened."""
-    evaluate = found.evaluate
-    if not evaluate.screen:
-        return None
+def _screen(evaluate: _Remembered, best: Step, in_sample: Array, folds: Sequence[Fold]) -> Screen:
+    """How often the screen was wrong where it was checked."""
     # A fold that chose the same values is no further check.
-    others = [one for one in found.folds if one.values != found.best.evaluation.values]
-    checks = [(evaluate.certain, found.in_sample)]
+    others = [one for one in folds if one.values != best.evaluation.values]
+    checks = [(evaluate.certain, in_sample)]
     checks += [(evaluate.certain & one.held_out, one.predicted) for one in others]
     return Screen(
         certain=evaluate.certain,
         checked=int(sum(among.sum() for among, _ in checks)),
         wrong=int(sum((among & (p != evaluate.assumed)).sum() for among, p in checks)),
     )
-
-
-def _cells(settings: CalibrationSettings) -> int:
-    points = settings.method.profile_points if isinstance(settings.method, Joint) else 0
-    return points or DEFAULT_CELLS
 
 
 def _as_key(values: Mapping[str, Plain]) -> str:
@@ -410,15 +389,12 @@ class _Remembered:
             predicted = np.where(self.certain, self.assumed, found.predicted)
             self.seen[key] = replace(found, predicted=predicted)
             if len(self.seen) == self.screen:
-                self._settle()
+                ends = np.stack([one.predicted for one in self.seen.values()])
+                self.certain = (ends == ends[0]).all(axis=0)
+                self.assumed = np.where(self.certain, ends[0], np.nan)
             if self._on_evaluation is not None:
                 self._on_evaluation(self.seen[key])
         return self.seen[key]
-
-    def _settle(self) -> None:
-        ends = np.stack([one.predicted for one in self.seen.values()])
-        self.certain = (ends == ends[0]).all(axis=0)
-        self.assumed = np.where(self.certain, ends[0], np.nan)
 
 
 def _search(study: CalibrationStudy, evaluate: _Remembered, seed: int) -> Search:
@@ -439,17 +415,16 @@ def _search(study: CalibrationStudy, evaluate: _Remembered, seed: int) -> Search
     return search
 
 
-def _compare(
-    campaign: Campaign,
-    settings: CalibrationSettings,
-    seed: int,
-    chosen: Mapping[str, Array],
-) -> tuple[list[BaselineScore], str]:
+def _compare(result: CalibrationResult, seed: int) -> tuple[tuple[BaselineScore, ...], str]:
     """The simulator's scores by how it was fitted, then the baselines' or why there are none."""
-    observed = campaign.overturned == 1
-
-    def score(fitted: str, predicted: Array) -> BaselineScore:
-        return BaselineScore(
+    campaign, observed = result.campaign, result.observed
+    replicates = result.settings.replicates
+    chosen = {"out of fold": result.out_of_fold} if result.folds else {}
+    chosen["in sample"] = result.searched_predicted
+    if result.best is not result.searched:
+        chosen["in sample, best of all sets"] = result.in_sample
+    found = tuple(
+        BaselineScore(
             name="simulator",
             fitted=fitted,
             metrics=metrics_of(observed, predicted),
@@ -457,17 +432,15 @@ def _compare(
                 observed,
                 as_predictions(observed, predicted),
                 campaign.motion_ids,
-                replicates=settings.replicates,
+                replicates=replicates,
                 seed=seed,
             ),
         )
-
-    found = [score(fitted, predicted) for fitted, predicted in chosen.items()]
-    folds = settings.folds or min(10, len(set(campaign.motion_ids)))
+        for fitted, predicted in chosen.items()
+    )
+    folds = result.settings.folds or min(10, len(set(campaign.motion_ids)))
     try:
-        return [
-            *found,
-            *baseline_scores(campaign, folds=folds, seed=seed, replicates=settings.replicates),
-        ], ""
+        baselines = baseline_scores(campaign, folds=folds, seed=seed, replicates=replicates)
     except (CampaignError, ResultError) as error:
         return found, str(error)
+    return (*found, *baselines), ""

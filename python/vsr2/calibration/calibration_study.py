@@ -14,7 +14,6 @@ from pydantic import Field, Strict, model_validator
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.problems import shown
 from vsr2.config.section import FilePath, NonNegative, Real, Section
-from vsr2.config.study import Study
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 
@@ -177,14 +176,14 @@ def load_calibration(
     """
     complete = partial(_with_motions, label=os.fspath(path))
     study = load_extended(path, CalibrationSettings, overrides=overrides, complete=complete)
-    _with_known_effects(study.study, study.label)
+    check_study_effects(study.study.effects, study.label)
     _check_sets(study)
     for name, parameter in study.own.parameters.items():
         _check(study, name, parameter)
     for key in study.own.judged_with:
         study.value(key)
     label = f"{study.label}: judged_with"
-    _with_known_effects(study.with_values(study.own.judged_with, label=label), label)
+    check_study_effects(study.with_values(study.own.judged_with, label=label).effects, label)
     return study
 
 
@@ -227,7 +226,7 @@ def _check(study: CalibrationStudy, name: str, parameter: Parameter) -> None:
     for value in tried:
         label = f"{study.label}: parameters.{name} at {shown(value)}"
         changed = study.with_values(dict.fromkeys(parameter.keys, value), label=label)
-        _with_known_effects(changed, label)
+        check_study_effects(changed.effects, label)
 
 
 def _check_sets(study: CalibrationStudy) -> None:
@@ -245,10 +244,6 @@ def _check_sets(study: CalibrationStudy) -> None:
                     f"{study.label}: method.sets.{i}.{name}: {shown(value)} lies outside the "
                     "parameter's range"
                 )
-
-
-def _with_known_effects(study: Study, label: str) -> None:
-    check_study_effects(study.effects, label)
 
 
 def start_values(study: CalibrationStudy) -> dict[str, Plain]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.calibration.calibration_study import CalibrationStudy, study_values
-from vsr2.calibration.store import Evaluation, EvaluationStore
+from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
 from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
 from vsr2.config.motion_source import AllRecordings
@@ -275,7 +275,7 @@ class Evaluator:
             predicted[missing] = self._simulate(chosen)
             seconds = time.monotonic() - started
             self.simulated += 1
-        self._store.add(key, Evaluation(values, predicted, plan, seconds, missing))
+        self._store.keep(key, Evaluation(values, predicted, plan, seconds, missing))
         # The journal goes only now: killed in between, the next run reads it instead.
         shutil.rmtree(self._folder / RUNNING, ignore_errors=True)
         done = self._store.by_key(key)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.calibration.calibration_study import Parameter, at_share, share_of
+from vsr2.calibration.evaluation_store import Evaluation
 from vsr2.calibration.scores import objective_of, objective_replicates
-from vsr2.calibration.store import Evaluation
 from vsr2.config.extended import Plain
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def profiles(
     calibrated: Mapping[str, Plain],
     *,
     cells: int = DEFAULT_CELLS,
-) -> list[Profile]:
+) -> tuple[Profile, ...]:
     """The profile of each parameter over all evaluated sets.
 
     Args:
@@ -143,7 +143,7 @@ def profiles(
                 sampled=tuple(zip(values, scores.tolist(), strict=True)),
             )
         )
-    return found
+    return tuple(found)
 
 
 def _edges(parameter: Parameter, cells: int) -> list[tuple[Plain, Plain]]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis import Classification, classification_metrics
+from vsr2.analysis.bootstrap import score_replicates
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -55,19 +56,7 @@ def objective_replicates(
     Returns:
         Shape (replicates,).
     """
-    guess = as_predictions(observed, predicted)
-    drawn = counts.astype(np.float64)
-    hits = drawn @ (observed & guess)
-    false = drawn @ (~observed & guess)
-    missed = drawn @ (observed & ~guess)
-    right = drawn @ (observed == guess)
-    parts = [
-        np.divide(part, whole, out=np.zeros_like(part), where=whole > 0)
-        for part, whole in (
-            (right, drawn.sum(axis=1)),
-            (hits, hits + false),
-            (hits, hits + missed),
-        )
-    ]
-    mean: Array = sum(parts[1:], parts[0]) / 3.0
+    drawn = score_replicates(observed, as_predictions(observed, predicted), counts)
+    parts = [np.nan_to_num(drawn[name]) for name in ("accuracy", "precision", "recall")]
+    mean: Array = (parts[0] + parts[1] + parts[2]) / 3.0
     return mean

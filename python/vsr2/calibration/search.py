@@ -18,7 +18,7 @@ from vsr2.calibration.calibration_study import (
     within,
 )
 from vsr2.calibration.evaluation import Evaluate
-from vsr2.calibration.store import Evaluation
+from vsr2.calibration.evaluation_store import Evaluation
 from vsr2.config.extended import Plain
 
 Score = Callable[[Evaluation], float]

@@ -9,11 +9,11 @@ from vsr2.campaign.campaign import (
     Tier,
 )
 from vsr2.campaign.description import SCHEMA
+from vsr2.campaign.file_problems import CampaignProblem
 from vsr2.campaign.folder import check_campaign, load_campaign
 from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
+from vsr2.campaign.intensity import TrialIntensities, intensity_measures
 from vsr2.campaign.laboratory import import_lab
-from vsr2.campaign.measures import IntensityMeasures, intensity_measures
-from vsr2.campaign.problems import CampaignProblem
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.simulate import simulate_campaign
 from vsr2.campaign.summary import campaign_summary, format_campaign
@@ -23,11 +23,11 @@ __all__ = [
     "Campaign",
     "CampaignProblem",
     "CampaignTrial",
-    "IntensityMeasures",
     "MeasurementNoise",
     "Series",
     "Specimen",
     "Tier",
+    "TrialIntensities",
     "campaign_summary",
     "check_campaign",
     "format_campaign",

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign.campaign import Series
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.trials_table import MOTIONS, TRIALS
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import CampaignError, MotionError
@@ -30,15 +30,16 @@ MAX_TOTAL_NUMBERS = 250_000_000
 """Most numbers in all motions and series of a campaign together: 2 GB."""
 
 _MOTION_ARRAYS = ("sample_interval_s", "displacement_m", "acceleration_m_s2")
-_SERIES_ARRAYS = (
-    "time_s",
-    "tilt_rad",
-    "position_m",
-    "orientation_xyzw",
-    "noise_tilt_rad",
-    "noise_position_m",
-    "noise_orientation_rad",
-)
+_SERIES_ARRAYS = {
+    "time_s": "time",
+    "tilt_rad": "tilt",
+    "position_m": "position",
+    "orientation_xyzw": "orientation",
+    "noise_tilt_rad": "noise_tilt",
+    "noise_position_m": "noise_position",
+    "noise_orientation_rad": "noise_orientation",
+}
+"""Attribute of a series by the name of its array."""
 
 
 class ArrayFiles:
@@ -53,12 +54,10 @@ class ArrayFiles:
         """The record in `motions/`, named first in `row` of the table."""
         file = f"{MOTIONS}/{name}.npz"
         content = self._content(file, f"named in {TRIALS}, row {row}: ")
-        if content is None:
-            return None
         arrays = self._arrays(content, file, _MOTION_ARRAYS)
-        if arrays is None:
+        if content is None or arrays is None:
             return None
-        interval = self._one_number(file, arrays, "sample_interval_s", required=True)
+        interval = self._one_number(file, arrays, "sample_interval_s")
         if interval is None:
             return None
         path = self._folder / file
@@ -83,34 +82,22 @@ class ArrayFiles:
                 return None
         except ValueError:
             return None
-        content = self._content(file)
-        if content is None:
-            return None
-        arrays = self._arrays(content, file, _SERIES_ARRAYS)
+        arrays = self._arrays(self._content(file), file, _SERIES_ARRAYS)
         if arrays is None:
             return None
         if "time_s" not in arrays:
             self._problems.add(file, "is missing; add it", column="time_s")
             return None
         before = len(self._problems.found)
-        noise = {
-            f"noise_{name}": self._one_number(file, arrays, key)
-            for name, key in (
-                ("tilt", "noise_tilt_rad"),
-                ("position", "noise_position_m"),
-                ("orientation", "noise_orientation_rad"),
-            )
+        values: dict[str, Any] = {
+            name: self._one_number(file, arrays, key) if name.startswith("noise") else arrays[key]
+            for key, name in _SERIES_ARRAYS.items()
+            if key in arrays
         }
         if len(self._problems.found) > before:
             return None
         try:
-            return Series(
-                time=arrays["time_s"],
-                tilt=arrays.get("tilt_rad"),
-                position=arrays.get("position_m"),
-                orientation=arrays.get("orientation_xyzw"),
-                **noise,
-            )
+            return Series(**values)
         except CampaignError as error:
             self._problems.add(file, str(error).removeprefix("series: "))
             return None
@@ -137,9 +124,9 @@ class ArrayFiles:
             return None
 
     def _arrays(
-        self, content: bytes, file: str, allowed: tuple[str, ...]
+        self, content: bytes | None, file: str, allowed: Collection[str]
     ) -> dict[str, Array] | None:
-        if self._numbers > MAX_TOTAL_NUMBERS:
+        if content is None or self._numbers > MAX_TOTAL_NUMBERS:
             return None
 
         def check_names(names: Collection[str]) -> None:
@@ -166,12 +153,9 @@ class ArrayFiles:
             return None
         return arrays
 
-    def _one_number(
-        self, file: str, arrays: Mapping[str, Array], key: str, *, required: bool = False
-    ) -> float | None:
+    def _one_number(self, file: str, arrays: Mapping[str, Array], key: str) -> float | None:
         if key not in arrays:
-            if required:
-                self._problems.add(file, "is missing; add it", column=key)
+            self._problems.add(file, "is missing; add it", column=key)
             return None
         array = arrays[key]
         if array.size != 1 or not np.isfinite(array).all() or array.reshape(-1)[0] < 0:
@@ -192,17 +176,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
 
 def series_arrays(series: Series) -> dict[str, Any]:
     """The arrays of a series by their names in its file."""
-    values = (
-        series.time,
-        series.tilt,
-        series.position,
-        series.orientation,
-        series.noise_tilt,
-        series.noise_position,
-        series.noise_orientation,
-    )
+    values = {key: getattr(series, name) for key, name in _SERIES_ARRAYS.items()}
     return {
-        key: np.asarray(value, dtype=np.float64)
-        for key, value in zip(_SERIES_ARRAYS, values, strict=True)
-        if value is not None
+        key: np.asarray(value, np.float64) for key, value in values.items() if value is not None
     }

@@ -13,15 +13,16 @@ from pydantic import AfterValidator, Field, Strict, ValidationError
 from vsr2.campaign.campaign import (
     MAX_MASS,
     MAX_NOTE,
+    Campaign,
     MeasurementNoise,
     Specimen,
     id_fault,
     text_fault,
 )
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.config.problems import Problem, dotted, problems_of, shown
 from vsr2.config.section import Section
-from vsr2.config.yaml_file import dump_yaml, read_yaml
+from vsr2.config.yaml_file import dump_yaml, nearest_above, read_yaml
 from vsr2.errors import CampaignError, ConfigError
 
 SCHEMA = "vsr2.campaign/1"
@@ -128,10 +129,8 @@ def read_description(folder: Path, problems: Problems) -> Description | None:
     found: list[Problem] = []
     description = _description(dict(document.data), folder, found)
     for problem in found:
-        at = problem.path
-        known = (at[:n] for n in range(len(at), 0, -1) if at[:n] in document.lines)
-        line = next((document.lines[key] for key in known), None)
-        problems.add(FILE, problem.what, row=line, column=dotted(at)[:100])
+        line = nearest_above(document.lines, problem.path)
+        problems.add(FILE, problem.what, row=line, column=dotted(problem.path)[:100])
     return None if found else description
 
 
@@ -179,39 +178,42 @@ def _is_file(path: Path) -> bool:
         return False
 
 
-def dump_description(description: Description, models: Mapping[str, str]) -> str:
+def dump_description(
+    campaign: Campaign, sampling: Mapping[str, float], models: Mapping[str, str]
+) -> str:
     """The text of `campaign.yaml`.
 
     Args:
-        description: what to write.
+        campaign: what to write.
+        sampling: intervals to state, by key [s].
         models: of each specimen that has a model, its path within the campaign's folder.
 
     Raises:
         CampaignError: the provenance is not JSON-serialisable.
     """
     specimens: dict[str, Any] = {}
-    for key, specimen in description.specimens.items():
+    for key, specimen in campaign.specimens.items():
         entry = {
             "description": specimen.description or None,
             "mass_kg": specimen.mass,
             "model_file": models.get(key),
         }
         specimens[key] = {name: value for name, value in entry.items() if value is not None}
-    noise = {key: getattr(description.noise, name) for key, name in _NOISE_KEYS.items()}
+    noise = {key: getattr(campaign.noise, name) for key, name in _NOISE_KEYS.items()}
     try:
-        provenance = json.loads(json.dumps(description.provenance))
+        provenance = json.loads(json.dumps(campaign.provenance))
     except (TypeError, ValueError) as error:
         raise CampaignError(
-            f"campaign {description.name!r}: its provenance cannot be written ({error}); give "
+            f"campaign {campaign.name!r}: its provenance cannot be written ({error}); give "
             "plain data"
         ) from None
     content = {
         "schema": SCHEMA,
-        "name": description.name,
-        "description": description.description,
+        "name": campaign.name,
+        "description": campaign.description,
         "units": "SI",
         "specimens": specimens,
-        "sampling": dict(description.sampling),
+        "sampling": dict(sampling),
         "noise": {key: value for key, value in noise.items() if value is not None},
         "provenance": provenance,
     }

@@ -22,7 +22,7 @@ import numpy as np
 from vsr2.campaign.array_files import SERIES, ArrayFiles
 from vsr2.campaign.campaign import Campaign, CampaignTrial, Series
 from vsr2.campaign.description import FILE, Description, read_description
-from vsr2.campaign.problems import CampaignProblem, Problems
+from vsr2.campaign.file_problems import CampaignProblem, Problems
 from vsr2.campaign.trials_table import MOTIONS, TRIALS, read_trials
 from vsr2.errors import CampaignError, GeometryError
 from vsr2.motion import Record

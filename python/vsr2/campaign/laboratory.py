@@ -7,10 +7,10 @@ goes before the raw one.
 
 from __future__ import annotations
 
-import datetime
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from vsr2.campaign.campaign import (
     MAX_MEASURE,
@@ -20,11 +20,11 @@ from vsr2.campaign.campaign import (
     Specimen,
     extra_fault,
     number_fault,
-    text_fault,
+    trial_faults,
 )
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.save import save_campaign
-from vsr2.campaign.table import Row, number, read_table, whole_number
+from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.motion import STANDARD_GRAVITY, Record, read_record
@@ -118,69 +118,34 @@ def _record(folder: Path, trial: str) -> Record | None:
 
 
 def _trial(row: Row, extras: list[str], problems: Problems) -> CampaignTrial | None:
-    before = (len(problems.found), problems.left_out)
-
-    def wrong(column: str, what: str) -> None:
-        problems.add(_TABLE, what, row=row.line, column=column)
-
-    def measure(column: str, unit: str, factor: float = 1.0) -> float | None:
-        cell = row.cells.get(column, "")
-        if not cell:
-            return None
-        value = number(cell)
-        fault = "no number" if value is None else number_fault(value, 0, MAX_MEASURE, unit)
-        if value is None or fault is not None:
-            wrong(column, f"{shown(cell)}: {fault}; correct it, or leave it blank")
-            return None
-        return value * factor
-
-    test = whole_number(row.cells["test"])
-    if test is None or not 0 <= test <= MAX_ORDER:
-        wrong("test", f"{shown(row.cells['test'])} is no test number; correct it")
-        test = 0
-    outcome = row.cells["sp1_overturned"]
-    if outcome not in ("", "0", "1"):
-        wrong("sp1_overturned", f"{shown(outcome)} is not 0, 1 or blank")
-    motion = row.cells["motion"]
-    fault = text_fault(motion)
-    if fault is not None:
-        wrong("motion", fault)
-    date = _date(row.cells["date"])
-    if date is None:
-        wrong("date", f"{shown(row.cells['date'])} is no date; write it as 20210630")
-    extra: dict[str, float] = {}
-    for name in extras:
-        cell = row.cells[name]
-        value = number(cell) if cell else None
-        if cell and value is None:
-            wrong(
-                name, f"{shown(cell)} is no number; correct it, leave it blank, or drop the column"
-            )
-        if value is not None:
-            extra[f"x_{name}"] = value
-    pga = measure("pga_g", "g", STANDARD_GRAVITY)
-    pgv_pga = measure("pgv_pga_s", "s")
-    if (len(problems.found), problems.left_out) != before or date is None:
-        return None
-    return CampaignTrial(
-        trial=f"Test{test:03d}",
-        motion=motion,
-        session=date.isoformat(),
-        order=test,
-        specimen=SPECIMEN,
-        overturned=None if not outcome else outcome == "1",
-        pga=pga,
-        pgv_pga=pgv_pga,
-        date=date,
-        extra=extra,
-    )
-
-
-def _date(cell: str) -> datetime.date | None:
-    # `fromisoformat` would take weeks and dashes, too.
-    if len(cell) != 8 or not (cell.isascii() and cell.isdigit()):
-        return None
-    try:
-        return datetime.date.fromisoformat(cell)
-    except ValueError:
-        return None
+    cells = Cells(row, _TABLE, problems)
+    test = cells.whole_number("test", MAX_ORDER, "is no test number; correct it")
+    date = cells.date("date", "20210630")
+    if not row.cells["date"]:
+        cells.refuse("date", "is blank; write it as 20210630")
+    pga, pgv_pga = cells.number("pga_g"), cells.number("pgv_pga_s")
+    for column, value, unit in (("pga_g", pga, "g"), ("pgv_pga_s", pgv_pga, "s")):
+        fault = None if value is None else number_fault(value, 0, MAX_MEASURE, unit)
+        if fault is not None:
+            cells.refuse(column, f"{shown(row.cells[column])}: {fault}; or leave it blank")
+    values: dict[str, Any] = {
+        "trial": f"Test{test:03d}",
+        "motion": row.cells["motion"],
+        "session": str(date),
+        "order": test,
+        "specimen": SPECIMEN,
+        "overturned": cells.outcome("sp1_overturned"),
+        "motion_file": None,
+        "peak_tilt": None,
+        "pga": None if pga is None else pga * STANDARD_GRAVITY,
+        "pgv_pga": pgv_pga,
+        "date": date,
+        "note": "",
+        "extra": {
+            f"x_{name}": value for name in extras if (value := cells.number(name)) is not None
+        },
+    }
+    for key, fault in trial_faults(values).items():
+        if fault is not None:
+            cells.refuse({"pga": "pga_g", "pgv_pga": "pgv_pga_s"}.get(key, key), fault)
+    return None if cells.wrong else CampaignTrial(**values)

@@ -12,7 +12,7 @@ import numpy as np
 
 from vsr2.campaign.array_files import SERIES, series_arrays, write_arrays
 from vsr2.campaign.campaign import Campaign
-from vsr2.campaign.description import FILE, MODEL_SUFFIXES, Description, dump_description
+from vsr2.campaign.description import FILE, MODEL_SUFFIXES, dump_description
 from vsr2.campaign.trials_table import MOTIONS, TRIALS, trials_table
 from vsr2.errors import CampaignError
 
@@ -129,15 +129,8 @@ def _write(campaign: Campaign, folder: Path) -> None:
         if trial.series is not None:
             write_arrays(folder / SERIES / f"{trial.trial}.npz", series_arrays(trial.series))
     (folder / TRIALS).write_text(trials_table(campaign), encoding="utf-8", newline="")
-    description = Description(
-        name=campaign.name,
-        description=campaign.description,
-        specimens=campaign.specimens,
-        noise=campaign.noise,
-        sampling=_common_sampling(campaign),
-        provenance=campaign.provenance,
-    )
-    (folder / FILE).write_text(dump_description(description, models), encoding="utf-8")
+    description = dump_description(campaign, _common_sampling(campaign), models)
+    (folder / FILE).write_text(description, encoding="utf-8")
 
 
 def _copy_model(source: Path, folder: Path, specimen: str) -> str:

@@ -120,7 +120,13 @@ def simulate_campaign(
             rows[i] = replace(row, **{name: getattr(kept[row.trial], name) for name in _OUTCOME})
     provenance: Mapping[str, Any] = resume.provenance if resume is not None else {}
     if result is not None:
-        own = _provenance(study, wanted, noise, seed, series_every)
+        own = {
+            "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+            "seed": seed,
+            "noise": asdict(noise),
+            "series_every": series_every,
+            "effects": {name: _finite(values) for name, values in wanted.items()},
+        }
         provenance = {"digest": digest} | own | dict(result.provenance) | own
     rock = Specimen("simulated", asked[0].scene.rock.mass.mass, _model(study))
     return Campaign(
@@ -132,22 +138,6 @@ def simulate_campaign(
         noise=noise,
         provenance=json.loads(json.dumps(provenance, default=str)),
     )
-
-
-def _provenance(
-    study: Study | Sequence[Trial],
-    effects: Mapping[str, Mapping[str, float | str]],
-    noise: MeasurementNoise,
-    seed: int,
-    series_every: int,
-) -> dict[str, Any]:
-    return {
-        "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
-        "seed": seed,
-        "noise": asdict(noise),
-        "series_every": series_every,
-        "effects": {name: _finite(values) for name, values in effects.items()},
-    }
 
 
 def _asked(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.campaign.campaign import Campaign
-from vsr2.campaign.measures import intensity_measures
+from vsr2.campaign.intensity import intensity_measures
 
 
 def campaign_summary(campaign: Campaign) -> dict[str, Any]:

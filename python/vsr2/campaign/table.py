@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import io
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.problems import shown
 
@@ -143,11 +144,61 @@ def _sound_header(columns: list[str], line: int, file: str, problems: Problems) 
     return sound
 
 
-def number(cell: str) -> float | None:
-    """The number that `cell` is; None: it is none (`nan`, `inf` and `1_000` are none)."""
-    return float(cell) if _NUMBER.match(cell) else None
+class Cells:
+    """Reads the cells of one row and notes what is wrong with them.
 
+    Attributes:
+        wrong: the columns that were refused.
+    """
 
-def whole_number(cell: str) -> int | None:
-    """The whole number that `cell` is; None: it is none."""
-    return int(cell) if _WHOLE.match(cell) else None
+    def __init__(self, row: Row, file: str, problems: Problems) -> None:
+        self._row = row
+        self._file = file
+        self._problems = problems
+        self.wrong: set[str] = set()
+
+    def refuse(self, column: str, what: str) -> None:
+        """Note what is wrong with a cell; the first fault of a column counts."""
+        if column not in self.wrong:
+            self._problems.add(self._file, what, row=self._row.line, column=column)
+            self.wrong.add(column)
+
+    def number(self, column: str) -> float | None:
+        """A number; None: blank, or none (`nan`, `inf` and `1_000` are none)."""
+        cell = self._row.cells.get(column, "")
+        if _NUMBER.match(cell):
+            return float(cell)
+        if cell:
+            self.refuse(
+                column, f"{shown(cell)} is no number; leave the cell blank where it is unknown"
+            )
+        return None
+
+    def whole_number(self, column: str, most: int, remedy: str) -> int:
+        """A whole number from 0 to `most`; 0 where it is none."""
+        cell = self._row.cells[column]
+        value = int(cell) if _WHOLE.match(cell) else -1
+        if 0 <= value <= most:
+            return value
+        self.refuse(column, f"{shown(cell)} {remedy}")
+        return 0
+
+    def outcome(self, column: str) -> bool | None:
+        """True for 1, False for 0, None for blank."""
+        cell = self._row.cells[column]
+        if cell not in ("", "0", "1"):
+            self.refuse(column, f"{shown(cell)} is not 0, 1 or blank (unknown)")
+        return None if not cell else cell == "1"
+
+    def date(self, column: str, example: str) -> datetime.date | None:
+        """A date, with dashes where `example` has them; None: blank, or none."""
+        cell = self._row.cells.get(column, "")
+        digits = re.sub("[0-9]", "0", cell)
+        try:
+            if digits == re.sub("[0-9]", "0", example):
+                return datetime.date.fromisoformat(cell)
+        except ValueError:
+            pass
+        if cell:
+            self.refuse(column, f"{shown(cell)} is no date; write it as {example}")
+        return None

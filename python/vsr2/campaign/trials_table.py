@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import csv
-import datetime
 import io
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,8 +19,8 @@ from vsr2.campaign.campaign import (
     trial_faults,
 )
 from vsr2.campaign.description import FILE, Description
-from vsr2.campaign.problems import Problems
-from vsr2.campaign.table import Row, number, read_table, whole_number
+from vsr2.campaign.file_problems import Problems
+from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
 
 TRIALS = "trials.csv"
@@ -31,9 +29,13 @@ MOTIONS = "motions"
 
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
 _OPTIONAL = ("motion_file", "peak_tilt_rad", "pga_m_s2", "pgv_pga_s", "date", "note")
+_ATTRIBUTES = (
+    *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
+    *("peak_tilt", "pga", "pgv_pga", "date", "note"),
+)
+"""Of a trial, in the order of the columns that are written."""
 _NUMBERS = {"peak_tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv_pga": "pgv_pga_s"}
 """Columns of numbers by the attribute of a trial."""
-_DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}\Z")
 
 
 class TrialsTable:
@@ -115,38 +117,19 @@ def _trial(
 ) -> dict[str, Any]:
     """Arguments of a CampaignTrial; None for those that are wrong."""
     cells = row.cells
-    wrong: set[str] = set()
-
-    def refuse(column: str, what: str) -> None:
-        problems.add(TRIALS, what, row=row.line, column=column)
-        wrong.add(column)
-
-    def number_in(column: str) -> float | None:
-        cell = cells.get(column, "")
-        value = number(cell)
-        if cell and value is None:
-            refuse(column, f"{shown(cell)} is no number; leave the cell blank where it is unknown")
-        return value
-
+    read = Cells(row, TRIALS, problems)
     values: dict[str, Any] = {
         **{key: cells[key] for key in ("trial", "motion", "session", "specimen")},
-        "order": whole_number(cells["order"]),
-        "overturned": {"0": False, "1": True}.get(cells["overturned"]),
+        "order": read.whole_number(
+            "order", MAX_ORDER, f"is no whole number from 0 to {MAX_ORDER}; number the trials"
+        ),
+        "overturned": read.outcome("overturned"),
         "motion_file": cells.get("motion_file", cells["motion"]) or None,
-        **{key: number_in(column) for key, column in _NUMBERS.items()},
-        "date": _date(cells.get("date", "")),
+        **{key: read.number(column) for key, column in _NUMBERS.items()},
+        "date": read.date("date", "2021-06-30"),
         "note": cells.get("note", ""),
-        "extra": {name: value for name in extras if (value := number_in(name)) is not None},
+        "extra": {name: value for name in extras if (value := read.number(name)) is not None},
     }
-    if values["order"] is None or not 0 <= values["order"] <= MAX_ORDER:
-        refuse(
-            "order",
-            f"{shown(cells['order'])} is no whole number from 0 to {MAX_ORDER}; number the trials",
-        )
-    if cells["overturned"] not in ("", "0", "1"):
-        refuse("overturned", f"{shown(cells['overturned'])} is not 0, 1 or blank (unknown)")
-    if cells.get("date") and values["date"] is None:
-        refuse("date", f"{shown(cells['date'])} is no date; write it as 2021-06-30")
     faults = trial_faults(values)
     own_file = "motion_file" in cells
     if faults.get("motion_file") is not None:
@@ -157,24 +140,17 @@ def _trial(
         )
     columns = _NUMBERS | ({} if own_file else {"motion_file": "motion"})
     for key, fault in faults.items():
-        column = columns.get(key, key)
-        if fault is not None and column not in wrong:
-            refuse(column, fault)
-    known = specimens is None or cells["specimen"] in specimens
-    if "specimen" not in wrong and specimens is not None and not known:
-        refuse(
+        if fault is not None:
+            read.refuse(columns.get(key, key), fault)
+    if specimens is not None and cells["specimen"] not in specimens:
+        read.refuse(
             "specimen",
             f"{shown(cells['specimen'])} is no specimen of {FILE} ({', '.join([*specimens][:10])});"
             " correct it, or describe it there",
         )
-    return {key: None if columns.get(key, key) in wrong else value for key, value in values.items()}
-
-
-def _date(cell: str) -> datetime.date | None:
-    try:
-        return datetime.date.fromisoformat(cell) if _DATE.match(cell) else None
-    except ValueError:
-        return None
+    return {
+        key: None if columns.get(key, key) in read.wrong else value for key, value in values.items()
+    }
 
 
 def trials_table(campaign: Campaign) -> str:
@@ -190,22 +166,8 @@ def trials_table(campaign: Campaign) -> str:
         return str(value)
 
     rows = [
-        {
-            "trial": t.trial,
-            "motion": t.motion,
-            "motion_file": t.motion_file,
-            "session": t.session,
-            "order": t.order,
-            "specimen": t.specimen,
-            "overturned": t.overturned,
-            "peak_tilt_rad": t.peak_tilt,
-            "pga_m_s2": t.pga,
-            "pgv_pga_s": t.pgv_pga,
-            "date": t.date,
-            "note": t.note,
-            **t.extra,
-        }
-        for t in campaign.trials
+        {_NUMBERS.get(key, key): getattr(trial, key) for key in _ATTRIBUTES} | dict(trial.extra)
+        for trial in campaign.trials
     ]
     cells = [{name: cell(value) for name, value in row.items()} for row in rows]
     always = (*_REQUIRED, "motion_file")

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import mutually_exclusive
 
-from vsr2.blind import PackSettings
+from vsr2.blind import DiagnosisOptions, PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS
 from vsr2.blind.pack_diagnoses import DRAWS
 from vsr2.cli import options as opt
@@ -146,6 +146,32 @@ def _progress(quiet: bool) -> Callable[[str], None]:
     return (lambda text: None) if quiet else (lambda text: print(text, flush=True))
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Effort:
+    """How each diagnosis is made.
+
+    Attributes:
+        draws: simulated campaigns of every effect; campaigns of one protocol use the same ones
+        budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
+        seed: of each diagnosis
+    """
+
+    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = DRAWS
+    budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
+    threads: opt.Threads = None
+    seed: opt.Integer = 0
+
+    def options(self) -> DiagnosisOptions:
+        """As :func:`vsr2.blind.diagnose_pack` takes them."""
+        if self.budget_minutes is None:
+            return DiagnosisOptions(draws=self.draws, threads=self.threads, seed=self.seed)
+        return DiagnosisOptions(None, self.budget_minutes, self.threads, self.seed)
+
+
+EFFORT = Effort()
+
+
 @verbs.command
 def diagnose(
     data: Path,
@@ -154,10 +180,7 @@ def diagnose(
     out: Path,
     tier: tuple[opt.Tier, ...] = (),
     campaign: tuple[str, ...] = (),
-    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = DRAWS,
-    budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None,
-    threads: opt.Threads = None,
-    seed: opt.Integer = 0,
+    effort: Effort = EFFORT,
     quiet: opt.Quiet = False,
 ) -> int:
     """Run the diagnosis over a pack's data folder.
@@ -169,23 +192,15 @@ def diagnose(
         out: folder of the diagnoses and of the cache of simulations
         tier: diagnose this tier (may be repeated; default: all)
         campaign: diagnose the campaign with this id (may be repeated; default: all)
-        draws: simulated campaigns of every effect; campaigns of one protocol use the same ones
-        budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
-        seed: of each diagnosis
     """
-    from vsr2.blind import DiagnosisOptions, diagnose_pack
+    from vsr2.blind import diagnose_pack
 
     progress = diagnose_pack(
         data,
         out,
         tiers=tier or None,
         campaigns=campaign or None,
-        options=DiagnosisOptions(
-            draws=draws if budget_minutes is None else None,
-            budget_minutes=10.0 if budget_minutes is None else budget_minutes,
-            threads=threads,
-            seed=seed,
-        ),
+        options=effort.options(),
         say=_progress(quiet),
     )
     print(f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed")

@@ -21,7 +21,6 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     import numpy as np
     from tqdm import tqdm
 
-    from vsr2.analysis import format_baselines
     from vsr2.calibration import (
         CalibrationInterrupted,
         Evaluation,
@@ -32,7 +31,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     )
     from vsr2.calibration import calibrate as search
     from vsr2.report.calibration import write_calibration_report
-    from vsr2.report.messages.commands import calibration_summary
+    from vsr2.report.messages.commands import baseline_table, calibration_summary
 
     loaded = load_calibration(study, overrides=options.set)
     folder = options.folder(loaded.study.name)
@@ -60,7 +59,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     if not options.no_figures:
         written += write_calibration_report(result, folder)
     if not options.quiet:
-        print(format_baselines(result.scores))
+        print(baseline_table(result.scores))
         print(calibration_summary(result), end="")
         opt.print_written(written)
     return 1 if bool(np.isnan(result.in_sample).any()) else 0

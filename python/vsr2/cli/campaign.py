@@ -69,8 +69,9 @@ def info(
         folds: of the logistic curve
         seed: of folds and bootstrap
     """
-    from vsr2.analysis.baseline import baseline_scores, format_baselines
+    from vsr2.analysis.baseline import baseline_scores
     from vsr2.campaign import campaign_summary, format_campaign, load_campaign
+    from vsr2.report.messages.commands import baseline_table
 
     campaign = load_campaign(folder)
     scores = baseline_scores(campaign, folds=folds, seed=seed) if baselines else []
@@ -91,7 +92,7 @@ def info(
     print(format_campaign(campaign))
     if baselines:
         print()
-        print(format_baselines(scores))
+        print(baseline_table(scores))
     return 0
 
 

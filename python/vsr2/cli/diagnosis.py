@@ -69,13 +69,14 @@ def diagnose(
     """Find the cause of a campaign's sim-to-real gap.
 
     Writes diagnosis.json, tables and a page (index.html) to the output folder, and keeps the
-    simulations there (simulations.sqlite), so that an interrupted or later run reuses them.
+    simulations there (simulations.jsonl), so that an interrupted or later run reuses them.
     docs/explanation/diagnosis.md says what each number means.
 
     Args:
         scene: study of the nominal scene
         out: folder for the results
     """
+    from vsr2.diagnosis import Budget, Execution, Hypotheses
     from vsr2.diagnosis import diagnose as find
     from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
 
@@ -85,15 +86,14 @@ def diagnose(
             scene,
             tier=question.tier,
             out=out,
-            budget_minutes=effort.budget_minutes,
-            simulations=effort.simulations,
-            threads=effort.threads,
-            client=client,
-            exclude=question.exclude,
-            priors=dict(_prior(text) for text in question.prior),
-            nuisances=_nuisances(question.nuisance),
+            budget=Budget(effort.budget_minutes, effort.simulations),
+            hypotheses=Hypotheses(
+                exclude=question.exclude,
+                priors=dict(_prior(text) for text in question.prior),
+                nuisances=_nuisances(question.nuisance),
+            ),
+            execution=Execution(effort.threads, client, progress=not effort.quiet),
             seed=question.seed,
-            progress=not effort.quiet,
         )
     page = write_diagnosis_page(found, out)
     if not effort.quiet:

@@ -242,10 +242,8 @@ def fuse(
         "coherence": agreement.coherence,
         "gain": agreement.gain,
     }
-    bands = [
-        {name: float(value) for name, value in zip(columns, values, strict=True)}
-        for values in zip(*columns.values(), strict=True)
-    ]
+    rows = zip(*columns.values(), strict=True)
+    bands = [dict(zip(columns, map(float, row), strict=True)) for row in rows]
     motion = Record(
         name=record.name,
         sample_interval=fused.sample_interval,

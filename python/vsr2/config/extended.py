@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import ValidationError
 
 from vsr2.config.load import apply_override, build_study, places
-from vsr2.config.problems import Problem, config_error, nearest, problems_of, shown
+from vsr2.config.problems import Problem, config_error, problems_of, shown, unknown_key
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import read_yaml
@@ -137,7 +137,7 @@ def load_extended(
     known = [*Study.model_fields, *own.model_fields]
     odd = [key for key in data if key not in known]
     if odd:
-        raise config_error([Problem((key,), _unknown(key, known)) for key in odd], label, place)
+        raise config_error([Problem((key,), unknown_key(key, known)) for key in odd], label, place)
     mine = {key: data[key] for key in own.model_fields if key in data}
     mapping = {key: value for key, value in data.items() if key not in own.model_fields}
     try:
@@ -149,12 +149,3 @@ def load_extended(
         complete(mapping, sections, base)
     study = build_study(mapping, base, label=label, place=place, check_files=True)
     return ExtendedStudy(study=study, own=sections, mapping=mapping, base=base, label=label)
-
-
-def _unknown(key: str, known: Sequence[str]) -> str:
-    near = nearest(key, known)
-    return (
-        f"is no key here; did you mean `{near}`?"
-        if near
-        else (f"is no key here; known are {', '.join(known)}")
-    )

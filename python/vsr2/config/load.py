@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from vsr2.config.problems import Problem, config_error, problems_of
 from vsr2.config.section import Section
 from vsr2.config.study import Study
-from vsr2.config.yaml_file import KeyPath, dump_yaml, parse_yaml, read_yaml
+from vsr2.config.yaml_file import KeyPath, dump_yaml, nearest_above, parse_yaml, read_yaml
 from vsr2.errors import ConfigError
 
 S = TypeVar("S", bound=Section)
@@ -57,10 +57,8 @@ def places(label: str, lines: Mapping[KeyPath, int]) -> Callable[[KeyPath], str]
     """
 
     def place(key_path: KeyPath) -> str:
-        for length in range(len(key_path), 0, -1):
-            if key_path[:length] in lines:
-                return f"{label}:{lines[key_path[:length]]}"
-        return label
+        line = nearest_above(lines, key_path)
+        return label if line is None else f"{label}:{line}"
 
     return place
 

@@ -16,6 +16,29 @@ from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
 from vsr2.errors import ConfigError
 
+_EXPECTED = {
+    "float_type": "must be a number, without quotes",
+    "int_type": "must be a whole number, without point and quotes",
+    "bool_type": "must be true or false",
+    "string_type": "must be text; put it in quotes",
+    "path_type": "must be a path",
+    "tuple_type": "must be a list such as [1.0, 2.0, 3.0]",
+    "dict_type": "must be a mapping of names to values",
+    "finite_number": "must be finite",
+    "string_unicode": "must be text",
+    "invalid_key": "a key must be text",
+    "string_too_short": "must not be empty",
+    "string_too_long": "must have at most {max_length} characters",
+    "string_pattern_mismatch": "must match {pattern}",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "too_short": "must hold at least {min_length}",
+    "too_long": "must have {max_length} values",
+}
+"""What a value must be, by pydantic's type of error, with the numbers that pydantic gives."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -85,46 +108,11 @@ def _translate(entry: dict[str, Any], root: type[Section]) -> Problem:
     if kind == "literal_error":
         choices = context["expected"].replace(" or ", ", ").split(", ")
         return Problem(path, _not_one_of(value, [choice.strip("'") for choice in choices]))
-    if kind == "dict_type":
-        return Problem(path, f"must be a mapping of names to values (is {shown(value)})")
     if kind in ("model_type", "model_attributes_type"):
         return Problem(path, f"must hold {_keys(held, owner)} (is {shown(value)})")
-    return Problem(path, f"{_expectation(kind, context, entry['msg'])} (is {shown(value)})")
-
-
-def _expectation(kind: str, context: Mapping[str, Any], message: str) -> str:
-    fixed = {
-        "float_type": "must be a number, without quotes",
-        "int_type": "must be a whole number, without point and quotes",
-        "bool_type": "must be true or false",
-        "string_type": "must be text; put it in quotes",
-        "path_type": "must be a path",
-        "tuple_type": "must be a list such as [1.0, 2.0, 3.0]",
-        "finite_number": "must be finite",
-        "string_unicode": "must be text",
-        "invalid_key": "a key must be text",
-        "string_too_short": "must not be empty",
-    }
-    if kind in fixed:
-        return fixed[kind]
-    bounds = {
-        "greater_than": ("gt", "greater than"),
-        "greater_than_equal": ("ge", "at least"),
-        "less_than": ("lt", "less than"),
-        "less_than_equal": ("le", "at most"),
-    }
-    if kind in bounds:
-        key, words = bounds[kind]
-        return f"must be {words} {context[key]:g}"
-    if kind == "too_short":
-        return f"must hold at least {context['min_length']}"
-    if kind == "too_long":
-        return f"must have {context['max_length']} values"
-    if kind == "string_pattern_mismatch":
-        return f"must match {context['pattern']}"
-    if kind == "string_too_long":
-        return f"must have at most {context['max_length']} characters"
-    return message
+    template = _EXPECTED.get(kind)
+    expected = entry["msg"] if template is None else template.format(**context)
+    return Problem(path, f"{expected} (is {shown(value)})")
 
 
 def _walk(
@@ -156,18 +144,24 @@ def _unknown_key(
 ) -> str:
     if section is None:
         return "is no key here; remove it"
-    valid = list(section.model_fields)
-    near = nearest(key, valid)
-    if near:
-        return f"is no key here; did you mean `{near}`?"
-    for place, other in all_sections(root):
-        if place[:-1] == parent and key in other.model_fields:
-            return f"applies only with `{place[-1]}`; remove it"
-    for place, other in all_sections(root):
-        if key in other.model_fields:
-            keys = [part for part in place if ": " not in part]
-            return f"is no key here; did you mean `{dotted((*keys, key))}`?"
-    return f"is no key here; known are {', '.join(valid)}"
+    if not nearest(key, section.model_fields):
+        for place, other in all_sections(root):
+            if place[:-1] == parent and key in other.model_fields:
+                return f"applies only with `{place[-1]}`; remove it"
+        for place, other in all_sections(root):
+            if key in other.model_fields:
+                keys = [part for part in place if ": " not in part]
+                return f"is no key here; did you mean `{dotted((*keys, key))}`?"
+    return unknown_key(key, section.model_fields)
+
+
+def unknown_key(key: str, known: Iterable[str]) -> str:
+    """That `key` is none of `known`, with the one that it most likely means."""
+    known = list(known)
+    near = nearest(key, known)
+    return "is no key here; " + (
+        f"did you mean `{near}`?" if near else f"known are {', '.join(known)}"
+    )
 
 
 def nearest(word: str, choices: Iterable[str]) -> str | None:

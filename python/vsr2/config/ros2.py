@@ -29,11 +29,31 @@ from vsr2.config.ros2_notes import (
 )
 from vsr2.config.ros2_parameters import Parameters
 from vsr2.config.study import Study
-from vsr2.config.yaml_file import KeyPath
+from vsr2.config.yaml_file import KeyPath, nearest_above
 from vsr2.errors import ConfigError
 
 _PACKAGE = "virtual_shake_robot_pybullet/"
 
+Keys = dict[str, tuple[str, Callable[[Parameters, str], Any]]]
+"""Parameters of the original: the study's key (dotted) and how the value is read."""
+
+_ENGINE_AND_PEDESTAL: Keys = {
+    "engineSettings.gravity": ("engine.gravity", Parameters.gravity),
+    "engineSettings.timeStep": ("engine.time_step", Parameters.number),
+    "engineSettings.numSolverIterations": ("engine.solver_iterations", Parameters.integer),
+    "engineSettings.enableConeFriction": ("engine.cone_friction", Parameters.flag),
+    "engineSettings.deterministicOverlappingPairs": (
+        "engine.deterministic_overlapping_pairs",
+        Parameters.flag,
+    ),
+    "structure.pedestal.dimensions": ("pedestal.size", Parameters.vector),
+    "structure.pedestal.mass": ("pedestal.mass", Parameters.number),
+    "structure.world_box.dimensions": ("pedestal.base.size", Parameters.vector),
+}
+_BOX: Keys = {
+    "rock_structure_box.dimensions": ("rock.size", Parameters.vector),
+    "rock_structure_box.mass": ("rock.mass", Parameters.number),
+}
 _MATERIAL = {
     "restitution": "restitution",
     "lateralFriction": "lateral_friction",
@@ -41,6 +61,13 @@ _MATERIAL = {
     "contactStiffness": "stiffness",
     "contactDamping": "damping",
 }
+
+
+def _material_keys(group: str, body: str) -> Keys:
+    return {
+        f"{group}.{original}": (f"contact.{body}.{key}", Parameters.number)
+        for original, key in _MATERIAL.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -106,50 +133,54 @@ class _Importer:
     ) -> None:
         self._parameters = parameters
         self._files = files
-        self._rock = rock or self._rock_found()
+        self._label = ", ".join(map(str, files))
         self._notes: list[Ros2Note] = []
-        self._places: dict[KeyPath, str] = {}
+        self._data: dict[str, Any] = {"name": "imported", "pedestal": {"shape": "prism"}}
+        self._standing: dict[KeyPath, str] = {}
         self._missing: list[str] = []
+        self._rock = rock or self._rock_found()
 
     def result(self) -> Ros2Import:
-        data: dict[str, Any] = {
-            "name": "imported",
-            "engine": self._engine(),
-            "pedestal": self._pedestal(),
-            "rock": self._mesh_rock() if self._rock == "mesh" else self._box_rock(),
-            "contact": self._contact(),
-            "motion": self._motion(),
-        }
-        step = data["engine"].get("time_step", 0.001)
+        self._set_all(_ENGINE_AND_PEDESTAL)
+        self._base()
+        if self._rock == "mesh":
+            self._mesh_rock()
+        else:
+            self._box_rock()
+        self._contact()
+        self._data["motion"] = {"drive": "motor", **self._motion()}
+        step = self._data.get("engine", {}).get("time_step", 0.001)
         self._notes += ignored_notes(self._parameters, self._rock, self._missing)
-        self._notes += difference_notes(self._parameters, step, data["motion"]["mode"])
+        self._notes += difference_notes(self._parameters, step, self._data["motion"]["mode"])
         study = build_study(
-            data,
+            self._data,
             Path.cwd().joinpath(self._files[0]).parent,
-            label=", ".join(map(str, self._files)),
-            place=self._place,
+            label=self._label,
+            place=lambda path: nearest_above(self._standing, path) or self._label,
             check_files=False,
         )
         order = list(HEADINGS)
         notes = sorted(self._notes, key=lambda note: order.index(note.kind))
         return Ros2Import(study, tuple(notes), self._files)
 
-    def _place(self, path: KeyPath) -> str:
-        for length in range(len(path), 0, -1):
-            if path[:length] in self._places:
-                return self._places[path[:length]]
-        return ", ".join(map(str, self._files))
-
     def _note(self, kind: NoteKind, text: str) -> None:
         self._notes.append(Ros2Note(kind, text))
 
-    def _fetch(self, name: str, path: KeyPath, read: Callable[[str], Any]) -> dict[str, Any]:
-        """`{last key of path: value}`, or nothing where the files do not give `name`."""
+    def _set(self, name: str, key: str, read: Callable[[Parameters, str], Any]) -> None:
+        """Set the study's `key` from the parameter `name`, where the files give it."""
         if not self._parameters.has(name):
             self._missing.append(name)
-            return {}
-        self._places[path] = self._parameters.given[name].place
-        return {str(path[-1]): read(name)}
+            return
+        *above, last = path = tuple(key.split("."))
+        self._standing[path] = self._parameters.given[name].place
+        section = self._data
+        for part in above:
+            section = section.setdefault(part, {})
+        section[last] = read(self._parameters, name)
+
+    def _set_all(self, keys: Keys) -> None:
+        for name, (key, read) in keys.items():
+            self._set(name, key, read)
 
     def _rock_found(self) -> Literal["mesh", "box"]:
         if self._parameters.has("rock_structure_mesh.mesh"):
@@ -157,52 +188,21 @@ class _Importer:
         if self._parameters.has("rock_structure_box.dimensions"):
             return "box"
         raise ConfigError(
-            f"{', '.join(map(str, self._files))}: no rock; add the file that gives "
-            "rock_structure_mesh.mesh or rock_structure_box.dimensions"
+            f"{self._label}: no rock; add the file that gives rock_structure_mesh.mesh or "
+            "rock_structure_box.dimensions"
         )
 
-    def _engine(self) -> dict[str, Any]:
+    def _base(self) -> None:
         p = self._parameters
-
-        def gravity(name: str) -> float:
-            x, y, z = p.numbers(name, 3)
-            if x != 0 or y != 0 or z > 0:
-                raise p.error(name, "must point down the z axis, e.g. [0.0, 0.0, -9.81]")
-            return abs(z)
-
-        return {
-            **self._fetch("engineSettings.gravity", ("engine", "gravity"), gravity),
-            **self._fetch("engineSettings.timeStep", ("engine", "time_step"), p.number),
-            **self._fetch(
-                "engineSettings.numSolverIterations", ("engine", "solver_iterations"), p.integer
-            ),
-            **self._fetch("engineSettings.enableConeFriction", ("engine", "cone_friction"), p.flag),
-            **self._fetch(
-                "engineSettings.deterministicOverlappingPairs",
-                ("engine", "deterministic_overlapping_pairs"),
-                p.flag,
-            ),
-        }
-
-    def _pedestal(self) -> dict[str, Any]:
-        p = self._parameters
-        size = self._fetch(
-            "structure.pedestal.dimensions", ("pedestal", "size"), lambda name: p.numbers(name, 3)
-        )
-        mass = self._fetch("structure.pedestal.mass", ("pedestal", "mass"), p.number)
-        base = self._fetch(
-            "structure.world_box.dimensions",
-            ("pedestal", "base", "size"),
-            lambda name: p.numbers(name, 3),
-        )
-        if base and base["size"][2] != 2.0:
+        size = self._data["pedestal"].get("base", {}).get("size")
+        if size is not None and size[2] != 2.0:
             # The original centres the block at z = 1 whatever its height, and stacks on its top.
-            height = base["size"][2]
-            base["size"][2] = 1.0 + height / 2
+            height = size[2]
+            size[2] = 1.0 + height / 2
             self._note(
                 "kept as in the original",
                 f"the base is centred at z = 1 m whatever its height ({height:g} m), so its top is "
-                f"at {base['size'][2]:g} m; VSR2's base stands on z = 0 and ends there, too",
+                f"at {size[2]:g} m; VSR2's base stands on z = 0 and ends there, too",
             )
         if p.has("structure.world_box.mass") and p.number("structure.world_box.mass") != 0:
             self._note(
@@ -210,110 +210,100 @@ class _Importer:
                 "a base with mass (structure.world_box.mass) is not fixed in the original; VSR2's "
                 "always is",
             )
-        return {"shape": "prism", **size, **mass, **({"base": base} if base else {})}
 
-    def _mesh_rock(self) -> dict[str, Any]:
+    def _mesh_rock(self) -> None:
         p = self._parameters
-        group = "rock_structure_mesh"
-        if not p.has(f"{group}.mesh"):
-            raise ConfigError(
-                f"{', '.join(map(str, self._files))}: no {group}.mesh; add the file that gives it"
-            )
-        rock: dict[str, Any] = self._fetch(f"{group}.mesh", ("rock", "file"), self._file)
-        start = self._start(group, turned=True)
-        if rock["file"].suffix.lower() != ".urdf":
-            rock |= {"shape": "mesh", **self._fetch(f"{group}.mass", ("rock", "mass"), p.number)}
+        file, mass = "rock_structure_mesh.mesh", "rock_structure_mesh.mass"
+        if not p.has(file):
+            raise ConfigError(f"{self._label}: no {file}; add the file that gives it")
+        self._data["rock"] = {}
+        self._set(file, "rock.file", lambda _, name: self._file(name))
+        self._start("rock_structure_mesh", turned=True)
+        rock = self._data["rock"]
+        urdf = rock["file"].suffix.lower() == ".urdf"
+        rock |= {"shape": "urdf" if urdf else "mesh", "inertia": "aabb"}
+        if not urdf:
+            self._set(mass, "rock.mass", Parameters.number)
             self._note(
                 "assumed",
-                f"{group}.mesh names no URDF, which is all that the original loads; read as a mesh "
-                f"of {group}.mass",
+                f"{file} names no URDF, which is all that the original loads; read as a mesh of "
+                f"{mass}",
             )
-        else:
-            rock["shape"] = "urdf"
-            if p.has(f"{group}.mass"):
-                p.used.add(f"{group}.mass")
-                self._note(
-                    "ignored by the original",
-                    f"{group}.mass: read, but never handed to PyBullet; the URDF's mass counts",
-                )
+        elif p.has(mass):
+            p.used.add(mass)
+            self._note(
+                "ignored by the original",
+                f"{mass}: read, but never handed to PyBullet; the URDF's mass counts",
+            )
         self._note(
             "kept as in the original",
             "the rock's inertia is that of its bounding box, for the original loads URDFs without "
             "their inertia (`rock.inertia: aabb`; `mesh` is the right one)",
         )
-        if rock["shape"] == "urdf":
+        if urdf:
             self._note(
                 "not kept",
                 "rock_position and rock_orientation place the URDF's inertial frame in the "
                 "original, its link frame here: the same where its <inertial> has no <origin>",
             )
-        return {**rock, "inertia": "aabb", "start": start}
 
-    def _box_rock(self) -> dict[str, Any]:
+    def _box_rock(self) -> None:
         p = self._parameters
-        group = "rock_structure_box"
-        if not p.has(f"{group}.dimensions") or not p.has(f"{group}.mass"):
+        if not all(map(p.has, _BOX)):
             raise ConfigError(
-                f"{', '.join(map(str, self._files))}: a box rock needs {group}.dimensions and "
-                f"{group}.mass; add the file that gives them"
+                f"{self._label}: a box rock needs {' and '.join(_BOX)}; add the file that gives "
+                "them"
             )
-        size = p.numbers(f"{group}.dimensions", 3)
-        mass = p.number(f"{group}.mass")
-        self._places[("rock", "size")] = p.given[f"{group}.dimensions"].place
-        self._places[("rock", "mass")] = p.given[f"{group}.mass"].place
+        self._data["rock"] = {"shape": "box"}
+        self._set_all(_BOX)
         self._note(
             "kept as in the original",
             "the box rock is loaded by the action load_pbr_action, which leaves the pedestal its "
             "own contact values; no motion mode of the original uses it",
         )
-        if p.has(f"{group}.localInertiaDiagonal"):
-            told = p.numbers(f"{group}.localInertiaDiagonal", 3)
-            square = [edge**2 for edge in size]
+        inertia = "rock_structure_box.localInertiaDiagonal"
+        if p.has(inertia):
+            stated = p.vector(inertia)
+            square = [edge**2 for edge in self._data["rock"]["size"]]
+            mass = self._data["rock"]["mass"]
             solid = [mass / 12 * (sum(square) - square[axis]) for axis in range(3)]
-            if any(abs(a - b) > 0.01 * abs(b) for a, b in zip(told, solid, strict=True)):
+            if any(abs(a - b) > 0.01 * abs(b) for a, b in zip(stated, solid, strict=True)):
                 self._note(
                     "not kept",
-                    f"{group}.localInertiaDiagonal ({_list(told)} kg m^2): VSR2's box is "
-                    f"homogeneous ({_list(solid)} kg m^2)",
+                    f"{inertia} ({_list(stated)} kg m^2): VSR2's box is homogeneous "
+                    f"({_list(solid)} kg m^2)",
                 )
-        start = self._start(group, turned=False)
-        return {"shape": "box", "size": size, "mass": mass, "start": start}
+        self._start("rock_structure_box", turned=False)
 
-    def _start(self, group: str, *, turned: bool) -> dict[str, Any]:
+    def _start(self, group: str, *, turned: bool) -> None:
         p = self._parameters
-        orientation = {}
+        lowered = not p.has(f"{group}.rock_position")
+        self._data["rock"]["start"] = {"mode": "yaw" if lowered else "pose"}
         if turned and p.has(f"{group}.rock_orientation"):
-            orientation = self._fetch(
-                f"{group}.rock_orientation",
-                ("rock", "start", "orientation"),
-                lambda name: p.numbers(name, 4),
-            )
+            key = "base_orientation" if lowered else "orientation"
+            self._set(f"{group}.rock_orientation", f"rock.start.{key}", Parameters.quaternion)
         elif turned:
             self._note("assumed", f"no {group}.rock_orientation: the model stands unturned")
-        if not p.has(f"{group}.rock_position"):
+        if lowered:
             self._note(
                 "assumed", f"no {group}.rock_position: the rock is lowered onto the pedestal"
             )
-            if orientation:
-                orientation = {"base_orientation": orientation["orientation"]}
-            return {"mode": "yaw", **orientation}
-        position = self._fetch(
-            f"{group}.rock_position",
-            ("rock", "start", "position"),
-            lambda name: p.numbers(name, 3),
-        )
-        return {"mode": "pose", **position, **orientation}
+        else:
+            self._set(f"{group}.rock_position", "rock.start.position", Parameters.vector)
 
-    def _contact(self) -> dict[str, Any]:
+    def _contact(self) -> None:
         p = self._parameters
-        rock = self._material(f"rock_structure_{self._rock}", "rock")
+        rock = _material_keys(f"rock_structure_{self._rock}", "rock")
+        pedestal = _material_keys("dynamics.pedestal", "pedestal")
+        self._set_all(rock)
         if self._rock == "box":
-            return {"rock": rock, "pedestal": self._material("dynamics.pedestal", "pedestal")}
-        for original, key in _MATERIAL.items():
-            if ("contact", "rock", key) in self._places:
-                self._places["contact", "pedestal", key] = self._places["contact", "rock", key]
-            p.used.add(f"dynamics.pedestal.{original}")
-        overwritten = [key for key in _MATERIAL if p.has(f"dynamics.pedestal.{key}")]
+            self._set_all(pedestal)
+            return
+        for name, (key, read) in rock.items():
+            if p.has(name):
+                self._set(name, key.replace("rock", "pedestal"), read)
+        p.used.update(pedestal)
+        overwritten = [original for original in _MATERIAL if p.has(f"dynamics.pedestal.{original}")]
         if overwritten:
             self._note(
                 "ignored by the original",
@@ -321,21 +311,12 @@ class _Importer:
                 "the rock is spawned",
             )
         self._note("kept as in the original", "rock and pedestal have the rock's contact values")
-        return {"rock": rock, "pedestal": dict(rock)}
-
-    def _material(self, group: str, body: str) -> dict[str, float]:
-        material: dict[str, float] = {}
-        for original, key in _MATERIAL.items():
-            material |= self._fetch(
-                f"{group}.{original}", ("contact", body, key), self._parameters.number
-            )
-        return material
 
     def _motion(self) -> dict[str, Any]:
         p = self._parameters
         mode = p.text("motion_mode") if p.has("motion_mode") else ""
         if mode in ("single_recording", "all_recordings", "single_recording_range"):
-            return {"drive": "motor", **self._recordings(mode)}
+            return self._recordings(mode)
         if mode == "single_cosine":
             self._note(
                 "assumed",
@@ -343,7 +324,7 @@ class _Importer:
                 "goal, not from a file: set motion.amplitude and motion.frequency instead of these "
                 "values",
             )
-            return {"drive": "motor", "mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.3}
+            return {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.3}
         if mode == "earthquake_batch":
             self._note(
                 "not kept",
@@ -361,7 +342,7 @@ class _Importer:
             "0.5 s, with g = 9.807 m/s^2",
         )
         grid = {"min": 0.1, "max": 0.5, "step": 0.2}
-        return {"drive": "motor", "mode": "grid_cosine", "pga": grid, "pgv_pga": dict(grid)}
+        return {"mode": "grid_cosine", "pga": grid, "pgv_pga": dict(grid)}
 
     def _recordings(self, mode: str) -> dict[str, Any]:
         p = self._parameters

@@ -104,6 +104,21 @@ class Parameters:
             raise self.error(name, f"must be a list of {count} numbers")
         return [self._number(name, item) for item in value]
 
+    def vector(self, name: str) -> list[float]:
+        """Three finite numbers."""
+        return self.numbers(name, 3)
+
+    def quaternion(self, name: str) -> list[float]:
+        """Four finite numbers."""
+        return self.numbers(name, 4)
+
+    def gravity(self, name: str) -> float:
+        """The magnitude of a vector that points down the z axis."""
+        x, y, z = self.vector(name)
+        if x != 0 or y != 0 or z > 0:
+            raise self.error(name, "must point down the z axis, e.g. [0.0, 0.0, -9.81]")
+        return abs(z)
+
     def text(self, name: str) -> str:
         """Text."""
         value = self._get(name)

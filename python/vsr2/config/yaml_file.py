@@ -12,8 +12,9 @@ from __future__ import annotations
 import io
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, MaxDepthExceededError
@@ -33,6 +34,7 @@ MAX_VALUES = 20_000
 
 Value = None | bool | int | float | str | list["Value"] | dict[str, "Value"]
 KeyPath = tuple[str | int, ...]
+T = TypeVar("T")
 
 _NO_CONFIGURATION = "so it is no configuration; check the path"
 _TAG = "tag:yaml.org,2002:"
@@ -126,6 +128,12 @@ class YamlDocument:
 
     data: dict[str, Value]
     lines: dict[KeyPath, int]
+
+
+def nearest_above(known: Mapping[KeyPath, T], path: KeyPath) -> T | None:
+    """What `known` holds of `path`, or else of the nearest section above it."""
+    found = (path[:length] for length in range(len(path), 0, -1) if path[:length] in known)
+    return next((known[key] for key in found), None)
 
 
 def read_yaml(path: str | os.PathLike[str]) -> YamlDocument:

@@ -1,9 +1,10 @@
 """Diagnosis of the sim-to-real gap: where it lies, which effect causes it, how far it shrinks."""
 
-from vsr2.diagnosis.api import diagnose
+from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.pipeline import diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisances import (
     DEFAULT_NUISANCES,
     DrawnByEffect,
@@ -22,6 +23,8 @@ __all__ = [
     "Budget",
     "Diagnosis",
     "DrawnByEffect",
+    "Execution",
+    "Hypotheses",
     "LogNormal",
     "Normal",
     "Nuisance",

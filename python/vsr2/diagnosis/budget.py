@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.design import SCREENING, none_draws
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.reach import REACH, tries
+from vsr2.errors import DiagnosisError
 
 
 @dataclass(frozen=True)
@@ -55,12 +57,27 @@ class Budget:
         minutes: of wall time; turned into simulations by their measured cost.
         simulations: their greatest number, however long they take; None: from `minutes`.
         draws: of every effect, in one round and whatever it costs, so that equal trials under
-            equal effects share all simulations; None: rounds within the above.
+            equal effects share all simulations; None: rounds within the above. At least 6.
+
+    Raises:
+        DiagnosisError: a number out of range.
     """
 
     minutes: float = 10.0
     simulations: int | None = None
     draws: int | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.minutes < math.inf:
+            raise DiagnosisError(
+                f"budget_minutes is {self.minutes}; give a finite number of minutes above 0"
+            )
+        if self.simulations is not None and self.simulations < 1:
+            raise DiagnosisError(
+                f"simulations is {self.simulations}; give at least 1, or a time instead"
+            )
+        if self.draws is not None and self.draws < SCHEDULE.fewest_draws:
+            raise DiagnosisError(f"draws is {self.draws}; give at least {SCHEDULE.fewest_draws}")
 
 
 class Schedule:

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -50,9 +51,40 @@ _logger = logging.getLogger(__name__)
 FEWEST_LOOK = 3
 """Draws below which nothing is said of the leading effects."""
 
-Report = Callable[[str, float, Mapping[str, float]], None]
-"""Called with stage, share done of it and the probabilities of the leading classes; NaN where no
-more than their order is known."""
+
+class Stage(StrEnum):
+    """What a diagnosis is at."""
+
+    SCREENING = "screening"
+    REACH = "trying effects"
+    SIMULATION = "simulating"
+    INFERENCE = "inference"
+    JUDGEMENT = "judging"
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a diagnosis is.
+
+    Attributes:
+        stage: what it is at.
+        share: done of that.
+        leading: probabilities of the leading classes; NaN where only their order is known.
+        draws: of an effect, while they are simulated.
+    """
+
+    stage: Stage
+    share: float
+    leading: Mapping[str, float] = field(default_factory=dict)
+    draws: int = 0
+
+    @property
+    def words(self) -> str:
+        """The stage for people."""
+        return f"{self.stage}, {self.draws} draws" if self.draws else str(self.stage)
+
+
+Report = Callable[[Progress], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +128,12 @@ def diagnose_with(
         The diagnosis; equal campaign, simulator, seed and number of simulations give an equal one.
 
     Raises:
-        DiagnosisError: the campaign holds too little, or the cache cannot be used.
+        DiagnosisError: the campaign holds too little.
+        ResultError: the simulation cache cannot be used.
     """
     started = time.monotonic()
     seen = observe_campaign(campaign, tier)
-    tell: Report = (lambda stage, share, leading: None) if report is None else report
+    tell: Report = (lambda progress: None) if report is None else report
     reuse, file = (cache, cache.file) if isinstance(cache, ProtocolCache) else (None, cache)
     with SimulationCache(simulator, file) as store:
         # One simulation of every trial tells what they cost.
@@ -114,7 +147,7 @@ def diagnose_with(
             runs=schedule.screening_runs,
             most=schedule.most_trials,
             seed=seed,
-            progress=lambda n, m: tell("screening", n / m, {}),
+            progress=lambda n, m: tell(Progress(Stage.SCREENING, n / m)),
         )
         schedule.fit(screening.kept.size)
         _logger.info("screening keeps %d of %d trials", screening.kept.size, len(seen))
@@ -123,16 +156,16 @@ def diagnose_with(
             screening,
             most=schedule.reach_trials,
             seed=seed,
-            progress=lambda n, m: tell("trying effects", n / m, {}),
+            progress=lambda n, m: tell(Progress(Stage.REACH, n / m)),
         )
         _logger.info("%d effects can be the cause: %s", len(library), ", ".join(library))
         layers = noise_floor(store, seen, screening, most=schedule.floor_trials, seed=seed)
         rounds = _Rounds(store, library, seen, screening, reuse, seed, tell)
         last, count = rounds.run(schedule, watched=report is not None)
         _logger.info("leading after the last round: %s", ", ".join(_leading(last)))
-        tell("judging", 0.0, _leading(last))
+        tell(Progress(Stage.JUDGEMENT, 0.0, _leading(last)))
         evidence = conclude(store, seen, screening, last.prepared, last.inference, seed=seed)
-        tell("judging", 1.0, _leading(last))
+        tell(Progress(Stage.JUDGEMENT, 1.0, _leading(last)))
         noted = {
             **({} if provenance is None else provenance),
             **_provenance(store, schedule, library, last, count),
@@ -228,7 +261,7 @@ class _Rounds:
         return Data(self.seen.overturned[None, kept], self.seen.features[None, kept])
 
     def _simulated(self, draws: Mapping[str, int]) -> tuple[Design, NDArray[np.int64]]:
-        leading, stage = self.leading, f"simulating, {max(draws.values())} draws"
+        leading, most = self.leading, max(draws.values())
         return simulate_design(
             self.store,
             self.seen,
@@ -236,7 +269,9 @@ class _Rounds:
             self.library,
             draws,
             seed=self.seed,
-            progress=lambda done, total: self.tell(stage, done / total, leading),
+            progress=lambda done, total: self.tell(
+                Progress(Stage.SIMULATION, done / total, leading, most)
+            ),
         )
 
     def _judged(self, draws: Mapping[str, int]) -> _Round:
@@ -250,7 +285,7 @@ class _Rounds:
             TrialConditions(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept]),
             seen.motion[kept],
             seed=self.seed,
-            step=lambda share: self.tell("inference", share, leading),
+            step=lambda share: self.tell(Progress(Stage.INFERENCE, share, leading)),
         )
         if self.reuse is None:
             prepared = fit()

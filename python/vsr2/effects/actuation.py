@@ -15,15 +15,16 @@ from vsr2.effects.oscillator import (
     Array,
     Path,
     base_excited,
+    held,
     limited,
     low_passed,
     ringing_samples,
 )
 from vsr2.effects.parameter import Parameter
 from vsr2.errors import MotionError
-from vsr2.motion import Motion, SideMotion, band_pass
-from vsr2.motion.processing import differentiate
-from vsr2.motion.resample import Resampled, resample
+from vsr2.motion import SideMotion, band_pass
+from vsr2.motion.processing import Kinematics, differentiate
+from vsr2.motion.resample import resample
 from vsr2.trial import Trial
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
@@ -32,10 +33,6 @@ LOOP_FREQUENCY = 3.0
 """At which a saturated table comes back to its command [Hz]."""
 FILTER_ORDER = 3
 _INPUT = "effects.input_filter.input"
-
-
-def _path(motion: Motion) -> Path:
-    return Path(motion.displacement, motion.velocity, motion.acceleration)
 
 
 def _driven(
@@ -53,22 +50,18 @@ def _driven(
         beside: what is done to the motions beside x.
     """
     motion = trial.motion
-    samples = [path.displacement - path.displacement[0], path.velocity, path.acceleration]
     sides = {name: beside(side) for name, side in motion.sides.items() if side is not None}
-    moving = any(signal[-1] != 0 for signal in samples[1:])
-    moving |= any(side.velocity[-1] != 0 for side in sides.values())
-    size = samples[0].size + moving
-    kept: dict[str, Any] = {
-        name: SideMotion(_held(side.displacement, size), _held(side.velocity, size, 0.0))
-        for name, side in sides.items()
-    }
+    ends = (path.velocity, path.acceleration, *(side.velocity for side in sides.values()))
+    size = path.displacement.size + any(signal[-1] != 0 for signal in ends)
+    kept: dict[str, Any] = {name: _held(side, size) for name, side in sides.items()}
+    more = held(path, size - path.displacement.size)
     return replace(
         trial,
         motion=replace(
             motion,
-            displacement=_held(samples[0], size),
-            velocity=_held(samples[1], size, 0.0),
-            acceleration=_held(samples[2], size, 0.0),
+            displacement=more.displacement - more.displacement[0],
+            velocity=more.velocity,
+            acceleration=more.acceleration,
             source=f"{motion.source}; {note}",
             # From here on the record no longer tells the motion.
             recorded=None,
@@ -77,15 +70,19 @@ def _driven(
     )
 
 
-def _held(signal: Array, size: int, value: float | None = None) -> Array:
-    """The signal continued to `size` samples by a value, by default its last."""
-    rest = np.full(size - signal.size, signal[-1] if value is None else value)
-    return np.concatenate([signal, rest])
+def _held(side: SideMotion, size: int) -> SideMotion:
+    """The motion continued to `size` samples, at rest at its last displacement."""
+    more = (0, size - side.displacement.size)
+    return SideMotion(np.pad(side.displacement, more, mode="edge"), np.pad(side.velocity, more))
 
 
 def _late(signal: Array, count: int) -> Array:
     """The signal after `count` samples of rest at 0."""
-    return np.concatenate([np.zeros(count), signal])
+    return np.pad(signal, (count, 0))
+
+
+def _late_side(side: SideMotion, count: int) -> SideMotion:
+    return SideMotion(_late(side.displacement, count), _late(side.velocity, count))
 
 
 class TimeScale(Effect):
@@ -113,15 +110,11 @@ class TimeScale(Effect):
         motion, factor = trial.motion, 1.0 + values["change"]
         step = motion.time_step
 
-        def stretched(signal: Array) -> Resampled:
-            return resample(signal, step * factor, step, name=motion.name)
-
         def beside(side: SideMotion) -> SideMotion:
-            slow = stretched(side.displacement)
+            slow = resample(side.displacement, step * factor, step, name=motion.name)
             return SideMotion(slow.displacement, slow.velocity)
 
-        slow = stretched(motion.displacement)
-        path = Path(slow.displacement, slow.velocity, slow.acceleration)
+        path = resample(motion.displacement, step * factor, step, name=motion.name)
         return _driven(trial, path, f"time times {factor:.12g}", beside)
 
 
@@ -166,18 +159,13 @@ class InputFilter(Effect):
             return trial
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(2.0 / corner / motion.time_step)
-        size = motion.displacement.size + 2 * pad
+        amid = np.pad(_late(motion.displacement, pad), (0, pad), mode="edge")
+        smooth = band_pass(amid, motion.time_step, Filter(low=0.0, high=corner, order=FILTER_ORDER))
+        path = differentiate(smooth, motion.time_step)
 
         def beside(side: SideMotion) -> SideMotion:
-            return SideMotion(
-                _held(_late(side.displacement, pad), size),
-                _held(_late(side.velocity, pad), size, 0.0),
-            )
+            return _held(_late_side(side, pad), amid.size)
 
-        amid = _held(_late(motion.displacement, pad), size)
-        smooth = band_pass(amid, motion.time_step, Filter(low=0.0, high=corner, order=FILTER_ORDER))
-        found = differentiate(smooth, motion.time_step)
-        path = Path(found.displacement, found.velocity, found.acceleration)
         return _driven(trial, path, f"low-pass {corner:g} Hz", beside)
 
     def _from_channel(self, trial: Trial, choice: int) -> Trial:
@@ -258,23 +246,14 @@ class TableBandwidth(Effect):
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         motion, corner = trial.motion, values["corner"]
         step = motion.time_step
-        path = _path(motion)
         late = round(values["delay"] / step)
-
-        def beside(side: SideMotion) -> SideMotion:
-            return SideMotion(_late(side.displacement, late), _late(side.velocity, late))
-
-        path = Path(
-            _late(path.displacement, late),
-            _late(path.velocity, late),
-            _late(path.acceleration, late),
-        )
+        signals = (motion.displacement, motion.velocity, motion.acceleration)
+        path = Kinematics(*(_late(signal, late) for signal in signals))
         if math.isfinite(corner):
-            path = low_passed(
-                path.held(ringing_samples(corner, LOW_PASS_DAMPING, step)),
-                corner, LOW_PASS_DAMPING, step,
-            )  # fmt: skip
-        return _driven(trial, path, f"low-pass {corner:g} Hz, {late} samples late", beside)
+            path = held(path, ringing_samples(corner, LOW_PASS_DAMPING, step))
+            path = low_passed(path, corner, LOW_PASS_DAMPING, step)
+        note = f"low-pass {corner:g} Hz, {late} samples late"
+        return _driven(trial, path, note, lambda side: _late_side(side, late))
 
 
 class TableSaturation(Effect):
@@ -307,10 +286,8 @@ class TableSaturation(Effect):
         velocity, acceleration = values["velocity"], values["acceleration"]
         if motion.pgv <= velocity and motion.pga <= acceleration:
             return trial
-        rest = round(2.0 / motion.time_step)
-        path = limited(
-            _path(motion).held(rest), velocity, acceleration, motion.time_step, loop=LOOP_FREQUENCY
-        )
+        path: Path = held(motion, round(2.0 / motion.time_step))
+        path = limited(path, velocity, acceleration, motion.time_step, loop=LOOP_FREQUENCY)
         return _driven(trial, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
 
 
@@ -346,7 +323,7 @@ class TableResonance(Effect):
         motion, frequency = trial.motion, values["frequency"]
         ratio = 0.5 / math.sqrt(values["amplification"] ** 2 - 1)
         step = motion.time_step
-        path = _path(motion).held(ringing_samples(frequency, ratio, step))
+        path = held(motion, ringing_samples(frequency, ratio, step))
         path = base_excited(path, frequency, ratio, step)
         return _driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
 

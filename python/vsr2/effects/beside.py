@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
@@ -17,7 +17,29 @@ from vsr2.scene.rotation import IDENTITY
 from vsr2.trial import Trial
 
 
-class OffAxisMotion(Effect):
+class MotionBeside(Effect):
+    """A share of the motion along x in another direction, beside what is there already.
+
+    Attributes:
+        direction: a name of :attr:`vsr2.motion.Motion.sides`.
+    """
+
+    direction: ClassVar[Literal["transverse", "vertical"]]
+    stage = "actuation"
+
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        _assert_prescribed(trial)
+        motion, share = trial.motion, values["share"]
+        side = motion.sides[self.direction]
+        displacement, velocity = share * motion.displacement, share * motion.velocity
+        if side is not None:
+            displacement, velocity = displacement + side.displacement, velocity + side.velocity
+        sides: dict[str, Any] = {self.direction: SideMotion(displacement, velocity)}
+        source = f"{motion.source}; {self.direction} {share:.12g} of it"
+        return replace(trial, motion=replace(motion, source=source, recorded=None, **sides))
+
+
+class OffAxisMotion(MotionBeside):
     """The table moves across its axis, too.
 
     The same displacement along y, times the share.
@@ -33,14 +55,11 @@ class OffAxisMotion(Effect):
     channels = ("motion", "yaw", "tilt")
     confounded_with = ("spin_friction", "placement")
     source = "cross-coupling of a table's axes"
-    stage = "actuation"
     rank = 6
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _beside(trial, "transverse", values["share"])
+    direction = "transverse"
 
 
-class VerticalMotion(Effect):
+class VerticalMotion(MotionBeside):
     """The table moves up and down, too.
 
     The same displacement along z, times the share. Uplift begins at a = g (b / h) / (1 - share b /
@@ -55,32 +74,9 @@ class VerticalMotion(Effect):
         ),
     )
     channels = ("motion", "tilt", "slip")
-    confounded_with = ()
     source = "statics under g plus the vertical acceleration"
-    stage = "actuation"
     rank = 7
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _beside(trial, "vertical", values["share"])
-
-
-def _beside(trial: Trial, name: str, share: float) -> Trial:
-    _assert_prescribed(trial)
-    motion = trial.motion
-    side = motion.sides[name]
-    displacement, velocity = share * motion.displacement, share * motion.velocity
-    if side is not None:
-        displacement, velocity = displacement + side.displacement, velocity + side.velocity
-    sides: dict[str, Any] = {name: SideMotion(displacement, velocity)}
-    return replace(
-        trial,
-        motion=replace(
-            motion,
-            source=f"{motion.source}; {name} {share:.12g} of it",
-            recorded=None,
-            **sides,
-        ),
-    )
+    direction = "vertical"
 
 
 def _assert_prescribed(trial: Trial) -> None:

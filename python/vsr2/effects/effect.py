@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol, Self
+from typing import ClassVar, Literal, Protocol, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,9 @@ from vsr2.trial import Observation, Trial
 
 Array = NDArray[np.float64]
 Stage = Literal[
-    "geometry", "order", "inertia", "contact", "mechanism", "actuation", "start",     "outcome",
-]  # fmt: skip
-STAGES: tuple[Stage, ...] = (
-    "geometry", "order", "inertia", "contact", "mechanism", "actuation", "start",     "outcome",
-)  # fmt: skip
+    "geometry", "order", "inertia", "contact", "mechanism", "actuation", "start", "outcome"
+]
+STAGES: tuple[Stage, ...] = get_args(Stage)
 """In the order of application."""
 Channel = Literal["motion", "tilt", "yaw", "slip", "rest pose", "label"]
 

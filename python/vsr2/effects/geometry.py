@@ -251,28 +251,25 @@ class BaseAsperity(Effect):
         if len(rock.parts) == 1:
             # On an even top a body touches with its convex hull only.
             old = rock.parts[0]
-            corners = points[0] if isinstance(old, Hull) else box_with_margin(old, trial)
-            parts = (Hull(np.vstack([corners, in_model + self._lift(old, trial, rotation)])),)
+            if isinstance(old, Hull):
+                parts = (Hull(np.vstack([points[0], in_model])),)
+            else:
+                lift = trial.scene.engine.collision_margin * rotation[2]
+                parts = (Hull(np.vstack([box_with_margin(old, trial), in_model + lift])),)
         else:
             up = rotation[2]
             parts = rock.parts + tuple(_bump(tip, up, values["height"]) for tip in in_model)
         return _standing(trial, parts)
 
-    @staticmethod
-    def _lift(part: Hull | Box, trial: Trial, rotation: Array) -> Array:
-        margin = trial.scene.engine.collision_margin if isinstance(part, Box) else 0.0
-        lift: Array = margin * rotation[2]
-        return lift
-
 
 def bump_positions(polygon: Array) -> Array:
     """Where diagonals in plan leave a polygon around the origin, shape (4, 2) [m]."""
     half = np.ptp(polygon, axis=0)
+    following = np.roll(polygon, -1, axis=0) - polygon
+    normal = np.column_stack([following[:, 1], -following[:, 0]])
     found = []
     for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1)):
         along = np.array([x * half[0], y * half[1]]) / float(np.hypot(*half))
-        following = np.roll(polygon, -1, axis=0) - polygon
-        normal = np.column_stack([following[:, 1], -following[:, 0]])
         offset, slope = (normal * polygon).sum(axis=1), normal @ along
         ahead = slope > 1e-12
         found.append(along * float((offset[ahead] / slope[ahead]).min()))
@@ -379,13 +376,14 @@ def _turned(pedestal: PedestalBody, turn: Array, about: Array) -> PedestalBody:
             center = _triple(moved(np.asarray([part.center]))[0])
             box = replace(part, center=center, orientation=multiply(quaternion, part.orientation))
             parts.append(box)
-            highest.append(float(box_corners(box)[:, 2].max()))
+            points = box_corners(box)
         elif isinstance(part, Hull):
-            parts.append(Hull(moved(part.points)))
-            highest.append(float(moved(part.points)[:, 2].max()))
+            points = moved(part.points)
+            parts.append(Hull(points))
         else:
-            parts.append(Triangles(moved(part.vertices), part.faces))
-            highest.append(float(moved(part.vertices)[:, 2].max()))
+            points = moved(part.vertices)
+            parts.append(Triangles(points, part.faces))
+        highest.append(float(points[:, 2].max()))
     surface = pedestal.surface
     return replace(
         pedestal,

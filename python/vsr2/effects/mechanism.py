@@ -5,17 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.trial import Trial
 
 
-def _with(trial: Trial, **values: float) -> Trial:
-    return trial.with_scene(mechanisms=replace(trial.scene.mechanisms, **values))
+class Mechanism(Effect):
+    """An effect whose parameters are fields of :class:`vsr2.scene.Mechanisms`.
+
+    Attributes:
+        fields: name of the field and factor to its SI unit, by parameter.
+    """
+
+    fields: ClassVar[Mapping[str, tuple[str, float]]]
+    stage = "mechanism"
+
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        si = {field: factor * values[name] for name, (field, factor) in self.fields.items()}
+        return trial.with_scene(mechanisms=replace(trial.scene.mechanisms, **si))
 
 
-class Restitution(Effect):
+class Restitution(Mechanism):
     """The energy an impact leaves.
 
     Takes the place of the contact's restitution. Housner's ratio, computed for the edges in
@@ -36,13 +48,10 @@ class Restitution(Effect):
     channels = ("tilt",)
     confounded_with = ("rocking_damping", "base_asperity")
     source = "Housner (1963), Bull. Seismol. Soc. Am. 53(2)"
-    stage = "mechanism"
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _with(trial, impact_energy_ratio=values["energy_ratio"])
+    fields: ClassVar = {"energy_ratio": ("impact_energy_ratio", 1.0)}
 
 
-class RockingDamping(Effect):
+class RockingDamping(Mechanism):
     """Dissipation while rocking.
 
     I_O is the moment of inertia about the edge and p the frequency parameter.
@@ -56,13 +65,10 @@ class RockingDamping(Effect):
     channels = ("tilt",)
     confounded_with = ("restitution", "rolling_resistance")
     source = "viscous damping of Housner's rocking oscillator; docs/explanation/mechanisms.md"
-    stage = "mechanism"
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _with(trial, rocking_damping=values["ratio"])
+    fields: ClassVar = {"ratio": ("rocking_damping", 1.0)}
 
 
-class RollingResistance(Effect):
+class RollingResistance(Mechanism):
     """A moment against rolling over an edge.
 
     It takes the energy N a for each radian, and vanishes smoothly at rest.
@@ -76,13 +82,10 @@ class RollingResistance(Effect):
     channels = ("tilt",)
     confounded_with = ("contact_stiffness", "restitution")
     source = "Coulomb's rolling resistance; Johnson (1985), *Contact Mechanics*, chapter 9"
-    stage = "mechanism"
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _with(trial, rolling_resistance=values["arm"])
+    fields: ClassVar = {"arm": ("rolling_resistance", 1.0)}
 
 
-class FrictionRate(Effect):
+class FrictionRate(Mechanism):
     """Static friction above kinetic friction.
 
     mu = mu_k (1 + (ratio - 1) exp(-v / speed)), v being the speed of slip of each contact.
@@ -104,13 +107,10 @@ class FrictionRate(Effect):
     channels = ("slip", "tilt")
     confounded_with = ("friction",)
     source = "Stribeck-type law; docs/explanation/mechanisms.md"
-    stage = "mechanism"
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _with(trial, friction_ratio=values["ratio"], friction_speed=values["speed"])
+    fields: ClassVar = {"ratio": ("friction_ratio", 1.0), "speed": ("friction_speed", 1.0)}
 
 
-class Adhesion(Effect):
+class Adhesion(Mechanism):
     """A bond under the base that breaks at the first uplift.
 
     Uplift begins at a = g b / h (1 + strength A / (m g)), A being the area of the footprint; after
@@ -128,13 +128,10 @@ class Adhesion(Effect):
     channels = ("tilt", "slip")
     confounded_with = ("contact_stiffness",)
     source = "statics of a bonded block"
-    stage = "mechanism"
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return _with(trial, adhesion=1e3 * values["strength"])
+    fields: ClassVar = {"strength": ("adhesion", 1e3)}
 
 
-class Catch(Effect):
+class Catch(Mechanism):
     """A one-sided tether.
 
     Beyond the slack a stiff damped couple turns the rock back; it stretches by less than 0.05 rad.
@@ -155,16 +152,13 @@ class Catch(Effect):
     channels = ("tilt", "label")
     confounded_with = ("outcome_rule",)
     source = "safety straps of shaking-table tests"
-    stage = "mechanism"
+    fields: ClassVar = {"slack": ("catch_slack", math.radians(1.0))}
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        slack = math.radians(values["slack"])
-        outcome = trial.outcome
-        toppled = max(outcome.rocked_tilt, min(outcome.toppled_tilt, 0.9 * slack))
-        return replace(
-            _with(trial, catch_slack=slack),
-            outcome=outcome.model_copy(update={"toppled_tilt": toppled}),
-        )
+        caught, outcome = super().change(trial, values), trial.outcome
+        most = min(outcome.toppled_tilt, 0.9 * caught.scene.mechanisms.catch_slack)
+        toppled = max(outcome.rocked_tilt, most)
+        return replace(caught, outcome=outcome.model_copy(update={"toppled_tilt": toppled}))
 
 
 MECHANISM: tuple[Effect, ...] = (

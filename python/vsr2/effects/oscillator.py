@@ -7,12 +7,18 @@ velocity and acceleration belong to one solution whatever the time step.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.motion import Motion
+from vsr2.motion.processing import Kinematics
+from vsr2.motion.resample import Resampled
+
 Array = NDArray[np.float64]
+Path: TypeAlias = Kinematics | Motion | Resampled
+"""Whatever has displacement, velocity and acceleration, each of shape (n,), in SI units."""
 
 RINGING = 1e-6
 """Share to which free oscillations decay before a motion is taken to be at rest."""
@@ -20,21 +26,13 @@ MAX_RINGING = 5.0
 """Longest time appended for that [s]."""
 
 
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Displacement, velocity and acceleration, each of shape (n,), in SI units."""
-
-    displacement: Array
-    velocity: Array
-    acceleration: Array
-
-    def held(self, count: int) -> Path:
-        """The same with the last displacement held for `count` more samples, at rest."""
-        return Path(
-            np.concatenate([self.displacement, np.full(count, self.displacement[-1])]),
-            np.concatenate([self.velocity, np.zeros(count)]),
-            np.concatenate([self.acceleration, np.zeros(count)]),
-        )
+def held(path: Path, count: int) -> Kinematics:
+    """The path with its last displacement held for `count` more samples, at rest."""
+    return Kinematics(
+        np.pad(path.displacement, (0, count), mode="edge"),
+        np.pad(path.velocity, (0, count)),
+        np.pad(path.acceleration, (0, count)),
+    )
 
 
 def ringing_samples(frequency: float, ratio: float, time_step: float) -> int:
@@ -95,20 +93,20 @@ def _states(omega: float, ratio: float, signal: Array, step: float) -> tuple[Arr
     return z, rate, signal - 2 * ratio * omega * rate - omega**2 * z
 
 
-def low_passed(path: Path, frequency: float, ratio: float, step: float) -> Path:
+def low_passed(path: Path, frequency: float, ratio: float, step: float) -> Kinematics:
     """The path behind y'' + 2 zeta w y' + w^2 y = w^2 x."""
     omega = 2 * math.pi * frequency
     y, rate = respond(0.0, omega**2, frequency, ratio, path.displacement, step)
     acceleration = omega**2 * (path.displacement - y) - 2 * ratio * omega * rate
-    return Path(y, rate, acceleration)
+    return Kinematics(y, rate, acceleration)
 
 
-def base_excited(path: Path, frequency: float, ratio: float, step: float) -> Path:
+def base_excited(path: Path, frequency: float, ratio: float, step: float) -> Kinematics:
     """The path behind y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0."""
     omega = 2 * math.pi * frequency
     y, rate = respond(2 * ratio * omega, omega**2, frequency, ratio, path.displacement, step)
     acceleration = omega**2 * (path.displacement - y) + 2 * ratio * omega * (path.velocity - rate)
-    return Path(y, rate, acceleration)
+    return Kinematics(y, rate, acceleration)
 
 
 def limited(path: Path, velocity: float, acceleration: float, step: float, *, loop: float) -> Path:
@@ -145,4 +143,4 @@ def limited(path: Path, velocity: float, acceleration: float, step: float, *, lo
         position += 0.5 * (speed + new) * step
         a[k], speed = (new - speed) / step, new
         x[k], v[k] = position, speed
-    return Path(x, v, a)
+    return Kinematics(x, v, a)

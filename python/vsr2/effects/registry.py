@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -184,28 +184,30 @@ def _checked(own: object, where: str) -> Effect:
         own = own()
     if not isinstance(own, Effect):
         raise ConfigError(f"{where}: {own!r} is no class derived from vsr2.effects.Effect")
-    label = f"{where}: {type(own).__name__}"
+    for fault in _faults(own):
+        raise ConfigError(f"{where}: {type(own).__name__}: {fault}")
+    return own
+
+
+def _faults(own: Effect) -> Iterator[str]:
+    """What keeps an effect out of the library; those after the first may follow from it."""
     for key in ("name", "meaning", "parameters", "stage"):
         if not hasattr(own, key):
-            raise ConfigError(f"{label}: lacks the attribute `{key}`")
+            yield f"lacks the attribute `{key}`"
     if not (isinstance(own.name, str) and own.name.isidentifier()):
-        raise ConfigError(f"{label}: {own.name!r} is no name: letters, digits and _")
+        yield f"{own.name!r} is no name: letters, digits and _"
     if own.stage not in STAGES:
-        raise ConfigError(f"{label}: stage {own.stage!r} is not one of {', '.join(STAGES)}")
-    wrong = [parameter for parameter in own.parameters if not isinstance(parameter, Parameter)]
-    if wrong:
-        raise ConfigError(f"{label}: `parameters` holds {wrong[0]!r}, which is no Parameter")
+        yield f"stage {own.stage!r} is not one of {', '.join(STAGES)}"
+    for parameter in own.parameters:
+        if not isinstance(parameter, Parameter):
+            yield f"`parameters` holds {parameter!r}, which is no Parameter"
     names = [parameter.name for parameter in own.parameters]
     if len(set(names)) < len(names):
-        raise ConfigError(f"{label}: two parameters have the same name: {', '.join(names)}")
+        yield f"two parameters have the same name: {', '.join(names)}"
     if all(parameter.secondary for parameter in own.parameters):
-        raise ConfigError(f"{label}: needs a parameter that is not secondary")
-    unknown = sorted(set(own.channels) - set(get_args(Channel)))
-    if unknown:
-        raise ConfigError(
-            f"{label}: {unknown[0]!r} is no channel; known are {', '.join(get_args(Channel))}"
-        )
-    return own
+        yield "needs a parameter that is not secondary"
+    for channel in sorted(set(own.channels) - set(get_args(Channel))):
+        yield f"{channel!r} is no channel; known are {', '.join(get_args(Channel))}"
 
 
 def _load(module: str) -> ModuleType:

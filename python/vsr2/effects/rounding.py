@@ -73,31 +73,17 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
     tied, towards = np.nonzero(reach > reach.max(axis=0) - 1e-9 * scale)
     pieces.append(vertices[tied] + grown * directions[towards])
     shrunk = radius - grown
-    above = _above(hull, points, down)
+    # Hull vertices none of whose faces looks down.
+    touched = hull.simplices[hull.equations[:, :3] @ down > _SAME]
+    above = points[np.setdiff1d(hull.vertices, touched)]
     if shrunk > 0 and len(above):
         # The engine dilates all of the hull, the part above included.
         whole = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
         above = whole.intersections[(whole.intersections - center) @ down < 0]
     pieces.append(above)
-    return _outline(np.vstack(pieces))
-
-
-def _outline(points: Array) -> Array:
-    from scipy.spatial import ConvexHull
-
-    distinct = _merged(np.unique(points, axis=0))
+    distinct = _merged(np.unique(np.vstack(pieces), axis=0))
     outline: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
     return outline
-
-
-def _above(hull: object, points: Array, down: Array) -> Array:
-    """Hull vertices none of whose faces looks down."""
-    simplices = hull.simplices  # type: ignore[attr-defined]
-    looks_down = hull.equations[:, :3] @ down > _SAME  # type: ignore[attr-defined]
-    touched = np.unique(simplices[looks_down])
-    kept = np.setdiff1d(hull.vertices, touched)  # type: ignore[attr-defined]
-    above: Array = points[kept]
-    return above
 
 
 def _distinct(equations: Array) -> Array:

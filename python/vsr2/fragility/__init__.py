@@ -1,8 +1,8 @@
 """Fragility: the probability of overturning as a function of ground-motion intensity."""
 
-from vsr2.fragility.files import remove_old_tables, save_fragility
 from vsr2.fragility.fit import FitNote, FragilityFit, Lognormal, fit_fragility
-from vsr2.fragility.run import FragilityResult, fragility_result, run_fragility
+from vsr2.fragility.fragility_tables import remove_old_tables, save_fragility
+from vsr2.fragility.run import FragilityResult, run_fragility
 from vsr2.fragility.settings import FragilitySettings, FragilityStudy, Jitter, load_fragility
 from vsr2.fragility.trials import PlannedTrial, fragility_trials
 
@@ -16,7 +16,6 @@ __all__ = [
     "Lognormal",
     "PlannedTrial",
     "fit_fragility",
-    "fragility_result",
     "fragility_trials",
     "load_fragility",
     "remove_old_tables",

@@ -37,7 +37,7 @@ from vsr2.errors import ResultError
 
 Array = NDArray[np.float64]
 
-PRIOR_PLACE = 0.1
+PRIOR_LOCATION = 0.1
 """Where the prior's two half trials lie on their coefficient's axis."""
 _BURN_IN, _STEPS, _THIN = 150, 500, 4
 _CHUNK = 500
@@ -324,7 +324,7 @@ def fit_fragility(
         if lognormal is None:
             note = FitNote.NOT_RISING
         elif not separated and not _straight(scaled, truth, member, level):
-            lognormal = Lognormal(**{**vars(lognormal), "fits": False})
+            lognormal = replace(lognormal, fits=False)
     fit = FragilityFit(
         names=tuple(names),
         trials=int(truth.size),
@@ -394,7 +394,7 @@ def _fit(
     from scipy.stats import norm, t
 
     size = terms.shape[1]
-    prior = np.concatenate([PRIOR_PLACE * np.eye(size)] * 2)
+    prior = np.concatenate([PRIOR_LOCATION * np.eye(size)] * 2)
     design = np.concatenate([terms, prior])
     response = np.concatenate([truth.astype(float), np.ones(size), np.zeros(size)])
     weight = np.concatenate([np.ones(len(terms)), np.full(2 * size, 0.5)])
@@ -426,17 +426,17 @@ def _fit(
         wider = float((t.ppf(tail, count - 1) / norm.ppf(tail)) ** 2)
         effect = float(np.trace(middle @ model)) / size
         power = 1.0 / max(1.0, wider * effect)
-    places, where = np.unique(design, axis=0, return_inverse=True)
-    where = where.ravel()
+    distinct, which = np.unique(design, axis=0, return_inverse=True)
+    which = which.ravel()
     return _Posterior(
         mode=coefficients,
         model=model,
         clustered=clustered,
         degrees=count - 1,
         power=power,
-        terms=places,
-        hits=np.bincount(where, weights=weight * response).astype(np.float64),
-        misses=np.bincount(where, weights=weight * (1.0 - response)).astype(np.float64),
+        terms=distinct,
+        hits=np.bincount(which, weights=weight * response).astype(np.float64),
+        misses=np.bincount(which, weights=weight * (1.0 - response)).astype(np.float64),
     )
 
 
@@ -468,9 +468,9 @@ def _straight(
     if np.unique(x).size < 5:
         return True
     found = _fit(np.stack([np.ones_like(x), x, x**2, x**3], axis=1), truth, member, level)
-    bent = found.mode[2:]
+    curved = found.mode[2:]
     least = min(
-        float(bent @ np.linalg.pinv(covariance[2:, 2:]) @ bent)
+        float(curved @ np.linalg.pinv(covariance[2:, 2:]) @ curved)
         for covariance in (found.model, found.clustered)
     )
     return bool(least < chi2.ppf(SIGNIFICANT, 2))

@@ -101,7 +101,7 @@ def run_fragility(
     )
     if batch.provenance["interrupted"]:
         return batch
-    return fragility_result(study, batch, planned, [trial.motion for trial in asked])
+    return _fitted(study, batch, planned, [trial.motion for trial in asked])
 
 
 def _with_effects(
@@ -125,17 +125,13 @@ def _with_effects(
     return changed
 
 
-def fragility_result(
+def _fitted(
     study: FragilityStudy,
     batch: BatchResult,
     planned: list[PlannedTrial],
     motions: list[Motion],
 ) -> FragilityResult:
-    """Fit the curves of a finished batch.
-
-    Raises:
-        ResultError: no trial can be judged.
-    """
+    """Fit the curves of a finished batch."""
     settings = study.own.fragility
     measures = _measures(motions)
     used = batch.judged

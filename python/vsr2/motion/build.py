@@ -27,15 +27,9 @@ from vsr2.motion.cosine import (
     grid_values,
 )
 from vsr2.motion.fusion import ChannelNoise, fuse
-from vsr2.motion.measures import Channel, missing_channel
+from vsr2.motion.measures import Channel, channel_signal, kinematics
 from vsr2.motion.motion import Array, Motion
-from vsr2.motion.processing import (
-    band_pass,
-    integrate_acceleration,
-    integrate_velocity,
-    remove_baseline,
-    taper_ends,
-)
+from vsr2.motion.processing import band_pass, taper_ends
 from vsr2.motion.record import Record
 from vsr2.motion.recording import read_record
 from vsr2.motion.resample import resample
@@ -113,11 +107,7 @@ class Recorded:
     @property
     def used(self) -> Channel:
         """The channel that drives, "auto" resolved."""
-        if self.channel != "auto":
-            return self.channel
-        if self.record.displacement is not None:
-            return "displacement"
-        return "acceleration" if self.record.velocity is None else "velocity"
+        return next(iter(self.record.channels)) if self.channel == "auto" else self.channel
 
     def through(self, channel: Channel) -> Recorded:
         """The same record and scale through another channel.
@@ -193,35 +183,22 @@ def _displacement(
     noise: ChannelNoise | None,
 ) -> tuple[Array, str]:
     """What drives (n,) [m], and how it came about."""
-    interval, label = record.sample_interval, record.label
+    how = f"{channel} channel"
     if channel == "fused":
         fused = fuse(record, noise=noise, baseline=baseline)
-        displacement = fused.displacement
-        if filter is not None:
-            displacement = band_pass(displacement, interval, filter, name=label)
-        seen = fused.noise
-        return displacement, (
+        displacement, seen = fused.displacement, fused.noise
+        how = (
             f"displacement and acceleration fused (noise {seen.displacement.deviation:.3g} m and "
             f"{seen.acceleration.deviation:.3g} m/s^2, consistency {fused.consistency:.3g})"
         )
-    signal = {
-        "displacement": record.displacement,
-        "velocity": record.velocity,
-        "acceleration": record.acceleration,
-    }[channel]
-    if signal is None:
-        missing_channel(record, channel)
-    if baseline is not None:
-        signal = remove_baseline(signal, baseline, name=label)
-    if channel == "acceleration":
-        displacement = integrate_acceleration(signal, interval, filter, name=label).displacement
-    elif channel == "velocity":
-        displacement = integrate_velocity(signal, interval, filter, name=label).displacement
+    elif channel == "displacement":
+        displacement = channel_signal(record, channel, baseline)
     else:
-        displacement = signal
-        if filter is not None:
-            displacement = band_pass(displacement, interval, filter, name=label)
-    return displacement, f"{channel} channel"
+        integrated = kinematics(record, channel=channel, filter=filter, baseline=baseline)
+        return integrated.displacement, how
+    if filter is not None:
+        displacement = band_pass(displacement, record.sample_interval, filter, name=record.label)
+    return displacement, how
 
 
 def _single_cosine(source: SingleCosine, time_step: float) -> Motion:

@@ -71,20 +71,22 @@ def cosine_motion(
     )
     label = f"cosine_A{amplitude:.12g}m_F{frequency:.12g}Hz" if name is None else name
     steps = 1 / frequency / time_step
+    period = (
+        f"motion {label!r}: the period 1/F = {1 / frequency:g} s has {steps:.3g} time steps of "
+        f"{time_step:g} s"
+    )
     if steps < MIN_STEPS_A_PERIOD:
         raise MotionError(
-            f"motion {label!r}: the period 1/F = {1 / frequency:g} s has {steps:.3g} time steps of "
-            f"{time_step:g} s; it needs at least {MIN_STEPS_A_PERIOD}: lower the frequency "
-            "(raise PGV/PGA) or the time step"
+            f"{period}; it needs at least {MIN_STEPS_A_PERIOD}: lower the frequency (raise "
+            "PGV/PGA) or the time step"
         )
     if steps > MAX_SAMPLES - 2:
         raise MotionError(
-            f"motion {label!r}: the period 1/F = {1 / frequency:g} s has {steps:.3g} time steps of "
-            f"{time_step:g} s; at most {MAX_SAMPLES - 2}: raise the frequency (lower PGV/PGA) or "
-            "the time step"
+            f"{period}; at most {MAX_SAMPLES - 2}: raise the frequency (lower PGV/PGA) or the time "
+            "step"
         )
     omega = 2 * math.pi * frequency
-    phase = omega * (np.arange(_cosine_samples(frequency, time_step)) * time_step)
+    phase = omega * (np.arange(math.ceil(steps - 1e-9) + 1) * time_step)
     with np.errstate(over="ignore", invalid="ignore"):  # Motion refuses these and names the sample
         # 2 sin^2(phase / 2) is 1 - cos(phase) without the cancellation near 0 and near the end
         displacement = 2 * amplitude * np.sin(phase / 2) ** 2
@@ -126,10 +128,6 @@ def grid_parameters(grid: GridCosine) -> Iterator[tuple[float, float]]:
     for pga in grid_values(grid.pga):
         for ratio in ratios:
             yield pga, ratio
-
-
-def _cosine_samples(frequency: float, time_step: float) -> int:
-    return math.ceil(1 / frequency / time_step - 1e-9) + 1
 
 
 def _require_positive(*named: tuple[str, float]) -> None:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
-from vsr2.motion.processing import REST_TIME, remove_baseline, rest_level
+from vsr2.motion.processing import REST_TIME, Kinematics, remove_baseline, rest_level
 from vsr2.motion.record import Record
 
 REST_WINDOW = 0.5
@@ -93,14 +93,11 @@ class ChannelNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class FusedMotion:
+class FusedMotion(Kinematics):
     """What a table did, as far as its two channels tell.
 
     Attributes:
         sample_interval: [s].
-        displacement: shape (n,) [m], from 0 at the start.
-        velocity: shape (n,) [m/s].
-        acceleration: shape (n,) [m/s^2].
         displacement_error: standard error (n,) [m].
         velocity_error: standard error (n,) [m/s].
         acceleration_error: standard error (n,) [m/s^2].
@@ -109,9 +106,6 @@ class FusedMotion:
     """
 
     sample_interval: float
-    displacement: Array
-    velocity: Array
-    acceleration: Array
     displacement_error: Array
     velocity_error: Array
     acceleration_error: Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, Never
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -163,21 +163,15 @@ def kinematics(
         MotionError: the channel is missing, or filter or baseline does not fit.
     """
     interval = record.sample_interval
-    used = channel
-    if used == "auto" and filter is None and baseline is None:
-        told = (record.displacement, record.velocity, record.acceleration)
-        if told[0] is not None and told[1] is not None and told[2] is not None:
-            return Kinematics(told[0] - told[0][0], told[1], told[2])
-    if used == "auto":
-        used = next(
-            name
-            for name in ("acceleration", "velocity", "displacement")
-            if getattr(record, name) is not None
-        )
+    recorded = record.channels
+    if channel == "auto" and filter is None and baseline is None and len(recorded) == 3:
+        displacement, velocity, acceleration = recorded.values()
+        return Kinematics(displacement - displacement[0], velocity, acceleration)
+    used = next(reversed(recorded)) if channel == "auto" else channel
     if used == "fused":
         fused = fuse(record, baseline=baseline)
         if filter is None:
-            return Kinematics(fused.displacement, fused.velocity, fused.acceleration)
+            return fused
         displacement = band_pass(fused.displacement, interval, filter, name=record.label)
         velocity, acceleration = (
             filtered[pad : filtered.size - pad]
@@ -187,11 +181,7 @@ def kinematics(
             )
         )
         return Kinematics(displacement - displacement[0], velocity, acceleration)
-    signal = getattr(record, used)
-    if signal is None:
-        missing_channel(record, used)
-    if baseline is not None:
-        signal = remove_baseline(signal, baseline, name=record.label)
+    signal = channel_signal(record, used, baseline)
     if used == "acceleration":
         return integrate_acceleration(signal, interval, filter, name=record.label)
     if used == "velocity":
@@ -201,18 +191,19 @@ def kinematics(
     return differentiate(signal, interval)
 
 
-def missing_channel(record: Record, channel: str) -> Never:
-    """Refuse a channel that the record lacks.
+def channel_signal(record: Record, channel: str, baseline: int | None) -> Array:
+    """A channel of a record without its baseline (:func:`vsr2.motion.remove_baseline`), (n,).
 
     Raises:
-        MotionError: always.
+        MotionError: the record lacks it, or the degree of `baseline` is not possible.
     """
-    has = [
-        c for c in ("displacement", "velocity", "acceleration") if getattr(record, c) is not None
-    ]
-    raise MotionError(
-        f"{record.label}: has no {channel} channel; set motion.channel to '{has[0]}' or 'auto'"
-    )
+    found: Array | None = getattr(record, channel)
+    if found is None:
+        raise MotionError(
+            f"{record.label}: has no {channel} channel; set motion.channel to "
+            f"'{next(iter(record.channels))}' or 'auto'"
+        )
+    return found if baseline is None else remove_baseline(found, baseline, name=record.label)
 
 
 def intensity_measures(

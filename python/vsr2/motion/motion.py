@@ -128,18 +128,7 @@ class Motion:
         return SideMotion(displacement, velocity)
 
     def _checked(self, field: str, given: Array) -> Array:
-        try:
-            value = np.array(given, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise MotionError(
-                f"motion {self.name!r}: {field} is not an array of numbers ({error})"
-            ) from None
-        value.setflags(write=False)
-        if value.ndim != 1 or not 2 <= value.size <= MAX_SAMPLES:
-            raise MotionError(
-                f"motion {self.name!r}: {field} has shape {value.shape}; "
-                f"it needs one dimension and 2 to {MAX_SAMPLES} samples"
-            )
+        value = samples_of(given, f"motion {self.name!r}: {field}", fewest=2)
         bad = np.flatnonzero(~np.isfinite(value))
         if bad.size:
             raise MotionError(
@@ -190,8 +179,7 @@ class Motion:
         digest = hashlib.sha256(np.float64(self.time_step).tobytes())
         digest.update(self.displacement.tobytes())
         digest.update(self.velocity.tobytes())
-        for name in SIDES:
-            side: SideMotion | None = getattr(self, name)
+        for name, side in self.sides.items():
             if side is not None:
                 digest.update(name.encode() + side.displacement.tobytes())
                 digest.update(side.velocity.tobytes())
@@ -242,6 +230,30 @@ class Motion:
                 vertical=_scaled(self.vertical, factor),
                 pitch=_scaled(self.pitch, factor),
             )
+
+
+def samples_of(given: Any, what: str, *, fewest: int) -> Array:
+    """A read-only copy of `given`, shape (n,).
+
+    Args:
+        given: what should be samples.
+        what: names it in errors.
+        fewest: samples.
+
+    Raises:
+        MotionError: no array of numbers, or not of one dimension and `fewest` to `MAX_SAMPLES`.
+    """
+    try:
+        value = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise MotionError(f"{what} is not an array of numbers ({error})") from None
+    value.setflags(write=False)
+    if value.ndim != 1 or not fewest <= value.size <= MAX_SAMPLES:
+        raise MotionError(
+            f"{what} has shape {value.shape}; it needs one dimension and {fewest} to "
+            f"{MAX_SAMPLES} samples"
+        )
+    return value
 
 
 def _scaled(side: SideMotion | None, factor: float) -> SideMotion | None:

@@ -17,7 +17,7 @@ import numpy as np
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array
-from vsr2.motion.record import Record, one_channel_record
+from vsr2.motion.record import Record, file_record
 from vsr2.motion.text_table import MAX_LINE, text_lines
 from vsr2.motion.units import UNITS, Quantity, require_units, unit_in
 
@@ -61,9 +61,8 @@ def read_peer(path: Path, content: bytes, units: RecordUnits | None) -> Record:
             "cut or decimate the record"
         )
     quantity, size = _quantity(path, lines[:row], units)
-    return one_channel_record(
-        path, content, interval, quantity, size * _samples(path, lines, row + 1, count)
-    )
+    values = size * _samples(path, lines, row + 1, count)
+    return file_record(path, content, interval, {quantity: values})
 
 
 def _samples_and_interval(line: str) -> tuple[int, float] | None:

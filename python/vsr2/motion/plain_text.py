@@ -20,7 +20,7 @@ import numpy as np
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES
-from vsr2.motion.record import Record, one_channel_record
+from vsr2.motion.record import Record, file_record
 from vsr2.motion.text_table import cell_number, number_columns, text_lines, uniform_interval
 from vsr2.motion.units import require_units
 
@@ -55,7 +55,7 @@ def read_columns(path: Path, content: bytes, units: RecordUnits | None) -> Recor
     separator = next((mark for mark in ("\t", ",", ";") if mark in first), None)
     time, values = number_columns(path, lines, start, separator, 2)
     interval = uniform_interval(path, time, start + 1)
-    return one_channel_record(path, content, interval, quantity, size * values)
+    return file_record(path, content, interval, {quantity: size * values})
 
 
 def read_original_tab(path: Path, content: bytes, units: RecordUnits | None) -> Record:
@@ -84,7 +84,7 @@ def read_original_tab(path: Path, content: bytes, units: RecordUnits | None) -> 
                 f"after id {ids[0]:g}; write each to a file of its own"
             )
         interval = uniform_interval(path, time, 2)
-        return one_channel_record(path, content, interval, quantity, size * values)
+        return file_record(path, content, interval, {quantity: size * values})
     if points is not None:
         start, count, interval = 1, int(points[2]), cell_number(path, 1, 0, points[3])
     else:
@@ -105,4 +105,4 @@ def read_original_tab(path: Path, content: bytes, units: RecordUnits | None) -> 
             f"{path}: row {start}: promises {count} samples, the file holds {values.size}; copy it "
             "again, or correct the header"
         )
-    return one_channel_record(path, content, interval, quantity, size * values)
+    return file_record(path, content, interval, {quantity: size * values})

@@ -48,10 +48,10 @@ MIN_RELATIVE_CORNER = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """One motion at a record's own sampling.
+    """One motion, sampled uniformly.
 
     Attributes:
-        displacement: shape (n,) [m], from 0 at the start.
+        displacement: shape (n,) [m]; of a record from 0 at the start.
         velocity: shape (n,) [m/s].
         acceleration: shape (n,) [m/s^2].
     """
@@ -133,18 +133,9 @@ def band_pass(
             f"{name}: filter.low = {filter.low:g} Hz is below {MIN_RELATIVE_CORNER * nyquist:g} "
             "Hz, where the filter is not accurate; raise it, or set 0 for none"
         )
-    if filter.low > 0:
-        sections = butter(
-            filter.order,
-            [filter.low, filter.high],
-            "bandpass",
-            fs=1 / sample_interval,
-            output="sos",
-        )
-    else:
-        sections = butter(
-            filter.order, filter.high, "lowpass", fs=1 / sample_interval, output="sos"
-        )
+    corners = [filter.low, filter.high] if filter.low > 0 else filter.high
+    kind = "bandpass" if filter.low > 0 else "lowpass"
+    sections = butter(filter.order, corners, kind, fs=1 / sample_interval, output="sos")
     # scipy's own choice of padding, which needs a longer signal than the shortest records
     zeros = min((sections[:, 2] == 0).sum(), (sections[:, 5] == 0).sum())
     padding = min(int(3 * (2 * len(sections) + 1 - zeros)), signal.size - 1)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Array
+from vsr2.motion.motion import Array, samples_of
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 from vsr2.motion.units import Quantity
 
@@ -76,16 +77,8 @@ class Record:
             raise MotionError(f"{self.label}: {counts}; they must have the same number")
 
     def _checked(self, field: str, unit: str, limit: float) -> Array:
-        try:
-            value = np.array(getattr(self, field), dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise MotionError(f"{self.label}: {field} is no array of numbers ({error})") from None
-        value.setflags(write=False)
-        if value.ndim != 1 or not MIN_RECORD_SAMPLES <= value.size <= MAX_SAMPLES:
-            raise MotionError(
-                f"{self.label}: {field} has shape {value.shape}; it needs one dimension and "
-                f"{MIN_RECORD_SAMPLES} to {MAX_SAMPLES} samples"
-            )
+        what = f"{self.label}: {field}"
+        value = samples_of(getattr(self, field), what, fewest=MIN_RECORD_SAMPLES)
         bad = np.flatnonzero(~(np.abs(value) <= limit))
         if bad.size:
             remedy = "check the unit" if np.isfinite(value[bad[0]]) else "repair or cut the record"
@@ -107,12 +100,15 @@ class Record:
         return next((name for name in needed if getattr(self, name) is None), None)
 
     @property
+    def channels(self) -> dict[Quantity, Array]:
+        """Those that were recorded, displacement first, acceleration last."""
+        names: tuple[Quantity, ...] = ("displacement", "velocity", "acceleration")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    @property
     def size(self) -> int:
         """Number of samples."""
-        for channel in (self.displacement, self.velocity, self.acceleration):
-            if channel is not None:
-                return channel.size
-        return 0
+        return next(iter(self.channels.values())).size
 
     @property
     def duration(self) -> float:
@@ -120,27 +116,25 @@ class Record:
         return (self.size - 1) * self.sample_interval
 
 
-def one_channel_record(
-    path: Path, content: bytes, sample_interval: float, quantity: Quantity, values: Array
+def file_record(
+    path: Path, content: bytes, sample_interval: float, channels: Mapping[str, Array | None]
 ) -> Record:
-    """The record of a file with one channel.
+    """The record of a file.
 
     Args:
         path: the file.
         content: its bytes.
         sample_interval: [s].
-        quantity: what `values` are.
-        values: shape (n,) [m], [m/s] or [m/s^2].
+        channels: "displacement" (n,) [m], "velocity" (n,) [m/s], "acceleration" (n,) [m/s^2], or
+            some of them.
 
     Raises:
         MotionError: as :class:`Record`.
     """
     return Record(
-        name=path.stem,
-        sample_interval=sample_interval,
-        displacement=values if quantity == "displacement" else None,
-        velocity=values if quantity == "velocity" else None,
-        acceleration=values if quantity == "acceleration" else None,
+        path.stem,
+        sample_interval,
+        **channels,
         source=str(path),
         sha256=hashlib.sha256(content).hexdigest(),
     )

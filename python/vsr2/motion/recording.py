@@ -31,9 +31,9 @@ channels point along the displacement channel. Offsets at rest stay in a `Record
 
 from __future__ import annotations
 
-import hashlib
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -46,10 +46,10 @@ from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
 from vsr2.motion.npz import NpzError, npz_arrays
 from vsr2.motion.peer import is_peer, read_peer
 from vsr2.motion.plain_text import read_columns, read_original_tab
-from vsr2.motion.record import Record
-from vsr2.motion.seismology import read_knet, read_miniseed, read_sac
+from vsr2.motion.record import Record, file_record
+from vsr2.motion.seismology import read_obspy
 from vsr2.motion.text_table import number_columns, text_lines, uniform_interval
-from vsr2.motion.units import STANDARD_GRAVITY, check_units
+from vsr2.motion.units import STANDARD_GRAVITY, UNITS
 
 METRES_PER_VOLT = 5.9797e-4 * 0.0254
 """Scale of the laboratory's displacement transducer: inches per volt times metres per inch."""
@@ -58,9 +58,16 @@ MAX_FILE_BYTES = 256 * 1024**2
 
 RecordFormat = Literal["csv", "npz", "laboratory", "peer", "columns", "tab", "mseed", "sac", "knet"]
 
-_NEUTRAL_COLUMNS = ("time_s", "displacement_m", "velocity_m_s", "acceleration_m_s2")
-_NEUTRAL_KEYS = {"sample_interval_s", *_NEUTRAL_COLUMNS[1:]}
-_LABORATORY_KEYS = {"sample_interval_s", "displacement_volt", "acceleration_g"}
+_NEUTRAL = {
+    "displacement_m": ("displacement", 1.0),
+    "velocity_m_s": ("velocity", 1.0),
+    "acceleration_m_s2": ("acceleration", 1.0),
+}
+"""Channel of each name in a file, and the factor to SI units."""
+_LABORATORY = {
+    "displacement_volt": ("displacement", METRES_PER_VOLT),
+    "acceleration_g": ("acceleration", -STANDARD_GRAVITY),
+}
 _LABORATORY_COLUMNS = 8
 _LABORATORY_START = "Time [s]"
 _SUFFIXES: dict[str, RecordFormat] = {
@@ -102,15 +109,23 @@ def read_record(
         raise MotionError(
             f"{path}: format {format!r} is unknown; known: {', '.join(get_args(RecordFormat))}"
         )
-    if units is not None:
-        check_units(path, units)
+    if units is not None and units not in UNITS:
+        raise MotionError(f"{path}: units {units!r} are unknown; known: {', '.join(UNITS)}")
     try:
         content = read_bounded(path, MAX_FILE_BYTES, remedy="cut or decimate the record")
     except UnreadableError as error:
         raise MotionError(f"{path}: {error}") from None
     if not content:
         raise MotionError(f"{path}: the file is empty; export the record again")
-    return _READERS[format or _recognised(path, content)](path, content, units)
+    kind = format or _recognised(path, content)
+    if kind in _WITHOUT_UNITS:
+        return _WITHOUT_UNITS[kind](path, content, units)
+    if units is not None:
+        raise MotionError(
+            f"{path}: its format carries its own units, so units={units!r} would have no effect; "
+            "remove it"
+        )
+    return _CARRYING_UNITS[kind](path, content)
 
 
 def write_record(record: Record | Motion, path: Path | str, *, note: str = "") -> None:
@@ -166,14 +181,6 @@ def _recognised(path: Path, content: bytes) -> RecordFormat:
     )
 
 
-def _refuse_units(path: Path, units: RecordUnits | None) -> None:
-    if units is not None:
-        raise MotionError(
-            f"{path}: its format carries its own units, so units={units!r} would have no effect; "
-            "remove it"
-        )
-
-
 # --- text ---------------------------------------------------------------------------------------
 
 
@@ -186,19 +193,12 @@ def _read_csv(path: Path, content: bytes) -> Record:
     _check_csv_header(path, header, start + 1)
     columns = number_columns(path, lines, start + 1, ",", len(header))
     named = dict(zip(header, columns, strict=True))
-    return Record(
-        name=path.stem,
-        sample_interval=uniform_interval(path, named["time_s"], start + 2),
-        displacement=named.get("displacement_m"),
-        velocity=named.get("velocity_m_s"),
-        acceleration=named.get("acceleration_m_s2"),
-        source=str(path),
-        sha256=hashlib.sha256(content).hexdigest(),
-    )
+    interval = uniform_interval(path, named["time_s"], start + 2)
+    return file_record(path, content, interval, _in_si(named))
 
 
 def _check_csv_header(path: Path, header: Sequence[str], row: int) -> None:
-    known = set(header) <= set(_NEUTRAL_COLUMNS) and len(set(header)) == len(header)
+    known = set(header) <= {"time_s", *_NEUTRAL} and len(set(header)) == len(header)
     if not (known and "time_s" in header and len(header) > 1):
         shown = ",".join(header)[:100]
         raise MotionError(
@@ -226,32 +226,18 @@ def _read_laboratory_text(path: Path, content: bytes) -> Record:
                 f"{columns[number][row]:g} s, in column 1 {time[row]:g} s; the channels must be "
                 "sampled together: export them again"
             )
-    return _laboratory_record(
-        path,
-        content,
-        sample_interval=uniform_interval(path, time, 2),
-        displacement_volt=columns[5],
-        acceleration_g=columns[1],
-    )
+    channels = _in_si({"displacement_volt": columns[5], "acceleration_g": columns[1]})
+    return file_record(path, content, uniform_interval(path, time, 2), channels)
 
 
-def _laboratory_record(
-    path: Path,
-    content: bytes,
-    *,
-    sample_interval: float,
-    displacement_volt: Array | None,
-    acceleration_g: Array | None,
-) -> Record:
+def _in_si(named: Mapping[str, Array]) -> dict[str, Array]:
+    """Channels in SI units out of arrays by their names in a file."""
     with np.errstate(over="ignore"):  # Record refuses an infinity and names the sample
-        return Record(
-            name=path.stem,
-            sample_interval=sample_interval,
-            displacement=None if displacement_volt is None else displacement_volt * METRES_PER_VOLT,
-            acceleration=None if acceleration_g is None else -acceleration_g * STANDARD_GRAVITY,
-            source=str(path),
-            sha256=hashlib.sha256(content).hexdigest(),
-        )
+        return {
+            channel: named[name] * factor
+            for name, (channel, factor) in (_NEUTRAL | _LABORATORY).items()
+            if name in named
+        }
 
 
 # --- npz ----------------------------------------------------------------------------------------
@@ -268,30 +254,14 @@ def _read_npz(path: Path, content: bytes) -> Record:
             f"{path}: sample_interval_s has shape {interval.shape}; it is one number [s]"
         )
     seconds = float(interval.reshape(-1)[0])
-    if arrays.keys() <= _NEUTRAL_KEYS:
-        return Record(
-            name=path.stem,
-            sample_interval=seconds,
-            displacement=arrays.get("displacement_m"),
-            velocity=arrays.get("velocity_m_s"),
-            acceleration=arrays.get("acceleration_m_s2"),
-            source=str(path),
-            sha256=hashlib.sha256(content).hexdigest(),
-        )
-    return _laboratory_record(
-        path,
-        content,
-        sample_interval=seconds,
-        displacement_volt=arrays.get("displacement_volt"),
-        acceleration_g=arrays.get("acceleration_g"),
-    )
+    return file_record(path, content, seconds, _in_si(arrays))
 
 
 def _check_npz_names(names: Collection[str]) -> None:
-    given = set(names)
-    kinds = (_NEUTRAL_KEYS, _LABORATORY_KEYS)
-    if not any("sample_interval_s" in given <= kind and len(given) > 1 for kind in kinds):
-        shown = ", ".join(sorted(given))[:200]
+    channels = set(names) - {"sample_interval_s"}
+    known = channels <= _NEUTRAL.keys() or channels <= _LABORATORY.keys()
+    if not (channels and known and "sample_interval_s" in names):
+        shown = ", ".join(sorted(names))[:200]
         raise NpzError(
             "",
             f"arrays {shown or 'none'}; expected sample_interval_s with one or more of "
@@ -300,25 +270,16 @@ def _check_npz_names(names: Collection[str]) -> None:
         )
 
 
-Reader = Callable[[Path, bytes, RecordUnits | None], Record]
-
-
-def _carrying_units(reader: Callable[[Path, bytes], Record]) -> Reader:
-    def read(path: Path, content: bytes, units: RecordUnits | None) -> Record:
-        _refuse_units(path, units)
-        return reader(path, content)
-
-    return read
-
-
-_READERS: dict[RecordFormat, Reader] = {
-    "csv": _carrying_units(_read_csv),
-    "npz": _carrying_units(_read_npz),
-    "laboratory": _carrying_units(_read_laboratory_text),
+_CARRYING_UNITS: dict[RecordFormat, Callable[[Path, bytes], Record]] = {
+    "csv": _read_csv,
+    "npz": _read_npz,
+    "laboratory": _read_laboratory_text,
+    "knet": partial(read_obspy, units="m/s^2", format="KNET"),
+}
+_WITHOUT_UNITS: dict[RecordFormat, Callable[[Path, bytes, RecordUnits | None], Record]] = {
     "peer": read_peer,
     "columns": read_columns,
     "tab": read_original_tab,
-    "mseed": read_miniseed,
-    "sac": read_sac,
-    "knet": _carrying_units(read_knet),
+    "mseed": partial(read_obspy, format="MSEED"),
+    "sac": partial(read_obspy, format="SAC"),
 }

@@ -18,6 +18,7 @@ import numpy as np
 
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array
+from vsr2.motion.processing import Kinematics
 
 DEGREE = 5
 """Of the interpolating spline."""
@@ -28,20 +29,14 @@ MIN_RECORD_SAMPLES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled:
-    """A displacement history at a new sampling interval.
+class Resampled(Kinematics):
+    """A displacement history at a new sampling interval, with the derivatives of its spline.
 
     Attributes:
-        displacement: shape (n,) [m].
-        velocity: shape (n,) [m/s], derivative of the spline.
-        acceleration: shape (n,) [m/s^2], second derivative of the spline.
         error: stated error of the displacement, greatest magnitude [m].
         error_rms: the same, root mean square [m].
     """
 
-    displacement: Array
-    velocity: Array
-    acceleration: Array
     error: float
     error_rms: float
 
@@ -85,10 +80,9 @@ def resample(
             f"{name}: lasts {span:g} s, that is {span / time_step:.3g} time steps of {time_step:g} "
             f"s; at most {MAX_SAMPLES - 2}: cut the record or raise the time step"
         )
-    spline = _spline(values, sample_interval)
-    _refuse_aliasing(spline(_knots(values), 1) / sample_interval, sample_interval, time_step, name)
-
-    # the spline lives on the sample number, where knots are exact and well scaled
+    spline = _spline(values)
+    velocity = spline(np.arange(values.size, dtype=np.float64), 1) / sample_interval
+    _refuse_aliasing(velocity, sample_interval, time_step, name)
     ratio = time_step / sample_interval
     position = np.arange(math.floor(span / time_step + 1e-9) + 1) * ratio
     position = np.minimum(position, values.size - 1.0)
@@ -107,23 +101,17 @@ def resample(
     )
 
 
-def _knots(values: Array) -> Array:
-    return np.arange(values.size, dtype=np.float64)
-
-
-def _spline(values: Array, sample_interval: float) -> Any:
+def _spline(values: Array, step: int = 1) -> Any:
+    """Through every `step`th sample, over the sample number: knots are exact and well scaled."""
     from scipy.interpolate import make_interp_spline
 
-    return make_interp_spline(_knots(values), values, k=DEGREE)
+    knots = np.arange(0, values.size, step)
+    return make_interp_spline(knots.astype(np.float64), values[knots], k=DEGREE)
 
 
 def _left_out_error(values: Array) -> tuple[float, float]:
-    from scipy.interpolate import make_interp_spline
-
-    kept = np.arange(0, values.size, 2)
-    left_out = np.arange(1, kept[-1], 2)
-    spline = make_interp_spline(kept.astype(np.float64), values[kept], k=DEGREE)
-    difference = spline(left_out.astype(np.float64)) - values[left_out]
+    left_out = np.arange(1, values.size - 1, 2)
+    difference = _spline(values, 2)(left_out.astype(np.float64)) - values[left_out]
     return float(np.abs(difference).max()), float(np.sqrt(np.mean(difference**2)))
 
 

@@ -6,57 +6,40 @@ import io
 import warnings
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES
-from vsr2.motion.record import Record, one_channel_record
-from vsr2.motion.units import UNITS, require_units
+from vsr2.motion.record import Record, file_record
+from vsr2.motion.units import require_units
 
-_KNET_START = b"Origin Time"
+ObspyFormat = Literal["MSEED", "SAC", "KNET"]
 
 
-def read_miniseed(path: Path, content: bytes, units: RecordUnits | None) -> Record:
-    """Read the one channel of a miniSEED file, values in `units` (the response is not removed).
+def read_obspy(
+    path: Path, content: bytes, units: RecordUnits | None, *, format: ObspyFormat
+) -> Record:
+    """Read one channel (the instrument's response is not removed).
+
+    Args:
+        path: the file.
+        content: its bytes.
+        units: of the values; K-NET's scale factor gives m/s^2.
+        format: obspy's name of it.
 
     Raises:
         MotionError: as :func:`vsr2.motion.recording.read_record`; several channels or a gap; obspy
             is not installed.
     """
-    require_units(path, "miniSEED", units)
-    assert units is not None
-    return _record(path, content, "MSEED", units)
-
-
-def read_sac(path: Path, content: bytes, units: RecordUnits | None) -> Record:
-    """Read a SAC file, values in `units`.
-
-    Raises:
-        MotionError: as :func:`read_miniseed`.
-    """
-    require_units(path, "SAC", units)
-    assert units is not None
-    return _record(path, content, "SAC", units)
-
-
-def read_knet(path: Path, content: bytes) -> Record:
-    """Read one component of K-NET or KiK-net ASCII; its scale factor gives acceleration.
-
-    Raises:
-        MotionError: as :func:`read_miniseed`.
-    """
-    if not content.startswith(_KNET_START):
+    quantity, size = require_units(path, "miniSEED" if format == "MSEED" else format, units)
+    if format == "KNET" and not content.startswith(b"Origin Time"):
         raise MotionError(
             f"{path}: does not start with 'Origin Time', so no K-NET ASCII; rename it, or give "
             "`format`"
         )
-    return _record(path, content, "KNET", "m/s^2")
-
-
-def _record(path: Path, content: bytes, format: str, units: str) -> Record:
     read = _obspy_reader(path)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -86,7 +69,6 @@ def _record(path: Path, content: bytes, format: str, units: str) -> Record:
         raise MotionError(
             f"{path}: {missing} samples are missing (a gap); cut the record or fill the gap"
         )
-    quantity, size = UNITS[units]
     with np.errstate(all="ignore"):  # Record refuses what does not fit and names the sample
         try:
             values = size * np.asarray(data, dtype=np.float64)
@@ -94,7 +76,7 @@ def _record(path: Path, content: bytes, format: str, units: str) -> Record:
             raise MotionError(
                 f"{path}: holds no numbers ({error}); export the waveform, not a log"
             ) from None
-    return one_channel_record(path, content, interval, quantity, values)
+    return file_record(path, content, interval, {quantity: values})
 
 
 def _obspy_reader(path: Path) -> Any:

@@ -9,6 +9,7 @@ site and no earthquake; they have the intensity measures asked for, and nothing 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -109,20 +110,11 @@ def synthetic_motion(
         noise_seed = int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0])
         motion = _tuned(pga, pgv_pga, duration, noise_seed, time_step, label)
         if motion is not None:
-            return Motion(
-                name=label,
-                time_step=time_step,
-                displacement=motion.displacement,
-                velocity=motion.velocity,
-                acceleration=motion.acceleration,
-                kind="recording",
-                source=(
-                    f"synthetic, seed {seed} (noise {attempt + 1}): PGA {pga:.12g} g, PGV/PGA "
-                    f"{pgv_pga:.12g} s, significant duration {duration:.12g} s"
-                ),
-                resampling_error=motion.resampling_error,
-                resampling_error_rms=motion.resampling_error_rms,
+            source = (
+                f"synthetic, seed {seed} (noise {attempt + 1}): PGA {pga:.12g} g, PGV/PGA "
+                f"{pgv_pga:.12g} s, significant duration {duration:.12g} s"
             )
+            return replace(motion, name=label, source=source, recorded=None)
     raise MotionError(
         f"synthetic motion with PGV/PGA {pgv_pga:g} s and a significant duration of {duration:g} "
         f"s: none of {_ATTEMPTS} noises of seed {seed} could be tuned to it; take another seed, or "

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_TRIALS = 6
-"""Trials whose time histories are drawn unless told otherwise."""
+"""Trials whose time histories are drawn by default."""
 DIAGRAM, TRACKING = "overturning_diagram", "tracking"
 NOTE_FILE = "README.md"
 _OWN_FILES = (f"{DIAGRAM}.png", f"{TRACKING}.png", NOTE_FILE, "time_history_*.png")

@@ -14,8 +14,8 @@ import numpy as np
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import Parameter
+from vsr2.calibration.calibration_tables import best_of_sweeps
 from vsr2.calibration.profile import Identifiability, Profile
-from vsr2.calibration.tables import best_of_sweeps
 from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
@@ -23,7 +23,7 @@ from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages.runs import compatible_values
 from vsr2.report.pages import render
-from vsr2.report.panels import scale_axis, scale_where_wide, sheet, write_page
+from vsr2.report.panels import legend_below, scale_axis, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table, printable
 
 if TYPE_CHECKING:
@@ -69,11 +69,7 @@ def profile_figure(result: CalibrationResult) -> Figure:
         row[0].set_ylabel("objective [1]")
     for panel in axes.flat[count:]:
         panel.set_visible(False)
-    first = axes.flat[0]
-    handles, labels = first.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=4, fontsize="small", frameon=False
-    )
+    legend_below(figure, 4)
     return figure
 
 
@@ -81,13 +77,13 @@ def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: flo
     known = [cell for cell in profile.cells if cell.sets]
     listed = parameter.values is not None
     # Listed values stand side by side, those of a range where they lie.
-    place = {value: float(i) for i, value in enumerate(parameter.values or ())}
+    index = {value: float(i) for i, value in enumerate(parameter.values or ())}
 
     def at(value: Plain) -> float:
-        return place[value] if listed else float(value)
+        return index[value] if listed else float(value)
 
     half = 0.4 if listed else 0.0
-    sampled = [(at(v), score) for v, score in profile.sampled if not listed or v in place]
+    sampled = [(at(v), score) for v, score in profile.sampled if not listed or v in index]
     panel.plot(
         *np.array(sampled).T.reshape(2, -1), ".", color=GREY, markersize=3, label="evaluated set"
     )
@@ -111,12 +107,12 @@ def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: flo
             color=color,
             linewidth=0.9,
         )
-    if not listed or profile.best in place:
+    if not listed or profile.best in index:
         panel.axvline(
             at(profile.best), color=BLACK, linewidth=0.9, linestyle="--", label="calibrated"
         )
     if listed:
-        panel.set_xticks(list(place.values()), [_short(value) for value in place], fontsize="small")
+        panel.set_xticks(list(index.values()), [_short(value) for value in index], fontsize="small")
     elif parameter.scale == "log":
         scale_axis(panel, "x")
     # Sets far worse than every cell's best would press the cells together; they stay outside.
@@ -228,7 +224,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     panel.set_xlabel("PGV/PGA [s]")
     panel.set_ylabel("PGA [g]")
     panel.set_title("out of fold" if result.folds else "in sample", fontsize="small")
-    figure.legend(loc="outside lower center", ncols=2, fontsize="small", frameon=False)
+    legend_below(figure, 2)
     return figure
 
 

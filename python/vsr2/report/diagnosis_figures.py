@@ -11,7 +11,7 @@ from vsr2.diagnosis.where.scan import EVERYWHERE
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.verdicts import location
 from vsr2.report.pages import plain
-from vsr2.report.panels import scale_axis, sheet, tooltip
+from vsr2.report.panels import legend_below, scale_axis, sheet, tooltip
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -215,4 +215,4 @@ def _legend(
     handles = figure.axes[0].get_legend_handles_labels()[0]
     for label, (face, edge) in (patches or {}).items():
         handles.append(Patch(facecolor=face, edgecolor=edge, label=label))
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+    legend_below(figure, columns, handles, "medium")

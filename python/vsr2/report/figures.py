@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsr2.analysis import Tracking, tracking
 from vsr2.errors import ResultError
 from vsr2.motion import STANDARD_GRAVITY
-from vsr2.report.panels import scale_where_wide, sheet
+from vsr2.report.panels import legend_below, scale_where_wide, sheet
 from vsr2.report.text import printable
 from vsr2.results import OUTCOMES, BatchResult, TrialLog
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, told apart by colour-blind readers.
+# Okabe and Ito's palette, distinguished by colour-blind readers.
 BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE, GREY = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#999999",
 )  # fmt: skip
@@ -122,7 +122,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
     note = f", {left_out} more not run" if left_out else ""
     panel.set_title(f"{int(shown.sum())} trials{note}")
     if shown.any():
-        figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
+        legend_below(figure, 3)
     return figure
 
 

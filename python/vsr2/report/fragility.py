@@ -16,7 +16,7 @@ from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
 from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
-from vsr2.report.panels import scale_where_wide, sheet, write_page
+from vsr2.report.panels import legend_below, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:
@@ -89,11 +89,11 @@ def overturning_figure(result: FragilityResult) -> Figure:
 def _shares(result: FragilityResult, chosen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
     """PGV/PGA, PGA and share of overturned trials of each motion as driven."""
     x, y = result.measures["pgv_pga_s"][chosen], result.measures["pga_g"][chosen]
-    places, member = np.unique(np.stack([x, y], axis=1), axis=0, return_inverse=True)
+    levels, member = np.unique(np.stack([x, y], axis=1), axis=0, return_inverse=True)
     member = member.ravel()
-    count = np.bincount(member, minlength=len(places))
-    hits = np.bincount(member, weights=result.overturned[chosen], minlength=len(places))
-    return places[:, 0], places[:, 1], hits / count
+    count = np.bincount(member, minlength=len(levels))
+    hits = np.bincount(member, weights=result.overturned[chosen], minlength=len(levels))
+    return levels[:, 0], levels[:, 1], hits / count
 
 
 def curve_figure(result: FragilityResult, name: str) -> Figure:
@@ -130,8 +130,7 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
     panel.set_xlabel(MEASURE_LABELS[name])
     panel.set_ylabel("probability of overturning [1]")
     panel.set_title(_curve_title(fit), fontsize="small")
-    # Below the panel: within it a legend would hide groups and their intervals.
-    figure.legend(loc="outside lower center", ncols=5, fontsize="x-small", frameon=False)
+    legend_below(figure, 5, size="x-small")
     return figure
 
 
@@ -243,10 +242,7 @@ def surface_figure(result: FragilityResult) -> Figure:
             )
     # Contours have no entry of their own in a legend.
     panel.plot([], [], "--", color=VERMILION, linewidth=0.8, label="an end of the band is 0.5")
-    handles, labels = panel.get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=2, fontsize="small", frameon=False
-    )
+    legend_below(figure, 2)
     return figure
 
 

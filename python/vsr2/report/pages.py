@@ -1,38 +1,48 @@
-"""Pages from the templates in `templates/`; whatever a template is given is escaped."""
+"""Pages from the templates in `templates/`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
-def render(template: str, filters: Mapping[str, Callable[..., str]], **content: Any) -> str:
-    """One page, ending in a line end.
-
-    Text that goes into HTML is escaped, but for what is marked as `markupsafe.Markup`. A name that
-    the template wants and `content` lacks is an error.
+def environment(filters: Mapping[str, Callable[..., str]]) -> Environment:
+    """Of templates: what they are given is escaped if they are HTML, and a lacking name refused.
 
     Args:
-        template: name of a file in `templates/` without `.j2`; its suffix decides on escaping.
         filters: functions by the name that the template calls them by.
-        content: what the template shows.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
-    environment = Environment(
+    made = Environment(
         loader=PackageLoader("vsr2.report"),
-        autoescape=select_autoescape(enabled_extensions=("html.j2",)),
+        autoescape=select_autoescape(enabled_extensions=("html.j2",), default_for_string=False),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters |= {"plain": plain, "listed": listed, **filters}
-    return environment.get_template(f"{template}.j2").render(content)
+    made.filters |= {"plain": plain, "listed": listed, **filters}
+    return made
+
+
+def render(template: str, filters: Mapping[str, Callable[..., str]], **content: Any) -> str:
+    """One page, ending in a line end.
+
+    Args:
+        template: name of a file in `templates/` without `.j2`; its suffix decides on escaping, but
+            what is marked as `markupsafe.Markup` stays.
+        filters: see :func:`environment`.
+        content: what the template shows.
+    """
+    return environment(filters).get_template(f"{template}.j2").render(content)
 
 
 def plain(name: object) -> str:
-    """A name of an effect or a place as words."""
+    """A name of an effect or a location as words."""
     return str(name).replace("_", " ")
 
 

@@ -40,6 +40,17 @@ def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, A
     return figure, axes
 
 
+def legend_below(
+    figure: Figure, columns: int, handles: Sequence[Artist] | None = None, size: str = "small"
+) -> None:
+    """Below all panels, where it hides nothing: of the first panel's marks, or of `handles`."""
+    if handles is None:
+        handles = figure.axes[0].get_legend_handles_labels()[0]
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, fontsize=size, frameon=False
+    )
+
+
 def scale_where_wide(panel: Axes, which: str, values: NDArray[np.float64]) -> None:
     """Make an axis logarithmic where its values are above 0 and span a factor of more than 8."""
     if values.size and values.min() > 0 and values.max() > 8 * values.min():
@@ -93,7 +104,7 @@ def svg(figure: Figure, meaning: str) -> str:
 def save_figure(
     figure: Figure, stem: Path, kinds: Sequence[str] = ("png", "pdf"), *, dpi: int = 200
 ) -> list[Path]:
-    """Write a figure, as PNG and PDF unless told otherwise.
+    """Write a figure, as PNG and PDF by default.
 
     Args:
         figure: what to write.

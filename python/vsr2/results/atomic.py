@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
 import os
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from vsr2.errors import ResultError
 
@@ -48,6 +51,27 @@ def write_text(path: Path, text: str, errors: str = "replace") -> None:
     """Write text as UTF-8, as :func:`write_atomic` does; `errors` as of `str.encode`."""
     content = text.encode("utf-8", errors)
     write_atomic(path, lambda file: file.write(content))
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], number: str = "") -> str:
+    """Rows of one form as CSV; None and numbers that are not finite are blank.
+
+    Args:
+        rows: none: the text is empty.
+        number: format of numbers; empty: the shortest text that reads back to the same bits.
+    """
+
+    def cell(value: Any) -> Any:
+        if isinstance(value, float):
+            return format(float(value), number) if math.isfinite(value) else ""
+        return value
+
+    text = io.StringIO()
+    if rows:
+        writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
+    return text.getvalue()
 
 
 def make_folder(path: Path) -> None:

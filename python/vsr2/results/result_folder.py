@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
-from vsr2.results.journal import JOURNAL_FILE, refuse_running
+from vsr2.results.journal import JOURNAL_FILE
 from vsr2.results.result import (
     CONTACT_COLUMNS,
     INTEGER_COLUMNS,
@@ -44,6 +44,7 @@ from vsr2.results.result import (
     BatchResult,
     TrialLog,
 )
+from vsr2.results.store import refuse_written
 
 TRIALS_FILE = "trials.csv"
 PROVENANCE_FILE = "provenance.json"
@@ -105,7 +106,7 @@ def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -
             f"{path}: already holds a result ({present[0].name} and {len(present) - 1} more "
             "files); choose another folder, or overwrite it"
         )
-    refuse_running(path)
+    refuse_written(path / JOURNAL_FILE)
     _remove(present)
     return path
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 
@@ -94,11 +93,8 @@ def build_rock(
         sha256=sha256,
         notes=(*notes, *_size_notes(source, surface)),
     )
-    return _with_notes(body, _start_notes(body, pedestal, fixed=isinstance(rock.start, FixedStart)))
-
-
-def _with_notes(body: RockBody, notes: Sequence[str]) -> RockBody:
-    return replace(body, notes=(*body.notes, *notes)) if notes else body
+    start_notes = _start_notes(body, pedestal, fixed=isinstance(rock.start, FixedStart))
+    return replace(body, notes=(*body.notes, *start_notes))
 
 
 def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:
@@ -132,14 +128,11 @@ def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list
     height = height_above(body.parts, body.start, pedestal) if fixed else None
     if height is not None and height > HIGH_START:
         notes.append(f"start: {height:.4g} m above the pedestal; the rock drops onto it first")
-    if height is not None and height < -LOST_START:
-        raise GeometryError(
-            f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
-        )
     if height is not None and height < -DEEP_START:
-        notes.append(
-            f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
-        )
+        inside = f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
+        if height < -LOST_START:
+            raise GeometryError(inside)
+        notes.append(inside)
     return notes
 
 

@@ -104,14 +104,12 @@ def load_urdf(path: str | Path, scale: float = 1.0, *, inertia: InertiaRule = "f
         for element in link.iter("cylinder")
     ][:1]
     mass = _inertial(source, link, scale, rule=inertia)
-    wanted = inertia != "aabb" and len(collisions) == 1
-    solid = _solid(source, collisions, mass.mass) if wanted else None
     if inertia == "mesh":
-        mass = _required_solid(source, collisions, solid)
+        mass = _solid(source, collisions, mass.mass)
     elif inertia == "aabb":
         mass = _bounding_box(mass, collisions)
-    elif solid is not None:
-        notes += _compare(source, mass, solid)
+    elif len(collisions) == 1 and _is_closed(collisions[0]):
+        notes += _compare(source, mass, _solid(source, collisions, mass.mass))
     digest = hashlib.sha256(data)
     for item in collisions:
         if item.mesh:
@@ -304,20 +302,32 @@ def _inertial(
     return MassProperties(mass, translation, moments, rotation @ axes)
 
 
-def _solid(path: Path, collisions: list[_Collision], mass: float) -> MassProperties | None:
-    """Homogeneous solid of the only collision element; none where it is not closed."""
+def _is_closed(item: _Collision) -> bool:
+    if item.mesh is None:
+        return True
+    try:
+        load_mesh(item.mesh.source, scale=item.mesh.scale)
+    except GeometryError:
+        return False
+    return True
+
+
+def _solid(path: Path, collisions: list[_Collision], mass: float) -> MassProperties:
+    """Homogeneous solid of the only collision element."""
+    import trimesh
+
+    if len(collisions) > 1:
+        raise GeometryError(
+            f"{path}: `inertia: mesh` with {len(collisions)} <collision> elements, which may "
+            "overlap; use `inertia: file`, or one closed mesh"
+        )
     item = collisions[0]
     if item.box is not None:
         own = box_mass_properties(item.box, mass=mass, source=str(path))
     elif item.mesh is not None:
-        try:
-            closed = load_mesh(item.mesh.source, scale=item.mesh.scale)
-        except GeometryError:
-            return None
+        closed = load_mesh(item.mesh.source, scale=item.mesh.scale)
         own = mesh_mass_properties(closed.mesh, mass=mass, source=str(path))
     else:
-        import trimesh
-
         hull = trimesh.Trimesh(item.surface.vertices, item.surface.faces, process=False)
         return mesh_mass_properties(hull, mass=mass, source=str(path))
     axes = item.rotation @ own.principal_axes
@@ -327,22 +337,6 @@ def _solid(path: Path, collisions: list[_Collision], mass: float) -> MassPropert
         axes @ np.diag(own.principal_inertia) @ axes.T,
         str(path),
     )
-
-
-def _required_solid(
-    path: Path, collisions: list[_Collision], solid: MassProperties | None
-) -> MassProperties:
-    if solid is not None:
-        return solid
-    if len(collisions) > 1:
-        raise GeometryError(
-            f"{path}: `inertia: mesh` with {len(collisions)} <collision> elements, which may "
-            "overlap; use `inertia: file`, or one closed mesh"
-        )
-    item = collisions[0]
-    assert item.mesh is not None
-    load_mesh(item.mesh.source, scale=item.mesh.scale)  # raises, saying why it is not closed
-    raise AssertionError("unreachable: a closed mesh has mass properties")
 
 
 def _bounding_box(mass: MassProperties, collisions: list[_Collision]) -> MassProperties:

@@ -1,23 +1,21 @@
 """Simulations on the native core: one interactive world, and batches of trials."""
 
 from vsr2.simulation.batch import run_batch
-from vsr2.simulation.contact_model import ContactPair, effective_pair
 from vsr2.simulation.distributed import connect
 from vsr2.simulation.planning import check_trials, plan_sha256, study_trials
-from vsr2.simulation.scene import native_scene
+from vsr2.simulation.scene import native_scene, pair_values
 from vsr2.simulation.shards import Shard, merge_shards, run_shard
 from vsr2.simulation.simulation import Simulation, State
 
 __all__ = [
-    "ContactPair",
     "Shard",
     "Simulation",
     "State",
     "check_trials",
     "connect",
-    "effective_pair",
     "merge_shards",
     "native_scene",
+    "pair_values",
     "plan_sha256",
     "run_batch",
     "run_shard",

@@ -104,14 +104,12 @@ def run_batch(
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
     check_trials(trials)
-    count = _threads(threads, client)
+    facts: dict[str, Any] = {"threads": _threads(threads, client)}
     collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
     with contextlib.ExitStack() as stack:
         if checkpoint is not None:
-            collection.resume(
-                stack.enter_context(Journal(checkpoint, plan_sha256(trials), len(trials))),
-                Path(checkpoint),
-            )
+            journal = Journal(checkpoint, plan_sha256(trials), len(trials))
+            collection.resume(stack.enter_context(journal), Path(checkpoint))
         pending = collection.pending
         waiting = [trials[i] for i in pending]
         interrupt = stack.enter_context(_InterruptFlag())
@@ -121,23 +119,13 @@ def run_batch(
             collection.take(pending[position], row, log)
             bar.update()
 
-        facts: dict[str, Any] = {"threads": count}
-        if _logger.isEnabledFor(logging.INFO):
-            engines = {native_scene(trial.scene).engine.name for trial in trials}
-            _logger.info(
-                "%d trials, engine %s; %d are in the journal",
-                len(trials),
-                " and ".join(sorted(engines)),
-                len(trials) - len(pending),
-            )
+        _log_begin(trials, len(pending))
         if client is None:
-            run_native(waiting, count, take=take, stopped=interrupt.is_raised)
+            run_native(waiting, facts["threads"], take=take, stopped=interrupt.is_raised)
         else:
             facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
-    if _logger.isEnabledFor(logging.INFO):
-        ends = Counter(collection.columns["status"])
-        counts = ", ".join(f"{count} {status}" for status, count in ends.items())
-        _logger.info("batch ended after %.3g s: %s", time.time() - started, counts)
+    ends = ", ".join(f"{n} {end}" for end, n in Counter(collection.columns["status"]).items())
+    _logger.info("batch ended after %.3g s: %s", time.time() - started, ends)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
         **facts,
@@ -158,6 +146,13 @@ def _threads(threads: int | None, client: distributed.Client | None) -> int:
     if not 1 <= count <= 1024:
         raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
     return count
+
+
+def _log_begin(trials: Sequence[Trial], pending: int) -> None:
+    if _logger.isEnabledFor(logging.INFO):
+        engines = " and ".join(sorted({native_scene(one.scene).engine.name for one in trials}))
+        done = len(trials) - pending
+        _logger.info("%d trials, engine %s; %d are in the journal", len(trials), engines, done)
 
 
 class _Collection:

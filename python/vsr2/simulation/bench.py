@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -21,7 +20,7 @@ from vsr2.config.study import (
     PrismPedestal,
     YawStart,
 )
-from vsr2.effects import Effect, Response, with_effects
+from vsr2.effects import Bench, Effect, Response, with_effects
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
 from vsr2.results import JUDGED, TrialLog
@@ -46,6 +45,7 @@ from vsr2.simulation.simulation import Simulation
 from vsr2.trial import Observation, Trial
 
 Array = NDArray[np.float64]
+Rock = Literal["block", "scan"]
 
 BLOCK = (0.4, 0.6, 1.2)
 """Edge lengths of the block [m]."""
@@ -66,7 +66,7 @@ def _stand() -> PedestalBody:
     return build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
 
 
-class EffectBench:
+class EffectBench(Bench):
     """The bench of :class:`vsr2.effects.Bench`.
 
     The engine is without Bullet's damping of velocities, so that laws of conservation hold.
@@ -81,42 +81,40 @@ class EffectBench:
     ) -> None:
         self._engine = Engine(mode=mode, linear_damping=0.0, angular_damping=0.0)
         self._mesh = mesh
+        self._built: dict[Rock, Trial] = {}
 
     def block(self) -> Trial:
-        """A homogeneous block, 0.4 m x 0.6 m x 1.2 m, on an even pedestal, at rest."""
-        return self._block
-
-    @cached_property
-    def _block(self) -> Trial:
-        return self._standing(BoxRock(shape="box", size=BLOCK, density=DENSITY))
+        """The block."""
+        return self.standing("block")
 
     def scan(self) -> Trial:
-        """A rock with the irregular hull of a scan."""
-        return self._scan
+        """The rock that stands for a scan."""
+        return self.standing("scan")
 
-    @cached_property
-    def _scan(self) -> Trial:
-        if self._mesh is None:
-            return self._trial(boulder(_stand(), 2.0 * self._engine.collision_margin))
-        return self._standing(MeshRock(shape="mesh", file=self._mesh, density=DENSITY))
+    def standing(self, rock: Rock) -> Trial:
+        """The block or the scan, built once."""
+        if rock not in self._built:
+            body, pedestal = self._body(rock), _stand()
+            trial = Trial(
+                scene=Scene(body, pedestal, self._engine, Contact()),
+                motion=self.pulse(2.0, 2.0),
+                output=Output(log_every=1),
+            )
+            self._built[rock] = with_tail(trial, 0.0)
+        return self._built[rock]
 
-    def _standing(self, rock: BoxRock | MeshRock) -> Trial:
+    def _body(self, rock: Rock) -> RockBody:
         clearance = 2.0 * self._engine.collision_margin
-        return self._trial(build_rock(rock, _stand(), clearance=clearance))
-
-    def _trial(self, rock: RockBody) -> Trial:
-        trial = Trial(
-            scene=Scene(rock, _stand(), self._engine, Contact()),
-            motion=self.pulse(2.0, 2.0),
-            output=Output(log_every=1),
-        )
-        return with_tail(trial, 0.0)
+        wanted: BoxRock | MeshRock = BoxRock(shape="box", size=BLOCK, density=DENSITY)
+        if rock == "scan":
+            if self._mesh is None:
+                return boulder(_stand(), clearance)
+            wanted = MeshRock(shape="mesh", file=self._mesh, density=DENSITY)
+        return build_rock(wanted, _stand(), clearance=clearance)
 
     def push(self, acceleration: float, *, duration: float = 0.6) -> Motion:
-        """A motion that reaches a constant acceleration [m/s^2] smoothly and holds it [s].
-
-        Then it ends as smoothly, and the pedestal stops at once: look before that.
-        """
+        """A smooth rise to a constant acceleration [m/s^2], held so long [s]."""
+        # In the end it comes back as smoothly, and the pedestal stops at once: look before that.
         step = self._engine.time_step
         time = np.arange(round((duration + 2 * RAMP) / step) + 1) * step
         s = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
@@ -126,7 +124,7 @@ class EffectBench:
         return Motion(f"push_{acceleration:g}", step, x, v, a, "recording")
 
     def pulse(self, pga: float, frequency: float) -> Motion:
-        """A cosine pulse, x = A (1 - cos 2 pi F t); PGA [m/s^2], F [Hz]."""
+        """A cosine pulse; PGA [m/s^2], frequency [Hz]."""
         amplitude = pga / (2 * math.pi * frequency) ** 2
         return cosine_motion(amplitude, frequency, self._engine.time_step)
 
@@ -138,7 +136,7 @@ class EffectBench:
         *,
         tail: float = 0.0,
     ) -> Response:
-        """One trial of `trial` with the effect, settled first; `tail` [s] after the motion."""
+        """One trial, settled first, `tail` [s] beyond its motion."""
         trial = with_tail(trial, tail)
         if effect is not None:
             trial = with_effects([trial], [(effect, effect.complete(values or {}))])[0]
@@ -150,10 +148,7 @@ class EffectBench:
         return _response(log, Observation(**{key: result[key][0] for key in OBSERVED}))
 
     def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
-        """Free motion for a time [s]: let go tilted about its edge towards +x [rad] and spinning.
-
-        The spin is about the vertical [rad/s]; tilts count from upright.
-        """
+        """Free motion from a tilt [rad] for a time [s], with a spin [rad/s]."""
         scene, start = trial.scene, trial.start_pose
         margin = 0.0 if isinstance(scene.rock.parts[0], Box) else scene.engine.collision_margin
         turn = (0.0, math.sin(0.5 * tilt), 0.0, math.cos(0.5 * tilt))
@@ -172,14 +167,12 @@ class EffectBench:
             assert state is not None
             rows.append(state)
             pitch.append(simulation.excursion[2])
-        orientation = np.array([state.body_orientation for state in rows])
-        tilts = np.array([_tilt(upright, q) for q in orientation])
+        tilts = np.array([_tilt(upright, state.body_orientation) for state in rows])
+        names = ("time", "position", "velocity", "angular_velocity")
+        series = {name: np.array([getattr(state, name) for state in rows]) for name in names}
         return Response(
-            time=np.array([state.time for state in rows]),
+            **series,
             tilt=tilts,
-            position=np.array([state.position for state in rows]),
-            velocity=np.array([state.velocity for state in rows]),
-            angular_velocity=np.array([state.angular_velocity for state in rows]),
             pedestal=np.zeros(len(rows)),
             pitch=np.array(pitch),
             observation=Observation("rocked", float(tilts.max()), float(tilts[-1]), 0.0, 0.0),
@@ -198,16 +191,12 @@ def _response(log: TrialLog, observation: Observation) -> Response:
         time=log.time[shaken],
         tilt=log.tilt[shaken],
         position=log.position[shaken],
-        velocity=_columns(log, "rock_v", shaken),
-        angular_velocity=_columns(log, "rock_w", shaken),
+        velocity=np.column_stack([log.column(f"rock_v{axis}")[shaken] for axis in "xyz"]),
+        angular_velocity=np.column_stack([log.column(f"rock_w{axis}")[shaken] for axis in "xyz"]),
         pedestal=log.column("pedestal_position")[shaken],
         pitch=log.excursions[shaken, 2] if len(log.excursions) else np.zeros(int(shaken.sum())),
         observation=observation,
     )
-
-
-def _columns(log: TrialLog, prefix: str, rows: NDArray[np.bool_]) -> Array:
-    return np.column_stack([log.column(f"{prefix}{axis}")[rows] for axis in "xyz"])
 
 
 def boulder(pedestal: PedestalBody, clearance: float) -> RockBody:

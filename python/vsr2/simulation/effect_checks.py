@@ -17,7 +17,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +32,11 @@ from vsr2.results import JUDGED, BatchResult
 from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import run_batch
-from vsr2.simulation.bench import EffectBench, with_tail
+from vsr2.simulation.bench import EffectBench, Rock, with_tail
 from vsr2.simulation.scene import native_scene
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
-Rock = Literal["block", "scan"]
 ROCKS: tuple[Rock, ...] = ("block", "scan")
 
 LIFTING = 1.3
@@ -178,20 +176,18 @@ class EffectChecker:
         with _naming(effect, "at the far end of its prior"):
             alive = {rock: self.alive(effect, rock) for rock in ROCKS}
             fast = self.fast(effect)
+        built_in = any(type(effect) is type(one) for one in BUILT_IN)
         with _naming(effect, "in `verify`"):
-            built_in = any(type(effect) is type(one) for one in BUILT_IN)
             right = None if built_in else tuple(effect.verify(self.bench))
         return EffectReport(effect, neutral, step, alive, right, fast)
 
     def neutral(self, effect: Effect) -> bool:
-        """Whether a trial with the null values is the same to the last bit, on both rocks."""
-        return all(self._neutral(effect, self.standing(rock)) for rock in ROCKS)
-
-    def _neutral(self, effect: Effect, trial: Trial) -> bool:
-        # Two trials, so that the order has an end.
-        shaken = replace(trial, motion=self._quick.pulse(4.0, 2.0))
-        plain = [with_tail(shaken, 0.5)] * 2
-        null = with_effects(plain, [(effect, effect.null())], orders=[0.0, 1.0])
+        """Whether trials with the null values are the same to the last bit, on both rocks."""
+        pulse = self._quick.pulse(4.0, 2.0)
+        shaken = [with_tail(replace(self.standing(rock), motion=pulse), 0.5) for rock in ROCKS]
+        # Each twice, so that the order has an end.
+        plain = [trial for trial in shaken for _ in range(2)]
+        null = with_effects(plain, [(effect, effect.null())], orders=[0.0, 1.0] * len(shaken))
         first, second = run_batch(plain, threads=1), run_batch(null, threads=1)
         same = [
             a is not None and b is not None and a.state.tobytes() == b.state.tobytes()
@@ -226,7 +222,7 @@ class EffectChecker:
 
     def standing(self, rock: Rock) -> Trial:
         """The block or the scan on the engine that studies get."""
-        return self._quick.block() if rock == "block" else self._quick.scan()
+        return self._quick.standing(rock)
 
     def motions(self, rock: Rock) -> list[Motion]:
         """Motions under which effects must be alive: lifting, nearly overturning, sliding."""
@@ -262,12 +258,12 @@ def distances(first: Array, second: Array) -> Array:
         Shape (motions, 4).
     """
     out = np.full((len(first), first.shape[2]), np.nan)
-    for place in np.ndindex(*out.shape):
-        a, b = (sample[place[0], :, place[1]] for sample in (first, second))
+    for motion, feature in np.ndindex(*out.shape):
+        a, b = (sample[motion, :, feature] for sample in (first, second))
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
         if min(a.size, b.size) >= FEWEST:
             gap = np.quantile(a, QUANTILES) - np.quantile(b, QUANTILES)
-            out[place] = np.abs(gap).mean()
+            out[motion, feature] = np.abs(gap).mean()
     return out
 
 
@@ -428,16 +424,10 @@ def _features(result: BatchResult) -> Array:
             f"effect check: most trials ended with status {bad}; make the prior milder, so that "
             "the rock comes to rest before the motion"
         )
-    tilt = np.clip(result["peak_tilt"].astype(float), 1e-5, 1.4)
+    peak, yaw, slip = (result[name] for name in ("peak_tilt", "final_yaw", "final_slip"))
     overturned = result["outcome"] == "overturned"
+    found = np.column_stack([np.log10(np.clip(peak, 1e-5, 1.4)), yaw, slip, overturned])
     # Where a rock lies after overturning tells nothing.
-    found = np.column_stack(
-        [
-            np.log10(tilt),
-            np.where(overturned, np.nan, result["final_yaw"].astype(float)),
-            np.where(overturned, np.nan, result["final_slip"].astype(float)),
-            overturned.astype(float),
-        ]
-    )
+    found[overturned, 1:3] = np.nan
     found[~settled] = np.nan
     return found

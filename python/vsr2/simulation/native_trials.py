@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from vsr2 import _native
+from vsr2.config.study import Settling
 from vsr2.motion import Motion
 from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, TrialLog
+from vsr2.scene import Pose
 from vsr2.simulation.planning import log_bytes
 from vsr2.simulation.scene import native_scene
 from vsr2.trial import Trial
@@ -25,52 +27,41 @@ MAX_AHEAD_BYTES = 2**28
 _KEPT_STARTS = 4096
 
 
-class _Specifications:
-    """Native specifications of trials; motions are lent to the core, equal starts settle once.
+def _settled_start(
+    scene: _native.Scene, drive: _native.Drive, body: Pose, settling: Settling, log_every: int
+) -> _native.SettledStart:
+    return _native.SettledStart(
+        scene=scene,
+        drive=drive,
+        position=np.asarray(body.position),
+        orientation=np.asarray(body.orientation),
+        log_every=log_every,
+        **settling.model_dump(),
+    )
 
-    Starts that were not used for a while are let go of: memory does not grow with the batch.
-    """
 
-    def __init__(self) -> None:
-        self._starts: OrderedDict[tuple[Any, ...], _native.SettledStart] = OrderedDict()
-
-    def of(self, trial: Trial) -> _native.TrialSpec:
-        outcome, output = trial.outcome, trial.output
-        return _native.TrialSpec(
-            start=self._start(trial),
-            **_lent(trial.motion),
-            log_every=output.log_every,
-            contacts_every=output.contacts_every,
-            **outcome.model_dump(),
-        )
-
-    def _start(self, trial: Trial) -> _native.SettledStart:
-        if trial.goes_beside_x:
-            drive = _native.Drive.prescribed_spatial
-        elif trial.drive == "prescribed":
-            drive = _native.Drive.prescribed
-        elif trial.motion.kind == "cosine":
-            drive = _native.Drive.motor_position_velocity
-        else:
-            drive = _native.Drive.motor_position
-        body = trial.scene.body_pose(trial.start_pose)
-        log_every = trial.output.log_every if trial.output.log_settling else 0
-        key = (trial.scene.sha256, drive, body, trial.settling, log_every)
-        if key in self._starts:
-            self._starts.move_to_end(key)
-            return self._starts[key]
-        start = _native.SettledStart(
-            scene=native_scene(trial.scene),
-            drive=drive,
-            position=np.asarray(body.position),
-            orientation=np.asarray(body.orientation),
-            log_every=log_every,
-            **trial.settling.model_dump(),
-        )
-        self._starts[key] = start
-        while len(self._starts) > _KEPT_STARTS:
-            self._starts.popitem(last=False)
-        return start
+def _specification(
+    trial: Trial, settled_start: Callable[..., _native.SettledStart]
+) -> _native.TrialSpec:
+    """A trial as the core takes it; the motion is lent."""
+    if trial.goes_beside_x:
+        drive = _native.Drive.prescribed_spatial
+    elif trial.drive == "prescribed":
+        drive = _native.Drive.prescribed
+    elif trial.motion.kind == "cosine":
+        drive = _native.Drive.motor_position_velocity
+    else:
+        drive = _native.Drive.motor_position
+    scene, output = trial.scene, trial.output
+    body = scene.body_pose(trial.start_pose)
+    log_every = output.log_every if output.log_settling else 0
+    return _native.TrialSpec(
+        start=settled_start(native_scene(scene), drive, body, trial.settling, log_every),
+        **_lent(trial.motion),
+        log_every=output.log_every,
+        contacts_every=output.contacts_every,
+        **trial.outcome.model_dump(),
+    )
 
 
 def run_native(
@@ -92,7 +83,8 @@ def run_native(
         stopped: asked every `POLL`; once true, trials that run end with status `cancelled` and no
             others begin.
     """
-    specifications = _Specifications()
+    # Equal starts settle once; those not used for a while go, so memory does not grow.
+    settled_start = lru_cache(_KEPT_STARTS)(_settled_start)
     native = _native.Batch(threads)
     sizes: dict[int, float] = {}
     ahead = 0.0
@@ -104,7 +96,7 @@ def run_native(
                 full = len(sizes) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
                 if full and len(sizes) >= 2 * threads:
                     break
-                sizes[native.add(specifications.of(trials[added]))] = size
+                sizes[native.add(_specification(trials[added], settled_start))] = size
                 ahead += size
                 added += 1
             else:

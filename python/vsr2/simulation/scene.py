@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsr2 import _native
-from vsr2.config.study import Engine, Material
+from vsr2.config.study import Contact, Engine, Material
 from vsr2.errors import SimulationError
 from vsr2.scene import Box, Hull, Scene, Triangles
 
@@ -74,6 +74,11 @@ def _built(scene: Scene) -> _native.Scene:
     except _native.InvalidInput as error:
         raise SimulationError(f"{rock.source or 'scene'}: {error}") from error
     return native
+
+
+def pair_values(contact: Contact) -> _native.ContactPair:
+    """Values in force between rock and pedestal (supplement Eq. 1; Eq. 2 where both are equal)."""
+    return _native.combine(_native_material(contact.rock), _native_material(contact.pedestal))
 
 
 def _native_material(material: Material) -> _native.Material:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from os import PathLike
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -107,14 +108,16 @@ class Simulation:
             )
         self._drive = getattr(_native.Drive, chosen)
         self._start = self.scene.rock.start
-        try:
+        self._begin(self._start if spawn else None)
+
+    def _begin(self, start: Pose | None) -> None:
+        """A fresh world at time 0, with the rock at a pose or without one."""
+        with _refusals(f"drive {self.drive!r}"):
             self._world = _native.World(native_scene(self.scene), self._drive)
-        except _native.InvalidInput as error:
-            raise SimulationError(f"drive {chosen!r}: {error}") from error
         self._steps = 0
         self._command = (0.0, 0.0)
-        if spawn:
-            self.spawn()
+        if start is not None:
+            self.spawn(start)
 
     @property
     def time_step(self) -> float:
@@ -149,10 +152,8 @@ class Simulation:
         """
         pose = start or self.scene.rock.start
         body = self.scene.body_pose(pose)
-        try:
+        with _refusals("spawn"):
             self._world.spawn_rock(np.asarray(body.position), np.asarray(body.orientation))
-        except _native.InvalidInput as error:
-            raise SimulationError(f"spawn: {error}") from error
         self._start = pose
 
     def delete(self) -> None:
@@ -161,17 +162,12 @@ class Simulation:
         Raises:
             SimulationError: there is none.
         """
-        try:
+        with _refusals("delete"):
             self._world.delete_rock()
-        except _native.InvalidInput as error:
-            raise SimulationError(f"delete: {error}") from error
 
     def reset(self) -> None:
         """Back to the start, bit for bit: a fresh world at time 0, the rock where it began."""
-        self._world = _native.World(native_scene(self.scene), self._drive)
-        self._steps = 0
-        self._command = (0.0, 0.0)
-        self.spawn(self._start)
+        self._begin(self._start)
 
     def save_state(self) -> SimulationState:
         """The present state, to go on from later with :meth:`restore_state`.
@@ -197,21 +193,14 @@ class Simulation:
                 f"restore_state: the state is of scene {state.scene_sha256[:12]}, this is scene "
                 f"{self.scene.sha256[:12]}; restore it in a simulation of its own study"
             )
-        try:
+        with _refusals("restore_state"):
             self._world.restore_state(state.world)
-        except _native.InvalidInput as error:
-            raise SimulationError(f"restore_state: {error}") from error
         self._start, self._steps, self._command = state.start, state.steps, state.command
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         del self._world
 
     def step(
@@ -298,22 +287,18 @@ class Simulation:
             raise SimulationError(
                 f"set_rock_velocity: needs three finite numbers each, got {linear} and {angular}"
             )
-        try:
+        with _refusals("set_rock_velocity"):
             self._world.set_rock_velocity(*velocities)
-        except _native.InvalidInput as error:
-            raise SimulationError(f"set_rock_velocity: {error}") from error
 
     @property
     def pedestal(self) -> tuple[float, float]:
         """Achieved position [m] and velocity [m/s] of the pedestal."""
-        position, velocity = self._world.pedestal
-        return float(position), float(velocity)
+        return self._world.pedestal
 
     @property
     def excursion(self) -> tuple[float, float, float]:
         """Of the pedestal beside x: along y and z [m], pitch about y [rad]."""
-        transverse, vertical, pitch = self._world.excursion
-        return float(transverse), float(vertical), float(pitch)
+        return self._world.excursion
 
     @property
     def state(self) -> State:
@@ -322,21 +307,8 @@ class Simulation:
         Raises:
             SimulationError: there is no rock.
         """
-        try:
-            position, orientation, velocity, angular_velocity = self._world.rock
-        except _native.InvalidInput as error:
-            raise SimulationError(f"state: {error}") from error
-        pedestal_position, pedestal_velocity = self.pedestal
-        return State(
-            self.time,
-            *self._command,
-            pedestal_position,
-            pedestal_velocity,
-            position,
-            orientation,
-            velocity,
-            angular_velocity,
-        )
+        with _refusals("state"):
+            return State(self.time, *self._command, *self.pedestal, *self._world.rock)
 
     def contacts(self) -> list[dict[str, Any]]:
         """Contacts of the rock as the last solver step used them, one mapping each.
@@ -346,6 +318,15 @@ class Simulation:
         step [N s], their two directions, and the pair values in force.
         """
         return list(self._world.contacts())
+
+
+@contextmanager
+def _refusals(what: str) -> Iterator[None]:
+    """What the core refuses, as an error that says in doing what."""
+    try:
+        yield
+    except _native.InvalidInput as error:
+        raise SimulationError(f"{what}: {error}") from error
 
 
 def drive_name(study: Study) -> str:

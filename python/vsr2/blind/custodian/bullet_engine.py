@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.custodian.engine import Drawable, Nuisances, TrialInput
-from vsr2.blind.mujoco import Parameter, Response
+from vsr2.blind.custodian.engine import Nuisances, TrialInput
+from vsr2.blind.mujoco import Drawable, Parameter, Response
 from vsr2.config import Study
 from vsr2.config.study import BoxRock, YawStart
 from vsr2.effects import Effect, EffectRangeWarning, apply_effects, library
@@ -79,31 +79,29 @@ class BulletEngine:
         return {name: drawable for name, drawable in found.items() if drawable is not None}
 
     def _drawable(self, effect: Effect) -> Drawable | None:
+        """With the first parameter that is no secondary one as its strength."""
         free = [p for p in effect.parameters if p.prior != "fixed"]
-        first = next((p for p in free if not p.secondary), None)
-        if first is None:
+        free.sort(key=lambda parameter: parameter.secondary)
+        if not free or free[0].secondary:
             return None
-        others = tuple(_parameter(p, p.null) for p in free if p is not first)
-        drifts = effect.stage == "order"
-        return Drawable(effect.name, self._strength(effect.name, first), others, drifts)
+        strength, *others = (self._parameter(effect.name, parameter) for parameter in free)
+        return Drawable(effect.name, strength, tuple(others), effect.stage == "order")
 
-    def _strength(self, effect: str, parameter: EffectParameter) -> Parameter:
-        null = parameter.null
+    def _parameter(self, effect: str, parameter: EffectParameter) -> Parameter:
+        p, null = parameter, parameter.null
         if math.isnan(null):
             # As the study has it: Housner's ratio for an impact, the pair's own spinning friction.
             null = 1.0
             if effect == "spin_friction":
-                from vsr2.simulation import effective_pair
+                from vsr2.simulation import pair_values
 
-                contact = self._study.contact
-                null = effective_pair(contact.rock, contact.pedestal).spinning_friction
-        return _parameter(parameter, null)
+                null = pair_values(self._study.contact).spinning_friction
+        return Parameter(p.name, p.unit, null, p.lower, p.upper, reciprocal=math.isinf(null))
 
     def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
         """Simulate the trials of one campaign, in their order.
 
-        Raises:
-            ValueError: they differ in nuisances, effects or seed.
+        They have one set of nuisances and effects, and one seed of the campaign.
         """
         from vsr2.simulation import run_batch
 
@@ -111,10 +109,6 @@ class BulletEngine:
         if not ordered:
             return
         first = ordered[0]
-        common = (first.nuisances, first.effects, first.context.campaign_seed)
-        for one in ordered:
-            if (one.nuisances, one.effects, one.context.campaign_seed) != common:
-                raise ValueError("trials of a campaign have one set of nuisances, effects and seed")
         trials = self._trials(ordered, first.nuisances, series_interval)
         acting = {name: dict(values) for name, values in first.effects.items()}
         # Relative to Housner's, which the contact's own impacts keep within 1 %.
@@ -202,11 +196,6 @@ class BulletEngine:
                 "contact": study.contact.model_copy(update={"rock": material}),
             }
         )
-
-
-def _parameter(parameter: EffectParameter, null: float) -> Parameter:
-    p = parameter
-    return Parameter(p.name, p.unit, null, p.lower, p.upper, reciprocal=math.isinf(null))
 
 
 def _observed(overturned: bool, peak_tilt: float, log: TrialLog) -> Response:

@@ -17,10 +17,25 @@ from vsr2.motion import Record
 
 Array = NDArray[np.float64]
 
-SPREAD = (-0.55, 0.4)
-"""Of ln PGA about a motion's overturning PGA, within a campaign."""
-SHIFT = 0.12
-"""Standard deviation of what a protocol adds to it."""
+
+@dataclass(frozen=True)
+class DesignRules:
+    """How amplitudes lie about a motion's overturning PGA; all are choices, none is fitted.
+
+    Attributes:
+        spread: ends of ln PGA over the overturning PGA, within a campaign.
+        shift: standard deviation of what a protocol adds to it.
+        step: factor between amplitudes tried for the overturning PGA.
+        steps: tried at most, from the static threshold.
+    """
+
+    spread: tuple[float, float] = (-0.55, 0.4)
+    shift: float = 0.12
+    step: float = 1.12
+    steps: int = 10
+
+
+DESIGN = DesignRules()
 NUISANCES = ("width", "depth", "height", "energy_ratio", "friction")
 
 
@@ -166,12 +181,12 @@ def overturning_pga(engine: Engine, motion: GroundMotion) -> float:
     static threshold at which it overturns, at most 3.1 times that.
     """
     low = engine.static_pga
-    for step in range(10):
-        pga = low * 1.12**step
+    for step in range(DESIGN.steps):
+        pga = low * DESIGN.step**step
         trial = TrialInput(motion.interval, motion.displacement * pga)
         if next(iter(engine.run([trial], 1.0))).overturned:
             return pga
-    return low * 1.12**10
+    return low * DESIGN.step**DESIGN.steps
 
 
 def draw_design(
@@ -194,13 +209,14 @@ def draw_design(
         sessions: number of them.
     """
     chosen = rng.permutation(len(thresholds))[:motions]
-    shift = SHIFT * rng.standard_normal()
+    shift = DESIGN.shift * rng.standard_normal()
+    low, high = DESIGN.spread
     counts = [trials // motions + (i < trials % motions) for i in range(motions)]
     blocks: list[list[tuple[int, float]]] = []
     for motion, count in zip(chosen, counts, strict=True):
         # Stratified, so that every motion is run below and above its threshold.
         quantile = (np.arange(count) + rng.random(count)) / count
-        level = SPREAD[0] + (SPREAD[1] - SPREAD[0]) * quantile + shift
+        level = low + (high - low) * quantile + shift
         pga = [round(thresholds[motion] * math.exp(value), 3) for value in level]
         half = rng.permutation(count) < count // 2
         for part in (half, ~half):

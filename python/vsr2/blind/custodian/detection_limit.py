@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.custodian.design import NUISANCES, Protocol, draw_inputs, draw_nuisances
-from vsr2.blind.custodian.engine import Drawable, Engine
+from vsr2.blind.custodian.engine import Engine
 from vsr2.blind.form.pack_settings import PackSettings
+from vsr2.blind.mujoco import Drawable
 
 Array = NDArray[np.float64]
 
@@ -53,20 +54,6 @@ def observations(overturned: Sequence[bool], peak_tilt: Sequence[float]) -> Arra
     """Outcome and logarithm of the largest tilt (clipped to 0.005 to 1 rad), shape (2 n,)."""
     tilt = np.log(np.clip(np.asarray(peak_tilt, dtype=np.float64), *RULES.tilts))
     return np.concatenate([np.asarray(overturned, dtype=np.float64), tilt])
-
-
-@dataclass(frozen=True)
-class DetectionLimit:
-    """Of one effect on one side of its null, as a search proposes it.
-
-    Attributes:
-        magnitude: distance of the strength from its null at which signal over noise is about 3, in
-            the strength's scale; infinity where none was found in the window.
-        signal: (magnitude, signal over noise) as measured.
-    """
-
-    magnitude: float
-    signal: tuple[tuple[float, float], ...]
 
 
 def squared_signal(changes: Array, covariance: Array) -> float:
@@ -198,8 +185,11 @@ class SignalMeter:
         own = scale * np.maximum(own, (changes.mean(axis=0) / RULES.most_deviations) ** 2)
         return math.sqrt(max(0.0, squared_signal(changes, common + np.diag(own))))
 
-    def limit(self, effect: Drawable, sign: int) -> DetectionLimit:
-        """About where signal over noise is 3, by a search over simulated magnitudes.
+    def limit(self, effect: Drawable, sign: int) -> float:
+        """Magnitude at which signal over noise is about 3, by a search over simulated ones.
+
+        It is the distance of the strength from its null on one side, in the strength's scale;
+        infinity where none was found in the window.
 
         Other parameters lie at quantiles of their own for each magnitude. Signals grow about as the
         magnitude, which gives the next one to try, within what is known to be above and below. What
@@ -220,7 +210,7 @@ class SignalMeter:
 
         below, above = 0.0, math.inf
         if low < least and ratio_at(least) >= 1:
-            return DetectionLimit(math.inf, tuple(found.items()))
+            return math.inf
         magnitude = max(least, 0.3 * high)
         for _ in range(RULES.search_steps):
             ratio = ratio_at(magnitude)
@@ -236,17 +226,14 @@ class SignalMeter:
             magnitude = min(high, max(least, after))
             if magnitude in found:
                 break
-        measured = tuple(sorted(found.items()))
-        return DetectionLimit(_crossing(measured, least, high), measured)
+        return _crossing(sorted(found.items()), high)
 
 
-def _crossing(measured: Sequence[tuple[float, float]], least: float, high: float) -> float:
+def _crossing(measured: Sequence[tuple[float, float]], high: float) -> float:
     """The magnitude at the detection level, from the measured one that is nearest to it."""
     near = [(m, s) for m, s in measured if RULES.window[0] <= s / RULES.detected <= RULES.window[1]]
     if not near:
         return math.inf
     m, s = min(near, key=lambda pair: abs(math.log(pair[1] / RULES.detected)))
-    if m == least and s > RULES.detected:
-        # Strong wherever it acts: the limit lies below the range.
-        return m * RULES.detected / s
+    # Of what is strong wherever it acts, the limit lies below the range.
     return min(high, m * RULES.detected / s)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco import Parameter, Response, TrialContext
+from vsr2.blind.mujoco import Drawable, Response, TrialContext
 from vsr2.config import Study
 from vsr2.errors import BlindError
 
@@ -55,30 +55,6 @@ class TrialInput:
     yaw: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
     context: TrialContext = field(default_factory=TrialContext)
-
-
-@dataclass(frozen=True)
-class Drawable:
-    """An effect as the custodian draws it.
-
-    Attributes:
-        name: canonical.
-        strength: says how strong it is; drawn relative to the detection limit.
-        others: drawn uniformly.
-        drifts: whether it changes over the campaign.
-    """
-
-    name: str
-    strength: Parameter
-    others: tuple[Parameter, ...] = ()
-    drifts: bool = False
-
-    def values(self, magnitude: float, others: Sequence[float]) -> dict[str, float]:
-        """By parameter, at a signed distance of the strength and given quantiles of the others."""
-        out = {self.strength.name: self.strength.value(magnitude)}
-        for other, quantile in zip(self.others, others, strict=True):
-            out[other.name] = other.low + quantile * (other.high - other.low)
-        return out
 
 
 class Engine(Protocol):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import platform
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +19,12 @@ from vsr2.blind.custodian.design import (
     catalogue,
     draw_inputs,
     draw_protocol,
+    overturning_pga,
 )
-from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit
-from vsr2.blind.custodian.engine import Drawable, Engine, TrialInput, build_engine
-from vsr2.blind.custodian.measurements import Measurements, Say
-from vsr2.blind.custodian.plan import Drawn, Planned, check_hidden, draw_plan, not_drawn
+from vsr2.blind.custodian.detection_limit import RULES
+from vsr2.blind.custodian.engine import Engine, build_engine
+from vsr2.blind.custodian.measurements import Measurements, Say, Steps, read_back
+from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.custodian.recording import RANGE, recorded_campaign
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import PackSettings
@@ -45,18 +44,17 @@ from vsr2.blind.form.seal import (
     set_time_stamps,
     write_json,
 )
-from vsr2.blind.mujoco import Response
+from vsr2.blind.mujoco import Drawable, Response
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 5
-"""Of the data and of what is drawn; campaigns of two forms are not mixed in a pack."""
+FORM = 6
+"""Of the data, of what is drawn and of the steps kept; a pack of another form is not continued."""
 _STATE = "custodian.json"
-_MEASUREMENTS = "measurements.json"
-_ENTRIES = "entries"
+_STEPS = "steps.json"
 PLACEMENTS = 6
 """Draws of a campaign, until its rock rests before every motion."""
 
@@ -113,54 +111,53 @@ def make_pack(
     data = pack / "data"
     _check_asked(pack, data, key, seed)
     engines = {name: build_engine(name, study) for name in settings.engines}
-    effects = {
-        name: _allowed(engine, settings) for name, engine in engines.items() if settings.asks(name)
-    }
-    classes = [{settings.class_of(name) for name in found} for found in effects.values()]
-    if classes:
-        most = len(set.intersection(*classes))
-        check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
+    effects = _allowed(engines, settings)
     state = _begin(study, data, key, settings, seed)
-    data.mkdir(parents=True, exist_ok=True)
-    (key / _ENTRIES).mkdir(exist_ok=True)
-    for folder in (data, key, key / _ENTRIES):
-        _clear(folder)
-    if not (data / PACK_FILE).exists():
-        _write_scene(study, data)
+    _prepare(study, data, key)
     number = int(state["seed"])
     motions = catalogue(number, settings.catalogue)
-    measured = Measurements(key / _MEASUREMENTS, engines, settings, number, say)
-    thresholds = measured.thresholds(settings.engines[0], motions)
+    steps = Steps(key / _STEPS)
+
+    def amplitudes() -> list[float]:
+        say(f"{settings.engines[0]}: amplitudes of {len(motions)} motions")
+        return [overturning_pga(engines[settings.engines[0]], motion) for motion in motions]
+
+    thresholds = steps.once("overturning_pga", amplitudes)
     protocols = [
         draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
         for i in range(settings.protocols)
     ]
-    limits = measured.limits(effects, protocols)
-    drawn = draw_plan(number, settings, effects, limits, partial(measured.relative, protocols))
-    for done, planned in enumerate(plan := drawn.campaigns):
-        file = key / _ENTRIES / f"{planned.id}.json"
-        if file.exists() and (data / planned.id).is_dir():
-            continue
-        engine, protocol = engines[planned.engine], protocols[planned.protocol]
-        entry = _campaign(data, planned, engine, protocol, settings, number)
-        write_json(file, entry, private=True)
-        say(f"campaign {done + 1} of {len(plan)}")
-    if not (data / PACK_FILE).exists():
-        _write_together(data, sorted(planned.id for planned in plan))
-    entries = {p.id: read_json(key / _ENTRIES / f"{p.id}.json") for p in plan}
+    measured = Measurements(steps, engines, protocols, settings, number, say)
+    limits = {
+        (engine, name, sign): measured.limit(engine, effect, sign)
+        for engine, known in effects.items()
+        for name, effect in known.items()
+        for sign in effect.strength.reach()
+    }
+    plan = draw_plan(number, settings, effects, limits, measured.relative)
+    entries = {}
+    for done, planned in enumerate(plan.campaigns, 1):
+
+        def simulated(planned: Planned = planned, done: int = done) -> dict[str, Any]:
+            say(f"campaign {done} of {len(plan.campaigns)}")
+            engine, protocol = engines[planned.engine], protocols[planned.protocol]
+            return _campaign(data, planned, engine, protocol, settings, number)
+
+        gone = not (data / planned.id).is_dir()
+        entries[planned.id] = steps.once(f"campaign {planned.id}", simulated, again=gone)
     if (data / PACK_FILE).exists():
         # Its hash may be published: it stays, whatever versions run now.
         open_key(data, key)
         sealed = str(read_json(data / PACK_FILE)["commitment"]["sha256"])
     else:
+        _write_together(data, sorted(entries))
         sealed = _seal(data, key, state, settings, engines, limits, entries)
     set_time_stamps(data)
-    refused = {
-        name: {e: count for (on, e), count in sorted(drawn.refused.items()) if on == name}
-        for name in effects
-    }
     return Made(
-        len(plan), sealed, {name: not_drawn(effects, limits, name) for name in effects}, refused
+        len(entries),
+        sealed,
+        {name: not_drawn(effects, limits, name) for name in effects},
+        {name: dict(sorted(plan.refused.get(name, {}).items())) for name in effects},
     )
 
 
@@ -179,16 +176,27 @@ def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
             )
 
 
-def _allowed(engine: Engine, settings: PackSettings) -> dict[str, Drawable]:
-    """The effects that may be drawn."""
-    unknown = set(settings.effects) - set(engine.effects)
-    if unknown:
-        raise BlindError(
-            f"engine {engine.name} has no effect {min(unknown)!r}; it has "
-            f"{', '.join(engine.effects)}"
+def _allowed(
+    engines: Mapping[str, Engine], settings: PackSettings
+) -> dict[str, dict[str, Drawable]]:
+    """The effects that may be drawn, by engine and name."""
+    out = {}
+    for name, engine in engines.items():
+        if not settings.asks(name):
+            continue
+        unknown = set(settings.effects) - set(engine.effects)
+        if unknown:
+            raise BlindError(
+                f"engine {name} has no effect {min(unknown)!r}; it has {', '.join(engine.effects)}"
+            )
+        allowed = settings.effects or engine.effects
+        out[name] = {one: effect for one, effect in engine.effects.items() if one in allowed}
+    if out:
+        most = len(
+            set.intersection(*({settings.class_of(one) for one in of} for of in out.values()))
         )
-    allowed = settings.effects or engine.effects
-    return {name: effect for name, effect in engine.effects.items() if name in allowed}
+        check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
+    return out
 
 
 def _begin(
@@ -198,7 +206,7 @@ def _begin(
     asked: dict[str, Any] = {
         "form": FORM,
         # Through JSON, so that tuples compare as the lists that a file holds.
-        "settings": _read_back(settings.to_json()),
+        "settings": read_back(settings.to_json()),
         "scene_sha256": hashlib.sha256(canonical(_scene(study))).hexdigest(),
     }
     file = getattr(study.rock, "file", None)
@@ -238,20 +246,6 @@ def _begin(
     return state
 
 
-def _clear(folder: Path) -> None:
-    """Remove what a killed writer left behind."""
-    for path in folder.glob(".*.tmp"):
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink()
-
-
-def _read_back(content: Any) -> Any:
-    """As it is after JSON."""
-    return json.loads(json.dumps(content))
-
-
 def _scene(study: Study) -> dict[str, Any]:
     """The nominal scene as plain data; the motion is a mere placeholder."""
     content = study.model_dump(mode="json", exclude_unset=True)
@@ -263,7 +257,16 @@ def _scene(study: Study) -> dict[str, Any]:
     return content
 
 
-def _write_scene(study: Study, data: Path) -> None:
+def _prepare(study: Study, data: Path, key: Path) -> None:
+    """Remove what a killed writer left behind, and write the scene of an unfinished pack."""
+    data.mkdir(parents=True, exist_ok=True)
+    for left in (*data.glob(".*.tmp"), *key.glob(".*.tmp")):
+        if left.is_dir():
+            shutil.rmtree(left)
+        else:
+            left.unlink()
+    if (data / PACK_FILE).exists():
+        return
     (data / SCENE_FILE).write_text(dump_yaml(_scene(study)), encoding="utf-8")
     file = getattr(study.rock, "file", None)
     if file is not None:
@@ -285,56 +288,43 @@ def _campaign(
     Raises:
         SimulationError: nor does it in any of `PLACEMENTS` draws.
     """
-    for attempt in range(PLACEMENTS - 1):
+    for attempt in range(PLACEMENTS):
+        rng = np.random.default_rng([seed, 401, planned.index, *([attempt] if attempt else [])])
+        gain, inputs = draw_inputs(rng, protocol, settings)
+        *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
+        plain = [
+            replace(one, context=replace(one.context, campaign_seed=common, trial_seed=own))
+            for one, own in zip(inputs, seeds, strict=True)
+        ]
+        acting = {effect.name: effect.values for effect in planned.effects}
+        weights: list[float] = []
         try:
-            return _drawn(data, planned, engine, protocol, settings, (seed, attempt))
+            shaken = [replace(one, effects=acting) for one in plain]
+            seen = list(engine.run(shaken, settings.series_interval or 1.0))
+            if acting:
+                # The same campaign without the effect, all else equal: where the effect acts.
+                nominal = engine.run(plain, 1.0)
+                weights = [_change(a, b) for a, b in zip(seen, nominal, strict=True)]
+            break
         except SimulationError:
-            continue
-    return _drawn(data, planned, engine, protocol, settings, (seed, PLACEMENTS - 1))
-
-
-def _drawn(
-    data: Path,
-    planned: Planned,
-    engine: Engine,
-    protocol: Protocol,
-    settings: PackSettings,
-    seed: tuple[int, int],
-) -> dict[str, Any]:
-    number, attempt = seed
-    rng = np.random.default_rng([number, 401, planned.index, *([attempt] if attempt else [])])
-    gain, inputs = draw_inputs(rng, protocol, settings)
-    *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
-    plain = [
-        replace(one, context=replace(one.context, campaign_seed=common, trial_seed=own))
-        for one, own in zip(inputs, seeds, strict=True)
-    ]
-    acting = {effect.name: effect.values for effect in planned.effects}
-    shaken: list[TrialInput] = [replace(one, effects=acting) for one in plain]
-    seen = list(engine.run(shaken, settings.series_interval or 1.0))
-    weights: list[float] = []
-    if acting:
-        # The same campaign without the effect, all else equal: where the effect acts.
-        weights = [_change(a, b) for a, b in zip(seen, engine.run(plain, 1.0), strict=True)]
+            if attempt == PLACEMENTS - 1:
+                raise
     campaign = recorded_campaign(planned.id, protocol, seen, settings, rng)
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
     save_campaign(campaign, folder)
     set_time_stamps(folder)
-    entry: dict[str, Any] = _read_back(
-        {
-            "kind": planned.kind,
-            "engine": planned.engine,
-            "effects": [asdict(effect) for effect in planned.effects],
-            "exclude": list(planned.exclude),
-            "protocol": planned.protocol,
-            "nuisances": asdict(inputs[0].nuisances) | {"input_gain": gain},
-            "where": {"axis": _axis(planned.effects), "weights": weights},
-            "data_sha256": folder_sha256(folder),
-        }
-    )
-    return entry
+    return {
+        "kind": planned.kind,
+        "engine": planned.engine,
+        "effects": [asdict(effect) for effect in planned.effects],
+        "exclude": list(planned.exclude),
+        "protocol": planned.protocol,
+        "nuisances": asdict(inputs[0].nuisances) | {"input_gain": gain},
+        "where": {"axis": _axis(planned.effects), "weights": weights},
+        "data_sha256": folder_sha256(folder),
+    }
 
 
 def _write_together(data: Path, names: Sequence[str]) -> None:
@@ -366,13 +356,13 @@ def _seal(
     state: Mapping[str, Any],
     settings: PackSettings,
     engines: Mapping[str, Engine],
-    limits: Mapping[tuple[str, str, int], DetectionLimit],
+    limits: Limits,
     entries: dict[str, Any],
 ) -> str:
     versions = {"numpy": np.__version__, "python": platform.python_version()}
     for engine in engines.values():
         versions |= dict(engine.versions)
-    content = _read_back(
+    content = read_back(
         {
             "campaigns": entries,
             "settings": settings.to_json(),
@@ -381,9 +371,7 @@ def _seal(
             "seed": state["seed"],
             "versions": versions,
             "detection_limits": {
-                f"{engine} {name} {sign:+d}": limit.magnitude
-                if math.isfinite(limit.magnitude)
-                else None
+                f"{engine} {name} {sign:+d}": limit if math.isfinite(limit) else None
                 for (engine, name, sign), limit in limits.items()
             },
         }
@@ -411,5 +399,5 @@ def _seal(
         ],
         "commitment": {"algorithm": "sha256(salt + canonical key)", "sha256": sealed},
     }
-    write_json(data / PACK_FILE, _read_back(published))
+    write_json(data / PACK_FILE, read_back(published))
     return sealed

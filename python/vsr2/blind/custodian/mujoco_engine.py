@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from vsr2.blind.custodian.engine import Drawable, TrialInput
+from vsr2.blind.custodian.engine import TrialInput
 from vsr2.blind.mujoco import (
     EFFECTS,
     Body,
+    Drawable,
     Response,
     Situation,
     TableMotion,
@@ -44,12 +45,11 @@ class MujocoEngine:
             ) from None
         self._version = str(mujoco.__version__)
         rock = study.rock
+        self._size: tuple[float, float, float] | None = None
         if isinstance(rock, BoxRock):
-            width, depth, height = rock.size
-            self._size: tuple[float, float, float] | None = (width, depth, height)
-            density = rock.density or (rock.mass or 0.0) / (width * depth * height)
-            self._nominal = block(width, depth, height, density)
-            self._density = density
+            self._size = rock.size
+            self._density = rock.density or (rock.mass or 0.0) / math.prod(rock.size)
+            self._nominal = block(*rock.size, self._density)
         elif isinstance(rock, MeshRock):
             upright = rock.start.mode == "yaw" and rock.start.base_orientation == (0, 0, 0, 1)
             if not upright or rock.file.suffix.lower() != ".obj":
@@ -57,16 +57,13 @@ class MujocoEngine:
                     f"engine mujoco: {rock.file} must be an OBJ that stands as it is; turn the "
                     "mesh upright and start it with `mode: yaw`"
                 )
-            self._size = None
             try:
                 self._nominal = _scaled(read_hull(rock.file, 1.0), (rock.scale,) * 3)
             except (OSError, ValueError) as error:
                 raise BlindError(f"engine mujoco: {rock.file}: {error}") from None
             mass = rock.mass or (rock.density or 0.0) * self._nominal.mass
-            factor = mass / self._nominal.mass
-            self._nominal = replace(
-                self._nominal, mass=mass, inertia=self._nominal.inertia * factor
-            )
+            inertia = self._nominal.inertia * (mass / self._nominal.mass)
+            self._nominal = replace(self._nominal, mass=mass, inertia=inertia)
         else:
             raise BlindError(
                 f"study {study.name!r}: rock.shape is {rock.shape!r}, but the engine mujoco takes "
@@ -88,10 +85,7 @@ class MujocoEngine:
     @property
     def effects(self) -> Mapping[str, Drawable]:
         """All that the independent simulation has."""
-        return {
-            name: Drawable(name, effect.strength, effect.parameters[1:], effect.drifts)
-            for name, effect in EFFECTS.items()
-        }
+        return EFFECTS
 
     def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
         """Simulate trials, in their order."""

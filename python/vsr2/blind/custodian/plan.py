@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsr2.blind.custodian.detection_limit import RULES, DetectionLimit
-from vsr2.blind.custodian.engine import Drawable
+from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.form.pack_settings import Kind, PackSettings
+from vsr2.blind.mujoco import Drawable
 from vsr2.errors import BlindError
 
 
@@ -72,14 +72,14 @@ class Plan:
     """
 
     campaigns: tuple[Planned, ...]
-    refused: Mapping[tuple[str, str], int]
+    refused: Mapping[str, Mapping[str, int]]
 
 
 Measure = Callable[[str, int, Drawable, Mapping[str, float]], float]
 """Of an engine, the number of a protocol, an effect and the values of all its parameters: signal
 over noise over that at the detection limit. The same for the same arguments."""
-Limits = Mapping[tuple[str, str, int], DetectionLimit]
-"""By engine, effect and sign."""
+Limits = Mapping[tuple[str, str, int], float]
+"""Detection limits by engine, effect and sign; infinity: there is none."""
 Effects = Mapping[str, Mapping[str, Drawable]]
 """By engine and name."""
 
@@ -94,8 +94,8 @@ def directions(effects: Effects, limits: Limits, engine: str) -> list[tuple[str,
         (name, sign)
         for (on, name, sign), limit in sorted(limits.items())
         if on == engine
-        and math.isfinite(limit.magnitude)
-        and effects[engine][name].strength.reach()[sign][0] <= RULES.window[1] * limit.magnitude
+        and math.isfinite(limit)
+        and effects[engine][name].strength.reach()[sign][0] <= RULES.window[1] * limit
     ]
 
 
@@ -173,31 +173,34 @@ def draw_plan(
         if settings.leave_one_out:
             # Once an effect, so that decoys are as often of a class as effects that are left out.
             left_out = [settings.class_of(name) for name in sorted({name for name, _ in mine})]
-        decks[engine] = _Deck(rng, engine, settings, mine, left_out)
+        near = {(name, sign): limits[engine, name, sign] for name, sign in mine}
+        known = effects.get(engine, {})
+        decks[engine] = _Deck(rng, engine, settings, known, near, left_out, measure)
         check_hidden(settings, len(set(left_out)))
-    asked: list[tuple[Kind, str, str | None]] = []
+    asked: list[tuple[Kind, _Deck, str | None]] = []
     for engine, deck in decks.items():
         for kind, count in settings.counts(engine).items():
-            asked += [(kind, engine, None)] * count
+            asked += [(kind, deck, None)] * count
         for _ in range(settings.leave_one_out):
-            asked += [(Kind.UNKNOWN, engine, name) for name in deck.names]
+            asked += [(Kind.UNKNOWN, deck, name) for name in deck.names]
     protocols = rng.permutation(np.arange(len(asked)) % settings.protocols)
-    drawer = _Drawer(rng, effects, limits, measure)
     made: list[Planned] = []
-    for (kind, engine, only), protocol in zip(asked, protocols, strict=True):
-        planned = Planned(-1, "", kind, engine, int(protocol))
-        drawn = _dealt(decks[engine], drawer, planned, only)
+    for (kind, deck, only), protocol in zip(asked, map(int, protocols), strict=True):
+        drawn = deck.campaign(kind, protocol, only)
         if drawn is not None:
-            made.append(replace(planned, effects=drawn))
+            made.append(Planned(-1, "", kind, deck.engine, protocol, drawn))
     excluded = _left_out(rng, settings, made, {e: deck.hidden for e, deck in decks.items()})
-    ids = _ids(rng, len(made))
-    indices = [int(index) for index in rng.permutation(len(made))]
+    ids: dict[str, None] = {}
+    while len(ids) < len(made):
+        ids["c" + rng.bytes(6).hex()] = None
+    indices = rng.permutation(len(made)).tolist()
     campaigns = [
-        replace(planned, index=index, id=ids[index], exclude=tuple(sorted(members)))
+        replace(planned, index=index, id=list(ids)[index], exclude=tuple(sorted(members)))
         for index, planned, members in zip(indices, made, excluded, strict=True)
     ]
     campaigns.sort(key=lambda planned: planned.index)
-    return Plan(tuple(campaigns), dict(drawer.refused))
+    refused = {engine: dict(deck.refused) for engine, deck in decks.items() if deck.refused}
+    return Plan(tuple(campaigns), refused)
 
 
 def _left_out(
@@ -237,28 +240,99 @@ def _left_out(
     return out
 
 
-class _Drawer:
-    """Draws values of effects until one is measured in the window."""
+class _Deck:
+    """Deals effects of one engine evenly, at random, and draws their values.
+
+    Args:
+        rng: of the plan.
+        engine: whose effects they are.
+        settings: of the pack.
+        effects: of the engine.
+        limits: detection limits by effect and sign, of those that can be drawn.
+        hidden: classes that may be left out of the library.
+        measure: the signal of a draw.
+    """
 
     def __init__(
-        self, rng: np.random.Generator, effects: Effects, limits: Limits, measure: Measure
+        self,
+        rng: np.random.Generator,
+        engine: str,
+        settings: PackSettings,
+        effects: Mapping[str, Drawable],
+        limits: Mapping[tuple[str, int], float],
+        hidden: Sequence[tuple[str, ...]],
+        measure: Measure,
     ) -> None:
         self._rng = rng
+        self._class_of = settings.class_of
         self._effects = effects
         self._limits = limits
         self._measure = measure
-        self.refused: Counter[tuple[str, str]] = Counter()
+        self.engine = engine
+        self.hidden = hidden
+        self.names = sorted({name for name, _ in limits})
+        self.refused: Counter[str] = Counter()
+        self._rest: dict[bool, list[tuple[str, ...]]] = {False: [], True: []}
+        needed = 1 + (settings.counts(engine)[Kind.PAIR] > 0)
+        classes = {settings.class_of(name) for name in self.names}
+        if settings.asks(engine) and (len(classes) < needed or not hidden):
+            raise BlindError(
+                f"engine {engine}: {len(self.names)} effects can be drawn from 0.5 to 6 times "
+                f"their detection limit, too few for this pack; raise trials ({settings.trials}), "
+                "or allow more effects"
+            )
 
-    def draw(self, planned: Planned, name: str, sign: int) -> Drawn | None:
-        """An effect of a campaign; None: no draw of it was measured in the window.
+    def campaign(self, kind: Kind, protocol: int, only: str | None) -> tuple[Drawn, ...] | None:
+        """Effects of different classes for a campaign, as they come from the deck.
+
+        `only`: the one effect that it may have; None where no draw of it was in the window.
+        """
+        if only is not None:
+            one = self._draw(only, protocol)
+            return None if one is None else (one,)
+        out: list[Drawn] = []
+        passed: set[str] = set()
+        while len(out) < {Kind.NONE: 0, Kind.PAIR: 2}.get(kind, 1):
+            name = self._deal(passed, hidden=kind is Kind.UNKNOWN)
+            one = self._draw(name, protocol)
+            if one is None:
+                passed.add(name)
+            else:
+                out.append(one)
+                passed.update(self._class_of(name))
+        return tuple(out)
+
+    def _deal(self, passed: Collection[str], *, hidden: bool) -> str:
+        """The next effect that is not passed over.
+
+        Of those that may be left out (`hidden`) a class first, and then an effect of it.
+        """
+        groups = self.hidden if hidden else [(name,) for name in self.names]
+        if not {name for group in groups for name in group if name in self.names} - set(passed):
+            raise BlindError(
+                f"engine {self.engine}: of no effect that may still be drawn for a campaign were "
+                "values measured from 0.5 to 6 times their detection limit in "
+                f"{RULES.attempts} draws; raise trials, or allow more effects"
+            )
+        rest = self._rest[hidden]
+        while True:
+            if not rest:
+                rest += [groups[i] for i in self._rng.permutation(len(groups))]
+            chosen = rest.pop()
+            found = [name for name in self.names if name in chosen and name not in passed]
+            if found:
+                return found[int(self._rng.integers(len(found)))] if hidden else found[0]
+
+    def _draw(self, name: str, protocol: int) -> Drawn | None:
+        """Values of an effect; None: no draw of it was measured in the window.
 
         What a draw outside was measured at moves the limit that the next ones start from.
         """
-        engine = planned.engine
-        effect = self._effects[engine][name]
-        strength = effect.strength
+        effect, strength = self._effects[name], self._effects[name].strength
+        signs = [sign for one, sign in self._limits if one == name]
+        sign = signs[int(self._rng.integers(len(signs)))]
         low, high = strength.reach()[sign]
-        limit = self._limits[engine, name, sign].magnitude
+        limit = self._limits[name, sign]
         for _ in range(RULES.attempts):
             least = min(max(RULES.window[0] * limit, low), high)
             most = max(min(RULES.window[1] * limit, high), least)
@@ -268,7 +342,7 @@ class _Drawer:
                 key: float(f"{value:.6g}")
                 for key, value in effect.values(sign * magnitude, others).items()
             }
-            relative = float(f"{self._measure(engine, planned.protocol, effect, values):.4g}")
+            relative = float(f"{self._measure(self.engine, protocol, effect, values):.4g}")
             if RULES.window[0] <= relative <= RULES.window[1]:
                 null = strength.null if math.isfinite(strength.null) else None
                 return Drawn(
@@ -276,111 +350,5 @@ class _Drawer:
                 )
             there = magnitude / relative if relative > 0 else math.inf
             limit = min(max(there, limit / RULES.step), limit * RULES.step)
-        self.refused[engine, name] += 1
+        self.refused[name] += 1
         return None
-
-
-def _ids(rng: np.random.Generator, count: int) -> list[str]:
-    ids: dict[str, None] = {}
-    while len(ids) < count:
-        ids["c" + rng.bytes(6).hex()] = None
-    return list(ids)
-
-
-class _Deck:
-    """Deals effects evenly, at random.
-
-    Attributes:
-        engine: whose effects they are.
-        hidden: classes that may be left out of the library.
-        names: of all effects, in order.
-    """
-
-    def __init__(
-        self,
-        rng: np.random.Generator,
-        engine: str,
-        settings: PackSettings,
-        found: Sequence[tuple[str, int]],
-        hidden: Sequence[tuple[str, ...]],
-    ) -> None:
-        self._rng = rng
-        self._class_of = settings.class_of
-        self._signs: dict[str, list[int]] = {}
-        for name, sign in found:
-            self._signs.setdefault(name, []).append(sign)
-        needed = 1 + (settings.counts(engine)[Kind.PAIR] > 0)
-        classes = {settings.class_of(name) for name in self._signs}
-        if settings.asks(engine) and (len(classes) < needed or not hidden):
-            raise BlindError(
-                f"engine {engine}: {len(self._signs)} effects can be drawn from 0.5 to 6 times "
-                f"their detection limit, too few for this pack; raise trials ({settings.trials}), "
-                "or allow more effects"
-            )
-        self.engine = engine
-        self.hidden = list(hidden)
-        self.names = sorted(self._signs)
-        self._rest: list[str] = []
-        self._hidden_rest: list[tuple[str, ...]] = []
-
-    def deal(self, passed: Collection[str], *, hidden: bool) -> str | None:
-        """The next effect that is not passed over; None: there is no other.
-
-        Of those that may be left out (`hidden`) a class first, and then an effect of it.
-        """
-        allowed = {n for n in self._signs if not hidden or self._class_of(n) in self.hidden}
-        if allowed <= set(passed):
-            return None
-        while True:
-            found = [n for n in self._next(hidden) if n not in passed]
-            if found:
-                return found[int(self._rng.integers(len(found)))] if hidden else found[0]
-
-    def _next(self, hidden: bool) -> list[str]:
-        """The effects of the next class that may be left out, or the next effect."""
-        if hidden:
-            if not self._hidden_rest:
-                order = self._rng.permutation(len(self.hidden))
-                self._hidden_rest = [self.hidden[i] for i in order]
-            chosen = self._hidden_rest.pop()
-            return [name for name in self.names if name in chosen]
-        if not self._rest:
-            self._rest = [self.names[i] for i in self._rng.permutation(len(self.names))]
-        return [self._rest.pop()]
-
-    def sign(self, name: str) -> int:
-        """Of its null, the side on which an effect acts; one of those that can be drawn."""
-        return self._signs[name][int(self._rng.integers(len(self._signs[name])))]
-
-    def class_members(self, name: str) -> list[str]:
-        """The effects of the deck in the class of one, and it."""
-        return [other for other in self._signs if other in self._class_of(name)]
-
-
-def _dealt(
-    deck: _Deck, drawer: _Drawer, planned: Planned, only: str | None
-) -> tuple[Drawn, ...] | None:
-    """Effects of different classes for a campaign, as they come from the deck.
-
-    `only`: the one effect that the campaign may have; None where no draw of it was in the window.
-    """
-    if only is not None:
-        one = drawer.draw(planned, only, deck.sign(only))
-        return None if one is None else (one,)
-    out: list[Drawn] = []
-    passed: set[str] = set()
-    while len(out) < {Kind.NONE: 0, Kind.PAIR: 2}.get(planned.kind, 1):
-        name = deck.deal(passed, hidden=planned.kind is Kind.UNKNOWN)
-        if name is None:
-            raise BlindError(
-                f"engine {deck.engine}: of no effect that may still be drawn for a campaign were "
-                "values measured from 0.5 to 6 times their detection limit in "
-                f"{RULES.attempts} draws; raise trials, or allow more effects"
-            )
-        one = drawer.draw(planned, name, deck.sign(name))
-        if one is None:
-            passed.add(name)
-        else:
-            out.append(one)
-            passed.update(deck.class_members(name))
-    return tuple(out)

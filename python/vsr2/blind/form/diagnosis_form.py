@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from vsr2.blind.form.reader import Interval, Name, Names, Part, Probability, misfit, parsed
+from vsr2.blind.form.reader import (
+    Interval,
+    Name,
+    Names,
+    Part,
+    Probability,
+    check_count,
+    misfit,
+    parsed,
+)
 from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
 DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
@@ -20,17 +29,6 @@ DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 NONE, UNKNOWN = "none", "unknown"
-
-
-class VerdictKind(StrEnum):
-    """What a verdict comes to."""
-
-    NONE = "none"
-    EFFECT = "effect"
-    CLASS = "class"
-    PAIR = "pair"
-    UNKNOWN = "unknown"
-    UNRESOLVED = "unresolved"
 
 
 NAMING: Mapping[VerdictKind, tuple[int, float]] = {
@@ -135,11 +133,7 @@ class _Verdict(Part):
 
     @model_validator(mode="after")
     def _check_count(self) -> _Verdict:
-        least, most = NAMING.get(self.kind, (0, float("inf")))
-        if not least <= len(self.effects) <= most:
-            number = f"{least}" if least == most else f"{least} or more"
-            wanted = f"it should be a list of {number}, as the kind is {self.kind}"
-            raise misfit("effects", self.effects, wanted)
+        check_count(self.effects, self.kind, NAMING.get(self.kind, (0, float("inf"))))
         return self
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from vsr2.blind.form.pack_settings import Kind, Tolerances
-from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, misfit
+from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, check_count, misfit
 from vsr2.campaign import Tier
 from vsr2.campaign.campaign import id_fault
 from vsr2.effects import library
@@ -141,11 +141,7 @@ class _Entry(Part):
 
     @model_validator(mode="after")
     def _check_kind(self) -> _Entry:
-        least, most = _EFFECTS[self.kind]
-        if not least <= len(self.effects) <= most:
-            number = f"{least}" if least == most else f"{least} or more"
-            wanted = f"it should be a list of {number}, as the kind is {self.kind}"
-            raise misfit("effects", self.names, wanted)
+        check_count(self.names, self.kind, _EFFECTS[self.kind])
         if (self.where.axis is Axis.NONE) != (self.kind is Kind.NONE):
             wanted = "it should be none where the kind is none, and only there"
             raise misfit("where.axis", str(self.where.axis), wanted)

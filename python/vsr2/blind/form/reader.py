@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -85,6 +85,15 @@ def parsed(model: type[Model], content: object, label: str, where: str = "") -> 
     wanted = re.sub("valid (tuple|frozenset|list)", "list", wanted)
     wanted = wanted.replace("Input should", "it should").replace("a valid boolean", "true or false")
     raise BlindError(f"{label}: {key} is {shown(value)}; {wanted}")
+
+
+def check_count(names: Sequence[str], kind: str, bounds: tuple[float, float]) -> None:
+    """Refuse effects that are fewer or more than a kind has."""
+    least, most = bounds
+    if not least <= len(names) <= most:
+        number = f"{least}" if least == most else f"{least} or more"
+        wanted = f"it should be a list of {number}, as the kind is {kind}"
+        raise misfit("effects", names, wanted)
 
 
 def misfit(key: str, value: object, wanted: str) -> ValueError:

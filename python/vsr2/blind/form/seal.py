@@ -211,24 +211,20 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
             protocol = listed.get("protocol") or 0
             compared.append((f"protocol of {name}", protocol, entry["protocol"]))
     for name, one, other in compared:
+        if one is None and other is not None:
+            raise BlindError(
+                f"{path}: {name} is missing, sealed is {shown(other)}; publish it, or get the "
+                "published file again; nothing is scored"
+            )
         if one != other:
-            raise _changed(path, name, one, other)
+            raise BlindError(
+                f"{path}: {name} is {shown(one)} and differs from the sealed, {shown(other)}: it "
+                "was changed; get the published file again; nothing is scored"
+            )
 
 
 def _sets(classes: list[list[str]]) -> set[frozenset[str]]:
     return {frozenset(members) for members in classes}
-
-
-def _changed(path: Path, name: str, published: object, sealed: object) -> BlindError:
-    if published is None:
-        return BlindError(
-            f"{path}: {name} is missing, sealed is {shown(sealed)}; publish it, or get the "
-            "published file again; nothing is scored"
-        )
-    return BlindError(
-        f"{path}: {name} is {shown(published)} and differs from the sealed, {shown(sealed)}: it "
-        "was changed; get the published file again; nothing is scored"
-    )
 
 
 def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:

@@ -9,21 +9,20 @@ from vsr2.blind.mujoco.body import Body, block, read_hull
 from vsr2.blind.mujoco.ground import GroundMotion, ground_motion
 from vsr2.blind.mujoco.mujoco_effects import (
     EFFECTS,
-    Effect,
+    Drawable,
     Parameter,
     TrialContext,
     observe,
     with_effects,
 )
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import Channel, TableMotion, drive
+from vsr2.blind.mujoco.table import TableMotion, drive
 from vsr2.blind.mujoco.trial import Response, run_trial
 
 __all__ = [
     "EFFECTS",
     "Body",
-    "Channel",
-    "Effect",
+    "Drawable",
     "GroundMotion",
     "Parameter",
     "Response",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,11 @@ class Body:
     inertia: Array
 
     @property
+    def base(self) -> Array:
+        """Corners of the base along x and y, shape (n, 2) [m]."""
+        return self.points[self.points[:, 2] < 1e-3 * self.center[2], :2]
+
+    @property
     def half_width(self) -> float:
         """Least horizontal distance along x from the mass centre to the base's edges [m]."""
         return min(self.levers)
@@ -40,8 +45,7 @@ class Body:
     @property
     def levers(self) -> tuple[float, float]:
         """Horizontal distances from the mass centre to the base's edges, to -x and to +x [m]."""
-        base = self.points[self.points[:, 2] < 1e-3 * self.center[2]]
-        offset = base[:, 0] - self.center[0]
+        offset = self.base[:, 0] - self.center[0]
         return float(-offset.min()), float(offset.max())
 
     @property
@@ -57,8 +61,7 @@ class Body:
     @property
     def base_area(self) -> float:
         """Of the rectangle around the base [m^2]."""
-        base = self.points[self.points[:, 2] < 1e-3 * self.center[2]]
-        return float(np.prod(np.ptp(base[:, :2], axis=0)))
+        return float(np.prod(np.ptp(self.base, axis=0)))
 
     @property
     def pivot_inertia(self) -> float:
@@ -73,15 +76,6 @@ class Body:
         widths b; for a block (1 - 3/2 sin^2 alpha)^2.
         """
         return (1 - 2 * self.mass * self.half_width**2 / self.pivot_inertia) ** 2
-
-    def with_center_height(self, factor: float) -> Body:
-        """Height of the mass centre times `factor`."""
-        center = self.center * np.array([1.0, 1.0, factor])
-        return replace(self, center=center)
-
-    def with_center_offset(self, x: float, y: float) -> Body:
-        """Mass centre moved horizontally [m]."""
-        return replace(self, center=self.center + np.array([x, y, 0.0]))
 
 
 def block(width: float, depth: float, height: float, density: float) -> Body:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.mujoco.situation import Situation
+from vsr2.blind.mujoco.table import Channel
 
 Array = NDArray[np.float64]
 Action = Callable[[int], None]
@@ -27,26 +28,26 @@ CATCH_STIFFNESS = 40.0
 
 
 def step_actions(
-    situation: Situation, model: Any, data: Any, joints: int, used: list[Any], step: float
+    situation: Situation, model: Any, data: Any, moving: RelativeMotion, step: float
 ) -> list[Action]:
     """What acts around each step of a situation; called with its number before, -1 after."""
-    moving = RelativeMotion(data, joints, used, situation.table.pivot)
     out: list[Action] = []
     if situation.impact_energy_ratio != 1:
         out.append(_Impacts(situation, data, moving))
     if situation.rocking_damping > 0:
-        out.append(_Damping(situation, moving, step))
+        out.append(rocking_damping(situation, moving, step))
     if situation.catch_slack is not None:
-        out.append(_Catch(situation, data, moving, situation.catch_slack))
+        out.append(catch(situation, data, moving, situation.catch_slack))
     if situation.friction_ratio != 1:
-        out.append(_Friction(situation, model, moving))
+        out.append(friction(situation, model, moving))
     return out
 
 
 class RelativeMotion:
     """The body's velocity relative to the table, as a rigid body that moves on with it."""
 
-    def __init__(self, data: Any, joints: int, used: list[Any], pivot: float) -> None:
+    def __init__(self, data: Any, used: list[Channel], pivot: float) -> None:
+        joints = len(used)
         self.pose = data.qpos[joints:]
         self.speed = data.qvel[joints:]
         self._table_q, self._table_v = data.qpos[:joints], data.qvel[:joints]
@@ -141,68 +142,59 @@ class _Impacts:
             self._due = None
 
 
-class _Damping:
+def rocking_damping(situation: Situation, moving: RelativeMotion, step: float) -> Action:
     """Takes 2 zeta p of the relative velocity a second while the body rocks; p^2 = m g R / I_O."""
+    body = situation.body
+    frequency = math.sqrt(body.mass * 9.80665 * body.radius / body.pivot_inertia)
+    factor = math.exp(-2 * situation.rocking_damping * frequency * step)
 
-    def __init__(self, situation: Situation, motion: RelativeMotion, step: float) -> None:
-        body = situation.body
-        frequency = math.sqrt(body.mass * 9.80665 * body.radius / body.pivot_inertia)
-        self._factor = math.exp(-2 * situation.rocking_damping * frequency * step)
-        self._motion = motion
+    def act(number: int) -> None:
+        if number < 0 and moving.tilt() > _UPLIFTED:
+            carried = moving.table()
+            moving.speed[:] = carried + factor * (moving.speed - carried)
 
-    def __call__(self, step: int) -> None:
-        if step < 0 and self._motion.tilt() > _UPLIFTED:
-            carried = self._motion.table()
-            self._motion.speed[:] = carried + self._factor * (self._motion.speed - carried)
+    return act
 
 
-class _Catch:
+def catch(situation: Situation, data: Any, moving: RelativeMotion, slack: float) -> Action:
     """A tether that turns the body back beyond its slack, sprung and critically damped."""
+    body = situation.body
+    stiffness = CATCH_STIFFNESS * body.mass * 9.80665 * body.radius
+    damping = 2 * math.sqrt(stiffness * body.pivot_inertia)
+    torque = data.xfrc_applied[2, 3:]
 
-    def __init__(
-        self, situation: Situation, data: Any, motion: RelativeMotion, slack: float
-    ) -> None:
-        body = situation.body
-        self._stiffness = CATCH_STIFFNESS * body.mass * 9.80665 * body.radius
-        self._damping = 2 * math.sqrt(self._stiffness * body.pivot_inertia)
-        self._torque = data.xfrc_applied[2, 3:]
-        self._motion = motion
-        self._slack = slack
-
-    def __call__(self, step: int) -> None:
-        if step < 0:
+    def act(number: int) -> None:
+        if number < 0:
             return
-        tilt = self._motion.tilt()
-        if tilt <= self._slack:
-            self._torque[:] = 0
+        tilt = moving.tilt()
+        if tilt <= slack:
+            torque[:] = 0
             return
-        turn = _rotation(self._motion.pose)
+        turn = _rotation(moving.pose)
         # the axis about which the body's vertical leans: world z cross body z
         axis = np.array([-turn[1, 2], turn[0, 2], 0.0])
         axis /= np.linalg.norm(axis)
-        rate = float(axis @ turn @ self._motion.speed[3:])
-        pull = self._stiffness * (tilt - self._slack) + self._damping * max(rate, 0.0)
-        self._torque[:] = -pull * axis
+        rate = float(axis @ turn @ moving.speed[3:])
+        torque[:] = -(stiffness * (tilt - slack) + damping * max(rate, 0.0)) * axis
+
+    return act
 
 
-class _Friction:
+def friction(situation: Situation, model: Any, moving: RelativeMotion) -> Action:
     """Friction that falls from static to kinetic with the slip of the lowest point."""
+    slide = model.geom_friction[:, 0]
+    excess = situation.friction * (situation.friction_ratio - 1)
+    points = situation.body.points - situation.body.center
 
-    def __init__(self, situation: Situation, model: Any, motion: RelativeMotion) -> None:
-        self._slide = model.geom_friction[:, 0]
-        self._kinetic = situation.friction
-        self._excess = situation.friction * (situation.friction_ratio - 1)
-        self._speed = situation.friction_speed
-        self._points = situation.body.points - situation.body.center
-        self._motion = motion
-
-    def __call__(self, step: int) -> None:
-        if step < 0:
+    def act(number: int) -> None:
+        if number < 0:
             return
-        relative = self._motion.speed - self._motion.table()
-        turn = _rotation(self._motion.pose)
-        arms = self._points @ turn.T
+        relative = moving.speed - moving.table()
+        turn = _rotation(moving.pose)
+        arms = points @ turn.T
         arm = arms[arms[:, 2].argmin()]
         slip = relative[:3] + np.cross(turn @ relative[3:], arm)
         speed = math.hypot(slip[0], slip[1])
-        self._slide[:] = self._kinetic + self._excess * math.exp(-speed / self._speed)
+        slide[:] = situation.friction + excess * math.exp(-speed / situation.friction_speed)
+
+    return act

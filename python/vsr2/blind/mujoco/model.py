@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import CHANNELS
 
 GRAVITY = 9.80665
 """[m/s^2]"""
@@ -35,8 +35,6 @@ def build_model(situation: Situation, step: float) -> Any:
     Returns:
         A `mujoco.MjModel` with geom 0 the table and body 2 the body.
     """
-    import math
-
     import mujoco
 
     body = situation.body
@@ -49,11 +47,10 @@ def build_model(situation: Situation, step: float) -> Any:
     if situation.rolling_resistance > 0:
         dimensions = 6
     friction = _numbers(situation.friction, situation.spin_friction, situation.rolling_resistance)
-    used = [c for c in CHANNELS if c == "x" or c in situation.table.others]
     joints = "".join(
         f'<joint type="{"hinge" if c == "pitch" else "slide"}" axis="{_AXES[c]}" '
         f'pos="{_numbers(0, 0, -situation.table.pivot)}"/>'
-        for c in used
+        for c in situation.table.channels
     )
     centers = body.points.copy()
     centers[:, :2] += situation.rounding * body.inward

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.mujoco.situation import Situation
 from vsr2.blind.mujoco.table import (
-    TableMotion,
     low_passed,
     pitched,
     resonated,
@@ -79,25 +78,43 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """An entry.
+class Drawable:
+    """An effect as a custodian draws it.
 
     Attributes:
         name: canonical.
-        parameters: the first says how strong the effect is, the others its kind.
-        apply: the situation under the effect; the first value at its null leaves it as it is.
+        strength: says how strong it is.
+        others: say of what kind it is.
         drifts: whether it changes over the campaign.
     """
 
     name: str
-    parameters: tuple[Parameter, ...]
-    apply: Callable[[Situation, Values, TrialContext], Situation]
+    strength: Parameter
+    others: tuple[Parameter, ...] = ()
     drifts: bool = False
 
     @property
-    def strength(self) -> Parameter:
-        """The parameter that says how strong the effect is."""
-        return self.parameters[0]
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All of them, the strength first."""
+        return (self.strength, *self.others)
+
+    def values(self, magnitude: float, quantiles: Sequence[float]) -> dict[str, float]:
+        """By parameter, at a signed distance of the strength and given quantiles of the others."""
+        out = {self.strength.name: self.strength.value(magnitude)}
+        for other, quantile in zip(self.others, quantiles, strict=True):
+            out[other.name] = other.low + quantile * (other.high - other.low)
+        return out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect(Drawable):
+    """An entry.
+
+    Attributes:
+        apply: the situation under the effect; the strength at its null leaves it as it is.
+    """
+
+    apply: Callable[[Situation, Values, TrialContext], Situation]
 
 
 _FIRST = TrialContext()
@@ -138,9 +155,13 @@ def _rng(seed: int, what: str) -> np.random.Generator:
     return np.random.default_rng([seed, *what.encode()])
 
 
+def _with_body(s: Situation, **changes: Any) -> Situation:
+    return replace(s, body=replace(s.body, **changes))
+
+
 def _with_slenderness(s: Situation, factor: float) -> Situation:
     """Base over height of the mass centre times `factor`, by that height."""
-    return replace(s, body=s.body.with_center_height(1 / factor))
+    return _with_body(s, center=s.body.center * [1.0, 1.0, 1 / factor])
 
 
 def _change_point(s: Situation, v: Values, context: TrialContext) -> Situation:
@@ -161,7 +182,7 @@ def _polar(length: float, azimuth: float) -> tuple[float, float]:
 
 def _base_asperity(s: Situation, v: Values, context: TrialContext) -> Situation:
     rng = _rng(context.campaign_seed, "bumps")
-    base = s.body.points[s.body.points[:, 2] == 0][:, :2]
+    base = s.body.base
     middle = base.mean(axis=0)
     weights = rng.dirichlet(np.full(len(base), 0.4), size=8)
     points = middle + 0.9 * (weights @ base - middle)
@@ -177,8 +198,7 @@ def _moved(s: Situation, x: Array) -> Situation:
 
 
 def _with_channel(s: Situation, channel: Literal["y", "z", "pitch"], samples: Array) -> Situation:
-    others = {**s.table.others, channel: samples}
-    return replace(s, table=TableMotion(s.table.interval, s.table.x, others, s.table.pivot))
+    return replace(s, table=replace(s.table, others={**s.table.others, channel: samples}))
 
 
 def _table_pitch(s: Situation, v: Values, _: TrialContext) -> Situation:
@@ -202,181 +222,168 @@ def _placement(s: Situation, v: Values, context: TrialContext) -> Situation:
     )
 
 
-def _body_effects() -> list[Effect]:
-    p = Parameter
-    return [
-        Effect(
-            "slenderness",
-            (p("change", "1", 0.0, -0.06, 0.06),),
-            lambda s, v, _: _with_slenderness(s, 1 + v["change"]),
-        ),
-        Effect(
-            "wear",
-            (p("loss", "1", 0.0, 0.0, 0.15),),
-            lambda s, v, context: _with_slenderness(s, 1 - v["loss"] * context.order),
-            drifts=True,
-        ),
-        Effect(
-            "change_point",
-            (p("slenderness_change", "1", 0.0, -0.15, 0.15), p("at", "1", 1.0, 0.1, 0.9)),
-            _change_point,
-            drifts=True,
-        ),
-        Effect(
-            "com_offset",
-            (p("distance", "m", 0.0, 0.0, 0.015), p("azimuth", "degree", 0.0, 0.0, 360.0)),
-            lambda s, v, _: replace(
-                s, body=s.body.with_center_offset(*_polar(v["distance"], v["azimuth"]))
-            ),
-        ),
-        Effect(
-            "inertia",
-            (p("change", "1", 0.0, -0.15, 0.15),),
-            lambda s, v, _: replace(
-                s, body=replace(s.body, inertia=s.body.inertia * (1 + v["change"]))
-            ),
-        ),
-        Effect(
-            "edge_rounding",
-            (p("radius", "m", 0.0, 0.0, 0.015),),
-            lambda s, v, _: replace(s, rounding=s.rounding + v["radius"]),
-        ),
-        Effect("base_asperity", (p("height", "m", 0.0, 0.0, 0.002),), _base_asperity),
-    ]
+def _effect(
+    name: str,
+    *parameters: tuple[str, str, float, float, float],
+    apply: Callable[[Situation, Values, TrialContext], Situation],
+    drifts: bool = False,
+) -> Effect:
+    """An entry from rows of name, unit, null, least and greatest value, the strength's first."""
+    strength, *others = (Parameter(*row, reciprocal=math.isinf(row[2])) for row in parameters)
+    return Effect(name, strength, tuple(others), drifts, apply=apply)
 
 
-def _contact_effects() -> list[Effect]:
-    p = Parameter
-    return [
-        Effect(
-            "friction_rate",
-            (p("ratio", "1", 1.0, 1.0, 1.6), p("speed", "m/s", 0.0, 0.005, 0.05)),
-            lambda s, v, _: replace(s, friction_ratio=v["ratio"], friction_speed=v["speed"]),
-        ),
-        Effect(
-            "spin_friction",
-            (p("coefficient", "m", 0.0, 0.0, 0.3),),
-            lambda s, v, _: replace(s, spin_friction=v["coefficient"]),
-        ),
-        Effect(
-            "rolling_resistance",
-            (p("arm", "m", 0.0, 0.0, 0.01),),
-            lambda s, v, _: replace(s, rolling_resistance=v["arm"]),
-        ),
-        # A contact's time constant is (m / k)^(1/2).
-        Effect(
-            "contact_stiffness",
-            (p("decades", "1", 0.0, -2.5, 0.0),),
-            lambda s, v, _: replace(s, contact_time=s.contact_time * 10 ** (-0.5 * v["decades"])),
-        ),
-        Effect(
-            "restitution",
-            (p("energy_ratio", "1", 1.0, 0.65, 1.1),),
-            lambda s, v, _: replace(
-                s, impact_energy_ratio=s.impact_energy_ratio * v["energy_ratio"]
-            ),
-        ),
-        Effect(
-            "rocking_damping",
-            (p("ratio", "1", 0.0, 0.0, 0.05),),
-            lambda s, v, _: replace(s, rocking_damping=v["ratio"]),
-        ),
-        Effect(
-            "adhesion",
-            (p("strength", "kPa", 0.0, 0.0, 50.0),),
-            lambda s, v, _: replace(s, adhesion=1000 * v["strength"]),
-        ),
-        Effect(
-            "catch",
-            (p("slack", "degree", math.inf, 5.0, 25.0, reciprocal=True),),
-            lambda s, v, _: replace(s, catch_slack=math.radians(v["slack"])),
-        ),
-    ]
+def _table(change: Callable[[Array, float, Values], Array]) -> Callable[..., Situation]:
+    """Changes the table's displacement, given with its sampling interval."""
+    return lambda s, v, _: _moved(s, change(s.table.x, s.table.interval, v))
 
 
-def _table_effects() -> list[Effect]:
-    p = Parameter
-    return [
-        Effect(
-            "table_gain",
-            (p("change", "1", 0.0, -0.15, 0.15),),
-            lambda s, v, _: _moved(s, s.table.x * (1 + v["change"])),
+_ENTRIES = (
+    _effect(
+        "slenderness",
+        ("change", "1", 0.0, -0.06, 0.06),
+        apply=lambda s, v, _: _with_slenderness(s, 1 + v["change"]),
+    ),
+    _effect(
+        "wear",
+        ("loss", "1", 0.0, 0.0, 0.15),
+        apply=lambda s, v, context: _with_slenderness(s, 1 - v["loss"] * context.order),
+        drifts=True,
+    ),
+    _effect(
+        "change_point",
+        ("slenderness_change", "1", 0.0, -0.15, 0.15),
+        ("at", "1", 1.0, 0.1, 0.9),
+        apply=_change_point,
+        drifts=True,
+    ),
+    _effect(
+        "com_offset",
+        ("distance", "m", 0.0, 0.0, 0.015),
+        ("azimuth", "degree", 0.0, 0.0, 360.0),
+        apply=lambda s, v, _: _with_body(
+            s, center=s.body.center + np.array([*_polar(v["distance"], v["azimuth"]), 0.0])
         ),
-        Effect(
-            "time_scale",
-            (p("change", "1", 0.0, -0.03, 0.03),),
-            lambda s, v, _: _moved(s, stretched(s.table.x, 1 + v["change"])),
+    ),
+    _effect(
+        "inertia",
+        ("change", "1", 0.0, -0.15, 0.15),
+        apply=lambda s, v, _: _with_body(s, inertia=s.body.inertia * (1 + v["change"])),
+    ),
+    _effect(
+        "edge_rounding",
+        ("radius", "m", 0.0, 0.0, 0.015),
+        apply=lambda s, v, _: replace(s, rounding=s.rounding + v["radius"]),
+    ),
+    _effect("base_asperity", ("height", "m", 0.0, 0.0, 0.002), apply=_base_asperity),
+    _effect(
+        "friction_rate",
+        ("ratio", "1", 1.0, 1.0, 1.6),
+        ("speed", "m/s", 0.0, 0.005, 0.05),
+        apply=lambda s, v, _: replace(s, friction_ratio=v["ratio"], friction_speed=v["speed"]),
+    ),
+    _effect(
+        "spin_friction",
+        ("coefficient", "m", 0.0, 0.0, 0.3),
+        apply=lambda s, v, _: replace(s, spin_friction=v["coefficient"]),
+    ),
+    _effect(
+        "rolling_resistance",
+        ("arm", "m", 0.0, 0.0, 0.01),
+        apply=lambda s, v, _: replace(s, rolling_resistance=v["arm"]),
+    ),
+    # A contact's time constant is (m / k)^(1/2).
+    _effect(
+        "contact_stiffness",
+        ("decades", "1", 0.0, -2.5, 0.0),
+        apply=lambda s, v, _: replace(s, contact_time=s.contact_time * 10 ** (-0.5 * v["decades"])),
+    ),
+    _effect(
+        "restitution",
+        ("energy_ratio", "1", 1.0, 0.65, 1.1),
+        apply=lambda s, v, _: replace(
+            s, impact_energy_ratio=s.impact_energy_ratio * v["energy_ratio"]
         ),
-        Effect(
-            "table_bandwidth",
-            (
-                p("corner", "Hz", math.inf, 3.0, 25.0, reciprocal=True),
-                p("delay", "s", 0.0, 0.0, 0.02),
-            ),
-            lambda s, v, _: _moved(
-                s, low_passed(s.table.x, s.table.interval, v["corner"], v["delay"])
-            ),
-        ),
-        Effect(
-            "table_resonance",
-            (p("amplification", "1", 1.0, 1.0, 2.0), p("frequency", "Hz", 0.0, 8.0, 20.0)),
-            lambda s, v, _: _moved(
-                s, resonated(s.table.x, s.table.interval, v["frequency"], v["amplification"])
-            ),
-        ),
-        Effect(
-            "table_saturation",
-            (p("acceleration", "m/s^2", math.inf, 2.0, 20.0, reciprocal=True),),
-            lambda s, v, _: _moved(
-                s, saturated(s.table.x, s.table.interval, math.inf, v["acceleration"])
-            ),
-        ),
-        Effect(
-            "table_pitch",
-            (p("compliance", "rad/g", 0.0, 0.0, 0.02), p("frequency", "Hz", 0.0, 5.0, 20.0)),
-            _table_pitch,
-        ),
-        Effect(
-            "off_axis_motion",
-            (p("share", "1", 0.0, 0.0, 0.2),),
-            lambda s, v, _: _with_channel(s, "y", v["share"] * s.table.x),
-        ),
-        Effect(
-            "vertical_motion",
-            (p("share", "1", 0.0, 0.0, 0.5),),
-            lambda s, v, _: _with_channel(s, "z", v["share"] * s.table.x),
-        ),
-    ]
+    ),
+    _effect(
+        "rocking_damping",
+        ("ratio", "1", 0.0, 0.0, 0.05),
+        apply=lambda s, v, _: replace(s, rocking_damping=v["ratio"]),
+    ),
+    _effect(
+        "adhesion",
+        ("strength", "kPa", 0.0, 0.0, 50.0),
+        apply=lambda s, v, _: replace(s, adhesion=1000 * v["strength"]),
+    ),
+    _effect(
+        "catch",
+        ("slack", "degree", math.inf, 5.0, 25.0),
+        apply=lambda s, v, _: replace(s, catch_slack=math.radians(v["slack"])),
+    ),
+    _effect(
+        "table_gain",
+        ("change", "1", 0.0, -0.15, 0.15),
+        apply=_table(lambda x, _, v: x * (1 + v["change"])),
+    ),
+    _effect(
+        "time_scale",
+        ("change", "1", 0.0, -0.03, 0.03),
+        apply=_table(lambda x, _, v: stretched(x, 1 + v["change"])),
+    ),
+    _effect(
+        "table_bandwidth",
+        ("corner", "Hz", math.inf, 3.0, 25.0),
+        ("delay", "s", 0.0, 0.0, 0.02),
+        apply=_table(lambda x, dt, v: low_passed(x, dt, v["corner"], v["delay"])),
+    ),
+    _effect(
+        "table_resonance",
+        ("amplification", "1", 1.0, 1.0, 2.0),
+        ("frequency", "Hz", 0.0, 8.0, 20.0),
+        apply=_table(lambda x, dt, v: resonated(x, dt, v["frequency"], v["amplification"])),
+    ),
+    _effect(
+        "table_saturation",
+        ("acceleration", "m/s^2", math.inf, 2.0, 20.0),
+        apply=_table(lambda x, dt, v: saturated(x, dt, math.inf, v["acceleration"])),
+    ),
+    _effect(
+        "table_pitch",
+        ("compliance", "rad/g", 0.0, 0.0, 0.02),
+        ("frequency", "Hz", 0.0, 5.0, 20.0),
+        apply=_table_pitch,
+    ),
+    _effect(
+        "off_axis_motion",
+        ("share", "1", 0.0, 0.0, 0.2),
+        apply=lambda s, v, _: _with_channel(s, "y", v["share"] * s.table.x),
+    ),
+    _effect(
+        "vertical_motion",
+        ("share", "1", 0.0, 0.0, 0.5),
+        apply=lambda s, v, _: _with_channel(s, "z", v["share"] * s.table.x),
+    ),
+    _effect(
+        "base_slope",
+        ("angle", "degree", 0.0, 0.0, 1.5),
+        ("azimuth", "degree", 0.0, 0.0, 360.0),
+        apply=_base_slope,
+    ),
+    _effect(
+        "placement",
+        ("yaw", "degree", 0.0, 0.0, 10.0),
+        ("offset", "m", 0.0, 0.0, 0.02),
+        apply=_placement,
+    ),
+    # Acts in `observe`.
+    _effect(
+        "outcome_rule",
+        ("tilt", "rad", math.inf, 0.1, 1.0),
+        ("flips", "1", 0.0, 0.0, 0.03),
+        apply=lambda s, _, __: s,
+    ),
+)
 
-
-def _other_effects() -> list[Effect]:
-    p = Parameter
-    return [
-        Effect(
-            "base_slope",
-            (p("angle", "degree", 0.0, 0.0, 1.5), p("azimuth", "degree", 0.0, 0.0, 360.0)),
-            _base_slope,
-        ),
-        Effect(
-            "placement",
-            (p("yaw", "degree", 0.0, 0.0, 10.0), p("offset", "m", 0.0, 0.0, 0.02)),
-            _placement,
-        ),
-        # Acts in `observe`.
-        Effect(
-            "outcome_rule",
-            (
-                p("tilt", "rad", math.inf, 0.1, 1.0, reciprocal=True),
-                p("flips", "1", 0.0, 0.0, 0.03),
-            ),
-            lambda s, _, __: s,
-        ),
-    ]
-
-
-EFFECTS: Mapping[str, Effect] = {
-    effect.name: effect
-    for effect in (*_body_effects(), *_contact_effects(), *_table_effects(), *_other_effects())
-}
+EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ENTRIES}
 """By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex
 contacts lift a body that slides, so that it hops and rocks where a rigid one only slides."""

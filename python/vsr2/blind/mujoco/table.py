@@ -30,9 +30,10 @@ class TableMotion:
     pivot: float = 0.5
 
     @property
-    def duration(self) -> float:
-        """From the first to the last sample [s]."""
-        return (self.x.size - 1) * self.interval
+    def channels(self) -> dict[Channel, Array]:
+        """Samples of all channels in use, in the order of :data:`CHANNELS`."""
+        known: dict[Channel, Array] = {"x": self.x, **self.others}
+        return {channel: known[channel] for channel in CHANNELS if channel in known}
 
     @property
     def acceleration(self) -> Array:

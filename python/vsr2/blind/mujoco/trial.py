@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsr2.blind.mujoco.mechanisms import RelativeMotion, step_actions
 from vsr2.blind.mujoco.model import GRAVITY, TABLE_MASS, build_model
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import CHANNELS, drive
+from vsr2.blind.mujoco.table import drive
 
 Array = NDArray[np.float64]
 
@@ -66,22 +66,16 @@ def run_trial(
 
     model = build_model(situation, step)
     data = mujoco.MjData(model)
-    used = [c for c in CHANNELS if c == "x" or c in situation.table.others]
-    path = [
-        drive(
-            situation.table.x if c == "x" else situation.table.others[c],
-            situation.table.interval,
-            step,
-        )
-        for c in used
-    ]
+    channels, used = situation.table.channels, list(situation.table.channels)
+    driven = [drive(samples, situation.table.interval, step) for samples in channels.values()]
     positions, velocities, accelerations = (
-        np.ascontiguousarray(np.stack(kind, axis=1)) for kind in zip(*path, strict=True)
+        np.ascontiguousarray(np.stack(kind, axis=1)) for kind in zip(*driven, strict=True)
     )
     tail = round(TAIL / step)
     moving = len(positions)
     joints = len(used)
-    _settle(mujoco, model, data, situation, positions[0])
+    relative = RelativeMotion(data, used, situation.table.pivot)
+    _settle(model, data, situation, positions[0])
     rest = data.qpos[joints:].copy()
     first = _release(situation, used, positions, accelerations)
     rows = np.empty((moving + tail, 7))
@@ -90,20 +84,16 @@ def run_trial(
         last_held = min(first, moving - 1)
         data.qpos[:joints], data.qvel[:joints] = positions[last_held], velocities[last_held]
         data.qpos[joints:] = _carried(situation, used, rest, positions[[last_held]])[0]
-        data.qvel[joints:] = RelativeMotion(data, joints, used, situation.table.pivot).table()
-    last = _shake(
-        mujoco,
-        model,
-        data,
-        (positions, velocities, accelerations * TABLE_MASS),
-        rows,
-        first,
-        step_actions(situation, model, data, joints, used, step),
-    )
+        data.qvel[joints:] = relative.table()
+    path = (positions, velocities, accelerations * TABLE_MASS)
+    actions = step_actions(situation, model, data, relative, step)
+    last = _shake(model, data, path, rows, first, actions)
     return _judged(rows[:last], rest, situation, round(series_interval / step), step)
 
 
-def _settle(mujoco: Any, model: Any, data: Any, situation: Situation, table: Array) -> None:
+def _settle(model: Any, data: Any, situation: Situation, table: Array) -> None:
+    import mujoco
+
     joints = len(table)
     lift = max((height for _, _, height in situation.bumps), default=0.0)
     data.qpos[:joints] = table
@@ -175,7 +165,6 @@ def _carried(situation: Situation, used: list[Any], rest: Array, positions: Arra
 
 
 def _shake(
-    mujoco: Any,
     model: Any,
     data: Any,
     path: tuple[Array, Array, Array],
@@ -184,12 +173,13 @@ def _shake(
     actions: list[Callable[[int], None]],
 ) -> int:
     """Fill `rows` with the body's poses; returns how many."""
+    import mujoco
+
     positions, velocities, forces = path
     moving, joints = positions.shape
     table_q, table_v = data.qpos[:joints], data.qvel[:joints]
     table_f = data.qfrc_applied[:joints]
     pose, speed = data.qpos[joints:], data.qvel[joints:]
-    advance = mujoco.mj_step
     hold = positions[-1].copy()
     calm = 0
     for i in range(first, len(rows)):
@@ -204,7 +194,7 @@ def _shake(
         rows[i] = pose
         for action in actions:
             action(i)
-        advance(model, data)
+        mujoco.mj_step(model, data)
         for action in actions:
             action(-1)
         if i % _LOOK == 0:

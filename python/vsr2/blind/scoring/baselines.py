@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.diagnosis_form import NONE, UNKNOWN, Verdict, VerdictKind
+from vsr2.blind.form.diagnosis_form import NONE, UNKNOWN, Verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import sealed_classes
 from vsr2.blind.scoring.cases import Case, class_label
 from vsr2.blind.scoring.intervals import Score, area_under_roc, resampled
 from vsr2.blind.scoring.metadata import metadata
 from vsr2.campaign import Campaign, load_campaign
+from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]
 
@@ -146,15 +147,14 @@ def _features(folders: Sequence[Path]) -> dict[str, Array]:
 def _guess(x: Array, labels: NDArray[np.str_], z: Array) -> tuple[list[str], Array]:
     """Answers, and the probability of each, shape (campaigns, answers)."""
     from sklearn.linear_model import LogisticRegression
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
 
     names = [str(name) for name in np.unique(labels)]
     if len(names) == 1:
         return names, np.ones((len(z), 1))
-    center, spread = x.mean(axis=0), x.std(axis=0)
-    spread[spread < 1e-12] = 1.0
-    model = LogisticRegression(C=1.0, max_iter=5000).fit((x - center) / spread, labels)
-    found: Array = model.predict_proba((z - center) / spread)
-    return names, found
+    model = make_pipeline(StandardScaler(), LogisticRegression(C=1.0, max_iter=5000))
+    return names, np.asarray(model.fit(x, labels).predict_proba(z), dtype=np.float64)
 
 
 def _labelled(data: Path, key: Mapping[str, Any]) -> list[tuple[Path, str]]:

@@ -11,7 +11,7 @@ from typing import Any
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, Verdict, read_verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
-from vsr2.campaign.problems import Problems
+from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import read_table
 from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.problems import shown
@@ -127,21 +127,18 @@ def read_cases(
             folder = diagnoses / name / tier
             verdict, path = read_verdict(folder), folder / DIAGNOSIS_FILE
             own = {} if verdict.failed else read_json(path).get("campaign")
-            if isinstance(own, Mapping):
-                said = own.get("name", name)
-                if own.get("tier", tier) != tier:
-                    raise _misplaced(path, "tier", own["tier"], tier)
-                if said != name and said in key["campaigns"]:
-                    raise _misplaced(path, "name", said, name)
+            for what, here, known in (
+                ("tier", tier, None),
+                ("name", name, key["campaigns"]),
+            ):
+                said = own.get(what, here) if isinstance(own, Mapping) else here
+                if said != here and (known is None or said in known):
+                    raise BlindError(
+                        f"{path}: campaign.{what} is {said!r}, and lies in the folder of "
+                        f"{here!r}; each campaign and tier has a diagnosis of its own"
+                    )
             out.append(case_of(key, name, tier, verdict, trials, (data / name, path)))
     return out
-
-
-def _misplaced(path: Path, what: str, own: object, folder: str) -> BlindError:
-    return BlindError(
-        f"{path}: campaign.{what} is {own!r}, and lies in the folder of {folder!r}; each campaign "
-        "and tier has a diagnosis of its own"
-    )
 
 
 def case_of(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +33,9 @@ def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
     pga = np.log([trial.pga or 1.0 for trial in campaign.trials])
     motions = sorted((folder / "motions").glob("*.npz"))
     cells = _cells(folder / TRIALS)
-    rest = [
-        value for column, values in cells.items() if column not in _RESPONSE for value in values
-    ]
-    size = (folder / TRIALS).stat().st_size
-    size -= sum(len(value) for name in _RESPONSE for value in cells.get(name, ()))
+    response = [cells.get(name, []) for name in _RESPONSE]
+    rest = [values for column, values in cells.items() if column not in _RESPONSE]
+    size = (folder / TRIALS).stat().st_size - sum(len(v) for values in response for v in values)
     return {
         "trials": float(len(campaign)),
         "motions": float(len(set(campaign.motion_ids))),
@@ -50,10 +49,8 @@ def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
         "size of campaign.yaml": float((folder / CAMPAIGN_FILE).stat().st_size),
         "size of the header of trials.csv": float(sum(len(name) for name in cells)),
         "size of trials.csv but the response": float(size),
-        "most decimals of the response": float(
-            max((_decimals(v) for name in _RESPONSE for v in cells.get(name, ())), default=0)
-        ),
-        "most decimals of the rest": float(max((_decimals(v) for v in rest), default=0)),
+        "most decimals of the response": _most_decimals(response),
+        "most decimals of the rest": _most_decimals(rest),
         "end of series after the motion": _end(campaign),
     }
 
@@ -64,8 +61,8 @@ def _cells(path: Path) -> dict[str, list[str]]:
     return {name: [row[i] for row in rows[1:] if i < len(row)] for i, name in enumerate(rows[0])}
 
 
-def _decimals(cell: str) -> int:
-    return len(cell.partition(".")[2])
+def _most_decimals(columns: Iterable[Sequence[str]]) -> float:
+    return float(max((len(c.partition(".")[2]) for cells in columns for c in cells), default=0))
 
 
 def _mean(values: list[float]) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.diagnosis_form import NAMING, NONE, UNKNOWN, VerdictKind
+from vsr2.blind.form.diagnosis_form import NAMING, NONE, UNKNOWN
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import KINDS, Kind
 from vsr2.blind.scoring.cases import Case, groups
@@ -22,6 +22,7 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
+from operator import methodcaller
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.scoring.baselines import BASELINES
@@ -114,12 +114,8 @@ def score_files(scored: Scored, content: Mapping[str, Any]) -> dict[str, bytes]:
 
 def write_files(files: Mapping[str, bytes], out: Path) -> None:
     """Write files, each atomically."""
-
-    def put(content: bytes, file: IO[bytes]) -> None:
-        file.write(content)
-
     for name, content in files.items():
-        write_atomic(out / name, partial(put, content))
+        write_atomic(out / name, methodcaller("write", content))
 
 
 def _plain(score: Score) -> dict[str, float | int | None]:
@@ -145,18 +141,10 @@ def format_scores(scored: Scored) -> str:
     for group in scored.groups():
         found = {column: scored.scores.get((column, group), {}) for column in columns}
         names = dict.fromkeys(name for scores in found.values() for name in scores)
-        rows = [
-            [
-                name,
-                *(
-                    f"{SAYING_NOTHING[name]:.2f}"
-                    if column in trivial and name in SAYING_NOTHING
-                    else _cell(found[column].get(name))
-                    for column in columns
-                ),
-            ]
-            for name in names
-        ]
+        for name in names.keys() & SAYING_NOTHING.keys():
+            silent = Score(SAYING_NOTHING[name], math.nan, math.nan, 0)
+            found |= {column: {**found[column], name: silent} for column in trivial}
+        rows = [[name, *(_cell(found[c].get(name)) for c in columns)] for name in names]
         lines += ["", f"### {group}", "", *_table(["score", *columns], rows)]
         lines += _against_baselines(scored, group)
     for number, rates in enumerate(scored.rates, 1):
@@ -206,7 +194,7 @@ def _cell(score: Score | None) -> str:
     if score is None or not math.isfinite(score.value):
         return ""
     span = f" [{score.low:.2f}, {score.high:.2f}]" if math.isfinite(score.low) else ""
-    return f"{score.value:.2f}{span} ({score.count})"
+    return f"{score.value:.2f}{span}" + (f" ({score.count})" if score.count else "")
 
 
 def _reliability(cases: Sequence[Case]) -> bytes:

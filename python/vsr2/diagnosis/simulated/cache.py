@@ -6,45 +6,51 @@ import hashlib
 import inspect
 import logging
 import marshal
-import sqlite3
 import struct
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
-from vsr2.errors import DiagnosisError
+from vsr2.errors import ResultError
+from vsr2.results.store import Store, StoreKind
 
 _logger = logging.getLogger(__name__)
 
-_logger = logging.getLogger(__name__)
-
+Progress = Callable[[int, int], None]
+"""Called with simulations done and all."""
 CHUNK = 512
-"""Simulations between two commits."""
+"""Simulations between two writes."""
+_KIND = StoreKind(
+    format="vsr2 simulations",
+    version=1,
+    foreign="is no simulation cache of this form; remove it, and its simulations are made again",
+    damaged="remove it, and its simulations are made again",
+)
 
 
 class SimulationCache:
-    """Simulations of one simulator, kept in an SQLite file.
+    """Simulations of one simulator, kept in a store.
 
-    A row's key is the hash of the simulator's identity, the trial's index, effects with their
+    A record's key is the hash of the simulator's identity, the trial's index, effects with their
     values (and the code of those that are not this package's), the nuisances' values, and the
-    replicate. Rows are committed chunk by chunk, so that an interruption loses at most the chunk
-    that was running. Several scenes may share a file.
+    replicate. Records are written chunk by chunk, so that an interruption loses at most the chunk
+    that was running. Several scenes may share a file. All of it is in memory while it is open.
 
     Args:
         simulator: makes what is missing.
         path: of the file; None: in memory.
-        chunk: simulations between two commits.
+        chunk: simulations between two writes.
 
     Attributes:
         simulated: number of simulations run since it was opened.
 
     Raises:
-        DiagnosisError: the file is no simulation cache or cannot be used.
+        ResultError: as of :class:`vsr2.results.store.Store`.
     """
 
     def __init__(
@@ -56,33 +62,20 @@ class SimulationCache:
         self._chunk = chunk
         self._codes: dict[str, str] = {}
         self._path = path
-        with self._usable():
-            self._file = sqlite3.connect(":memory:" if path is None else path)
-            self._file.execute(
-                "CREATE TABLE IF NOT EXISTS runs (key BLOB PRIMARY KEY, response BLOB NOT NULL) "
-                "WITHOUT ROWID"
-            )
-            self._file.execute("CREATE TABLE IF NOT EXISTS spent (seconds REAL, count INTEGER)")
-            self._file.execute("SELECT key, response FROM runs LIMIT 1")
-            self._file.execute("SELECT seconds, count FROM spent LIMIT 1")
+        self._known: dict[bytes, bytes] = {}
+        self._seconds = 0.0
+        if path is not None:
+            old = path.with_suffix(".sqlite")
+            if old.exists():
+                raise ResultError(f"{old}: is a simulation cache of an older VSR2; {_KIND.damaged}")
+        self._store = None if path is None else Store(path, _KIND, {}, self._take)
 
-    @contextmanager
-    def _usable(self) -> Iterator[None]:
-        """Turns what SQLite says of the file into an error with a remedy."""
-        try:
-            yield
-        except sqlite3.Error as error:
-            # The primary code; extended ones have more in the higher bits.
-            code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-            if code in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-                remedy = "another process writes to it: wait until that ends, or choose another"
-            elif isinstance(error, sqlite3.OperationalError):
-                remedy = "see that its folder may be written to and has room, or choose another"
-            else:
-                remedy = "remove it, and its simulations are made again, or choose another"
-            raise DiagnosisError(
-                f"{self._path}: cannot be used as a simulation cache ({error}); {remedy} folder"
-            ) from error
+    def _take(self, record: dict[str, Any]) -> None:
+        key, response = bytes.fromhex(record["key"]), b64decode(record["response"], validate=True)
+        if len(key) != 16 or len(response) < 16 or len(response) % 8:
+            raise ValueError("key or response")
+        self._known[key] = response
+        self._seconds += float(record["seconds"])
 
     @property
     def asked(self) -> int:
@@ -91,16 +84,13 @@ class SimulationCache:
 
     @property
     def size(self) -> int:
-        """Simulations in the file."""
-        with self._usable():
-            return int(self._file.execute("SELECT COUNT(*) FROM runs").fetchone()[0])
+        """Simulations in it."""
+        return len(self._known)
 
     @property
     def cost(self) -> float:
         """Mean wall time of a simulation over the file's life [s]; 0 before the first."""
-        with self._usable():
-            row = self._file.execute("SELECT SUM(seconds), SUM(count) FROM spent").fetchone()
-        return float(row[0]) / float(row[1]) if row[1] else 0.0
+        return self._seconds / len(self._known) if self._known else 0.0
 
     @property
     def reused(self) -> int:
@@ -109,7 +99,8 @@ class SimulationCache:
 
     def close(self) -> None:
         """Close the file; it stays."""
-        self._file.close()
+        if self._store is not None:
+            self._store.close()
 
     def __enter__(self) -> Self:
         return self
@@ -117,50 +108,50 @@ class SimulationCache:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def run(
-        self, requests: Sequence[Request], *, done: Callable[[int], None] | None = None
-    ) -> Responses:
+    def run(self, requests: Sequence[Request], *, progress: Progress | None = None) -> Responses:
         """Answer requests from the file, the rest by simulation.
 
         Args:
             requests: any, also the same twice.
-            done: called with the number of answered requests as it grows.
+            progress: called with the number of answered requests, as it grows, and of all.
 
         Raises:
-            DiagnosisError: the file holds damaged simulations, or can no longer be used.
+            ResultError: the file is damaged, or can no longer be written.
         """
         keys = [self._key(request) for request in requests]
-        known = self._known(keys)
-        missing = [i for i, key in enumerate(keys) if key not in known]
+        missing = [i for i, key in enumerate(keys) if key not in self._known]
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
         self._asked.update(keys)
-        _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
             started = time.monotonic()
             found = self.simulator.run([requests[i] for i in part])
-            seconds = time.monotonic() - started
-            rows = []
-            for k, i in enumerate(part):
-                values = [found.overturned[k], found.peak_tilt[k]]
-                if found.features is not None:
-                    values.extend(found.features[k])
-                packed = struct.pack(f"<{len(values)}d", *values)
-                known[keys[i]] = packed
-                rows.append((keys[i], packed))
-            with self._usable(), self._file:
-                self._file.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?)", rows)
-                self._file.execute("INSERT INTO spent VALUES (?, ?)", (seconds, len(part)))
+            seconds = (time.monotonic() - started) / len(part)
+            columns = [found.overturned, found.peak_tilt]
+            if found.features is not None:
+                columns.extend(found.features.T)
+            rows = np.column_stack(columns).astype("<f8")
+            records = [
+                {
+                    "key": keys[i].hex(),
+                    "response": b64encode(row.tobytes()).decode(),
+                    "seconds": seconds,
+                }
+                for i, row in zip(part, rows, strict=True)
+            ]
+            if self._store is not None:
+                self._store.add(*records)
+            for record in records:
+                self._take(record)
             self.simulated += len(part)
-            if done is not None:
-                done(len(requests) - len(pending) + start + len(part))
-        content = b"".join(known[key] for key in keys)
-        sizes = {len(known[key]) for key in keys}
-        if len(sizes) > 1 or any(size < 16 or size % 8 for size in sizes):
-            raise DiagnosisError(
-                f"{self._path}: holds damaged simulations; remove it, and they are made again"
+            if progress is not None:
+                progress(len(requests) - len(pending) + start + len(part), len(requests))
+        content = b"".join(self._known[key] for key in keys)
+        if len({len(self._known[key]) for key in keys}) > 1:
+            raise ResultError(
+                f"{self._path}: damaged (simulations of different lengths); {_KIND.damaged}"
             )
         table = np.frombuffer(content, dtype="<f8").reshape(len(requests), -1)
         features = table[:, 2:].copy() if table.shape[1] > 2 else None
@@ -179,16 +170,6 @@ class SimulationCache:
             effect = self.simulator.library.get(name)
             self._codes[name] = "" if effect is None else own_code(type(effect))
         return self._codes[name]
-
-    def _known(self, keys: Sequence[bytes]) -> dict[bytes, bytes]:
-        out: dict[bytes, bytes] = {}
-        for start in range(0, len(keys), 500):
-            part = keys[start : start + 500]
-            marks = ",".join("?" * len(part))
-            query = f"SELECT key, response FROM runs WHERE key IN ({marks})"
-            with self._usable():
-                out.update(self._file.execute(query, part).fetchall())
-        return out
 
 
 def own_code(kind: type) -> str:

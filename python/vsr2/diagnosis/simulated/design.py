@@ -6,19 +6,18 @@ Every simulation serves both routes of inference; nothing is simulated twice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import Entry, Library, free_parameters, values_at
 from vsr2.diagnosis.simulated.simulator import Effects, Request, quasi_random
 
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -155,9 +154,9 @@ def screen(
 
     asked = [requests_of(i) for i in range(len(seen))]
     total = sum(len(row) for row in asked)
-    done = None if progress is None else (lambda n: progress(n, total))
     first = [row[: SCREENING.first_look] for row in asked]
-    outcome, peaks = _screened(cache, first, done)
+    notify = None if progress is None else (lambda n, _: progress(n, total))
+    outcome, peaks = _screened(cache, first, notify)
     uncertain, rocking = _worthwhile(outcome, peaks, seen)
     uncertain_at_first = np.flatnonzero(uncertain)
     # What neither moved nor nearly overturned needs no second look, nor does what is kept anyway.
@@ -195,10 +194,10 @@ def screen(
 def _screened(
     cache: SimulationCache,
     requests: Sequence[Sequence[Request]],
-    done: Callable[[int], None] | None,
+    progress: Progress | None,
 ) -> tuple[Array, Array]:
     """Overturned and largest tilt, shape (runs, trials)."""
-    found = cache.run([request for row in requests for request in row], done=done)
+    found = cache.run([request for row in requests for request in row], progress=progress)
     shape = (len(requests), -1)
     return found.overturned.reshape(shape).T, found.peak_tilt.reshape(shape).T
 
@@ -243,9 +242,7 @@ def run_table(
         for label, draw in zip(labels, draws, strict=True)
         for trial in trials
     ]
-    total = len(requests)
-    done = None if progress is None else (lambda n: progress(n, total))
-    found = cache.run(requests, done=done)
+    found = cache.run(requests, progress=progress)
     shape = (len(labels), trials.size)
     features = None if found.features is None else found.features.reshape(*shape, -1)
     return found.overturned.reshape(shape), found.peak_tilt.reshape(shape), features

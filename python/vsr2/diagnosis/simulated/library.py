@@ -1,17 +1,14 @@
-"""What the inference needs to know of an effect: its name, parameters with priors, and channels.
-
-An entry is an effect of any simulator: :class:`vsr2.effects.Effect` has the same attributes, and so
-have the planar block's own entries.
-"""
+"""What the inference makes of an effect: its name, parameters with priors, and channels."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from vsr2.effects import Effect, Parameter
 
 Array = NDArray[np.float64]
 
@@ -21,49 +18,41 @@ UNKNOWN = "unknown"
 """Label of a gap that no entry and no pair explains."""
 
 
-class Parameter(Protocol):
-    """One number of an effect, with its prior.
+@dataclass(frozen=True)
+class Reaching:
+    """An effect whose range reaches beyond where it begins to overwhelm all else.
 
     Attributes:
-        name, unit: for people.
-        null: value at which the effect is absent; may lie outside `lower` to `upper`.
-        lower, upper: bounds of the prior.
-        prior: its kind; "fixed" parameters stay at `null`.
-        secondary: without effect on its own, an azimuth for example.
+        entry: the effect.
+        below, above: share of the range on either side of the null at which it does, at most 1.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
-    @property
-    def unit(self) -> str: ...  # noqa: D102
-    @property
-    def null(self) -> float: ...  # noqa: D102
-    @property
-    def lower(self) -> float: ...  # noqa: D102
-    @property
-    def upper(self) -> float: ...  # noqa: D102
-    @property
-    def prior(self) -> str: ...  # noqa: D102
-    @property
-    def secondary(self) -> bool: ...  # noqa: D102
-    def ppf(self, u: float, /) -> float:
-        """Prior quantile of `u` in (0, 1)."""
-        ...
-
-
-class Entry(Protocol):
-    """One effect of the library."""
+    entry: Entry
+    below: float
+    above: float
 
     @property
-    def name(self) -> str: ...  # noqa: D102
+    def name(self) -> str:
+        """Of the effect."""
+        return self.entry.name
+
     @property
-    def parameters(self) -> tuple[Parameter, ...]: ...  # noqa: D102
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Of the effect."""
+        return self.entry.parameters
+
     @property
-    def channels(self) -> tuple[str, ...]: ...  # noqa: D102
+    def channels(self) -> tuple[str, ...]:
+        """Of the effect."""
+        return self.entry.channels
+
     @property
-    def stage(self) -> str: ...  # noqa: D102
+    def stage(self) -> str:
+        """Of the effect."""
+        return self.entry.stage
 
 
+Entry = Effect | Reaching
 Library = Mapping[str, Entry]
 
 
@@ -113,40 +102,6 @@ def _null_quantile(parameter: Parameter) -> float | None:
         else:
             high = middle
     return 0.5 * (low + high)
-
-
-@dataclass(frozen=True)
-class Reaching:
-    """An effect whose range reaches beyond where it begins to overwhelm all else.
-
-    Attributes:
-        entry: the effect.
-        below, above: share of the range on either side of the null at which it does, at most 1.
-    """
-
-    entry: Entry
-    below: float
-    above: float
-
-    @property
-    def name(self) -> str:
-        """Of the effect."""
-        return self.entry.name
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Of the effect."""
-        return self.entry.parameters
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Of the effect."""
-        return self.entry.channels
-
-    @property
-    def stage(self) -> str:
-        """Of the effect."""
-        return self.entry.stage
 
 
 def reaches(library: Library) -> dict[str, tuple[float, float]]:

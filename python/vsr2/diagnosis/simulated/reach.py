@@ -8,14 +8,13 @@ few shares of its range, and the draws are placed by what is seen.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import OBSERVED
-from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.design import Screening, effect_quantiles
 from vsr2.diagnosis.simulated.library import (
     Entry,
@@ -63,7 +62,7 @@ def reaching(
     *,
     most: int = REACH.trials,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Library:
     """The simulator's library with the reach of each effect.
 
@@ -94,9 +93,7 @@ def reaching(
         for share in REACH.shares
         for i, t in enumerate(trials)
     ]
-    total = len(plain) + len(steps)
-    done = None if progress is None else (lambda n: progress(n, total))
-    found = _severity(cache.run(plain + steps, done=done))
+    found = _severity(cache.run(plain + steps, progress=progress))
     bare = found[: len(plain)].reshape(REACH.plain, trials.size)
     nuisances = np.stack([cache.simulator.nuisance_draw(m) for m in range(1, REACH.plain + 1)])
     scatter = _scatter(bare, nuisances)

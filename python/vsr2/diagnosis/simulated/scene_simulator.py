@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -22,12 +22,8 @@ from vsr2.diagnosis.observed.features import (
 )
 from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.cache import own_code
-from vsr2.diagnosis.simulated.nuisances import (
-    DEFAULT_NUISANCES,
-    DrawnByEffect,
-    Nuisance,
-    Scope,
-)
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
@@ -38,7 +34,6 @@ from vsr2.diagnosis.simulated.simulator import (
     nuisance_normal,
 )
 from vsr2.effects import Effect, in_order, with_effects
-from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import TrialLog
@@ -54,6 +49,8 @@ Array = NDArray[np.float64]
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which an outcome is known."""
+HYPOTHESES = Hypotheses()
+"""All registered effects, and the default nuisances."""
 ROW = 0.01
 """Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
@@ -65,9 +62,7 @@ class SceneSimulator:
         campaign: every trial needs a motion; in order of execution.
         study: of the nominal scene; its own motions are not used, but how recordings are turned
             into the driven motion is (channel, filter, scale, drive).
-        nuisances: what is uncertain about the set-up; None: `DEFAULT_NUISANCES`.
-        library: effects; default: all that are registered.
-        exclude: names left out.
+        hypotheses: effects and nuisances.
         series: also draw features from the tilt's series.
         sampling: of series, where the campaign has none.
         threads: of the native core; None: all.
@@ -75,11 +70,15 @@ class SceneSimulator:
         seed: of nuisances and of what belongs to single trials.
 
     Attributes:
-        unavailable: effects that this scene cannot have, with the reason.
+        library: effects that this scene can have.
+        unavailable: those that it cannot have, with the reason.
         nuisances: that are drawn.
+        nuisance_names: of those drawn once a campaign.
+        identity: hash of scene, motions, schedule, priors and seed.
+        variants: half the time step, twice the solver's iterations.
 
     Raises:
-        DiagnosisError: a trial without motion, or an unknown name in `exclude`.
+        DiagnosisError: a trial without motion, or an unknown name in `hypotheses.exclude`.
         GeometryError, MotionError, SimulationError: the scene or a motion cannot be used.
     """
 
@@ -88,24 +87,18 @@ class SceneSimulator:
         campaign: Campaign,
         study: Study,
         *,
-        nuisances: Sequence[Nuisance] | None = None,
-        library: Mapping[str, Effect] | None = None,
-        exclude: Collection[str] = (),
+        hypotheses: Hypotheses = HYPOTHESES,
         series: bool = False,
         sampling: Sampling | None = None,
         threads: int | None = None,
         client: distributed.Client | None = None,
         seed: int = 0,
     ) -> None:
-        offered = dict(known_effects() if library is None else library)
-        strange = sorted(set(exclude) - set(offered))
-        if strange:
-            raise DiagnosisError(
-                f"exclude: there is no effect {strange[0]!r}; there are {', '.join(offered)}"
-            )
-        self.nuisances = DEFAULT_NUISANCES if nuisances is None else tuple(nuisances)
+        offered = hypotheses.offered
+        self.nuisances = tuple(hypotheses.nuisances)
         self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
-        self._names = tuple(one.name for one in self._wide)
+        self.nuisance_names = tuple(one.name for one in self._wide)
+        self.variants = (HALF_STEP, FINE_SOLVER)
         self._series = series
         self._threads = threads
         self._client = client
@@ -121,16 +114,14 @@ class SceneSimulator:
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
         self._sessions = [trial.session for trial in campaign.trials]
         self.unavailable: dict[str, str] = {}
-        self._library: dict[str, Effect] = {}
+        self.library: dict[str, Effect] = {}
         for name, effect in offered.items():
-            if name in exclude:
-                continue
             reason = self._refusal(effect)
             if reason is None:
-                self._library[name] = effect
+                self.library[name] = effect
             else:
                 self.unavailable[name] = reason
-        self._identity = self._digest(study)
+        self.identity = self._digest(study)
 
     def _digest(self, study: Study) -> str:
         from vsr2 import _native
@@ -165,26 +156,6 @@ class SceneSimulator:
         except Vsr2Error as error:
             return str(error)
         return None
-
-    @property
-    def library(self) -> Mapping[str, Effect]:
-        """Effects that this scene can have."""
-        return self._library
-
-    @property
-    def identity(self) -> str:
-        """Hash of scene, motions, schedule, priors and seed."""
-        return self._identity
-
-    @property
-    def variants(self) -> tuple[int, ...]:
-        """Half the time step, twice the solver's iterations."""
-        return HALF_STEP, FINE_SOLVER
-
-    @property
-    def nuisance_names(self) -> tuple[str, ...]:
-        """Drawn once a campaign."""
-        return self._names
 
     def nuisance_draw(self, index: int) -> Array:
         """Standardised nuisances of a draw."""
@@ -235,8 +206,8 @@ class SceneSimulator:
     ) -> dict[int, Trial]:
         """The wanted trials with nuisances and effects in them.
 
-        What an effect draws belongs to the trial's place in the whole campaign; trials that are not
-        wanted keep a place without work.
+        What an effect draws belongs to the trial's position in the campaign; trials that are not
+        wanted keep theirs without work.
         """
         seed = int(
             np.random.SeedSequence(
@@ -264,7 +235,7 @@ class SceneSimulator:
             drawn += [(one, 0.0) for one in own if isinstance(one.prior, DrawnByEffect)]
         caused = []
         for name, numbers in effects:
-            effect = self._library[name]
+            effect = self.library[name]
             pairs = zip(effect.parameters, numbers, strict=True)
             caused.append((effect, {p.name: value for p, value in pairs}))
         causes = {effect.name: values for effect, values in caused}
@@ -282,8 +253,6 @@ class SceneSimulator:
 
     def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
         """Base trials with values of their own (replicates above 0), a variant or a tiny shift."""
-        from vsr2.effects import with_effects
-
         if replicate == 0:
             return self._trials
         if replicate in self.variants:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Mapping
@@ -12,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from vsr2.results.atomic import write_atomic
+from vsr2.results.atomic import csv_text, write_text
 
 SCHEMA = "vsr2.diagnosis/2"
 FILE = "diagnosis.json"
@@ -74,11 +72,12 @@ class Diagnosis:
             for row in self.content["effects"]
         ]
         return {
-            "effects.csv": _csv(effects),
-            "where.csv": _csv(
-                [{k: v for k, v in row.items() if k != "trials"} for row in self.content["where"]]
+            "effects.csv": csv_text(effects, ".6g"),
+            "where.csv": csv_text(
+                [{k: v for k, v in row.items() if k != "trials"} for row in self.content["where"]],
+                ".6g",
             ),
-            "trials.csv": _csv([dict(row) for row in self.trials]),
+            "trials.csv": csv_text(self.trials, ".6g"),
         }
 
     def save(self, folder: str | Path) -> Path:
@@ -94,8 +93,7 @@ class Diagnosis:
         _remove_page(path / PAGE_FILE)
         contents = {**self.tables(), FILE: self.to_json()}
         for name, text in contents.items():
-            data = text.encode()
-            write_atomic(path / name, lambda file, data=data: file.write(data))  # type: ignore[misc]
+            write_text(path / name, text, errors="strict")
         return path / FILE
 
 
@@ -114,19 +112,3 @@ def finite(value: Any) -> Any:
         return value
     number = float(value)
     return number if math.isfinite(number) else None
-
-
-def _csv(rows: list[dict[str, Any]]) -> str:
-    out = io.StringIO()
-    if rows:
-        writer = csv.DictWriter(out, fieldnames=list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({key: _cell(value) for key, value in row.items()})
-    return out.getvalue()
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, float):
-        return f"{value:.6g}" if math.isfinite(value) else ""
-    return "" if value is None else value

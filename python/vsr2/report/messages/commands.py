@@ -6,13 +6,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsr2.analysis.bootstrap import SCORES
 from vsr2.report.messages.runs import compatible_values
 
 if TYPE_CHECKING:
+    from vsr2.analysis.baseline import BaselineScore
     from vsr2.blind.custodian.make import Made
     from vsr2.calibration import CalibrationResult
     from vsr2.results import BatchResult
-    from vsr2.simulation.effect_checks import EffectReport, Liveness, Rock
+    from vsr2.simulation.bench import Rock
+    from vsr2.simulation.effect_checks import EffectReport, Liveness
 
 
 def table(rows: Sequence[Sequence[str]], align: Callable[[str, int], str] = str.rjust) -> str:
@@ -40,6 +43,16 @@ def calibration_summary(result: CalibrationResult) -> str:
     return "".join(f"{line}\n" for line in lines)
 
 
+def baseline_table(scores: Sequence[BaselineScore]) -> str:
+    """Ways of predicting outcomes: scores with their 95 % intervals."""
+    header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
+    rows = [
+        [one.name, one.fitted, str(one.metrics.trials), *(str(one.intervals[n]) for n in SCORES)]
+        for one in scores
+    ]
+    return table([header, *rows], str.ljust)
+
+
 def effect_report(report: EffectReport) -> str:
     """The checks of an effect, one a line."""
     neutral = "yes" if report.neutral else "NO: the trajectory differs at the null value"
@@ -53,10 +66,10 @@ def effect_report(report: EffectReport) -> str:
     elif report.effect.jump:
         lines.append(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
     else:
-        lines.append("  continuous: not told, the null value has no value beside it")
+        lines.append("  continuous: not checked, the null value has no value beside it")
     lines.append(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
     if report.right is None:
-        lines.append("  right: not told here, VSR2's own tests hold its closed forms")
+        lines.append("  right: not checked here, VSR2's own tests hold its closed forms")
     elif not report.right:
         lines.append("  right: NO, its `verify` gives no check")
     lines += [

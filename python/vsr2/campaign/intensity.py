@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class IntensityMeasures:
+class TrialIntensities:
     """Of each trial, NaN where unknown.
 
     Attributes:
@@ -27,7 +27,7 @@ class IntensityMeasures:
     pgv_pga: Array
 
 
-def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> IntensityMeasures:
+def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> TrialIntensities:
     """PGA and PGV/PGA: as published with the trial, otherwise from its motion.
 
     From a motion they are those of the acceleration channel, or without one of the displacement's
@@ -58,7 +58,7 @@ def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> I
         own_pga, own_ratio = measured[trial.motion_file]
         pga[i] = own_pga if np.isnan(pga[i]) else pga[i]
         ratio[i] = own_ratio if np.isnan(ratio[i]) else ratio[i]
-    return IntensityMeasures(pga, ratio)
+    return TrialIntensities(pga, ratio)
 
 
 def _measured(record: Record, filter: Filter) -> tuple[float, float]:

@@ -1,30 +1,30 @@
-"""Evaluated parameter sets on disk: one line each, appended once it is finished.
+"""Evaluated parameter sets on disk: one record each, appended once it is finished.
 
-However the process ends, the file holds whole lines and at most one torn last line, which the next
-run drops. Nothing of a search is kept but its evaluations: a resumed search takes the same steps
-again from the same seed, and finds them here.
+Nothing of a search is kept but its evaluations: a resumed search takes the same steps again from
+the same seed, and finds them here.
 """
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.config.extended import Plain
-from vsr2.errors import ResultError
-from vsr2.results.lines import append_line, lock_file
+from vsr2.results.store import Store, StoreKind
 
 EVALUATIONS_FILE = "evaluations.jsonl"
-_FORMAT = "vsr2 evaluations"
-_VERSION = 1
-_MAX_BYTES = 2**32
+_KIND = StoreKind(
+    format="vsr2 evaluations",
+    version=1,
+    foreign="holds evaluations on another campaign; choose another folder, or start anew with "
+    "overwrite",
+)
 _CODES = "01x."
 """Stood, overturned, failed, not simulated."""
 
@@ -59,7 +59,7 @@ class Evaluation:
         return np.zeros_like(among) if self.known is None else among & ~self.known
 
 
-class EvaluationStore:
+class EvaluationStore(Store):
     """The file of evaluations of one campaign, found again by what went into them.
 
     Args:
@@ -68,72 +68,15 @@ class EvaluationStore:
         trials: number of trials.
 
     Raises:
-        ResultError: the file there is of another campaign, is damaged before its last line, is used
-            by another process, or the folder cannot be written to.
+        ResultError: as of :class:`vsr2.results.store.Store`.
     """
 
     def __init__(self, folder: str | os.PathLike[str], campaign: str, trials: int) -> None:
-        self._path = Path(folder) / EVALUATIONS_FILE
         self._trials = trials
-        self._header = {
-            "format": _FORMAT,
-            "version": _VERSION,
-            "campaign": campaign,
-            "trials": trials,
-        }
         self._plan_of: dict[str, str] = {}
         self._by_plan: dict[str, Evaluation] = {}
-        try:
-            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError as error:
-            raise self._unusable(error) from error
-        try:
-            lock_file(self._file, self._path)
-            end = self._read()
-            os.ftruncate(self._file, end)
-            os.lseek(self._file, 0, os.SEEK_END)
-            if end == 0:
-                append_line(self._file, self._header)
-        except OSError as error:
-            os.close(self._file)
-            raise self._unusable(error) from error
-        except BaseException:
-            os.close(self._file)
-            raise
-
-    def _unusable(self, error: OSError) -> ResultError:
-        return ResultError(
-            f"{self._path}: cannot be used ({error.strerror}); free space or choose another folder"
-        )
-
-    def _read(self) -> int:
-        size = os.fstat(self._file).st_size
-        if size > _MAX_BYTES:
-            raise ResultError(f"{self._path}: over {_MAX_BYTES} bytes; no file of ours")
-        content = self._path.read_bytes()
-        end = content.rfind(b"\n") + 1
-        for number, line in enumerate(content[:end].splitlines()):
-            try:
-                entry = json.loads(line)
-                if number == 0:
-                    self._check_header(entry)
-                else:
-                    self._take(entry)
-            except (ValueError, KeyError, TypeError, RecursionError) as error:
-                raise ResultError(
-                    f"{self._path}:{number + 1}: damaged ({error}); start anew with overwrite"
-                ) from None
-        return end
-
-    def _check_header(self, entry: Any) -> None:
-        if entry == self._header:
-            return
-        if not isinstance(entry, dict) or entry.get("format") != _FORMAT:
-            raise ValueError("not a file of ours")
-        raise ResultError(
-            f"{self._path}: holds evaluations on another campaign; choose another folder, or "
-            "start anew with overwrite"
-        )
+        identity = {"campaign": campaign, "trials": trials}
+        super().__init__(Path(folder) / EVALUATIONS_FILE, _KIND, identity, self._take)
 
     def _take(self, entry: dict[str, Any]) -> None:
         codes = entry["predicted"]
@@ -162,7 +105,7 @@ class EvaluationStore:
         """What was evaluated with the same trials to the last bit; None: nothing."""
         return self._by_plan.get(plan)
 
-    def add(self, key: str, evaluation: Evaluation) -> None:
+    def keep(self, key: str, evaluation: Evaluation) -> None:
         """Append an evaluation; of further trials of the same set, to what is there.
 
         Raises:
@@ -171,27 +114,12 @@ class EvaluationStore:
         codes = [2 if np.isnan(value) else int(value) for value in evaluation.predicted]
         if evaluation.known is not None:
             codes = [c if k else 3 for c, k in zip(codes, evaluation.known, strict=True)]
-        entry = {
+        record = {
             "key": key,
             "plan": evaluation.plan,
             "values": dict(evaluation.values),
             "predicted": "".join(_CODES[code] for code in codes),
             "seconds": round(evaluation.seconds, 3),
         }
-        try:
-            append_line(self._file, entry)
-        except OSError as error:
-            raise ResultError(
-                f"{self._path}: cannot be written ({error.strerror}); free space and resume"
-            ) from error
-        self._take(entry)
-
-    def close(self) -> None:
-        """Close the file; it stays."""
-        os.close(self._file)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
+        self.add(record)
+        self._take(record)

@@ -14,21 +14,15 @@ extrapolates.
 
 from __future__ import annotations
 
-import csv
-import io
-import math
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from vsr2.errors import ResultError
-from vsr2.fragility.fit import FragilityFit
+from vsr2.fragility.fit import FragilityFit, Lognormal
 from vsr2.fragility.run import FragilityResult
 from vsr2.results import has_journal, remove_journal, save_result
-from vsr2.results.atomic import write_text
+from vsr2.results.atomic import csv_text, write_text
 
 OWN_FILES = ("plan.csv", "surface.csv", "lognormal.csv", "report.md")
 
@@ -76,7 +70,7 @@ def save_fragility(
     # With a journal, what is there is an earlier try at this same result.
     save_result(batch, path, streamed_logs=True, overwrite=has_journal(path))
     for name, rows in tables.items():
-        write_text(path / name, _csv(rows))
+        write_text(path / name, csv_text(rows, ".9g"))
     if not keep_journal:
         remove_journal(path)
     return [path / "trials.csv", path / "provenance.json", *(path / name for name in tables)]
@@ -121,36 +115,21 @@ def lognormal_rows(result: FragilityResult) -> list[dict[str, Any]]:
             for (other, turn), one in result.azimuth_curves.items()
             if other == name
         ]
-    rows = []
-    for name, azimuth, fit in curves:
-        found = fit.lognormal
-        row: dict[str, Any] = {"measure": name, "azimuth_deg": azimuth}
-        for key in (
-            "median", "median_lower", "median_upper", "beta", "beta_lower", "beta_upper",
-        ):  # fmt: skip
-            row[key] = math.nan if found is None else getattr(found, key)
-        row |= {
-            "fits": "" if found is None else int(found.fits),
+    blank = {key: "" for key in Lognormal.__dataclass_fields__}
+    return [
+        {
+            "measure": name,
+            "azimuth_deg": azimuth,
+            **(
+                blank
+                if (found := fit.lognormal) is None
+                else vars(found) | {"fits": int(found.fits)}
+            ),
             "trials": fit.trials,
             "overturned": fit.overturned,
             "motions": fit.groups,
             "separated": int(fit.separated),
             "note": fit.note or "",
         }
-        rows.append(row)
-    return rows
-
-
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({key: _cell(value) for key, value in row.items()})
-    return text.getvalue()
-
-
-def _cell(value: object) -> object:
-    if not isinstance(value, float):
-        return value
-    return f"{value:.9g}" if np.isfinite(value) else ""
+        for name, azimuth, fit in curves
+    ]

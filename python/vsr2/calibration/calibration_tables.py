@@ -14,11 +14,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,20 +26,19 @@ from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import CalibrationStudy, study_values
 from vsr2.calibration.evaluation import RUNNING
+from vsr2.calibration.evaluation_store import EVALUATIONS_FILE
 from vsr2.calibration.scores import metrics_of, objective_of
 from vsr2.calibration.search import Step
-from vsr2.calibration.store import EVALUATIONS_FILE, Evaluation
 from vsr2.config import dump_study
 from vsr2.errors import ResultError
 from vsr2.results import JOURNAL_FILE
-from vsr2.results.atomic import write_text
+from vsr2.results.atomic import csv_text, write_text
 
 TABLE = "table.csv"
 OWN_FILES = (
     "provenance.json", TABLE, "evaluations.csv", "predictions.csv", "folds.csv", "scores.csv",
     "profiles.csv", "best.yaml", "report.md",
 )  # fmt: skip
-S2_SCORES = ("accuracy", "precision", "recall", "f1", "objective")
 
 
 def prepare_calibration_folder(
@@ -89,15 +85,17 @@ def save_calibration(
         ResultError: one cannot be written.
     """
     path = Path(folder)
-    texts: dict[str, str] = {}
+    tables = {
+        "evaluations.csv": evaluation_rows(result),
+        "predictions.csv": prediction_rows(result),
+        "scores.csv": score_rows(result),
+        "profiles.csv": profile_rows(result),
+    }
     if result.settings.method.kind == "sequential":
-        texts[TABLE] = csv_text(sequential_rows(result))
-    texts["evaluations.csv"] = csv_text(evaluation_rows(result))
-    texts["predictions.csv"] = csv_text(prediction_rows(result))
+        tables[TABLE] = sequential_rows(result)
     if result.folds:
-        texts["folds.csv"] = csv_text(fold_rows(result))
-    texts["scores.csv"] = csv_text(score_rows(result))
-    texts["profiles.csv"] = csv_text(profile_rows(result))
+        tables["folds.csv"] = fold_rows(result)
+    texts = {name: csv_text(rows) for name, rows in tables.items()}
     best = study.with_values(study_values(study, dict(result.best.evaluation.values)))
     texts["best.yaml"] = dump_study(best)
     texts["provenance.json"] = json.dumps(result.provenance, indent=2) + "\n"
@@ -114,8 +112,10 @@ def sequential_rows(result: CalibrationResult) -> list[dict[str, Any]]:
             "group": step.group,
             **step.evaluation.values,
             **{
-                name: _three(value)
-                for name, value in _scores(metrics_of(result.observed, step.evaluation.predicted))
+                name: "" if math.isnan(value) else f"{value:.3f}"
+                for name, value in _scores(
+                    metrics_of(result.observed, step.evaluation.predicted)
+                ).items()
             },
         }
         for step in result.steps
@@ -123,41 +123,29 @@ def sequential_rows(result: CalibrationResult) -> list[dict[str, Any]]:
     ]
 
 
-def _scores(metrics: Classification) -> list[tuple[str, float]]:
-    return [(name, float(getattr(metrics, name))) for name in S2_SCORES]
-
-
-def _three(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.3f}"
+def _scores(metrics: Classification) -> dict[str, float]:
+    return {name: float(getattr(metrics, name)) for name in SCORES}
 
 
 def evaluation_rows(result: CalibrationResult) -> list[dict[str, Any]]:
     """Every set once: those of the search in order, then those of folds and profiles."""
-    seen: set[int] = set()
-    rows: list[dict[str, Any]] = []
-    steps: Iterable[tuple[str, Evaluation]] = [
-        *((step.group, step.evaluation) for step in result.steps),
-        *(("fold or profile", one) for one in result.extra),
+    stages: dict[int, str] = {}
+    for step in result.steps:
+        stages.setdefault(id(step.evaluation), step.group)
+    return [
+        {
+            "evaluation": i,
+            "stage": stages.get(id(one), "fold or profile"),
+            **one.values,
+            **_scores(metrics_of(result.observed, one.predicted)),
+            # As the search saw it: undefined parts count as 0.
+            "objective": objective_of(result.observed, one.predicted),
+            "failed": one.failed,
+            "seconds": one.seconds,
+            "plan_sha256": one.plan,
+        }
+        for i, one in enumerate(result.evaluations)
     ]
-    for stage, one in steps:
-        if id(one) in seen:
-            continue
-        seen.add(id(one))
-        metrics = metrics_of(result.observed, one.predicted)
-        rows.append(
-            {
-                "evaluation": len(rows),
-                "stage": stage,
-                **one.values,
-                **{name: value for name, value in _scores(metrics) if name != "objective"},
-                # As the search saw it: undefined parts count as 0.
-                "objective": objective_of(result.observed, one.predicted),
-                "failed": one.failed,
-                "seconds": one.seconds,
-                "plan_sha256": one.plan,
-            }
-        )
-    return rows
 
 
 def prediction_rows(result: CalibrationResult) -> list[dict[str, Any]]:
@@ -227,18 +215,6 @@ def profile_rows(result: CalibrationResult) -> list[dict[str, Any]]:
         for profile in result.profiles
         for cell in profile.cells
     ]
-
-
-def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows of one form as CSV; NaN is blank."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow(
-            {k: "" if isinstance(v, float) and math.isnan(v) else v for k, v in row.items()}
-        )
-    return text.getvalue()
 
 
 def best_of_sweeps(result: CalibrationResult) -> list[Step]:

@@ -1,0 +1,203 @@
+"""The store of finished work: one file that one process appends to, and that survives `kill -9`.
+
+JSON lines: a header that says what the file is and to what it belongs, then one record a line. A
+record is appended by a single write. However the process ends, the file holds whole lines and at
+most one torn last line, which the next writer drops. While a process has a store open it holds a
+lock on the file, where the file system has locks. Others may read it at the same time.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from vsr2.errors import ResultError
+
+MAX_BYTES = 2**32
+"""Largest store that is read."""
+
+Take = Callable[[dict[str, Any]], None]
+"""Takes a record; ValueError, KeyError, TypeError: it is damaged."""
+
+
+@dataclass(frozen=True)
+class StoreKind:
+    """A sort of store.
+
+    Attributes:
+        format: its name.
+        version: of its records; another is refused.
+        foreign: what a file of another identity is, and what to do about it.
+        damaged: what to do about a damaged file.
+    """
+
+    format: str
+    version: int
+    foreign: str
+    damaged: str = "start anew with overwrite"
+
+
+class Store:
+    """A store open for writing.
+
+    Args:
+        path: of the file, made where it is not; its folder exists.
+        kind: what it holds.
+        identity: of what its records belong to (JSON values).
+        take: called with every record that the file holds already.
+
+    Raises:
+        ResultError: the file belongs to something else, is damaged before its last line, is
+            written by another process, or cannot be written to.
+    """
+
+    def __init__(
+        self, path: Path, kind: StoreKind, identity: Mapping[str, Any], take: Take
+    ) -> None:
+        self._path = path
+        try:
+            _check_regular(path)
+            self._file = os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
+            try:
+                _lock(self._file, path)
+                end = read_store(path, kind, identity, take)
+                os.ftruncate(self._file, end)
+                os.lseek(self._file, 0, os.SEEK_END)
+                if end == 0:
+                    self._write(_header(kind, identity))
+            except BaseException:
+                os.close(self._file)
+                raise
+        except OSError as error:
+            raise ResultError(
+                f"{path}: cannot be used ({error.strerror}); free space or choose another folder"
+            ) from error
+
+    def add(self, *records: dict[str, Any]) -> None:
+        """Append records, by one write.
+
+        Raises:
+            ResultError: they cannot be written.
+        """
+        try:
+            self._write(*records)
+        except OSError as error:
+            raise ResultError(
+                f"{self._path}: cannot be written ({error.strerror}); free space and resume"
+            ) from error
+
+    def _write(self, *records: Mapping[str, Any]) -> None:
+        content = "".join(json.dumps(one, separators=(",", ":")) + "\n" for one in records)
+        lines = content.encode()
+        start = os.lseek(self._file, 0, os.SEEK_CUR)
+        if os.write(self._file, lines) != len(lines):
+            # A full disk takes part of it; take it back, so that later lines stay readable.
+            os.ftruncate(self._file, start)
+            os.lseek(self._file, start, os.SEEK_SET)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def close(self) -> None:
+        """Close the file; it stays."""
+        os.close(self._file)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def read_store(path: Path, kind: StoreKind, identity: Mapping[str, Any], take: Take) -> int:
+    """Read a store and leave it as it is: another process may write it.
+
+    Args:
+        path: of the file.
+        kind: what it holds.
+        identity: of what its records belong to.
+        take: called with every record.
+
+    Returns:
+        Where the last whole line ends [byte].
+
+    Raises:
+        ResultError: it cannot be read, belongs to something else, or is damaged before its last
+            line.
+    """
+    _check_regular(path)
+    header = _header(kind, identity)
+    end = 0
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ResultError(f"{path}: over {MAX_BYTES} bytes; not a file of VSR2")
+        with path.open("rb") as file:
+            for number, line in enumerate(file):
+                if not line.endswith(b"\n"):
+                    break
+                try:
+                    entry = json.loads(line)
+                    if number == 0:
+                        _check_header(path, kind, entry, header)
+                    else:
+                        take(entry)
+                except (ValueError, KeyError, TypeError, RecursionError) as error:
+                    raise ResultError(
+                        f"{path}:{number + 1}: damaged ({error}); {kind.damaged}"
+                    ) from None
+                end += len(line)
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
+    return end
+
+
+def refuse_written(path: Path) -> None:
+    """Refuse a store that another process has open.
+
+    Raises:
+        ResultError: it is locked.
+    """
+    try:
+        file = os.open(path, os.O_WRONLY)
+    except OSError:
+        return  # There is none, or whoever uses it next tells why it cannot.
+    try:
+        _lock(file, path)
+    finally:
+        os.close(file)
+
+
+def _lock(file: int, path: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno == errno.EWOULDBLOCK:
+            raise ResultError(
+                f"{path}: another process is writing it; let that one finish, or end it"
+            ) from error
+        # A file system without locks, as some networks have: nothing to hold on to.
+
+
+def _header(kind: StoreKind, identity: Mapping[str, Any]) -> dict[str, Any]:
+    return {"format": kind.format, "version": kind.version, **identity}
+
+
+def _check_header(path: Path, kind: StoreKind, entry: Any, header: Mapping[str, Any]) -> None:
+    if not isinstance(entry, dict) or entry.get("format") != kind.format:
+        raise ValueError(f"no {kind.format}")
+    if entry.get("version") != kind.version:
+        raise ResultError(
+            f"{path}: is a {kind.format} of version {entry.get('version')!r}, this VSR2 has "
+            f"{kind.version}; use the VSR2 that wrote it, or {kind.damaged}"
+        )
+    if entry != header:
+        raise ResultError(f"{path}: {kind.foreign}")
+
+
+def _check_regular(path: Path) -> None:
+    if path.exists() and not path.is_file():
+        raise ResultError(f"{path}: is no regular file; choose another folder")

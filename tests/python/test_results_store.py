@@ -1,0 +1,244 @@
+"""The one store of finished work, as journal, as evaluations, and as simulation cache."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from vsr2.calibration import Evaluation, EvaluationStore
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.simulator import Request, Responses
+from vsr2.errors import ResultError
+from vsr2.results import Journal, prepare_folder, read_journal
+from vsr2.results import store as store_module
+
+
+class Journalled:
+    file = "journal.jsonl"
+    owner = ("plan", "other trials or settings")
+    odd = b'{"trial":3}\n'
+
+    def __init__(self, folder, owner="plan"):
+        self.open = Journal(folder, owner, 3)
+
+    def add(self, i):
+        self.open.record(i, {"x": i / 3})
+
+    def held(self):
+        return {i: row["x"] for i, row in self.open.finished.items()}
+
+
+class Evaluated:
+    file = "evaluations.jsonl"
+    owner = ("campaign", "another campaign")
+    odd = b'{"key":"k","plan":"p","values":{},"predicted":"1?x","seconds":1}\n'
+
+    def __init__(self, folder, owner="campaign"):
+        self.open = EvaluationStore(folder, owner, 3)
+
+    def add(self, i):
+        one = Evaluation({"p": i / 3}, np.array([1.0, 0.0, np.nan]), f"plan {i}", 1.5)
+        self.open.keep(str(i), one)
+
+    def held(self):
+        found = {i: self.open.by_key(str(i)) for i in range(3)}
+        return {i: one.values["p"] for i, one in found.items() if one is not None}
+
+
+class Simulated:
+    file = "simulations.jsonl"
+    owner = None
+    odd = b'{"key":"00","response":"","seconds":1}\n'
+    identity = "simulated"
+    library: dict[str, object] = {}  # noqa: RUF012
+
+    def __init__(self, folder):
+        self.open = SimulationCache(self, folder / self.file)
+        self.runs = 0
+
+    def nuisance_draw(self, index):
+        return np.zeros(1)
+
+    def run(self, requests):
+        self.runs += len(requests)
+        tilt = np.array([one.trial / 3 for one in requests])
+        return Responses(np.zeros(len(tilt)), tilt, np.full((len(tilt), 1), np.nan))
+
+    def add(self, i):
+        found = self.open.run([Request(i, (), 0, 1)])
+        assert np.isnan(found.features).all()
+
+    def held(self):
+        size, before = self.open.size, self.runs
+        if not size:
+            return {}
+        tilts = self.open.run([Request(i, (), 0, 1) for i in range(size)]).peak_tilt
+        assert self.runs == before
+        return dict(enumerate(tilts.tolist()))
+
+
+KINDS = [Journalled, Evaluated, Simulated]
+
+
+@dataclass
+class Kept:
+    """A store that holds records 0 and 1, closed."""
+
+    kind: type
+    folder: object
+    path: object
+
+
+@pytest.fixture(params=KINDS)
+def kept(request, tmp_path):
+    one = request.param(tmp_path)
+    one.add(0)
+    one.add(1)
+    one.open.close()
+    return Kept(request.param, tmp_path, tmp_path / request.param.file)
+
+
+def held(kept):
+    one = kept.kind(kept.folder)
+    with one.open:
+        return one.held()
+
+
+def test_what_was_kept_is_found_to_the_last_bit(kept) -> None:
+    assert held(kept) == {0: 0.0, 1: 1 / 3}
+
+
+def test_a_torn_last_line_is_dropped_wherever_it_was_torn(kept) -> None:
+    lines = kept.path.read_bytes().splitlines(keepends=True)
+    for cut in (0, 1, len(lines[2]) // 2, len(lines[2]) - 1):
+        kept.path.write_bytes(b"".join(lines[:2]) + lines[2][:cut])
+        assert held(kept) == {0: 0.0}
+        one = kept.kind(kept.folder)
+        with one.open:
+            one.add(1)
+        assert held(kept) == {0: 0.0, 1: 1 / 3}
+    # Of a torn header nothing is left: the store is empty.
+    kept.path.write_bytes(lines[0][:-1])
+    assert held(kept) == {}
+
+
+def test_a_damaged_record_is_stated_with_its_line_and_a_remedy(kept) -> None:
+    content = kept.path.read_bytes()
+    for bad in (
+        kept.kind.odd,
+        b"no json\n",
+        b"\xff\xfe\n",
+        b"[1]\n",
+        b"{}\n",
+        b"[" * 10**5 + b"\n",
+    ):
+        kept.path.write_bytes(content + bad + content.splitlines(keepends=True)[1])
+        with pytest.raises(ResultError, match=rf"{kept.path.name}:4: damaged .*; (start|remove)"):
+            kept.kind(kept.folder)
+        # It is left as it was.
+        assert kept.path.read_bytes().startswith(content + bad)
+
+
+def test_what_is_no_store_or_of_another_version_is_refused(kept) -> None:
+    first, rest = kept.path.read_bytes().split(b"\n", 1)
+    for bad in (b"{}", b"no json", b"\xff\xfe", b"[1]", b'"text"'):
+        kept.path.write_bytes(bad + b"\n" + rest)
+        with pytest.raises(ResultError, match=rf"{kept.path.name}:1: damaged"):
+            kept.kind(kept.folder)
+    header = json.loads(first)
+    kept.path.write_bytes(json.dumps(header | {"version": 99}).encode() + b"\n" + rest)
+    with pytest.raises(ResultError, match=r"of version 99, this VSR2 has \d; use the VSR2 that"):
+        kept.kind(kept.folder)
+    kept.path.unlink()
+    os.symlink("/dev/full", kept.path)
+    with pytest.raises(ResultError, match="no regular file"):
+        kept.kind(kept.folder)
+
+
+def test_a_store_of_something_else_or_too_large_is_refused(kept, monkeypatch) -> None:
+    if kept.kind.owner is not None:
+        name, error = kept.kind.owner
+        with pytest.raises(ResultError, match=error):
+            kept.kind(kept.folder, f"other {name}")
+    monkeypatch.setattr(store_module, "MAX_BYTES", 100)
+    with pytest.raises(ResultError, match="over 100 bytes"):
+        kept.kind(kept.folder)
+
+
+def test_a_second_writer_is_refused_until_the_first_ends(kept) -> None:
+    with kept.kind(kept.folder).open, pytest.raises(ResultError, match="another process is wri"):
+        kept.kind(kept.folder)
+    assert held(kept) == {0: 0.0, 1: 1 / 3}
+
+
+def test_a_full_disk_leaves_whole_records(kept) -> None:
+    one = kept.kind(kept.folder)
+    before = kept.path.read_bytes()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    with one.open:
+        # A limit on file sizes stands for the full disk: the write ends amid a record.
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) + 9, limits[1]))
+        try:
+            with pytest.raises(ResultError, match=r"cannot be written \(No space left on device"):
+                one.add(2)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        assert kept.path.read_bytes() == before
+        one.add(2)
+    assert held(kept) == {0: 0.0, 1: 1 / 3, 2: 2 / 3}
+
+
+def test_a_missing_folder_is_stated(kept) -> None:
+    with pytest.raises(ResultError, match=r"cannot be used \(No such file"):
+        kept.kind(kept.folder / "none")
+
+
+def test_a_journal_is_read_beside_its_writer_and_not_overwritten(tmp_path) -> None:
+    with Journal(tmp_path, "plan", 3) as journal:
+        journal.record(0, {"x": 1})
+        assert read_journal(tmp_path, "plan", 3) == {0: {"x": 1, "trial": 0}}
+        with pytest.raises(ResultError, match="another process"):
+            prepare_folder(tmp_path, overwrite=True)
+    with pytest.raises(ResultError, match="other trials"):
+        read_journal(tmp_path, "plan", 4)
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from vsr2.results.store import Store, StoreKind
+store = Store(Path(sys.argv[1]), StoreKind("endless", 1, ""), {}, lambda record: None)
+for i in range(10**9):
+    store.add(*({"i": i, "k": k, "filler": "x" * (i % 3000)} for k in range(1 + i % 5)))
+"""
+
+
+def test_kill_9_leaves_what_was_added_in_order(tmp_path) -> None:
+    path = tmp_path / "endless"
+    kind = store_module.StoreKind("endless", 1, "")
+    found: list[tuple[int, int]] = []
+    for _ in range(3):
+        path.unlink(missing_ok=True)
+        child = subprocess.Popen([sys.executable, "-c", WRITER, str(path)])
+        ends = time.monotonic() + 60
+        while not (path.exists() and path.stat().st_size > 10**6) and time.monotonic() < ends:
+            assert child.poll() is None
+            time.sleep(0.001)
+        child.send_signal(signal.SIGKILL)
+        assert child.wait() == -signal.SIGKILL
+        found.clear()
+        store_module.Store(path, kind, {}, lambda one: found.append((one["i"], one["k"]))).close()
+        assert len(found) > 100
+        assert (
+            found
+            == [(i, k) for i in range(found[-1][0] + 1) for k in range(1 + i % 5)][: len(found)]
+        )
