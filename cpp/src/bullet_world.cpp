@@ -122,7 +122,7 @@ class BulletWorld final : public BulletWorldBase {
       if (mechanics_)
         mechanise([&](RockState& state) { return mechanics_->begin_step(state, dt); });
       if (prescribes(drive_)) {
-        prescribe(on_the_way(start, pedestal(), target, i, engine.substeps, dt), dt);
+        prescribe(on_the_way(drive_, start, pedestal(), target, i, engine.substeps, dt), dt);
       } else {
         motor_->setVelocityTarget(MotorLaw::velocity_reference(drive_, target), MotorLaw::velocity_gain);
         motor_->setPositionTarget(target.position, MotorLaw::position_gain);

@@ -21,7 +21,7 @@ typedef double Lanes __attribute__((vector_size(4 * sizeof(double)), may_alias))
 // A linear form of the variables but the first: their weights, in groups of four.
 template <int kGroups>
 struct Form {
-  Lanes group[kGroups]{};
+  Lanes group[kGroups];
 
   VSR2_INLINE void set(int q, double weight) { reinterpret_cast<double*>(group)[q] = weight; }
   VSR2_INLINE double of(const double* variables) const {
@@ -114,11 +114,7 @@ class Jump {
  public:
   VSR2_INLINE Jump(const ContactProblem& p, const Pattern& pattern, const Variables& variables)
       : p_(p), pattern_(pattern), v_(variables), count_(variables.count) {
-    switch (p.joint) {
-      case Joint::pitch: linearise<Joint::pitch>(); break;
-      case Joint::motor: linearise<Joint::motor>(); break;
-      default: linearise<Joint::none>();
-    }
+    with_joint(p.joint, [this](auto joint) VSR2_INLINE_LAMBDA { linearise<joint>(); });
   }
 
   // Sweeps jumped, at most `most`; `e` then holds the change of every variable.
@@ -291,8 +287,8 @@ class Jump {
 
    private:
     Jump& jump_;
-    Linear variable_[4 * kOut];
-    Linear open_[4];
+    Linear variable_[4 * kOut]{};
+    Linear open_[4]{};
   };
 
   // One sweep of the linear parts, as functions of the variables before it.
@@ -490,11 +486,7 @@ int jump(ContactProblem& p, const Pattern& pattern, int most) {
   const auto run = instruction_set() == InstructionSet::avx2 ? jump_avx2 : jump_portable;
   const int done = run(p, pattern, v, most, e);
   if (done == 0) return 0;
-  switch (p.joint) {
-    case Joint::pitch: add<Joint::pitch>(p, v, e); break;
-    case Joint::motor: add<Joint::motor>(p, v, e); break;
-    default: add<Joint::none>(p, v, e);
-  }
+  with_joint(p.joint, [&](auto joint) { add<joint>(p, v, e); });
   return done;
 }
 

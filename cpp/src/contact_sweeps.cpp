@@ -115,14 +115,6 @@ double sweep_numbers(ContactProblem& p, Pattern& pattern) {
   return rows.greatest();
 }
 
-double sweep_numbers(ContactProblem& p, Pattern& pattern) {
-  switch (p.joint) {
-    case Joint::pitch: return sweep_numbers<Joint::pitch>(p, pattern);
-    case Joint::motor: return sweep_numbers<Joint::motor>(p, pattern);
-    default: return sweep_numbers<Joint::none>(p, pattern);
-  }
-}
-
 }  // namespace
 
 int solve(ContactProblem& problem, int sweeps, double threshold) {
@@ -130,7 +122,8 @@ int solve(ContactProblem& problem, int sweeps, double threshold) {
   int single = 0;
   int wait = 1;
   for (int left = sweeps; left > 0;) {
-    const double residual = sweep_numbers(problem, pattern);
+    const double residual = with_joint(
+        problem.joint, [&](auto joint) { return sweep_numbers<joint>(problem, pattern); });
     ++single;
     --left;
     if (threshold > 0.0) {

@@ -167,13 +167,6 @@ void FastStepper::gather_candidates(const Vector3d& up_B) {
       candidates_[k * kCandidates + i] = candidates_[k * kCandidates];
 }
 
-// Of the vertices that can be the lowest: all where none were gathered.
-PointView FastStepper::low_vertices() const {
-  if (candidate_count_ == 0) return model_->vertices.view();
-  const double* x = candidates_.data();
-  return {x, x + kCandidates, x + 2 * kCandidates, candidate_count_};
-}
-
 std::size_t FastStepper::lowest_vertex(const Vector3d& up_B) {
   // The height of a vertex changes by at most |up - gathered up| times its radius.
   const double reach = 0.5 * kCandidateBand;

@@ -119,7 +119,12 @@ class FastStepper {
   int iterations() const { return iterations_; }
 
  private:
-  PointView low_vertices() const;
+  // Of the vertices that can be the lowest: all where none were gathered.
+  PointView low_vertices() const {
+    if (candidate_count_ == 0) return model_->vertices.view();
+    const double* x = candidates_.data();
+    return {x, x + kCandidates, x + 2 * kCandidates, candidate_count_};
+  }
   std::size_t lowest_vertex(const Eigen::Vector3d& up_B);
   bool is_only_lowest(std::size_t vertex, const Eigen::Vector3d& up_B) const;
   bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,

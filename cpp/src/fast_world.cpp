@@ -83,10 +83,11 @@ class FastWorld final : public World {
     const PedestalState start = pedestal_;
     FastStepper::Snapshot before;
     std::optional<RockMechanics> mechanics_before;
-    const std::optional<PitchJoint> joint_before = joint_;
+    std::optional<PitchJoint> joint_before;
     if (engine.substeps > 1) {
       before = stepper_.snapshot();
       mechanics_before = mechanics_;
+      joint_before = joint_;
     }
     for (int i = 1; i <= engine.substeps; ++i) {
       if (substep(target, dt, start, i)) continue;
@@ -155,15 +156,16 @@ class FastWorld final : public World {
 
   // Solver step `i`, from 1; false: the contact geometry does not hold, and nothing was done.
   bool substep(const DriveTarget& target, double dt, const PedestalState& start, int i) {
-    Support support = support_now();
+    const PedestalMotion now = motion_now();
+    Support support = top_of(now);
     handover_ = find_contacts(support);
     if (handover_ != Handover::none) return false;
     if (moves() && mechanics_)
       mechanise([&](RockState& rock) { return mechanics_->begin_step(rock, dt); });
     PedestalState next = pedestal_;
     if (prescribes(drive_))
-      next = on_the_way(start, pedestal_, target, i, scene_->engine().substeps, dt);
-    SupportMotor motor = drive(target, dt, next, support);
+      next = on_the_way(drive_, start, pedestal_, target, i, scene_->engine().substeps, dt);
+    SupportMotor motor = drive(target, dt, now, next, support);
     last_support_ = support.p_WP;
     last_turn_ = support.R_WP;
     if (moves()) {
@@ -190,21 +192,21 @@ class FastWorld final : public World {
     return true;
   }
 
-  // The top, where it is, without its velocity.
-  Support support_now() const {
+  // The pedestal's pose, without its velocity where it moves along x only.
+  PedestalMotion motion_now() const {
+    if (drive_ == Drive::prescribed_spatial) return pedestal_motion(scene_->pedestal(), pedestal_);
+    PedestalMotion now;
+    now.p_WP = scene_->pedestal().p_WP0;
+    now.p_WP.x() += pedestal_.position;
+    return now;
+  }
+
+  // The top, without its velocity.
+  Support top_of(const PedestalMotion& now) const {
     Support support;
-    support.p_WP = scene_->pedestal().p_WP0;
-    if (drive_ == Drive::prescribed_spatial) {
-      const PedestalMotion now = pedestal_motion(scene_->pedestal(), pedestal_);
-      support.p_WP = now.p_WP;
-      support.R_WP = now.R_WP;
-      support.level = false;
-    } else {
-      support.p_WP.x() += pedestal_.position;
-      support.level = !top_is_turned_;
-    }
-    support.p_WP += Eigen::Vector3d(support.R_WP * p_LP_);
-    if (top_is_turned_) support.R_WP = support.R_WP * R_LP_;
+    support.p_WP = now.p_WP + now.R_WP * p_LP_;
+    support.R_WP = top_is_turned_ ? Eigen::Matrix3d(now.R_WP * R_LP_) : now.R_WP;
+    support.level = drive_ != Drive::prescribed_spatial && !top_is_turned_;
     return support;
   }
 
@@ -223,7 +225,8 @@ class FastWorld final : public World {
   }
 
   // Gives the support its velocity over a step and returns what of it yields to the contacts.
-  SupportMotor drive(const DriveTarget& target, double dt, PedestalState& next, Support& support) {
+  SupportMotor drive(const DriveTarget& target, double dt, const PedestalMotion& now,
+                     PedestalState& next, Support& support) {
     SupportMotor motor;
     switch (drive_) {
       case Drive::prescribed:
@@ -239,7 +242,6 @@ class FastWorld final : public World {
                                          next.excursion_rate.vertical) +
                          support.w_WP.cross(support.p_WP - motor.p_WA);
         } else {
-          const PedestalMotion now = pedestal_motion(scene_->pedestal(), pedestal_);
           const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
           support.w_WP = goal.w_WP;
           support.v_WP = (goal.p_WP - now.p_WP) / dt +
