@@ -23,7 +23,7 @@ from vsr2.motion import Motion, build_recorded_motion, cosine_motion, read_recor
 from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.simulation import Simulation, run_batch, study_trials
-from vsr2.simulation.native_trials import _Specifications, run_native
+from vsr2.simulation.native_trials import _settled_start, _specification, run_native
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -241,10 +241,9 @@ def test_motions_may_go_while_their_trials_run(
     trials = study_trials(block_study(mode="fast"))
     reference = run_batch(trials)
     monkeypatch.setattr("vsr2.simulation.native_trials._lent", lent)
-    specifications = _Specifications()
     batch = _native.Batch(3)
     for i in range(24):
-        batch.add(specifications.of(trials[i % 6]))
+        batch.add(_specification(trials[i % 6], _settled_start))
     batch.close()
     assert len(alive) == 48
     assert any(array() is not None for array in alive)
