@@ -141,7 +141,7 @@ class MeshPedestal(_Pedestal):
 
 
 class FixedStart(Section):
-    """The rock's model frame placed as told."""
+    """The rock's model frame placed as given."""
 
     mode: Literal["pose"]
     position: Vector3
@@ -276,7 +276,7 @@ class Settling(Section):
 
 
 class Outcome(Section):
-    """How a trial's end is told; tilt is the angle of the body away from its settled pose."""
+    """How a trial's end is judged; tilt is the angle of the body away from its settled pose."""
 
     tail: Annotated[float, Strict(), Field(gt=0, le=3600)] = 30.0
     """After the motion the trial runs on until the rock rests, at most this long [s]."""
@@ -407,7 +407,7 @@ class Study(Section):
     settling: Settling = Settling()
     """The rest before the motion."""
     outcome: Outcome = Outcome()
-    """How a trial's end is told."""
+    """How a trial's end is judged."""
     output: Output = Output()
     """What is written."""
 
@@ -417,7 +417,7 @@ class Study(Section):
             raise inapplicable(
                 "pedestal.mass",
                 "has no effect with `motion.drive: prescribed`, where the pedestal moves exactly "
-                "as told; remove the key, or set `motion.drive: motor`",
+                "as commanded; remove the key, or set `motion.drive: motor`",
             )
         period = shortest_period(self.motion)
         if period is not None and period < MIN_STEPS_A_PERIOD * self.engine.time_step:

@@ -122,5 +122,7 @@ class SpinFriction(Effect):
         each = values["coefficient"] / friction if friction > 0 else 0.0
         return _both(trial, lambda material: {"spinning_friction": each})
 
-
-CONTACT: tuple[Effect, ...] = (ContactStiffness(), Friction(), SpinFriction())
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        rock, pedestal = trial.scene.contact.rock, trial.scene.contact.pedestal
+        own = rock.spinning_friction * pedestal.lateral_friction
+        return {"coefficient": own + pedestal.spinning_friction * rock.lateral_friction}
