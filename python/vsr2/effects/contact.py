@@ -107,7 +107,7 @@ class SpinFriction(Effect):
     parameters = (
         Parameter(
             "coefficient", "m", math.nan, 0.0, 0.3, "uniform",
-            "lever arm of the pair; none given: the study's (0.7 m with the supplement's values)",
+            "lever arm of the pair; none given: the study's (0, or 0.7 m with `preset: original`)",
             limits=(0.0, 10.0),
         ),
     )  # fmt: skip
