@@ -84,18 +84,14 @@ class BulletEngine:
         free.sort(key=lambda parameter: parameter.secondary)
         if not free or free[0].secondary:
             return None
-        strength, *others = (self._parameter(effect.name, parameter) for parameter in free)
+        strength, *others = map(self._parameter, free)
         return Drawable(effect.name, strength, tuple(others), effect.stage == "order")
 
-    def _parameter(self, effect: str, parameter: EffectParameter) -> Parameter:
+    @staticmethod
+    def _parameter(parameter: EffectParameter) -> Parameter:
         p, null = parameter, parameter.null
         if math.isnan(null):
-            # As the study has it: Housner's ratio for an impact, the pair's own spinning friction.
-            null = 1.0
-            if effect == "spin_friction":
-                from vsr2.simulation import pair_values
-
-                null = pair_values(self._study.contact).spinning_friction
+            null = 1.0  # as the study has it: Housner's ratio for an impact
         return Parameter(p.name, p.unit, null, p.lower, p.upper, reciprocal=math.isinf(null))
 
     def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
