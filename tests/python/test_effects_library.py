@@ -82,7 +82,7 @@ def test_continuous(effect: Effect, checker: EffectChecker) -> None:
 
 def test_null_values_alone_are_those_of_the_study() -> None:
     alone = {effect.name for effect in EFFECTS if beside_null(effect) is None}
-    assert alone == {"spin_friction", "restitution"}
+    assert alone == {"restitution"}
 
 
 @pytest.mark.parametrize("rock", ROCKS)
