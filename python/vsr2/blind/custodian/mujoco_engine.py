@@ -12,6 +12,7 @@ from vsr2.blind.custodian.engine import TrialInput
 from vsr2.blind.mujoco import (
     EFFECTS,
     Body,
+    ContactModel,
     Drawable,
     Response,
     Situation,
@@ -25,9 +26,15 @@ from vsr2.blind.mujoco import (
 from vsr2.config.study import BoxRock, MeshRock, Study
 from vsr2.errors import BlindError
 
+NOMINAL = ContactModel()
+
 
 class MujocoEngine:
     """Trials of a study's rock and friction on MuJoCo; nothing else of the study is used.
+
+    Args:
+        study: of the nominal scene.
+        contact: how MuJoCo solves contacts.
 
     Raises:
         BlindError: MuJoCo is missing; or the rock is no block and no mesh that stands as its file
@@ -36,7 +43,8 @@ class MujocoEngine:
 
     name = "mujoco"
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, contact: ContactModel = NOMINAL) -> None:
+        self._at = contact
         try:
             import mujoco
         except ImportError:
@@ -104,6 +112,7 @@ class MujocoEngine:
                 impact_energy_ratio=nuisances.energy_ratio,
                 yaw=one.yaw,
                 offset=one.offset,
+                contact=self._at,
             )
             acting = with_effects(situation, one.effects, one.context)
             response = run_trial(acting, series_interval=series_interval)
