@@ -35,9 +35,13 @@ _SERIES_ARRAYS = {
     "tilt_rad": "tilt",
     "position_m": "position",
     "orientation_xyzw": "orientation",
+    "yaw_rad": "yaw",
+    "slip_m": "slip",
     "noise_tilt_rad": "noise_tilt",
     "noise_position_m": "noise_position",
     "noise_orientation_rad": "noise_orientation",
+    "noise_yaw_rad": "noise_yaw",
+    "noise_slip_m": "noise_slip",
 }
 """Attribute of a series by the name of its array."""
 
@@ -50,9 +54,9 @@ class ArrayFiles:
         self._problems = problems
         self._numbers = 0
 
-    def motion(self, name: str, row: int) -> Record | None:
-        """The record in `motions/`, named first in `row` of the table."""
-        file = f"{MOTIONS}/{name}.npz"
+    def motion(self, name: str, row: int, folder: str) -> Record | None:
+        """The record in the folder of motions, named first in `row` of the table."""
+        file = f"{folder}/{name}.npz"
         content = self._content(file, f"named in {TRIALS}, row {row}: ")
         arrays = self._arrays(content, file, _MOTION_ARRAYS)
         if content is None or arrays is None:

@@ -30,6 +30,8 @@ MAX_TEXT = 200
 MAX_NOTE = 1000
 MAX_TIME = 1e5
 """Of a series [s]; more is a mistaken unit."""
+MAX_YAW = 100.0
+"""Of a series [rad]; more is a mistaken unit."""
 MAX_POSITION = 1000.0
 """Of a series [m]; more is a mistaken unit."""
 MAX_MEASURE = 1e5
@@ -126,17 +128,23 @@ class MeasurementNoise:
         displacement: of the table's displacement channel [m].
         acceleration: of the table's acceleration channel [m/s^2].
         peak_tilt: of the largest tilt [rad].
+        peak_tilt_relative: of its logarithm, beside `peak_tilt` [1].
         tilt: of the tilt in series [rad].
         position: of each component of the position in series [m].
         orientation: of the orientation in series, about each axis [rad].
+        yaw: of the yaw in series [rad].
+        slip: of the foot's slip in series [m].
     """
 
     displacement: float | None = None
     acceleration: float | None = None
     peak_tilt: float | None = None
+    peak_tilt_relative: float | None = None
     tilt: float | None = None
     position: float | None = None
     orientation: float | None = None
+    yaw: float | None = None
+    slip: float | None = None
 
     def __post_init__(self) -> None:
         for channel in fields(self):
@@ -159,9 +167,13 @@ class Series:
             may make it negative. None: not measured.
         position: shape (n, 3) [m], or None.
         orientation: quaternions x, y, z, w of norm 1, shape (n, 4), or None.
+        yaw: turn about the vertical, shape (n,) [rad], or None; what `orientation` holds too.
+        slip: travel of the foot on the table along the shaking, shape (n,) [m], or None.
         noise_tilt: standard error [rad]; None: see the campaign's noise.
         noise_position: standard error of a component [m]; None: see the campaign's noise.
         noise_orientation: standard error about an axis [rad]; None: see the campaign's noise.
+        noise_yaw: standard error [rad]; None: see the campaign's noise.
+        noise_slip: standard error [m]; None: see the campaign's noise.
 
     The arrays are copies and read-only.
 
@@ -175,9 +187,13 @@ class Series:
     tilt: Array | None = None
     position: Array | None = None
     orientation: Array | None = None
+    yaw: Array | None = None
+    slip: Array | None = None
     noise_tilt: float | None = None
     noise_position: float | None = None
     noise_orientation: float | None = None
+    noise_yaw: float | None = None
+    noise_slip: float | None = None
 
     def __post_init__(self) -> None:
         time = self._checked("time", (), MAX_TIME, "s")
@@ -193,9 +209,12 @@ class Series:
         tilt = self._checked("tilt", (), 2 * math.pi, "rad")
         position = self._checked("position", (3,), MAX_POSITION, "m")
         orientation = self._checked("orientation", (4,), 2.0, "")
-        if tilt is None and position is None and orientation is None:
+        yaw = self._checked("yaw", (), MAX_YAW, "rad")
+        slip = self._checked("slip", (), MAX_POSITION, "m")
+        if all(one is None for one in (tilt, position, orientation, yaw, slip)):
             raise CampaignError(
-                "series: has neither tilt nor position nor orientation; remove it, or add one"
+                "series: has neither tilt nor position, orientation, yaw or slip; remove it, or "
+                "add one"
             )
         if orientation is not None:
             norm = np.linalg.norm(orientation, axis=1)
@@ -205,7 +224,7 @@ class Series:
                     f"series: orientation at row {bad[0]} has the norm {norm[bad[0]]:.6g}; scale "
                     "quaternions to 1"
                 )
-        for name in ("noise_tilt", "noise_position", "noise_orientation"):
+        for name in (name for name in vars(self) if name.startswith("noise_")):
             value = getattr(self, name)
             if value is not None:
                 _refuse("series", {name: number_fault(value, 0, 1e5, "")})

@@ -100,6 +100,11 @@ def simulate_campaign(
     if series_every < 0 or seed < 0:
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
     noise = noise or MeasurementNoise()
+    if noise.yaw is not None or noise.slip is not None:
+        raise CampaignError(
+            "noise of yaw and slip: simulated series have orientation and position instead; give "
+            "their noise"
+        )
     asked, wanted = _asked(study, dict(effects or {}), series_every)
     names = [trial.motion.name for trial in asked] if motion_ids is None else motion_ids
     held = _sessions(sessions, len(asked))
@@ -244,6 +249,8 @@ def _judged(
     peak = float(result["peak_tilt"][at])
     if noise.peak_tilt:
         peak += noise.peak_tilt * float(rng.standard_normal())
+    if noise.peak_tilt_relative:
+        peak *= float(np.exp(noise.peak_tilt_relative * rng.standard_normal()))
     return replace(
         row,
         overturned=outcome == "overturned",

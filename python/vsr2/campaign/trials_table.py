@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -103,13 +105,24 @@ def _known_columns(columns: tuple[str, ...], problems: Problems) -> bool:
         if name.startswith("x_"):
             fault = extra_fault(name)
         else:
-            fault = (
-                "is no column of the form; if it holds numbers call it "
-                f"x_{ascii(name)[1:-1][:60]}, otherwise remove it"
-            )
+            fault = f"is no column of the form; {_advice(name)}"
         if fault is not None:
             problems.add(TRIALS, fault, row=1, column=name[:60])
     return len(problems.found) == before
+
+
+_MEANT = {"tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv": "pgv_pga_s", "fell": "overturned"}
+"""Columns by what people put into names of their own for them."""
+
+
+def _advice(name: str) -> str:
+    known = (*_REQUIRED, *_OPTIONAL)
+    words = re.split("[^a-z]+", name.lower())
+    meant = [column for word, column in reversed(_MEANT.items()) if word in words]
+    near = [*meant, *get_close_matches(name.lower(), known, n=1, cutoff=0.75)]
+    if near:
+        return f"did you mean {near[0]}? Call it so, or remove it"
+    return f"if it holds numbers call it x_{ascii(name)[1:-1][:60]}, otherwise remove it"
 
 
 def _trial(
