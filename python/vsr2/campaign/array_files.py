@@ -6,6 +6,7 @@ import hashlib
 import io
 import os
 from collections.abc import Collection, Mapping
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ from numpy.typing import NDArray
 
 from vsr2.campaign.campaign import Series
 from vsr2.campaign.file_problems import Problems
-from vsr2.campaign.trials_table import MOTIONS, TRIALS
+from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import Record
 from vsr2.motion.motion import MAX_SAMPLES
 from vsr2.motion.npz import NpzError, npz_arrays
+from vsr2.results.atomic import write_atomic
 
 Array = NDArray[np.float64]
 
@@ -170,12 +172,15 @@ class ArrayFiles:
         return float(array.reshape(-1)[0])
 
 
-def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+def write_arrays(path: Path, arrays: Mapping[str, Any], *, atomic: bool = False) -> None:
     """Write an `.npz` file; its folder is made where it is missing."""
     path.parent.mkdir(exist_ok=True)
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)
-    path.write_bytes(stream.getvalue())
+    if atomic:
+        write_atomic(path, methodcaller("write", stream.getvalue()))
+    else:
+        path.write_bytes(stream.getvalue())
 
 
 def series_arrays(series: Series) -> dict[str, Any]:

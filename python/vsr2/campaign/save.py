@@ -132,7 +132,7 @@ def _write(campaign: Campaign, folder: Path, motions: str) -> None:
                 )
             file = folder / (motions or MOTIONS) / f"{name}.npz"
             if not (motions and file.exists()):
-                write_arrays(file, arrays)
+                write_arrays(file, arrays, atomic=bool(motions))
     for trial in campaign.trials:
         if trial.series is not None:
             write_arrays(folder / SERIES / f"{trial.trial}.npz", series_arrays(trial.series))

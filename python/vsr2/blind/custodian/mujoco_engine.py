@@ -11,6 +11,7 @@ import numpy as np
 from vsr2.blind.custodian.engine import TrialInput
 from vsr2.blind.mujoco import (
     EFFECTS,
+    NOMINAL,
     Body,
     ContactModel,
     Drawable,
@@ -25,8 +26,6 @@ from vsr2.blind.mujoco import (
 )
 from vsr2.config.study import BoxRock, MeshRock, Study
 from vsr2.errors import BlindError
-
-NOMINAL = ContactModel()
 
 
 class MujocoEngine:

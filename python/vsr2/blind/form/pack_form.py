@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import PurePosixPath
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from vsr2.blind.form.pack_settings import Kind, Tolerances
-from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, check_count, misfit
+from vsr2.blind.form.reader import (
+    Count,
+    Name,
+    Names,
+    Part,
+    Probability,
+    Sha256,
+    check_count,
+    misfit,
+)
 from vsr2.campaign import Tier
 from vsr2.campaign.campaign import id_fault
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.nuisances import Nuisance, distribution
 from vsr2.effects import library
+from vsr2.errors import ConfigError, DiagnosisError
 
 TIERS: tuple[Tier, ...] = ("B", "M", "T")
 ANSWERS = ("none", "unknown")
@@ -23,6 +35,7 @@ _EFFECTS: Mapping[Kind, tuple[int, float]] = {
     Kind.SINGLE: (1, 1),
     Kind.PAIR: (2, 2),
     Kind.UNKNOWN: (1, float("inf")),
+    Kind.REFERENCE: (0, float("inf")),
 }
 """Least and greatest number of effects by kind."""
 
@@ -70,10 +83,43 @@ Classes = Annotated[
 ]
 
 
+def _as(read: Callable[[dict[str, Any]], object]) -> AfterValidator:
+    """What one of the diagnosis' own readers accepts."""
+
+    def check(content: dict[str, Any]) -> dict[str, Any]:
+        try:
+            read(content)
+        except (DiagnosisError, ConfigError) as error:
+            raise ValueError(str(error)) from None
+        return content
+
+    return AfterValidator(check)
+
+
+Nuisances = tuple[Annotated[dict[str, Any], _as(Nuisance.from_json)], ...]
+Priors = Annotated[
+    dict[str, Annotated[dict[str, Any], _as(distribution)]],
+    _as(lambda given: Hypotheses(priors={k: distribution(v) for k, v in given.items()}).offered),
+]
+
+
+class _Known(Part):
+    name: Name
+    values: dict[str, float]
+
+
 class _Listed(Part):
     id: Annotated[str, BeforeValidator(_identifier)]
     protocol: Count = 0
     exclude: Names = ()
+    kind: Literal["reference"] | None = None
+    effects: tuple[_Known, ...] = Field((), strict=False)
+
+    @model_validator(mode="after")
+    def _check_open(self) -> _Listed:
+        if self.effects and self.kind is None:
+            raise misfit("effects", [e.name for e in self.effects], "only references are open")
+        return self
 
 
 class _Commitment(Part):
@@ -88,6 +134,8 @@ class Pack(Part):
     tiers: Tiers
     classes: Classes = ()
     tolerances: Tolerances | None = None
+    nuisances: Nuisances = Field((), strict=False)
+    priors: Priors = Field(default_factory=dict)
     campaigns: Annotated[list[_Listed], Field(min_length=1)]
     commitment: _Commitment
 
@@ -132,6 +180,7 @@ class _Entry(Part):
     exclude: Names = ()
     data_sha256: Sha256
     effects: tuple[_Effect, ...] = Field((), strict=False)
+    flips: Probability | None = None
     where: _Where
 
     @property
@@ -142,8 +191,8 @@ class _Entry(Part):
     @model_validator(mode="after")
     def _check_kind(self) -> _Entry:
         check_count(self.names, self.kind, _EFFECTS[self.kind])
-        if (self.where.axis is Axis.NONE) != (self.kind is Kind.NONE):
-            wanted = "it should be none where the kind is none, and only there"
+        if (self.where.axis is Axis.NONE) == bool(self.effects):
+            wanted = "it should be none where the kind is none, and only where nothing acts"
             raise misfit("where.axis", str(self.where.axis), wanted)
         for name in self.names:
             if name in self.exclude and self.kind is not Kind.UNKNOWN:
@@ -160,6 +209,8 @@ class _Sealed(Part):
     classes: Classes
     tiers: Tiers | None = None
     tolerances: Tolerances | None = None
+    nuisances: Nuisances | None = Field(None, strict=False)
+    priors: Priors | None = None
 
 
 class Key(Part):
@@ -169,6 +220,7 @@ class Key(Part):
     campaigns: dict[str, _Entry]
     scene_sha256: Sha256 | None = None
     model_sha256: Sha256 | None = None
+    motions_sha256: dict[str, Sha256] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check_classes(self) -> Key:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,10 @@ from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
 from vsr2.results.atomic import write_atomic
 
-PACK_SCHEMA = "vsr2.blind-pack/1"
-KEY_SCHEMA = "vsr2.blind-key/1"
+PACK_SCHEMA = "vsr2.blind-pack/2"
+KEY_SCHEMA = "vsr2.blind-key/2"
+_READ = {PACK_SCHEMA, "vsr2.blind-pack/1"}, {KEY_SCHEMA, "vsr2.blind-key/1"}
+"""Of packs and of keys: the first form lacked nuisances, priors, references, shared motions."""
 PACK_FILE = "pack.json"
 KEY_FILE = "key.json"
 SALT_BYTES = 32
@@ -90,7 +94,7 @@ def read_json(path: Path) -> dict[str, Any]:
         BlindError: it is missing, cannot be read, or holds something else.
     """
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes(), parse_float=_finite)
     except OSError as error:
         raise BlindError(f"{path}: cannot be read ({error.strerror}); check the path") from None
     except (ValueError, RecursionError) as error:
@@ -98,6 +102,14 @@ def read_json(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise BlindError(f"{path}: holds no mapping; make it again")
     return content
+
+
+def _finite(text: str) -> float:
+    """A number; what Python would read as infinity was meant as text, most often as an id."""
+    value = float(text)
+    if math.isinf(value):
+        raise ValueError(f"{text} is a number too great to be one; a name needs quotes")
+    return value
 
 
 def folder_around(folder: Path, file: str) -> Path | None:
@@ -119,7 +131,7 @@ def read_pack(data: Path) -> dict[str, Any]:
             "it last, so an interrupted pack has none: make it again to continue)"
         )
     pack = read_json(path)
-    if pack.get("schema") != PACK_SCHEMA:
+    if pack.get("schema") not in _READ[0]:
         raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
     parsed(Pack, pack, str(path))
     return pack
@@ -128,10 +140,10 @@ def read_pack(data: Path) -> dict[str, Any]:
 def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
     """The key of a pack, after its hash and all that it seals were found right.
 
-    Compared are the campaigns' files, what they exclude, their protocols, the scene, and of
-    `pack.json` whether the pack is open, tiers, classes and tolerances. Of these a key may seal
-    less: the files and `exclude` always, the others where it has them. A pack whose key does not
-    say that it is open is not.
+    Compared are the campaigns' files, what they exclude, their protocols, shared motions, the
+    scene, and of `pack.json` whether the pack is open, references, tiers, classes, tolerances,
+    nuisances and priors. Of these a key may seal less: files, motions, references and `exclude`
+    always, the others where it has them. A pack whose key does not say that it is open is not.
 
     Raises:
         BlindError: the key is not that of the pack, was changed or is of a wrong form, or what it
@@ -140,7 +152,7 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
     pack = read_pack(data)
     path = key_folder / KEY_FILE
     sealed = read_json(path)
-    if sealed.get("schema") != KEY_SCHEMA or not isinstance(sealed.get("key"), dict):
+    if sealed.get("schema") not in _READ[1] or not isinstance(sealed.get("key"), dict):
         raise BlindError(f"{path}: schema is {sealed.get('schema')!r}, wanted is {KEY_SCHEMA!r}")
     try:
         found = commitment(str(sealed["salt"]), sealed["key"])
@@ -163,13 +175,45 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
         raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")
     _check_published(data / PACK_FILE, pack, key)
     _check_scene(data, pack["scene"], key)
-    for name, entry in key["campaigns"].items():
-        if folder_sha256(data / name) != entry["data_sha256"]:
+    folders = {name: entry["data_sha256"] for name, entry in key["campaigns"].items()}
+    folders |= key.get("motions_sha256") or {}
+    for one in sorted(data.iterdir()):
+        if one.is_dir() and one.name not in folders and any(one.glob("*.npz")):
+            raise BlindError(
+                f"{one}: holds motions, and motions_sha256 of {path} does not seal them; seal "
+                "motions that campaigns share, or remove them"
+            )
+    for name, sha256 in folders.items():
+        if folder_sha256(data / name) != sha256:
             raise BlindError(
                 f"{data / name}: its files differ from the sealed ones (changed, missing or "
                 "added); get the published folder again; nothing is scored"
             )
     return key
+
+
+def key_slips(key: Mapping[str, Any]) -> list[str]:
+    """Names of a key that are nearly the library's: what no diagnosis can name rightly.
+
+    Args:
+        key: opened.
+    """
+    from vsr2.effects import library
+
+    out = []
+    for campaign, entry in sorted(key["campaigns"].items()):
+        for effect in entry.get("effects") or ():
+            name, known = effect["name"], library()
+            where, asked, names = "effect", [name], [*known]
+            if name in known:
+                where, asked = f"parameter of {name}", [*effect["values"]]
+                names = [parameter.name for parameter in known[name].parameters]
+            for word in asked:
+                near = get_close_matches(word, names, n=1, cutoff=0.6 if name in known else 0.8)
+                if word not in names and (near or name in known):
+                    meant = f"; {near[0]} may be meant" if near else f"; it has {', '.join(names)}"
+                    out.append(f"{campaign}: the library has no {where} {word!r}{meant}")
+    return out
 
 
 def is_open(key: Mapping[str, Any]) -> bool:
@@ -203,8 +247,21 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
             (f"tolerances.{name}", here.get(name), there.get(name))
             for name in sorted({*here, *there})
         ]
+    compared += [
+        (name, pack.get(name) or empty, settings[name])
+        for name, empty in (("nuisances", []), ("priors", {}))
+        if settings.get(name) is not None
+    ]
     for listed in pack["campaigns"]:
         name, entry = listed["id"], key["campaigns"][listed["id"]]
+        open_here, open_there = (one.get("kind") == "reference" for one in (listed, entry))
+        compared.append((f"reference {name}", open_here, open_there))
+        if open_here and open_there:
+            truth = [
+                [(effect["name"], effect["values"]) for effect in one.get("effects") or ()]
+                for one in (listed, entry)
+            ]
+            compared.append((f"effects of {name}", *truth))
         exclude, sealed = (one.get("exclude") or [] for one in (listed, entry))
         compared.append((f"exclude of {name}", exclude, sealed))
         if entry.get("protocol") is not None:

@@ -6,7 +6,7 @@ without meeting its own equations again.
 """
 
 from vsr2.blind.mujoco.body import Body, block, read_hull
-from vsr2.blind.mujoco.contact import ContactModel, draw_contact
+from vsr2.blind.mujoco.contact import NOMINAL, ContactModel, draw_contact
 from vsr2.blind.mujoco.ground import GroundMotion, ground_motion
 from vsr2.blind.mujoco.mujoco_effects import (
     EFFECTS,
@@ -22,6 +22,7 @@ from vsr2.blind.mujoco.trial import Response, run_trial
 
 __all__ = [
     "EFFECTS",
+    "NOMINAL",
     "Body",
     "ContactModel",
     "Drawable",

@@ -40,6 +40,7 @@ class ContactModel:
         return replace(self, time_constant=self.time_constant * 10 ** (-0.5 * decades))
 
 
+NOMINAL = ContactModel()
 CELLS = 8
 """Of the time constant, from 2 to 5 ms, evenly in its logarithm."""
 _TIME_CONSTANTS = (0.002, 0.005)

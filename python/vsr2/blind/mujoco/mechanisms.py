@@ -89,7 +89,7 @@ def _rotation(pose: Array) -> Array:
 class _Impacts:
     """Scales the body's velocity after each impact.
 
-    An impact begins when a point touches that was off the table, and lasts some milliseconds. Where the
+    An impact begins when a point touches that was off the table, and lasts milliseconds. Where the
     body lost the share L of its kinetic energy and a full impact takes L_H (Housner's), the energy
     is then multiplied by ratio^min(1, L / (0.7 L_H)): all of the ratio for a full impact, of which
     a part may come after them, next to nothing for the touch of one corner after the other.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsr2.blind.mujoco.body import Body
-from vsr2.blind.mujoco.contact import ContactModel
+from vsr2.blind.mujoco.contact import NOMINAL, ContactModel
 from vsr2.blind.mujoco.table import TableMotion
 
 
@@ -42,7 +42,7 @@ class Situation:
     rolling_resistance: float = 0.0
     rounding: float = 1e-4
     bumps: tuple[tuple[float, float, float], ...] = ()
-    contact: ContactModel = ContactModel()
+    contact: ContactModel = NOMINAL
     impact_energy_ratio: float = 1.0
     rocking_damping: float = 0.0
     adhesion: float = 0.0

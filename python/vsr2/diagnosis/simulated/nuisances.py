@@ -206,9 +206,11 @@ class MotionNoise(Effect):
     rank = 9
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
+        """With the seed of the trial's noise."""
         return {**values, "seed": float(circumstances.rng.integers(2**31))}
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        """The trial with noise in its motion."""
         motion = trial.motion
         count, step = motion.displacement.size, motion.time_step
         rng = np.random.default_rng(int(values["seed"]))
