@@ -20,14 +20,14 @@ from vsr2.diagnosis import (
     Scope,
     with_deviations,
 )
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.diagnosis.simulated.nuisances import (
     Uniform,
     correlated,
     distribution,
     with_stated,
 )
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import Effect, Parameter, library
 from vsr2.errors import DiagnosisError
 
