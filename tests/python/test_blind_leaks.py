@@ -94,7 +94,7 @@ def test_when_a_campaign_was_made_tells_nothing(uneven, study, tmp_path, monkeyp
 
 @pytest.fixture
 def uneven(monkeypatch):
-    monkeypatch.setattr(make_module, "build_engine", lambda name, study: UnevenEngine())
+    monkeypatch.setattr(make_module, "build_engine", lambda *given: UnevenEngine())
 
 
 def structure(folder):

@@ -263,7 +263,7 @@ elif {place!r}:
     os.replace = dying(os.replace, {place!r}, {{"steps.json": 20}}.get({place!r}, 1))
 else:
     save.trials_table = dying(save.trials_table, "", 5)
-tests.make_module.build_engine = lambda name, study: tests.QuickEngine()
+tests.make_module.build_engine = lambda *given: tests.QuickEngine()
 tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
 """
 

@@ -28,6 +28,7 @@ from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
 from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.make import Made
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
+from vsr2.blind.form.pack_settings import KINDS
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
 from vsr2.blind.pack_diagnoses import at_tier, uncertainties
 from vsr2.campaign import (
@@ -186,7 +187,7 @@ def test_what_cannot_be_used_is_found_before_the_first_simulation(small, tmp_pat
     assert "campaign.yaml: row 2, key name: must be text; put it in quotes" in said[1]
     for name in names[:-1]:
         (small / name / "trials.csv").write_text("none")
-    with pytest.raises(BlindError, match=r"no campaign can be diagnosed at tier M: .*--tier"):
+    with pytest.raises(BlindError, match=r"(?s)no campaign can be diagnosed at tier M: .*--tier"):
         diagnose_pack(small, tmp_path / "other", tiers=["M"])
     assert not (tmp_path / "other").exists()
 
@@ -274,7 +275,7 @@ def test_leaving_out_in_turn_keeps_what_is_asked_for(
     command = ["blind", "make", str(SCENE), str(tmp_path), "--leave-one-out", "2", *asked]
     assert main(command) == 0
     assert seen[0].leave_one_out == 2
-    counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0} | expected
+    counts = dict.fromkeys(KINDS, 0) | expected
     assert seen[0].counts("mujoco") == counts
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import mutually_exclusive
@@ -37,8 +37,11 @@ def _pack() -> Any:
     return Parameter(name="*")(options)
 
 
-Pack = _pack()
-PACK = Pack()
+PACK: Any = _pack()()
+if TYPE_CHECKING:
+    Pack: TypeAlias = Any
+else:
+    Pack = type(PACK)
 
 
 def _settings(made_of: Any, engines: tuple[str, ...], effects: tuple[str, ...]) -> PackSettings:

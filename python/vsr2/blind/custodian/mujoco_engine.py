@@ -43,7 +43,7 @@ class MujocoEngine:
     name = "mujoco"
 
     def __init__(self, study: Study, contact: ContactModel = NOMINAL) -> None:
-        self._at = contact
+        self._contact = contact
         try:
             import mujoco
         except ImportError:
@@ -76,8 +76,8 @@ class MujocoEngine:
                 f"study {study.name!r}: rock.shape is {rock.shape!r}, but the engine mujoco takes "
                 "box or mesh; give such a scene"
             )
-        contact = study.contact
-        self._friction = contact.rock.lateral_friction * contact.pedestal.lateral_friction
+        stated = study.contact
+        self._friction = stated.rock.lateral_friction * stated.pedestal.lateral_friction
 
     @property
     def versions(self) -> Mapping[str, str]:
@@ -111,7 +111,7 @@ class MujocoEngine:
                 impact_energy_ratio=nuisances.energy_ratio,
                 yaw=one.yaw,
                 offset=one.offset,
-                contact=self._at,
+                contact=self._contact,
             )
             acting = with_effects(situation, one.effects, one.context)
             response = run_trial(acting, series_interval=series_interval)

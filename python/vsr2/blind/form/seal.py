@@ -257,11 +257,11 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
         open_here, open_there = (one.get("kind") == "reference" for one in (listed, entry))
         compared.append((f"reference {name}", open_here, open_there))
         if open_here and open_there:
-            truth = [
+            acting = [
                 [(effect["name"], effect["values"]) for effect in one.get("effects") or ()]
                 for one in (listed, entry)
             ]
-            compared.append((f"effects of {name}", *truth))
+            compared.append((f"effects of {name}", acting[0], acting[1]))
         exclude, sealed = (one.get("exclude") or [] for one in (listed, entry))
         compared.append((f"exclude of {name}", exclude, sealed))
         if entry.get("protocol") is not None:

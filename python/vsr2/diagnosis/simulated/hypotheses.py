@@ -41,6 +41,11 @@ class Hypotheses:
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
 
     @property
+    def ends(self) -> dict[str, list[float]]:
+        """Lower and upper end of each of the priors, by `effect.parameter`."""
+        return {key: list(_ends(key, prior)[:2]) for key, prior in sorted(self.priors.items())}
+
+    @property
     def offered(self) -> dict[str, Effect]:
         """The effects, with their priors, but those left out."""
         out = dict(known_effects() if self.library is None else self.library)

@@ -102,7 +102,7 @@ class LogUniform:
 
     def value(self, z: float) -> float:
         """The quantile at the draw's own."""
-        return self.low * (self.high / self.low) ** _quantile(z)
+        return float(self.low * (self.high / self.low) ** _quantile(z))
 
 
 def _quantile(z: float) -> float:
