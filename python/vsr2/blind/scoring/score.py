@@ -33,6 +33,7 @@ SIGNIFICANT = 0.05
 ANSWER = "most probable answer, whatever the verdict (single)"
 FIRST = "most probable effect's class, whatever the verdict (single)"
 NAMED = "top-1 class (single)"
+NOT_NONE = "not called none, unresolved counted (none)"
 CALIBRATION_NOISE = "calibration error: of true probabilities"
 ERROR = "magnitude: median relative error"
 CLOSURE = "closure over oracle: median"
@@ -227,7 +228,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
         "calibration error": resampled(list(zip(stated, true, strict=True)), calibration_error),
         CALIBRATION_NOISE: calibration_noise(stated),
         "false alarms (none)": _share(is_alarm, none),
-        "not called none, unresolved counted (none)": _share(not_none, none),
+        NOT_NONE: _share(not_none, none),
         "detected (single)": _share(is_alarm, single),
         "pair found (pair)": _share(pair_found, pair),
         "one of pair first (pair)": _share(top_one, pair),
