@@ -220,11 +220,11 @@ def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None
     uncut = make(study, tmp_path / "uncut")
     write, calls = make_module.save_campaign, []
 
-    def stopped(*args):
+    def stopped(*args, **how):
         calls.append(args)
         if len(calls) == 5:
             raise KeyboardInterrupt
-        return write(*args)
+        return write(*args, **how)
 
     monkeypatch.setattr(make_module, "save_campaign", stopped)
     with pytest.raises(KeyboardInterrupt):

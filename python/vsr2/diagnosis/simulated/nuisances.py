@@ -330,9 +330,8 @@ class Nuisance:
         """A nuisance as a file states it.
 
         Keys are `effect`, `parameter`, `distribution` and its numbers, and where wanted `scope`,
-        `name`, `group` and `correlation`. A parameter without a null value of its own ("as the
-        scene has it") is multiplied. A parameter beside an azimuth acts along the shaking, its
-        negative values against it. Each trial's placement is drawn by the effect itself, uniformly
+        `name`, `group` and `correlation`. The energy ratio of impacts is multiplied. A parameter
+        beside an azimuth acts along the shaking, its negative values against it. Each trial's placement is drawn by the effect itself, uniformly
         and with the standard deviation of what is stated.
 
         Raises:
@@ -369,7 +368,7 @@ class Nuisance:
         return replace(
             made,
             direction="azimuth" if "azimuth" in beside and parameter not in beside else "",
-            relative=math.isnan(acting.parameter(parameter).null),
+            relative=acting.name == "restitution",
         )
 
 
