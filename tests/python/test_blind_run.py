@@ -18,7 +18,6 @@ import vsr2.blind
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses, stand_in
 from vsr2.blind import (
-    DiagnosisOptions,
     PackSettings,
     diagnose_pack,
     make_pack,
@@ -36,7 +35,7 @@ from vsr2.campaign import (
 )
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
-from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
+from vsr2.diagnosis import DEFAULT_NUISANCES, Budget, with_deviations
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
@@ -93,7 +92,7 @@ def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) 
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", options=DiagnosisOptions(9, seed=7))
+    progress = diagnose_pack(small, tmp_path / "out", budget=Budget(draws=9), seed=7)
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
@@ -143,7 +142,7 @@ def test_diagnosing_continues_where_it_stopped(small, tmp_path, monkeypatch) -> 
     assert (progress.done, len(Stub.calls)) == (4, 5)
     assert not failed.exists()
     with pytest.raises(BlindError, match="seed 0, not 1"):
-        diagnose_pack(small, tmp_path / "out", options=DiagnosisOptions(seed=1))
+        diagnose_pack(small, tmp_path / "out", seed=1)
 
 
 def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path, monkeypatch) -> None:
@@ -162,8 +161,8 @@ def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path, monkeypat
 
 def test_draws_may_rise_and_then_all_is_diagnosed_again(small, tmp_path) -> None:
     def diagnosed(draws):
-        options = DiagnosisOptions(draws)
-        return diagnose_pack(small, tmp_path / "out", tiers=["M"], options=options).done
+        budget = Budget(draws=draws)
+        return diagnose_pack(small, tmp_path / "out", tiers=["M"], budget=budget).done
 
     assert (diagnosed(9), diagnosed(9), len(Stub.calls)) == (4, 4, 4)
     assert (diagnosed(24), len(Stub.calls)) == (4, 8)
@@ -314,8 +313,8 @@ else:
 import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
 from dataclasses import replace
 import vsr2.diagnosis
-from vsr2.blind import DiagnosisOptions, diagnose_pack
-from vsr2.diagnosis import diagnose
+from vsr2.blind import diagnose_pack
+from vsr2.diagnosis import Budget, diagnose
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
 vsr2.diagnosis.simulated.design.SCREENING = replace(
@@ -327,7 +326,7 @@ def rough(*given, hypotheses, **how):
     offered = {{name: library()[name] for name in {names!r}}}
     return diagnose(*given, hypotheses=replace(hypotheses, library=offered), **how)
 vsr2.diagnosis.diagnose = rough
-made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], options=DiagnosisOptions(6))
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], budget=Budget(draws=6))
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
 """
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vsr2.blind.form.diagnosis_form import (
     DIAGNOSIS_FILE,
@@ -27,61 +27,25 @@ from vsr2.blind.form.seal import (
 )
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
+from vsr2.diagnosis import (
+    Budget,
+    Diagnosis,
+    Execution,
+    Hypotheses,
+    Nuisance,
+    ProtocolCache,
+    with_deviations,
+)
+from vsr2.diagnosis.observed.observations import observe_campaign, series_sampling
+from vsr2.diagnosis.simulated.nuisances import distribution, with_stated
+from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
-
-if TYPE_CHECKING:
-    from vsr2.diagnosis import Budget, Diagnosis, Nuisance
 
 CACHE_FILE = "simulations.jsonl"
 SUBMISSION = "submission.json"
-DRAWS = 48
-"""Of every effect."""
-
-
-@dataclass(frozen=True)
-class DiagnosisOptions:
-    """How each diagnosis is made, as in :func:`vsr2.diagnosis.diagnose`.
-
-    Attributes:
-        draws: simulated campaigns of every effect; None: by `budget_minutes`.
-        budget_minutes: of each diagnosis, without draws.
-        threads: None: all that this process may use.
-        seed: of each diagnosis.
-
-    Raises:
-        BlindError: every diagnosis would refuse them.
-    """
-
-    draws: int | None = DRAWS
-    budget_minutes: float = 10.0
-    threads: int | None = None
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        from vsr2.diagnosis.budget import SCHEDULE
-
-        if self.draws is not None and self.draws < SCHEDULE.fewest_draws:
-            raise BlindError(f"draws is {self.draws}; give at least {SCHEDULE.fewest_draws}")
-        if self.draws is None and not 0 < self.budget_minutes < math.inf:
-            raise BlindError(f"budget_minutes is {self.budget_minutes}; give more than 0")
-        if self.threads is not None and self.threads < 1:
-            raise BlindError(f"threads is {self.threads}; give at least 1, or leave it out for all")
-        if self.seed < 0:
-            raise BlindError(f"seed is {self.seed}; give 0 or more")
-
-    @property
-    def result(self) -> dict[str, Any]:
-        """What decides a diagnosis: seed and budget."""
-        if self.draws is None:
-            return {"budget_minutes": self.budget_minutes, "seed": self.seed}
-        return {"draws": self.draws, "seed": self.seed}
-
-    @property
-    def budget(self) -> Budget:
-        """Of each diagnosis."""
-        from vsr2.diagnosis import Budget
-
-        return Budget(self.budget_minutes, draws=self.draws)
+EFFORT = ("draws", "simulations", "budget_minutes")
+"""What may rise in a begun folder."""
+BUDGET, EXECUTION = Budget(draws=48), Execution()
 
 
 @dataclass(frozen=True)
@@ -140,9 +104,6 @@ def pack_nuisances(pack: Mapping[str, Any]) -> tuple[Nuisance, ...]:
 
     Its `nuisances` go before its `tolerances`, and these before the diagnosis' own.
     """
-    from vsr2.diagnosis import Nuisance, with_deviations
-    from vsr2.diagnosis.simulated.nuisances import with_stated
-
     given = [Nuisance.from_json(one) for one in pack.get("nuisances") or ()]
     return with_stated(given, with_deviations(uncertainties(pack.get("tolerances") or {})))
 
@@ -153,9 +114,10 @@ def diagnose_pack(
     *,
     tiers: Sequence[Tier] | None = None,
     campaigns: Sequence[str] | None = None,
-    options: DiagnosisOptions | None = None,
+    budget: Budget = BUDGET,
+    execution: Execution = EXECUTION,
+    seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
-    progress: bool = False,
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
@@ -172,20 +134,24 @@ def diagnose_pack(
         out: gets the diagnoses.
         tiers: information to use; None: all that the pack has.
         campaigns: ids; None: all.
-        options: of each diagnosis; None: their defaults.
+        budget: of each diagnosis.
+        execution: of each diagnosis; its cache is the pack's.
+        seed: of each diagnosis.
         say: gets a line for each campaign.
-        progress: write each diagnosis' stages to standard error.
 
     Raises:
-        BlindError: no pack, one of a wrong form, a campaign or tier that it does not have, or a
-            tier at which none can be diagnosed; nothing is written then.
+        BlindError: a seed below 0, no pack, one of a wrong form, a campaign or tier that it does
+            not have, or a tier at which none can be diagnosed; nothing is written then.
         ConfigError, GeometryError: the scene cannot be used.
     """
-    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, diagnose
-    from vsr2.diagnosis.observed.observations import series_sampling
-    from vsr2.diagnosis.simulated.nuisances import distribution
+    from vsr2.diagnosis import diagnose
 
-    options = DiagnosisOptions() if options is None else options
+    if seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
+    effort: dict[str, float | None] = {"draws": budget.draws, "simulations": budget.simulations}
+    if budget.draws is None and budget.simulations is None:
+        effort = {"budget_minutes": budget.minutes}
+    how = {key: value for key, value in effort.items() if value is not None} | {"seed": seed}
     pack = read_pack(data)
     listed = {entry["id"]: entry for entry in pack["campaigns"]}
     chosen = _chosen(data, listed, campaigns)
@@ -202,7 +168,7 @@ def diagnose_pack(
         )
         for name in chosen
     }
-    older = _older(out, pack, options.result)
+    older = _older(out, pack, how)
     # Campaigns whose fitted models are the same are neighbours.
     chosen.sort(
         key=lambda name: (int(listed[name].get("protocol") or 0), sorted(hypotheses[name].exclude))
@@ -211,7 +177,7 @@ def diagnose_pack(
     due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
     say(f"checking {len(due)} of {len(asked)} campaigns and tiers; the others are diagnosed")
     unfit = _unfit(data, asked, due)
-    _begin(out, pack, options.result, older)
+    _begin(out, pack, how, older)
     cache = ProtocolCache(out / CACHE_FILE, series="T" in pack["tiers"])
     failed = []
     # What cannot be used is said first.
@@ -227,10 +193,10 @@ def diagnose_pack(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
-                budget=options.budget,
+                budget=budget,
                 hypotheses=hypotheses[name],
-                execution=Execution(options.threads, cache=sampled, progress=progress),
-                seed=options.seed,
+                execution=replace(execution, cache=sampled),
+                seed=seed,
             )
 
         error = (verdict := _save(diagnosed, out / name / tier)).failed
@@ -247,8 +213,6 @@ def _unfit(
     Raises:
         BlindError: of a tier there is none that can.
     """
-    from vsr2.diagnosis.observed.observations import observe_campaign
-
     unfit: dict[tuple[Tier, str], str] = {}
     for name in dict.fromkeys(name for _, name in due):
         tiers = [tier for tier, one in due if one == name]
@@ -326,8 +290,6 @@ def _excluded(data: Path, entry: Mapping[str, Any], say: Callable[[str], None]) 
     A custodian may withhold effects that the library never had; a name that is nearly one of the
     library's is a slip, which would let the effect in.
     """
-    from vsr2.effects import library
-
     known = library()
     names = tuple(entry.get("exclude") or ())
     for name in (name for name in names if name not in known):
@@ -358,8 +320,8 @@ def _older(out: Path, pack: Mapping[str, Any], how: Mapping[str, Any]) -> str:
     older = ""
     for key, mine in _submission(pack, how).items():
         before = there.get(key)
-        effort = key in ("draws", "budget_minutes") and isinstance(before, (int, float))
-        if effort and before < mine:
+        number = isinstance(before, (int, float)) and key in EFFORT
+        if number and before < mine:
             older = f"{before:g}-{key}"
         elif before != mine:
             raise BlindError(

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import mutually_exclusive
 
-from vsr2.blind import DiagnosisOptions, PackSettings
+from vsr2.blind import PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS
-from vsr2.blind.pack_diagnoses import DRAWS
+from vsr2.blind.pack_diagnoses import BUDGET as USUAL
 from vsr2.cli import options as opt
+from vsr2.diagnosis import Budget, Execution
 
 verbs = App(name="blind")
 BUDGET = Group("Budget (one of)", validator=mutually_exclusive)
@@ -133,16 +134,16 @@ class Effort:
         seed: of each diagnosis
     """
 
-    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = DRAWS
+    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = USUAL.draws or 0
     budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     threads: opt.Threads = None
     seed: opt.Integer = 0
 
-    def options(self) -> DiagnosisOptions:
-        """As :func:`vsr2.blind.diagnose_pack` takes them."""
+    def budget(self) -> Budget:
+        """Draws, or minutes where they are given."""
         if self.budget_minutes is None:
-            return DiagnosisOptions(draws=self.draws, threads=self.threads, seed=self.seed)
-        return DiagnosisOptions(None, self.budget_minutes, self.threads, self.seed)
+            return Budget(draws=self.draws)
+        return Budget(self.budget_minutes)
 
 
 EFFORT = Effort()
@@ -177,9 +178,10 @@ def diagnose(
         out,
         tiers=tier or None,
         campaigns=campaign or None,
-        options=effort.options(),
+        budget=effort.budget(),
+        execution=Execution(effort.threads, progress=not quiet),
+        seed=effort.seed,
         say=_progress(quiet),
-        progress=not quiet,
     )
     print(f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed")
     return 1 if progress.failed else 0

@@ -331,8 +331,9 @@ class Nuisance:
 
         Keys are `effect`, `parameter`, `distribution` and its numbers, and where wanted `scope`,
         `name`, `group` and `correlation`. The energy ratio of impacts is multiplied. A parameter
-        beside an azimuth acts along the shaking, its negative values against it. Each trial's placement is drawn by the effect itself, uniformly
-        and with the standard deviation of what is stated.
+        beside an azimuth acts along the shaking, its negative values against it. Each trial's
+        placement is drawn by the effect itself, uniformly and with the standard deviation of what
+        is stated.
 
         Raises:
             DiagnosisError: names the key, its value and what is wanted.
