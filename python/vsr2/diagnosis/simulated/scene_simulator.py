@@ -53,6 +53,7 @@ JUDGED = ("ok", "tail_timeout")
 """Statuses with which an outcome is known."""
 HYPOTHESES = Hypotheses()
 """All registered effects, and the default nuisances."""
+RECORDED = SingleRecording | AllRecordings
 ROW = 0.01
 """Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
@@ -111,6 +112,14 @@ class SceneSimulator:
         interval = ROW if self._sampling is None else self._sampling.interval
         self._row = min(ROW, interval) if series else None
         self._trials = _base_trials(campaign, study, self._row)
+        if campaign.noise.displacement and not isinstance(study.motion, RECORDED):
+            _logger.warning(
+                "study %r: its motion section is of no recordings and the campaign states noise of "
+                "the displacement: recorded displacements are band-passed (%s); a motion section "
+                "of mode all_recordings says how they drive, with `filter: {}` or without",
+                study.name,
+                Filter(),
+            )
         self._varied: dict[int, list[Trial]] = {}
         orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
@@ -334,15 +343,6 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
     every = 0 if row is None else max(1, round(row / study.engine.time_step))
     output = rows_only(study.output, every)
     motions: dict[str, Motion] = {}
-    noisy = bool(campaign.noise.displacement)
-    if noisy and not isinstance(study.motion, SingleRecording | AllRecordings):
-        _logger.warning(
-            "study %r: its motion section is of no recordings and the campaign states noise of the "
-            "displacement: recorded displacements are band-passed, %s; a motion section of mode "
-            "all_recordings says how they drive (`filter: {}` or none)",
-            study.name,
-            Filter(),
-        )
     trials = []
     for trial in campaign.trials:
         record = campaign.record(trial)
@@ -352,7 +352,9 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
                 "have one with `with_motion`"
             )
         if trial.motion_file not in motions:
-            motions[trial.motion_file] = _driven(record, study, trial.motion_file, noisy=noisy)
+            motions[trial.motion_file] = _driven(
+                record, study, trial.motion_file, noisy=bool(campaign.noise.displacement)
+            )
         trials.append(
             Trial(
                 scene=scene,
@@ -374,7 +376,7 @@ def _driven(record: Record, study: Study, name: str, *, noisy: bool) -> Motion:
     the table.
     """
     step = study.engine.time_step
-    if isinstance(study.motion, SingleRecording | AllRecordings):
+    if isinstance(study.motion, RECORDED):
         return build_recorded_motion(
             record,
             step,
