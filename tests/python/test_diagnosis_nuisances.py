@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planted import shaken_campaign
+from vsr2.campaign import MeasurementNoise
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import (
     DEFAULT_NUISANCES,
@@ -30,6 +31,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import Effect, Parameter, library
 from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
 
 BOX = {
     "name": "box",
@@ -266,3 +268,27 @@ def test_priors_are_distributions() -> None:
     assert ends["time_scale"] == ("uniform", -0.01, 0.02)
     with pytest.raises(DiagnosisError, match=r"prior of friction\.factor: .*give uniform"):
         _ = Hypotheses(priors={"friction.factor": LogNormal(0.1)}).offered
+
+
+def test_a_filter_that_nobody_asked_for_is_said(shaken, tmp_path, caplog) -> None:
+    moved = 0.01 * np.sin(np.linspace(0.0, np.pi, 200)) ** 4
+    motions = {name: Record(name, 0.005, displacement=moved) for name in shaken.motions}
+    clean = replace(shaken, motions=motions)
+    noisy = replace(clean, noise=MeasurementNoise(displacement=1e-5))
+
+    def source(campaign, **motion):
+        study = study_from_mapping(BOX | ({"motion": motion} if motion else {}), base=tmp_path)
+        caplog.clear()
+        made = SceneSimulator(campaign, study, hypotheses=Hypotheses({}))
+        return made._trials[0].motion.source, [record.message for record in caplog.records]
+
+    cosine = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1.0}
+    driven, said = source(noisy, **cosine)
+    assert "band-pass 0.1-25 Hz" in driven
+    assert len(said) == 1
+    assert "recorded displacements are band-passed" in said[0]
+    # Without noise, or where the scene says how recordings drive, they do so.
+    for campaign, motion in ((clean, cosine), (noisy, {})):
+        driven, said = source(campaign, **motion)
+        assert "no filter" in driven
+        assert said == []

@@ -112,7 +112,8 @@ class SceneSimulator:
         interval = ROW if self._sampling is None else self._sampling.interval
         self._row = min(ROW, interval) if series else None
         self._trials = _base_trials(campaign, study, self._row)
-        if campaign.noise.displacement and not isinstance(study.motion, RECORDED):
+        moved = any(one.displacement is not None for one in campaign.motions.values())
+        if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
             _logger.warning(
                 "study %r: its motion section is of no recordings and the campaign states noise of "
                 "the displacement: recorded displacements are band-passed (%s); a motion section "
