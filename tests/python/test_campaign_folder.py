@@ -527,7 +527,8 @@ def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
 @pytest.mark.parametrize(
     ("name", "meant"),
     [("max_tilt_rad", "peak_tilt_rad"), ("pga_g", "pga_m_s2"), ("peak_tilt_deg", "peak_tilt_rad"),
-     ("sesion_", "session"), ("notes", "note"), ("overturn", "overturned")],
+     ("slip_m", "final_slip_m"), ("sesion_", "session"), ("notes", "note"),
+     ("overturn", "overturned")],
 )  # fmt: skip
 def test_a_column_of_another_name_is_told_from_the_form_s_own(folder, name, meant):
     path = folder / "trials.csv"
@@ -557,12 +558,13 @@ def test_shared_motions_lie_beside_the_campaign(folder, path):
 def test_yaw_and_slip_are_channels_of_a_series(tmp_path):
     time = np.arange(5) * 0.1
     series = Series(time, yaw=0.1 * time, slip=-0.01 * time, noise_yaw=0.002, noise_slip=0.001)
-    trial = replace(campaign().trials[0], series=series)
+    trial = replace(campaign().trials[0], series=series, final_yaw=-0.1, final_slip=0.02)
     noise = MeasurementNoise(peak_tilt_relative=0.02, yaw=0.001, slip=0.002)
     written = campaign(trials=(trial,), noise=noise)
     save_campaign(written, tmp_path / "c")
     read = load_campaign(tmp_path / "c")
     assert read.noise == noise
+    assert (read.trials[0].final_yaw, read.trials[0].final_slip) == (-0.1, 0.02)
     np.testing.assert_array_equal(read.trials[0].series.slip, series.slip)
     np.testing.assert_array_equal(read.trials[0].series.yaw, series.yaw)
     assert (read.trials[0].series.noise_yaw, read.trials[0].series.noise_slip) == (0.002, 0.001)

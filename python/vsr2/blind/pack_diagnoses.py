@@ -70,7 +70,13 @@ def at_tier(campaign: Campaign, tier: Tier) -> Campaign:
         beyond += ["peak_tilt", "peak_tilt_relative"]
     noise = replace(campaign.noise, **dict.fromkeys(beyond))
     trials = tuple(
-        replace(t, series=None, peak_tilt=t.peak_tilt if tier == "M" else None)
+        replace(
+            t,
+            series=None,
+            peak_tilt=t.peak_tilt if tier == "M" else None,
+            final_yaw=None,
+            final_slip=None,
+        )
         for t in campaign.trials
     )
     return replace(campaign, trials=trials, noise=noise)

@@ -286,13 +286,15 @@ def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
         faults["overturned"] = f"{shown(overturned)} is not True, False or None"
     if values["motion_file"] is not None:
         faults["motion_file"] = id_fault(values["motion_file"])
-    for name, limit, unit in (
-        ("peak_tilt", math.pi + 1e-9, "rad"),
-        ("pga", MAX_MEASURE, "m/s^2"),
-        ("pgv_pga", MAX_MEASURE, "s"),
+    for name, low, limit, unit in (
+        ("peak_tilt", 0, math.pi + 1e-9, "rad"),
+        ("final_yaw", -MAX_YAW, MAX_YAW, "rad"),
+        ("final_slip", -MAX_POSITION, MAX_POSITION, "m"),
+        ("pga", 0, MAX_MEASURE, "m/s^2"),
+        ("pgv_pga", 0, MAX_MEASURE, "s"),
     ):
         if values[name] is not None:
-            faults[name] = number_fault(values[name], 0, limit, unit)
+            faults[name] = number_fault(values[name], low, limit, unit)
     for name, value in values["extra"].items():
         faults[str(name)] = extra_fault(name) or number_fault(value, -math.inf, math.inf, "")
     return faults
@@ -312,6 +314,8 @@ class CampaignTrial:
         motion_file: name of the table's measured motion in `Campaign.motions`; None: there is none.
         peak_tilt: largest tilt measured [rad], 0 to pi; of a trial that overturned or was caught a
             lower bound. None: unknown.
+        final_yaw: turn about the vertical that is left after the trial [rad]; None: unknown.
+        final_slip: travel of the foot on the table along the shaking, likewise [m].
         pga: peak acceleration of the table as published with the data [m/s^2]; None: not given.
         pgv_pga: PGV/PGA of the table as published with the data [s]; None: not given.
         date: of execution.
@@ -331,6 +335,8 @@ class CampaignTrial:
     overturned: bool | None = None
     motion_file: str | None = None
     peak_tilt: float | None = None
+    final_yaw: float | None = None
+    final_slip: float | None = None
     pga: float | None = None
     pgv_pga: float | None = None
     date: datetime.date | None = None

@@ -30,13 +30,22 @@ MOTIONS = "motions"
 """Folder of the files that the column `motion_file` names."""
 
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
-_OPTIONAL = ("motion_file", "peak_tilt_rad", "pga_m_s2", "pgv_pga_s", "date", "note")
+_OPTIONAL = (
+    *("motion_file", "peak_tilt_rad", "final_yaw_rad", "final_slip_m"),
+    *("pga_m_s2", "pgv_pga_s", "date", "note"),
+)
 _ATTRIBUTES = (
     *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
-    *("peak_tilt", "pga", "pgv_pga", "date", "note"),
+    *("peak_tilt", "final_yaw", "final_slip", "pga", "pgv_pga", "date", "note"),
 )
 """Of a trial, in the order of the columns that are written."""
-_NUMBERS = {"peak_tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv_pga": "pgv_pga_s"}
+_NUMBERS = {
+    "peak_tilt": "peak_tilt_rad",
+    "final_yaw": "final_yaw_rad",
+    "final_slip": "final_slip_m",
+    "pga": "pga_m_s2",
+    "pgv_pga": "pgv_pga_s",
+}
 """Columns of numbers by the attribute of a trial."""
 
 
@@ -111,7 +120,14 @@ def _known_columns(columns: tuple[str, ...], problems: Problems) -> bool:
     return len(problems.found) == before
 
 
-_MEANT = {"tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv": "pgv_pga_s", "fell": "overturned"}
+_MEANT = {
+    "tilt": "peak_tilt_rad",
+    "yaw": "final_yaw_rad",
+    "slip": "final_slip_m",
+    "pga": "pga_m_s2",
+    "pgv": "pgv_pga_s",
+    "fell": "overturned",
+}
 """Columns by what people put into names of their own for them."""
 
 
