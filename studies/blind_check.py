@@ -246,7 +246,7 @@ def pool_packs(
         if read_receipt(folder / RECEIPT).get("submission") != submission:
             raise BlindError(f"{diagnoses}: were changed after they were scored")
     scored = judge(opened, training=training, tiers=tiers)
-    packs = [read_pack(data)["commitment"]["sha256"] for data, _, _ in parts]
+    packs = [read_pack(data).commitment.sha256 for data, _, _ in parts]
     content = scored.to_json() | {"packs": packs, "submissions": submissions}
     make_folder(out)
     write_files(score_files(scored, content), out)
@@ -264,7 +264,7 @@ def finished(data: Path, verdicts: Path, tiers: Sequence[str] | None) -> bool:
             for kind in ("diagnosis", "failed")
         )
         for entry in pack["campaigns"]
-        for tier in tiers or pack["tiers"]
+        for tier in tiers or pack.tiers
     )
 
 

@@ -56,7 +56,7 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
     first = next(iter(seen.values()))
     simulator = SceneSimulator(
         first.campaign,
-        load_study(part / "data" / pack["scene"]),
+        load_study(part / "data" / pack.scene),
         hypotheses=Hypotheses(nuisances=pack_nuisances(pack)),
         series=True,
         threads=1,

@@ -15,6 +15,7 @@ from blind_check import pool_packs
 from blind_samples import hand_made, stand_in
 from vsr2.blind import diagnose_pack, score_pack
 from vsr2.blind.form.diagnosis_form import verdict_of
+from vsr2.blind.form.pack_form import Listed
 from vsr2.blind.form.seal import key_slips, open_key, read_pack
 from vsr2.blind.pack_diagnoses import _excluded, pack_nuisances
 from vsr2.blind.scoring.cases import groups, read_cases
@@ -698,9 +699,9 @@ def test_what_is_withheld_may_lie_outside_the_library(name, fault, tmp_path) -> 
     said = []
     if fault is not None:
         with pytest.raises(BlindError, match=rf"exclude of c names '{name}'.*if {fault} is meant"):
-            _excluded(tmp_path, {"id": "c", "exclude": [name]}, said.append)
+            _excluded(tmp_path, Listed(id="c", exclude=(name,)), said.append)
         return
-    kept = _excluded(tmp_path, {"id": "c", "exclude": [name, "catch"]}, said.append)
+    kept = _excluded(tmp_path, Listed(id="c", exclude=(name, "catch")), said.append)
     assert kept == ("catch",)
     assert said == ["c: exclude names 'wind', which the library lacks anyway"]
 

@@ -15,7 +15,7 @@ from vsr2.blind.form.diagnosis_form import (
     Verdict,
     read_verdict,
 )
-from vsr2.blind.form.pack_form import TIERS
+from vsr2.blind.form.pack_form import TIERS, Listed, Pack
 from vsr2.blind.form.seal import (
     KEY_FILE,
     PACK_FILE,
@@ -37,7 +37,7 @@ from vsr2.diagnosis import (
     with_deviations,
 )
 from vsr2.diagnosis.observed.observations import observe_campaign, series_sampling
-from vsr2.diagnosis.simulated.nuisances import distribution, with_stated
+from vsr2.diagnosis.simulated.nuisances import with_stated
 from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
 
@@ -105,13 +105,13 @@ def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
     return out
 
 
-def pack_nuisances(pack: Mapping[str, Any]) -> tuple[Nuisance, ...]:
+def pack_nuisances(pack: Pack) -> tuple[Nuisance, ...]:
     """What is uncertain about a pack's set-up, and not to be diagnosed.
 
     Its `nuisances` go before its `tolerances`, and these before the diagnosis' own.
     """
-    given = [Nuisance.from_json(one) for one in pack.get("nuisances") or ()]
-    return with_stated(given, with_deviations(uncertainties(pack.get("tolerances") or {})))
+    stated = {} if pack.tolerances is None else pack.tolerances.model_dump(exclude_unset=True)
+    return with_stated(pack.nuisances, with_deviations(uncertainties(stated)))
 
 
 def diagnose_pack(
@@ -159,32 +159,29 @@ def diagnose_pack(
         effort = {"budget_minutes": budget.minutes}
     how = {key: value for key, value in effort.items() if value is not None} | {"seed": seed}
     pack = read_pack(data)
-    listed = {entry["id"]: entry for entry in pack["campaigns"]}
+    listed = {one.id: one for one in pack.campaigns}
     chosen = _chosen(data, listed, campaigns)
-    wanted = _wanted(data, pack["tiers"], tiers)
-    scene = data / pack["scene"]
+    wanted = _wanted(data, pack.tiers, tiers)
+    scene = data / pack.scene
     load_study(scene)
     _check_folder(out, data)
-    priors = {key: distribution(prior) for key, prior in (pack.get("priors") or {}).items()}
     hypotheses = {
         name: Hypotheses(
             exclude=_excluded(data, listed[name], say),
-            priors=priors,
+            priors=pack.priors,
             nuisances=pack_nuisances(pack),
         )
         for name in chosen
     }
     older = _older(out, pack, how)
     # Campaigns whose fitted models are the same are neighbours.
-    chosen.sort(
-        key=lambda name: (int(listed[name].get("protocol") or 0), sorted(hypotheses[name].exclude))
-    )
+    chosen.sort(key=lambda name: (listed[name].protocol, sorted(hypotheses[name].exclude)))
     asked = [(tier, name) for tier in wanted for name in chosen]
     due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
     say(f"checking {len(due)} of {len(asked)} campaigns and tiers; the others are diagnosed")
     unfit = _unfit(data, asked, due)
     _begin(out, pack, how, older)
-    cache = ProtocolCache(out / CACHE_FILE, series="T" in pack["tiers"])
+    cache = ProtocolCache(out / CACHE_FILE, series="T" in pack.tiers)
     failed = []
     # What cannot be used is said first.
     for tier, name in sorted(due, key=lambda pair: pair not in unfit):
@@ -290,30 +287,29 @@ def _check_folder(out: Path, data: Path) -> None:
             raise BlindError(f"{out}: lies in a {what} folder, {other}; choose another --out")
 
 
-def _excluded(data: Path, entry: Mapping[str, Any], say: Callable[[str], None]) -> tuple[str, ...]:
+def _excluded(data: Path, entry: Listed, say: Callable[[str], None]) -> tuple[str, ...]:
     """What to leave out of the library for a campaign.
 
     A custodian may withhold effects that the library never had; a name that is nearly one of the
     library's is a slip, which would let the effect in.
     """
     known = library()
-    names = tuple(entry.get("exclude") or ())
-    for name in (name for name in names if name not in known):
+    for name in (name for name in entry.exclude if name not in known):
         near = get_close_matches(name, known, n=1, cutoff=0.8)
         if near:
             raise BlindError(
-                f"{data / PACK_FILE}: exclude of {entry['id']} names {name!r}, which the library "
+                f"{data / PACK_FILE}: exclude of {entry.id} names {name!r}, which the library "
                 f"lacks; if {near[0]} is meant, publish that name"
             )
-        say(f"{entry['id']}: exclude names {name!r}, which the library lacks anyway")
-    return tuple(name for name in names if name in known)
+        say(f"{entry.id}: exclude names {name!r}, which the library lacks anyway")
+    return tuple(name for name in entry.exclude if name in known)
 
 
-def _submission(pack: Mapping[str, Any], how: Mapping[str, Any]) -> dict[str, Any]:
-    return {"schema": "vsr2.blind-submission/1", "pack": pack["commitment"]["sha256"], **how}
+def _submission(pack: Pack, how: Mapping[str, Any]) -> dict[str, Any]:
+    return {"schema": "vsr2.blind-submission/1", "pack": pack.commitment.sha256, **how}
 
 
-def _older(out: Path, pack: Mapping[str, Any], how: Mapping[str, Any]) -> str:
+def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
     """With how much less the folder was begun, as `24-draws`; "": with the same, or not yet.
 
     Raises:
@@ -337,7 +333,7 @@ def _older(out: Path, pack: Mapping[str, Any], how: Mapping[str, Any]) -> str:
     return older
 
 
-def _begin(out: Path, pack: Mapping[str, Any], how: Mapping[str, Any], older: str) -> None:
+def _begin(out: Path, pack: Pack, how: Mapping[str, Any], older: str) -> None:
     """Note which pack the diagnoses are of, and how they are made; set older ones aside."""
     make_folder(out)
     write_json(out / SUBMISSION, _submission(pack, how))

@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import PurePosixPath
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf, model_validator
 
 from vsr2.blind.form.pack_settings import Kind, Tolerances
 from vsr2.blind.form.reader import (
@@ -23,7 +23,7 @@ from vsr2.blind.form.reader import (
 from vsr2.campaign import Tier
 from vsr2.campaign.campaign import id_fault
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.nuisances import Nuisance, distribution
+from vsr2.diagnosis.simulated.nuisances import Distribution, Nuisance, distribution
 from vsr2.effects import library
 from vsr2.errors import ConfigError, DiagnosisError
 
@@ -65,14 +65,14 @@ def _identifier(name: object) -> object:
 def _each_once(tiers: list[Tier]) -> list[Tier]:
     if len(set(tiers)) < len(tiers):
         raise ValueError("each tier should stand once")
-    return tiers
+    return sorted(tiers)
 
 
 def _distinct(classes: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ...]:
     names = [name for members in classes for name in members]
     if len(set(names)) < len(names) or set(names) & set(ANSWERS):
         raise ValueError("each name should stand once, none and unknown in no class")
-    return classes
+    return tuple(sorted(tuple(sorted(members)) for members in classes))
 
 
 Tiers = Annotated[list[Tier], Field(min_length=1), AfterValidator(_each_once)]
@@ -83,23 +83,32 @@ Classes = Annotated[
 ]
 
 
-def _as(read: Callable[[dict[str, Any]], object]) -> AfterValidator:
-    """What one of the diagnosis' own readers accepts."""
+def _as(read: Callable[[Mapping[str, Any]], object]) -> BeforeValidator:
+    """What one of the diagnosis' own readers makes of a mapping."""
 
-    def check(content: dict[str, Any]) -> dict[str, Any]:
+    def made(content: object) -> object:
+        if not isinstance(content, Mapping):
+            raise ValueError("it should be a mapping")
         try:
-            read(content)
+            return read(content)
         except (DiagnosisError, ConfigError) as error:
             raise ValueError(str(error)) from None
-        return content
 
-    return AfterValidator(check)
+    return BeforeValidator(made)
 
 
-Nuisances = tuple[Annotated[dict[str, Any], _as(Nuisance.from_json)], ...]
+def _offered(priors: dict[str, Distribution]) -> dict[str, Distribution]:
+    try:
+        _ = Hypotheses(priors=priors).offered
+    except (DiagnosisError, ConfigError) as error:
+        raise ValueError(str(error)) from None
+    return priors
+
+
+Nuisances = tuple[Annotated[InstanceOf[Nuisance], _as(Nuisance.from_json)], ...]
 Priors = Annotated[
-    dict[str, Annotated[dict[str, Any], _as(distribution)]],
-    _as(lambda given: Hypotheses(priors={k: distribution(v) for k, v in given.items()}).offered),
+    dict[str, Annotated[Any, _as(distribution)]],
+    AfterValidator(_offered),
 ]
 
 
@@ -108,7 +117,9 @@ class _Known(Part):
     values: dict[str, float]
 
 
-class _Listed(Part):
+class Listed(Part):
+    """A campaign of a `pack.json`."""
+
     id: Annotated[str, BeforeValidator(_identifier)]
     protocol: Count = 0
     exclude: Names = ()
@@ -116,7 +127,7 @@ class _Listed(Part):
     effects: tuple[_Known, ...] = Field((), strict=False)
 
     @model_validator(mode="after")
-    def _check_open(self) -> _Listed:
+    def _check_open(self) -> Listed:
         if self.effects and self.kind is None:
             raise misfit("effects", [e.name for e in self.effects], "only references are open")
         return self
@@ -136,7 +147,7 @@ class Pack(Part):
     tolerances: Tolerances | None = None
     nuisances: Nuisances = Field((), strict=False)
     priors: Priors = Field(default_factory=dict)
-    campaigns: Annotated[list[_Listed], Field(min_length=1)]
+    campaigns: Annotated[list[Listed], Field(min_length=1)]
     commitment: _Commitment
 
     @model_validator(mode="after")
@@ -208,9 +219,17 @@ class _Sealed(Part):
     development: bool = False
     classes: Classes
     tiers: Tiers | None = None
+    series_interval: float | None = None
     tolerances: Tolerances | None = None
     nuisances: Nuisances | None = Field(None, strict=False)
     priors: Priors | None = None
+
+    @property
+    def sealed_tiers(self) -> list[Tier] | None:
+        """As stated, or as packs of `vsr2 blind make` seal them: by the series' interval."""
+        if self.tiers is None and self.series_interval is not None:
+            return ["B", "M", "T"] if self.series_interval else ["B", "M"]
+        return self.tiers
 
 
 class Key(Part):

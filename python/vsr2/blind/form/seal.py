@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from vsr2.blind.form.pack_form import Key, Pack
+from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.reader import parsed
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
@@ -20,7 +21,7 @@ from vsr2.results.atomic import write_atomic
 
 PACK_SCHEMA = "vsr2.blind-pack/2"
 KEY_SCHEMA = "vsr2.blind-key/2"
-_READ = {PACK_SCHEMA, "vsr2.blind-pack/1"}, {KEY_SCHEMA, "vsr2.blind-key/1"}
+_READ = (PACK_SCHEMA, "vsr2.blind-pack/1"), (KEY_SCHEMA, "vsr2.blind-key/1")
 """Of packs and of keys: the first form lacked nuisances, priors, references, shared motions."""
 PACK_FILE = "pack.json"
 KEY_FILE = "key.json"
@@ -118,7 +119,7 @@ def folder_around(folder: Path, file: str) -> Path | None:
     return next((one for one in (inner, *inner.parents) if (one / file).exists()), None)
 
 
-def read_pack(data: Path) -> dict[str, Any]:
+def read_pack(data: Path) -> Pack:
     """`pack.json` of a finished pack, whoever wrote it.
 
     Raises:
@@ -133,8 +134,7 @@ def read_pack(data: Path) -> dict[str, Any]:
     pack = read_json(path)
     if pack.get("schema") not in _READ[0]:
         raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
-    parsed(Pack, pack, str(path))
-    return pack
+    return parsed(Pack, pack, str(path))
 
 
 def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
@@ -163,20 +163,19 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
             f"{path}: salt is empty, so that a key can be guessed from its hash; seal with random "
             f"bytes ({SALT_BYTES}, say)"
         )
-    if found != pack["commitment"]["sha256"]:
+    if found != pack.commitment.sha256:
         raise BlindError(
-            f"{path}: its hash is {found}, published was {pack['commitment']['sha256']}: the key "
+            f"{path}: its hash is {found}, published was {pack.commitment.sha256}: the key "
             "is of another pack, or was changed; nothing is scored"
         )
     key: dict[str, Any] = sealed["key"]
-    parsed(Key, key, str(path), "key")
-    listed = {entry["id"]: entry for entry in pack["campaigns"]}
-    if set(listed) != set(key["campaigns"]):
+    read = parsed(Key, key, str(path), "key")
+    if {one.id for one in pack.campaigns} != set(read.campaigns):
         raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")
-    _check_published(data / PACK_FILE, pack, key)
-    _check_scene(data, pack["scene"], key)
-    folders = {name: entry["data_sha256"] for name, entry in key["campaigns"].items()}
-    folders |= key.get("motions_sha256") or {}
+    _check_published(data / PACK_FILE, pack, read)
+    _check_scene(data, pack.scene, read)
+    folders = {name: entry.data_sha256 for name, entry in read.campaigns.items()}
+    folders |= read.motions_sha256
     for one in sorted(data.iterdir()):
         if one.is_dir() and one.name not in folders and any(one.glob("*.npz")):
             raise BlindError(
@@ -226,47 +225,36 @@ def sealed_classes(key: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(members) for members in key["settings"]["classes"])
 
 
-def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]) -> None:
+def _check_published(path: Path, pack: Pack, key: Key) -> None:
     """Compare what diagnosing and scoring take from `pack.json` with the sealed."""
-    settings = key["settings"]
-    tiers = settings.get("tiers")
-    if tiers is None and "series_interval" in settings:
-        # So the packs of `vsr2 blind make` seal them.
-        tiers = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
+    settings = key.settings
     compared: list[tuple[str, object, object]] = [
-        ("development", bool(pack.get("development")), is_open(key))
+        ("development", pack.development, settings.development)
     ]
-    if tiers is not None and set(pack["tiers"]) != set(tiers):
-        compared.append(("tiers", pack["tiers"], tiers))
-    published, sealed = pack.get("classes"), settings["classes"]
-    if _sets(published or []) != _sets(sealed) or (published is None and sealed):
-        compared.append(("classes", published, sealed))
-    if settings.get("tolerances") is not None:
-        here, there = pack.get("tolerances") or {}, settings["tolerances"]
-        compared += [
-            (f"tolerances.{name}", here.get(name), there.get(name))
-            for name in sorted({*here, *there})
-        ]
-    compared += [
-        (name, pack.get(name) or empty, settings[name])
-        for name, empty in (("nuisances", []), ("priors", {}))
-        if settings.get(name) is not None
-    ]
-    for listed in pack["campaigns"]:
-        name, entry = listed["id"], key["campaigns"][listed["id"]]
-        open_here, open_there = (one.get("kind") == "reference" for one in (listed, entry))
-        compared.append((f"reference {name}", open_here, open_there))
-        if open_here and open_there:
+    sealed: dict[str, object] = {"tiers": settings.sealed_tiers, "classes": settings.classes}
+    sealed |= {"nuisances": settings.nuisances, "priors": settings.priors}
+    for name, there in sealed.items():
+        here = getattr(pack, name)
+        if there is not None and here != there:
+            compared.append((name, here if name in pack.model_fields_set else None, there))
+    if settings.tolerances is not None:
+        kept, own = (
+            {} if of is None else of.model_dump(mode="json", exclude_unset=True)
+            for of in (pack.tolerances, settings.tolerances)
+        )
+        compared += [(f"tolerances.{n}", kept.get(n), own.get(n)) for n in sorted({*kept, *own})]
+    for listed in pack.campaigns:
+        name, entry = listed.id, key.campaigns[listed.id]
+        told = entry.kind is Kind.REFERENCE
+        compared.append((f"reference {name}", listed.kind is not None, told))
+        if told:
             acting = [
-                [(effect["name"], effect["values"]) for effect in one.get("effects") or ()]
-                for one in (listed, entry)
+                [(effect.name, effect.values) for effect in of.effects] for of in (listed, entry)
             ]
             compared.append((f"effects of {name}", acting[0], acting[1]))
-        exclude, sealed = (one.get("exclude") or [] for one in (listed, entry))
-        compared.append((f"exclude of {name}", exclude, sealed))
-        if entry.get("protocol") is not None:
-            protocol = listed.get("protocol") or 0
-            compared.append((f"protocol of {name}", protocol, entry["protocol"]))
+        compared.append((f"exclude of {name}", list(listed.exclude), list(entry.exclude)))
+        if "protocol" in entry.model_fields_set:
+            compared.append((f"protocol of {name}", listed.protocol, entry.protocol))
     for name, one, other in compared:
         if one is None and other is not None:
             raise BlindError(
@@ -280,13 +268,9 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
             )
 
 
-def _sets(classes: list[list[str]]) -> set[frozenset[str]]:
-    return {frozenset(members) for members in classes}
-
-
-def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
+def _check_scene(data: Path, scene: str, key: Key) -> None:
     """Compare the scene, and the model that it names, with the hashes in the key."""
-    sealed, model = key.get("scene_sha256"), key.get("model_sha256")
+    sealed, model = key.scene_sha256, key.model_sha256
     if sealed is None and model is None:
         return
     path = data / scene

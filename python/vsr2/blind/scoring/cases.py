@@ -105,12 +105,12 @@ def read_cases(
     """
     pack = read_pack(data)
     submission = read_json(diagnoses / "submission.json")
-    if submission.get("pack") != pack["commitment"]["sha256"]:
+    if submission.get("pack") != pack.commitment.sha256:
         raise BlindError(
             f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
         )
     if tiers is None:
-        tiers = pack["tiers"]
+        tiers = pack.tiers
         begun = {t for t in tiers if any((diagnoses / c / t).is_dir() for c in key["campaigns"])}
         missing = [t for t in tiers if t not in begun]
         if missing:
@@ -119,10 +119,10 @@ def read_cases(
                 f"{', '.join(tiers)}; run `vsr2 blind diagnose` to the end, or give the tiers that "
                 "are to be scored (--tier): a pack is scored once"
             )
-    elif set(tiers) - set(pack["tiers"]):
+    elif set(tiers) - set(pack.tiers):
         raise BlindError(
-            f"{data}: has no tier {', '.join(sorted(set(tiers) - set(pack['tiers'])))}; it has "
-            f"{', '.join(pack['tiers'])}"
+            f"{data}: has no tier {', '.join(sorted(set(tiers) - set(pack.tiers)))}; it has "
+            f"{', '.join(pack.tiers)}"
         )
     out = []
     for name in sorted(key["campaigns"]):

@@ -82,7 +82,7 @@ def score_pack(
         say(slip)
     scored = judge([(data, opened, diagnoses)], training=training, tiers=tiers)
     content = scored.to_json() | {
-        "pack": read_pack(data)["commitment"]["sha256"],
+        "pack": read_pack(data).commitment.sha256,
         "submission": submission,
         "development": is_open(opened),
         "slips": slips,
@@ -147,7 +147,7 @@ def check_apart(out: Path, *folders: Path) -> None:
 def _open_training(training: tuple[Path, Path], data: Path) -> Mapping[str, Any]:
     """The key of the pack that trains the baselines, which may be neither scored nor sealed."""
     folder, key = training
-    if read_pack(folder)["commitment"] == read_pack(data)["commitment"]:
+    if read_pack(folder).commitment == read_pack(data).commitment:
         raise BlindError(
             f"{folder}: trains the baselines and is scored; give another pack to train"
         )
