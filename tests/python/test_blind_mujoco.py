@@ -305,7 +305,7 @@ def test_ground_motions_are_at_rest_at_both_ends() -> None:
         assert motion.displacement[0] == 0 == motion.displacement[-1]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_every_contact_model_of_the_family_is_correct(seed) -> None:
     contact = draw_contact(np.random.default_rng(seed), development=bool(seed % 2))
     np.testing.assert_allclose(kept(free_rocking(contact=contact)), BLOCK.housner_ratio, rtol=0.04)

@@ -29,6 +29,7 @@ from vsr2.blind.custodian.make import Made
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
 from vsr2.blind.form.pack_settings import KINDS
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
+from vsr2.blind.mujoco import ContactModel
 from vsr2.blind.pack_diagnoses import at_tier, uncertainties
 from vsr2.campaign import (
     load_campaign,
@@ -524,6 +525,20 @@ def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
     }
     assert max(found["mujoco"][0], found["bullet"][0]) < 1e-3
     np.testing.assert_allclose(found["mujoco"][1:], found["bullet"][1:], rtol=0.05)
+
+
+def test_the_contact_model_reaches_the_simulation(study) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    shake = TrialInput(0.005, moved * 5.6 / (np.abs(np.diff(moved, 2)).max() / 0.005**2))
+    engines = [
+        build_engine("mujoco", study),
+        build_engine("mujoco", study, ContactModel(time_constant=0.004, damping_ratio=1.2)),
+    ]
+    nominal, other = (next(iter(engine.run([shake], 0.02))).peak_tilt for engine in engines)
+    assert other != nominal
+    assert other == pytest.approx(nominal, rel=0.05)
 
 
 def test_the_library_is_drawn_from(study) -> None:
