@@ -128,10 +128,9 @@ def diagnose_pack(
     """Diagnose the campaigns of a pack; what is there already is kept.
 
     Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.jsonl`: those for one
-    campaign serve all of its protocol, and with a fixed number of draws so do fitted models.
-    Therefore campaigns of one protocol that lack the same effects come one after the other. Only
-    the data folder is read. Everything is read and checked before the first simulation. A campaign
-    that cannot be used, or whose diagnosis ends with an error of ours, gets a `failed.json`, and is
+    campaign serve all of its protocol, and with a fixed number of draws so do fitted models. Only
+    the data folder is read, and everything is checked before the first simulation. A campaign that
+    cannot be used, or whose diagnosis ends with an error of ours, gets a `failed.json`, and is
     tried again by the next run. With more draws or minutes than the folder was begun with, all is
     diagnosed again from the same cache.
 
@@ -154,10 +153,6 @@ def diagnose_pack(
 
     if seed < 0:
         raise BlindError(f"seed is {seed}; give 0 or more")
-    effort: dict[str, float | None] = {"draws": budget.draws, "simulations": budget.simulations}
-    if budget.draws is None and budget.simulations is None:
-        effort = {"budget_minutes": budget.minutes}
-    how = {key: value for key, value in effort.items() if value is not None} | {"seed": seed}
     pack = read_pack(data)
     listed = {one.id: one for one in pack.campaigns}
     chosen = _chosen(data, listed, campaigns)
@@ -165,14 +160,8 @@ def diagnose_pack(
     scene = data / pack.scene
     load_study(scene)
     _check_folder(out, data)
-    hypotheses = {
-        name: Hypotheses(
-            exclude=_excluded(data, listed[name], say),
-            priors=pack.priors,
-            nuisances=pack_nuisances(pack),
-        )
-        for name in chosen
-    }
+    hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
+    how = _effort(budget) | {"seed": seed}
     older = _older(out, pack, how)
     # Campaigns whose fitted models are the same are neighbours.
     chosen.sort(key=lambda name: (listed[name].protocol, sorted(hypotheses[name].exclude)))
@@ -206,6 +195,19 @@ def diagnose_pack(
         failed += [f"{name} {tier}"] if error else []
         say(f"{name} {tier}: {f'failed: {error}' if error else verdict.kind}")
     return Progress(len(asked) - len(failed), tuple(failed))
+
+
+def _effort(budget: Budget) -> dict[str, float]:
+    """What of a budget decides a diagnosis."""
+    given = {"draws": budget.draws, "simulations": budget.simulations}
+    known: dict[str, float] = {key: value for key, value in given.items() if value is not None}
+    return known or {"budget_minutes": budget.minutes}
+
+
+def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Callable[[str], None]) -> Hypotheses:
+    """What a campaign is diagnosed against."""
+    excluded = _excluded(data, entry, say)
+    return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
 
 
 def _unfit(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.campaign.faults import extra_fault, id_fault, number_fault, text_fault
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.motion import Record
@@ -26,71 +26,23 @@ MAX_TRIALS = 100_000
 MAX_SERIES_ROWS = 2_000_000
 """Most rows of one series."""
 MAX_ORDER = 1_000_000_000
-MAX_TEXT = 200
 MAX_NOTE = 1000
 MAX_TIME = 1e5
 """Of a series [s]; more is a mistaken unit."""
-MAX_YAW = 100.0
-"""Of a series [rad]; more is a mistaken unit."""
-MAX_POSITION = 1000.0
-"""Of a series [m]; more is a mistaken unit."""
+MAX_YAW, MAX_POSITION = 100.0, 1000.0
+"""[rad], [m]; more is a mistaken unit."""
+_CHANNELS: Mapping[str, tuple[tuple[int, ...], float, str]] = {
+    "tilt": ((), 2 * math.pi, "rad"),
+    "position": ((3,), MAX_POSITION, "m"),
+    "orientation": ((4,), 2.0, ""),
+    "yaw": ((), MAX_YAW, "rad"),
+    "slip": ((), MAX_POSITION, "m"),
+}
+"""Of a series: shape beyond the rows, greatest value and its unit."""
 MAX_MEASURE = 1e5
 """Of PGA [m/s^2] and PGV/PGA [s]; more is a mistaken unit."""
 MAX_MASS = 1e12
 """Of a specimen [kg]."""
-
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
-_EXTRA = re.compile(r"x_[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
-
-
-def id_fault(value: object) -> str | None:
-    """Why `value` is no id (it names a file, too); None: it is one."""
-    if isinstance(value, str) and _ID.match(value):
-        return None
-    return (
-        f"{shown(value)} is no id: 1 to 100 letters, digits, `.`, `_` or `-`, the first a letter "
-        "or digit; rename it"
-    )
-
-
-def extra_fault(value: object) -> str | None:
-    """Why `value` is no name of an extra column; None: it is one."""
-    if isinstance(value, str) and _EXTRA.match(value):
-        return None
-    return (
-        f"{shown(value)} is no name of an extra column: `x_`, then letters, digits, `.`, `_` or "
-        "`-`; rename it"
-    )
-
-
-def text_fault(value: object, *, limit: int = MAX_TEXT, empty: bool = False) -> str | None:
-    """Why `value` cannot be a cell of text; None: it can."""
-    if not isinstance(value, str):
-        return f"{shown(value)} is no text"
-    if not value:
-        return None if empty else "is blank; fill it in"
-    if len(value) > limit:
-        return f"has {len(value)} characters, at most {limit} are allowed; shorten it"
-    if not value.isprintable() or value != value.strip():
-        return f"{shown(value)} holds line breaks, outer blanks or control characters; remove them"
-    return None
-
-
-def number_fault(
-    value: object, low: float, high: float, unit: str, *, above: bool = False
-) -> str | None:
-    """Why `value` is no number from `low` (excluded if `above`) to `high`; None: it is one."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        return f"{shown(value)} is no number"
-    if not math.isfinite(value):
-        return f"is {value}; give a finite number, or leave it blank where it is unknown"
-    if not (low < value if above else low <= value) or value > high:
-        edge = "above" if above else "from"
-        return (
-            f"is {value:g}, outside {edge} {low:g} to {high:g}"
-            f"{f' {unit}' if unit else ''}; check the unit"
-        )
-    return None
 
 
 def _refuse(owner: str, faults: Mapping[str, str | None]) -> None:
@@ -169,11 +121,8 @@ class Series:
         orientation: quaternions x, y, z, w of norm 1, shape (n, 4), or None.
         yaw: turn about the vertical, shape (n,) [rad], or None; what `orientation` holds too.
         slip: travel of the foot on the table along the shaking, shape (n,) [m], or None.
-        noise_tilt: standard error [rad]; None: see the campaign's noise.
-        noise_position: standard error of a component [m]; None: see the campaign's noise.
-        noise_orientation: standard error about an axis [rad]; None: see the campaign's noise.
-        noise_yaw: standard error [rad]; None: see the campaign's noise.
-        noise_slip: standard error [m]; None: see the campaign's noise.
+        noise_tilt, noise_position, noise_orientation, noise_yaw, noise_slip: standard errors, of a
+            component or about an axis, in the channels' units; None: see the campaign's noise.
 
     The arrays are copies and read-only.
 
@@ -206,16 +155,13 @@ class Series:
                 f"series: time is {time[row]:.9g} s at row {row} after {time[row - 1]:.9g} s; it "
                 "must increase: sort the rows or remove the doubled ones"
             )
-        tilt = self._checked("tilt", (), 2 * math.pi, "rad")
-        position = self._checked("position", (3,), MAX_POSITION, "m")
-        orientation = self._checked("orientation", (4,), 2.0, "")
-        yaw = self._checked("yaw", (), MAX_YAW, "rad")
-        slip = self._checked("slip", (), MAX_POSITION, "m")
-        if all(one is None for one in (tilt, position, orientation, yaw, slip)):
+        found = {name: self._checked(name, *of) for name, of in _CHANNELS.items()}
+        if all(one is None for one in found.values()):
             raise CampaignError(
                 "series: has neither tilt nor position, orientation, yaw or slip; remove it, or "
                 "add one"
             )
+        orientation = found["orientation"]
         if orientation is not None:
             norm = np.linalg.norm(orientation, axis=1)
             bad = np.flatnonzero(np.abs(norm - 1) > 1e-3)

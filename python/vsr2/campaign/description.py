@@ -17,9 +17,8 @@ from vsr2.campaign.campaign import (
     Campaign,
     MeasurementNoise,
     Specimen,
-    id_fault,
-    text_fault,
 )
+from vsr2.campaign.faults import id_fault, text_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.config.problems import Problem, dotted, problems_of, shown
 from vsr2.config.section import Section

@@ -17,10 +17,10 @@ from vsr2.campaign.campaign import (
     MAX_ORDER,
     Campaign,
     Specimen,
-    extra_fault,
     trial_faults,
 )
 from vsr2.campaign.description import FILE, Description
+from vsr2.campaign.faults import extra_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown

@@ -116,9 +116,7 @@ def make_pack(
     state = _begin(study, data, key, settings, seed)
     _prepare(study, settings, data, key)
     number = int(state["seed"])
-    # Another engine for each pack, and none for both an open pack and one that is scored.
-    contact = draw_contact(np.random.default_rng([number, 403]), development=settings.development)
-    engines = {name: build_engine(name, study, contact) for name in settings.engines}
+    engines, contact = _drawn_engines(study, settings, number)
     motions = catalogue(number, settings.catalogue)
     steps = Steps(key / _STEPS)
 
@@ -201,6 +199,15 @@ def _allowed(
         )
         check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
     return out
+
+
+def _drawn_engines(
+    study: Study, settings: PackSettings, seed: int
+) -> tuple[dict[str, Engine], ContactModel]:
+    """The engines of a pack, with a contact model that no other pack of the other kind has."""
+    rng = np.random.default_rng([seed, 403])
+    contact = draw_contact(rng, development=settings.development)
+    return {name: build_engine(name, study, contact) for name in settings.engines}, contact
 
 
 def _begin(

@@ -21,7 +21,7 @@ from vsr2.blind.form.reader import (
     misfit,
 )
 from vsr2.campaign import Tier
-from vsr2.campaign.campaign import id_fault
+from vsr2.campaign.faults import id_fault
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisances import Distribution, Nuisance, distribution
 from vsr2.effects import library
