@@ -157,8 +157,7 @@ def diagnose_pack(
     listed = {one.id: one for one in pack.campaigns}
     chosen = _chosen(data, listed, campaigns)
     wanted = _wanted(data, pack.tiers, tiers)
-    scene = data / pack.scene
-    load_study(scene)
+    load_study(scene := data / pack.scene)
     _check_folder(out, data)
     hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
     how = _effort(budget) | {"seed": seed}
