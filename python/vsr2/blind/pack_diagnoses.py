@@ -43,8 +43,6 @@ from vsr2.errors import BlindError, Vsr2Error
 
 CACHE_FILE = "simulations.jsonl"
 SUBMISSION = "submission.json"
-EFFORT = ("draws", "simulations", "budget_minutes")
-"""What may rise in a begun folder."""
 BUDGET, EXECUTION = Budget(draws=48), Execution()
 
 
@@ -197,10 +195,10 @@ def diagnose_pack(
 
 
 def _effort(budget: Budget) -> dict[str, float]:
-    """What of a budget decides a diagnosis."""
-    given = {"draws": budget.draws, "simulations": budget.simulations}
-    known: dict[str, float] = {key: value for key, value in given.items() if value is not None}
-    return known or {"budget_minutes": budget.minutes}
+    """What of a budget decides a diagnosis: its numbers, or else the minutes."""
+    given = {name: value for name, value in vars(budget).items() if value is not None}
+    minutes = given.pop("minutes")
+    return given or {"budget_minutes": minutes}
 
 
 def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Callable[[str], None]) -> Hypotheses:
@@ -323,8 +321,8 @@ def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
     older = ""
     for key, mine in _submission(pack, how).items():
         before = there.get(key)
-        number = isinstance(before, (int, float)) and key in EFFORT
-        if number and before < mine:
+        effort = isinstance(before, (int, float)) and key != "seed"
+        if effort and before < mine:
             older = f"{before:g}-{key}"
         elif before != mine:
             raise BlindError(
