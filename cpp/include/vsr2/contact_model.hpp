@@ -9,7 +9,7 @@ namespace vsr2 {
 struct ContactPair {
   double lateral_friction;   ///< product (Eq. 1)
   double restitution;        ///< product (Eq. 1)
-  double spinning_friction;  ///< mu_spin^a mu_lat^b + mu_spin^b mu_lat^a (Eq. 1)
+  double spinning_friction;  ///< mu_spin^a mu_lat^b + mu_spin^b mu_lat^a (Eq. 1) [m]
   double damping;            ///< sum [N s/m]
   double stiffness;          ///< in series [N/m]
 };
