@@ -59,11 +59,15 @@ def format_diagnosis(found: Diagnosis) -> str:
     if content["next_measurement"]:
         lines.append(f"next: {next_measurement(content['next_measurement'])}")
     lines.append("probability that it acts, effect, its parameters: median [90 %]")
-    for row in content["effects"][:6]:
+    for row in _by_acts(content)[:6]:
         values = ", ".join(_parameter(p, name) for name, p in row["parameters"].items())
         lines.append(f"  {row['acts']:5.2f}  {row['name']:<20} {values}")
     lines += [f"limit: {sentence(limit)}" for limit in content["limits"]]
     return "\n".join(lines)
+
+
+def _by_acts(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return sorted(content["effects"], key=lambda row: -row["acts"])
 
 
 def _parameter(found: Mapping[str, Any], name: str) -> str:
@@ -102,6 +106,7 @@ def diagnosis_page(found: Diagnosis) -> str:
         },
         **{
             **content,
+            "effects": _by_acts(content),
             "title": f"{PAGE_TITLE} {content['campaign']['name']}",
             "verdict_sentence": verdict_sentence(content),
             "measure_sentence": measure and next_measurement(measure),
