@@ -39,7 +39,7 @@ from vsr2.blind.form.seal import (
     read_json,
     read_pack,
 )
-from vsr2.blind.pack_diagnoses import DRAWS
+from vsr2.blind.pack_diagnoses import CAMPAIGNS
 from vsr2.blind.scoring.packs import RECEIPT, check_apart, judge, read_receipt
 from vsr2.blind.scoring.tables import Scored, score_files, write_files
 from vsr2.config import load_study
@@ -57,7 +57,7 @@ class Check:
 
     parts: int
     settings: PackSettings
-    draws: int
+    campaigns: int
 
 
 CHECKS = {
@@ -71,19 +71,19 @@ CHECKS = {
             pair=(6, 1),
             development=True,
         ),
-        DRAWS,
+        CAMPAIGNS,
     ),
     "validation": Check(
         2,
         PackSettings(
             engines=ENGINES, single=(30, 10), none=(16, 4), unknown=(10, 4), pair=(10, 2), hidden=5
         ),
-        DRAWS,
+        CAMPAIGNS,
     ),
     "leave-one-out": Check(
         1,
         PackSettings(engines=("bullet",), single=0, none=10, unknown=0, pair=0, leave_one_out=1),
-        DRAWS,
+        CAMPAIGNS,
     ),
 }
 
@@ -140,7 +140,7 @@ def main() -> int:
                 folder / "data",
                 folder / "verdicts",
                 tiers=options.tier,
-                options=DiagnosisOptions(check.draws, threads=options.threads),
+                options=DiagnosisOptions(check.campaigns, threads=options.threads),
                 say=say,
             )
             print(f"{folder}: {progress.done} diagnoses, {len(progress.failed)} failed")
@@ -303,7 +303,7 @@ def page(
             f"{entry['engine']} {entry['kind']}" for entry in opened["campaigns"].values()
         )
         submission = read_json(verdicts / "submission.json")
-        how = f"draws {submission.get('draws')}, seed {submission['seed']}"
+        how = f"campaigns {submission.get('campaigns')}, seed {submission['seed']}"
         versions = ", ".join(
             f"{key} {value}"
             for key, value in opened["versions"].items()

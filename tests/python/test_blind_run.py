@@ -92,7 +92,7 @@ def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     progress = diagnose_pack(
-        small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(9, seed=7)
+        small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(200, seed=7)
     )
     assert progress.done == 12
     assert progress.failed == ()
@@ -100,7 +100,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     for campaign, how in Stub.calls:
         assert campaign.tier == how["tier"]
         assert list(how["hypotheses"].exclude) == excluded[campaign.name]
-        assert (how["seed"], how["budget"].draws) == (7, 9)
+        assert (how["seed"], how["budget"].campaigns) == (7, 200)
         if how["tier"] == "B":
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None

@@ -32,9 +32,8 @@ from vsr2.errors import BlindError, Vsr2Error
 if TYPE_CHECKING:
     from vsr2.diagnosis import Budget
 
-CACHE_FILE = "simulations.jsonl"
-DRAWS = 48
-"""Of every effect."""
+CAMPAIGNS = 2000
+"""Simulated for a protocol."""
 
 
 class Saved(Protocol):
@@ -54,8 +53,8 @@ class DiagnosisOptions:
     """How each diagnosis is made, as in :func:`vsr2.diagnosis.diagnose`.
 
     Attributes:
-        draws: simulated campaigns of every effect; None: by `budget_minutes`.
-        budget_minutes: of each diagnosis, without draws.
+        campaigns: simulated ones of each protocol; None: by `budget_minutes`.
+        budget_minutes: of each diagnosis, without a number of campaigns.
         threads: None: all that this process may use.
         seed: of each diagnosis.
 
@@ -63,7 +62,7 @@ class DiagnosisOptions:
         BlindError: every diagnosis would refuse them.
     """
 
-    draws: int | None = DRAWS
+    campaigns: int | None = CAMPAIGNS
     budget_minutes: float = 10.0
     threads: int | None = None
     seed: int = 0
@@ -71,9 +70,9 @@ class DiagnosisOptions:
     def __post_init__(self) -> None:
         from vsr2.diagnosis.budget import SCHEDULE
 
-        if self.draws is not None and self.draws < SCHEDULE.fewest_draws:
-            raise BlindError(f"draws is {self.draws}; give at least {SCHEDULE.fewest_draws}")
-        if self.draws is None and not 0 < self.budget_minutes < math.inf:
+        if self.campaigns is not None and self.campaigns < SCHEDULE.fewest:
+            raise BlindError(f"campaigns is {self.campaigns}; give at least {SCHEDULE.fewest}")
+        if self.campaigns is None and not 0 < self.budget_minutes < math.inf:
             raise BlindError(f"budget_minutes is {self.budget_minutes}; give more than 0")
         if self.threads is not None and self.threads < 1:
             raise BlindError(f"threads is {self.threads}; give at least 1, or leave it out for all")
@@ -83,16 +82,16 @@ class DiagnosisOptions:
     @property
     def result(self) -> dict[str, Any]:
         """What decides a diagnosis: seed and budget."""
-        if self.draws is None:
+        if self.campaigns is None:
             return {"budget_minutes": self.budget_minutes, "seed": self.seed}
-        return {"draws": self.draws, "seed": self.seed}
+        return {"campaigns": self.campaigns, "seed": self.seed}
 
     @property
     def budget(self) -> Budget:
         """Of each diagnosis."""
         from vsr2.diagnosis import Budget
 
-        return Budget(self.budget_minutes, draws=self.draws)
+        return Budget(self.budget_minutes, campaigns=self.campaigns)
 
 
 @dataclass(frozen=True)
@@ -155,9 +154,8 @@ def diagnose_pack(
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
-    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.jsonl`: those for one
-    campaign serve all of its protocol, and with a fixed number of draws so do fitted models.
-    Therefore campaigns of one protocol that lack the same effects come one after the other. Only
+    Results go to `out/<campaign>/<tier>/`, simulations and trained posteriors to `out`: those
+    for one campaign serve all of its protocol. Only
     the data folder is read. A campaign whose diagnosis ends with an error of ours gets a
     `failed.json`, and is tried again by the next run.
 
@@ -196,10 +194,9 @@ def diagnose_pack(
     _check_tiers(data, chosen, wanted)
     _same_submission(out, pack, options.result)
     nuisances = with_deviations(uncertainties(pack.get("tolerances") or {}))
-    cache = ProtocolCache(out / CACHE_FILE, series="T" in pack["tiers"])
+    cache = ProtocolCache(out, series="T" in pack["tiers"])
     failed = []
-    # Campaigns whose fitted models are the same are neighbours.
-    chosen.sort(key=lambda name: (int(listed[name].get("protocol") or 0), sorted(excluded[name])))
+    chosen.sort(key=lambda name: int(listed[name].get("protocol") or 0))
     for tier, name in ((tier, name) for tier in wanted for name in chosen):
         folder = out / name / tier
         if (folder / DIAGNOSIS_FILE).exists():

@@ -12,7 +12,7 @@ from cyclopts.validators import mutually_exclusive
 
 from vsr2.blind import DiagnosisOptions, PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS
-from vsr2.blind.pack_diagnoses import DRAWS
+from vsr2.blind.pack_diagnoses import CAMPAIGNS
 from vsr2.cli import options as opt
 
 verbs = App(name="blind")
@@ -152,12 +152,12 @@ class Effort:
     """How each diagnosis is made.
 
     Attributes:
-        draws: simulated campaigns of every effect; campaigns of one protocol use the same ones
+        campaigns: simulated ones of each protocol, which its campaigns share
         budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
         seed: of each diagnosis
     """
 
-    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = DRAWS
+    campaigns: Annotated[opt.Integer, Parameter(group=BUDGET)] = CAMPAIGNS
     budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     threads: opt.Threads = None
     seed: opt.Integer = 0
@@ -165,7 +165,7 @@ class Effort:
     def options(self) -> DiagnosisOptions:
         """As :func:`vsr2.blind.diagnose_pack` takes them."""
         if self.budget_minutes is None:
-            return DiagnosisOptions(draws=self.draws, threads=self.threads, seed=self.seed)
+            return DiagnosisOptions(campaigns=self.campaigns, threads=self.threads, seed=self.seed)
         return DiagnosisOptions(None, self.budget_minutes, self.threads, self.seed)
 
 
