@@ -51,7 +51,14 @@ def test_all_verbs_are_there() -> None:
         *("run", "view", "inertia", "calibrate", "fragility", "diagnose"),
         *("motion", "motion info", "motion convert", "motion generate", "motion fuse"),
         *("campaign", "campaign import-lab", "campaign check", "campaign info"),
-        *("campaign simulate", "campaign compare", "effects", "effects list", "effects show", "effects check"),
+        *(
+            "campaign simulate",
+            "campaign compare",
+            "effects",
+            "effects list",
+            "effects show",
+            "effects check",
+        ),
         *("blind", "blind make", "blind diagnose", "blind score"),
         *("config", "config check", "config import-ros2", "config reference", "config schema"),
     }
@@ -101,7 +108,10 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
         ("blind make a b --engine mujcoo", 'Did you mean "mujoco"'),
         ("blind make a b --single", "--single requires at least 1 element"),
         ("blind make a b --single 1 2.5", '"1 2.5" is no whole number'),
-        ("blind diagnose d --out o --campaigns 300 --budget-minutes 1", "Mutually exclusive arguments"),
+        (
+            "blind diagnose d --out o --campaigns 300 --budget-minutes 1",
+            "Mutually exclusive arguments",
+        ),
         ("motion convert a b --units furlong", "Choose from"),
         ("motion info", "FILES requires an argument"),
         ("config import-ros2", "FILES requires an argument"),

@@ -110,8 +110,8 @@ def compare(
     """Check a nominal scene by a reference campaign.
 
     A reference campaign has no effect, or the ones that the scene's study names. Prints by how much
-    outcomes, largest tilts and final turns differ from the scene's simulations, and by how much such
-    simulations differ among themselves. Exit code 0: no more than these; 1: more.
+    outcomes, largest tilts and final turns differ from the scene's simulations, and by how much
+    these differ among themselves. Exit code 0: no more than these; 1: more.
 
     Args:
         scene: study of the nominal scene

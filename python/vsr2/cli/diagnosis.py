@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from vsr2.cli import options as opt
 
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Question:

@@ -75,12 +75,15 @@ def reference_table(found: Sequence[Agreement]) -> str:
             f"{factor * value:.3g}" for value in (one.campaign, one.starts, one.low, one.high)
         )
         rows.append(
-            [words, unit, str(one.trials), campaign, starts, f"{low} to {high}", f"{one.p_value:.2g}"]
-        )
+            [
+                words, unit, str(one.trials), campaign, starts, f"{low} to {high}",
+                f"{one.p_value:.2g}",
+            ]
+        )  # fmt: skip
     apart = [_MEASURES[one.measure][0] for one in found if one.differs]
     said = (
-        f"differs by more than nuisances, contact models and starts explain: {'; '.join(apart)}. The "
-        "nominal scene lacks something, or its tolerances are too narrow."
+        f"differs by more than nuisances, contact models and starts explain: {'; '.join(apart)}. "
+        "The nominal scene lacks something, or its tolerances are too narrow."
         if apart
         else "agrees within what nuisances, contact models and starts leave open"
     )
