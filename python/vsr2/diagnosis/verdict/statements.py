@@ -33,7 +33,7 @@ class GapState(StrEnum):
 
 
 class BudgetState(StrEnum):
-    """Whether the budget sufficed for the least that is simulated."""
+    """Whether the budget sufficed, or is less than the least needs."""
 
     SUFFICIENT = "sufficient"
     EXCEEDED = "exceeded"
