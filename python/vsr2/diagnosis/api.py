@@ -105,6 +105,8 @@ def diagnose(
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     folder = None if out is None else _made(Path(out))
+    if cache is not None:
+        _made(cache.folder)
     found = diagnose_with(
         simulator,
         seen.campaign,
