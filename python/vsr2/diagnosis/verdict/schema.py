@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import EnumMeta
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
@@ -13,6 +12,7 @@ from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import (
     NAMES,
     BudgetState,
+    Code,
     GapState,
     LimitCode,
     ReasonCode,
@@ -30,7 +30,7 @@ _VALUES: dict[type, dict[str, Any]] = {
 }
 
 
-def _statements(codes: EnumMeta) -> dict[str, Any]:
+def _statements(codes: type[Code]) -> dict[str, Any]:
     """Of a list of statements: each code with its values, and a sentence where one was added."""
     one_of = []
     for code in codes:
