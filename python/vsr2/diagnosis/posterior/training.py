@@ -324,7 +324,7 @@ def _networks(
 def _own_left_out(truth: _Truth, rng: np.random.Generator) -> Bools:
     """Effects of a library that lacks one that acts, shape (n, effects)."""
     pick = (rng.random(truth.acting.shape) * truth.acting).argmax(axis=1)
-    plain: Bools = ~truth.acting.any(axis=1)
+    plain: Bools = np.asarray(~truth.acting.any(axis=1))
     return ~truth.lacking(rng, pick) | plain[:, None]
 
 
