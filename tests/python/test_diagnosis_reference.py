@@ -78,7 +78,7 @@ def test_the_table_shows_the_floor_and_says_what_differs() -> None:
         Agreement("turn_mean", 90, 0.0, 0.001, -0.02, 0.02, 0.5),
     ]
     lines = reference_table(found).splitlines()
-    assert lines[1].split() == "outcomes that differ % 150 7 2 1 to 5 0.025".split()
+    assert " ".join(lines[1].split()) == "outcomes that differ % 150 7 2 1 to 5 0.025"
     assert "-1.15 to 1.15" in lines[2]
     assert lines[3].startswith("differs by more than")
     assert "outcomes that differ." in lines[3]

@@ -1,4 +1,4 @@
-"""A reference campaign against the nominal scene: does the scene agree where the answer is known?
+"""A reference campaign against the nominal scene, where the answer is known.
 
 A reference campaign has no effect, or a known one that the scene's study names. What its trials do
 is compared with the nominal simulation of each. Beside that stands what simulations of the same
@@ -51,9 +51,9 @@ class Agreement:
     """By how much a campaign differs from the nominal scene in one measure.
 
     Attributes:
-        measure: `outcomes` [share that differs], `tilt_mean` and `tilt_size` [mean and mean absolute
-            difference of the logarithm of the largest tilt, of trials that lifted off and stood in
-            both], `turn_mean` and `turn_size` [the same of the final turn, rad].
+        measure: `outcomes` (share that differs), `tilt_mean` and `tilt_size` (mean and mean
+            absolute difference of the logarithm of the largest tilt, of trials that lifted off and
+            stood in both), `turn_mean` and `turn_size` (the same of the final turn [rad]).
         trials: that it rests on.
         campaign: the difference.
         starts: the same of simulations with moved starts, root mean square.
@@ -193,8 +193,11 @@ def _differences(
 
 
 def _turn(seen: Observations, i: int) -> float:
-    """Final turn of a trial [rad]; NaN where its orientation was not recorded."""
-    series = seen.campaign.trials[i].series
+    """Final turn of a trial [rad]; NaN where neither it nor the orientation was recorded."""
+    trial = seen.campaign.trials[i]
+    if trial.final_yaw is not None:
+        return trial.final_yaw
+    series = trial.series
     if series is None:
         return np.nan
     return float(rest_features(series.tilt, None, series.orientation, None)[0])
