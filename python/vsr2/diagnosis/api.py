@@ -34,7 +34,7 @@ class Execution:
         client: of a Dask cluster that runs the trials.
         cache: folder that diagnoses of several campaigns of the same trials share: simulate and
             train once.
-        progress: write stage, share done and leading classes to standard error.
+        progress: write stage, share done, time left and leading effects to standard error.
     """
 
     threads: int | None = None
@@ -105,6 +105,8 @@ def diagnose(
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     folder = None if out is None else _made(Path(out))
+    if cache is not None:
+        _made(cache.folder)
     found = diagnose_with(
         simulator,
         seen.campaign,
@@ -143,14 +145,21 @@ class _ProgressLines:
     def __init__(self) -> None:
         self._last = 0.0
         self._stage = ""
+        self._began = 0.0
 
     def __call__(self, progress: Progress) -> None:
         now, stage, share = time.monotonic(), str(progress.stage), progress.share
         if stage == self._stage and now - self._last < 0.5 and share < 1:
             return
+        if stage != self._stage:
+            self._began = now
         self._last, self._stage = now, stage
         best = ", ".join(f"{name} {p:.2f}" for name, p in progress.leading.items())
-        left = "" if math.isnan(progress.left_s) else f", {_duration(progress.left_s)} left"
+        left = ""
+        if not math.isnan(progress.left_s):
+            left = f", {_duration(progress.left_s)} left"
+        elif 0 < share < 1 and now > self._began:
+            left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
         line = f"vsr2 diagnose: {stage} {share:4.0%}{left}{'; leading: ' + best if best else ''}"
         end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
         print(f"{line:<100}", end=end, file=sys.stderr, flush=True)

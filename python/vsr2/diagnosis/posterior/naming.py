@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.posterior.sets import Sets, classes
-from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]
+
+
+class VerdictKind(StrEnum):
+    """What a verdict says; `PAIR` names two effects that act together."""
+
+    NONE = "none"
+    EFFECT = "effect"
+    CLASS = "class"
+    PAIR = "pair"
+    UNKNOWN = "unknown"
+    UNRESOLVED = "unresolved"
 
 
 @dataclass(frozen=True)

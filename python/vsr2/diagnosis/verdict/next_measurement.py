@@ -125,7 +125,7 @@ class OutOfLibrary:
     Attributes:
         trial: id of the trial that the best effect explains least.
         tier: that the campaign has, beyond which instruments are needed.
-        location: where residuals are significant; None: nowhere.
+        location: the most significant that stands out; None: none.
     """
 
     trial: str
@@ -225,7 +225,7 @@ def measurement_out_of_library(
         excess: loss of each trial over the floor under the best effect, shape (all trials,).
         locations: found by the scan, most significant first.
     """
-    found = locations[:1] if locations and locations[0].is_significant else ()
+    found = [one for one in locations if one.stands_out]
     return OutOfLibrary(
         seen.campaign.trials[int(np.argmax(excess))].trial,
         seen.tier,

@@ -10,19 +10,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Self
 
+# The rule of a name, by which training calibrates, decides on the kind.
+from vsr2.diagnosis.posterior.naming import VerdictKind as VerdictKind
+
 NAMES: type = tuple
 """Type of a value that lists names."""
-
-
-class VerdictKind(StrEnum):
-    """What a verdict says; `PAIR` names two effects that act together."""
-
-    NONE = "none"
-    EFFECT = "effect"
-    CLASS = "class"
-    PAIR = "pair"
-    UNKNOWN = "unknown"
-    UNRESOLVED = "unresolved"
 
 
 class GapState(StrEnum):
