@@ -4,10 +4,10 @@
         [--tiers BMT] [--seed N] [--out FOLDER]
 
 One schedule of trials is looked at and simulated once; posteriors are trained on the first 500,
-2,000 and 8,000 simulated campaigns. Planted campaigns come from the same prior over sets (none, one, two;
-magnitudes log-uniform in detection limits), but from a simulator whose draws of nuisances the
-diagnosis does not know. Each campaign with one effect of a detection limit or more is inferred once
-more by a library that lacks the effect's class: its cause is then unknown.
+2,000 and 8,000 simulated campaigns. Planted campaigns come from the same prior over sets (none,
+one, two; magnitudes log-uniform in detection limits), but from a simulator whose draws of nuisances
+the diagnosis does not know. Each campaign with one effect of a detection limit or more is inferred
+once more by a library that lacks the effect's class: its cause is then unknown.
 
 Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated campaigns, and
 `table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Probabilities
