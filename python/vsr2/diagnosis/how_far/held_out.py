@@ -1,13 +1,13 @@
 """HOW FAR the gap shrinks: trials simulated again, without effect and with what is named.
 
 Motions are dealt into groups. Parameters of what is named come from the trials of the other groups
-alone; then the trials of the group are simulated with them, nuisances drawn anew, and judged by these
-simulations: before and after on motions that were not seen. Differences are of equal trials and are
-bootstrapped over motions. All of it is reported; nothing is named or withheld for it.
+alone; then the trials of the group are simulated with them, nuisances drawn anew, and judged by
+these simulations: before and after on motions that were not seen. Differences are of equal trials
+and are bootstrapped over motions. All of it is reported; nothing is named or withheld for it.
 
 Two negative controls close a part of a gap without being its cause: a plain rescaling of the
-probabilities, fitted on the other motions, and what is named, with its response dealt to wrong trials
-of like intensity.
+probabilities, fitted on the other motions, and what is named, with its response dealt to wrong
+trials of like intensity.
 """
 
 from __future__ import annotations
@@ -311,7 +311,7 @@ def _mean(values: Array) -> Array:
 
 
 def rows(how_far: HowFar, seen: Observations, trials: NDArray[np.int64]) -> list[dict[str, Any]]:
-    """One row a trial of the campaign; those that never lift off are as simulated without effect."""
+    """One row a trial of the campaign; nothing is known of those that never lift off."""
     place = {int(t): i for i, t in enumerate(trials)}
     out = []
     for i, trial in enumerate(seen.campaign.trials):

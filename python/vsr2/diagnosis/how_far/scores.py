@@ -1,9 +1,9 @@
 """Losses of trials by an ensemble of simulations.
 
-The loss of a trial is the logarithmic loss of its outcome plus, from tier M on, the continuous ranked
-probability score of the logarithm of its largest tilt and, at tier T, the mean score of its series'
-features (T. Gneiting and A. E. Raftery, "Strictly proper scoring rules, prediction, and estimation",
-JASA 102, 2007).
+The loss of a trial is the logarithmic loss of its outcome plus, from tier M on, the continuous
+ranked probability score of the logarithm of its largest tilt and, at tier T, the mean score of its
+series' features (T. Gneiting and A. E. Raftery, "Strictly proper scoring rules, prediction, and
+estimation", JASA 102, 2007).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Numbers drawn from the response in time, the same for measured and simulated ones.
 
 An excursion is what lies between lift-off and the next return to the base. Two correct simulators
-agree on the first ones alone. What is chaotic scatters as much in campaigns without effect, by which
-all is standardised, so that it weighs nothing there.
+agree on the first ones alone. What is chaotic scatters as much in campaigns without effect, by
+which all is standardised, so that it weighs nothing there.
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ TILT_FEATURES = (
     Feature("rest_time", "tilt", "free decay"),
     Feature("fall_time", "tilt", "fall"),
 )
-"""Of each of the first four excursions its start [s] and the logarithms of its largest tilt [rad] and
-of its duration [s]; the logarithms of one more than the number of excursions, and of the time spent
+"""Of each of the first four excursions its start [s] and the logarithms of its largest tilt [rad]
+and of its duration [s]; the logarithms of one more than the number of excursions, and of the time
+spent
 in them [s]; the end of the last one [s]; the time at which the rock fell [s]."""
 REST_FEATURES = (
     Feature("final_yaw", "yaw", "rest pose"),

@@ -4,8 +4,8 @@ A campaign never comes from the diagnosis' own engine: at best from nature, in b
 another engine that solves the same mechanics. Contact models are drawn for each simulated campaign
 (:mod:`vsr2.diagnosis.simulated.contact_family`). What differs beyond them is a disturbance that a
 campaign, the trials of a motion, and single trials have in common; its size is drawn for each
-campaign, so that it is a nuisance like others (M. C. Kennedy and A. O'Hagan, "Bayesian calibration of
-computer models", J. R. Stat. Soc. B 63, 2001, call it model discrepancy).
+campaign, so that it is a nuisance like others (M. C. Kennedy and A. O'Hagan, "Bayesian calibration
+of computer models", J. R. Stat. Soc. B 63, 2001, call it model discrepancy).
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ class DiscrepancyConstants:
     """Size of the disturbance.
 
     Attributes:
-        parts: of the logarithm of the largest tilt, common to a campaign, to the trials of a motion,
+        parts: of the logarithm of the largest tilt, common to a campaign, to the trials of a
+        motion,
             and of single trials: as measured between Bullet and MuJoCo on a block.
         least, most: ends of a factor on them, log-uniform.
         outcome: disturbance of an outcome, in standard deviations of what decides it, over that of

@@ -1,4 +1,4 @@
-"""The trained posterior as a file, so that the next campaign of the same trials needs no training."""
+"""The trained posterior as a file, for the next campaign of the same trials."""
 
 from __future__ import annotations
 

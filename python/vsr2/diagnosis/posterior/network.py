@@ -1,17 +1,18 @@
 """A small network from summaries to the probability of every set of effects.
 
 Its outputs are a score for every effect alone, one for every effect as a part of a pair, and three
-more: none, a pair, outside. The logit of a pair is the sum of its parts and that of `a pair`, so that
-a pair needs no campaigns of its own. Trained by the logarithmic score on simulated campaigns, its
-probabilities are those of the hypotheses given the summaries (P. Pudlo et al., "Reliable ABC model
-choice via random forests", Bioinformatics 32, 2016; S. T. Radev et al., "Amortized Bayesian model
-comparison with evidential deep learning", IEEE Trans. Neural Netw. Learn. Syst. 34, 2023).
+more: none, a pair, outside. The logit of a pair is the sum of its parts and that of `a pair`, so
+that a pair needs no campaigns of its own. Trained by the logarithmic score on simulated campaigns,
+its probabilities are those of the hypotheses given the summaries (P. Pudlo et al., "Reliable ABC
+model choice via random forests", Bioinformatics 32, 2016; S. T. Radev et al., "Amortized Bayesian
+model comparison with evidential deep learning", IEEE Trans. Neural Netw. Learn. Syst. 34, 2023).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,10 +66,7 @@ class Network:
     def drawn(cls, sets: Sets, inputs: int, rng: np.random.Generator) -> Network:
         """With the weights that training starts from (He initialisation)."""
         sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 3]
-        weights = [
-            rng.standard_normal((a, b)) * np.sqrt(2 / a)
-            for a, b in zip(sizes[:-1], sizes[1:], strict=True)
-        ]
+        weights = [rng.standard_normal((a, b)) * np.sqrt(2 / a) for a, b in pairwise(sizes)]
         weights[-1] *= 0.1
         return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
 
@@ -151,7 +149,9 @@ def train_network(
     held_out: tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array],
     seed: int,
 ) -> Network:
-    """Train by Adam (D. P. Kingma and J. Ba, 2015), and keep the weights best on held-out campaigns.
+    """Train by Adam, and keep the weights that are best on held-out campaigns.
+
+    D. P. Kingma and J. Ba, "Adam: a method for stochastic optimization", 2015.
 
     Args:
         sets: the hypotheses.

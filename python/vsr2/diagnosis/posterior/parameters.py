@@ -1,10 +1,10 @@
 """Parameters of what acts: samples of their posterior.
 
-Each free parameter is regressed on the residuals of the simulated campaigns in which its effect acts.
-The posterior of a campaign is the values of those whose regressed values lie nearest to its own,
-weighted by nearness (M. A. Beaumont, W. Zhang, D. J. Balding, "Approximate Bayesian computation in
-population genetics", Genetics 162, 2002). Each of these was regressed without itself, so that
-intervals hold what they state.
+Each free parameter is regressed on the residuals of the simulated campaigns in which its effect
+acts. The posterior of a campaign is the values of those whose regressed values lie nearest to its
+own, weighted by nearness (M. A. Beaumont, W. Zhang, D. J. Balding, "Approximate Bayesian
+computation in population genetics", Genetics 162, 2002). Each of these was regressed without
+itself, so that intervals hold what they state.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class Parameters:
         return order, weight / weight.sum()
 
     def _targets(self, name: str) -> Array:
-        """What is regressed: values, inverse ones where the null is infinite, angles on a circle."""
+        """What is regressed: values, inverse ones of infinite nulls, angles on a circle."""
         columns = []
         for parameter, value in zip(
             free_parameters(self.library[name]), self.values[name].T, strict=True
@@ -138,7 +138,7 @@ def fit_parameters(library: Library, campaigns: Campaigns, residuals: Array) -> 
 
 
 def _regressed(x: Array, y: Array, own: Array) -> tuple[Array, Array]:
-    """Ridge regression in its dual form: of one campaign, and of each that it is made on without it.
+    """Ridge regression in its dual form: of one campaign, and of each other without itself.
 
     Leaving a row out of a ridge regression needs no second fit (G. H. Golub, M. Heath, G. Wahba,
     "Generalized cross-validation", Technometrics 21, 1979).

@@ -71,7 +71,7 @@ class Sets:
         return np.asarray(probability @ self.members)
 
     def shares(self, probability: Array) -> Array:
-        """Probability of each effect, that of a pair halved between its two, shape (..., effects)."""
+        """Probability of each effect, a pair's halved between its two, shape (..., effects)."""
         weight = self.members / np.maximum(self.members.sum(axis=1, keepdims=True), 1)
         return np.asarray(probability @ weight)
 

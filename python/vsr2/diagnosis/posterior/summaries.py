@@ -2,9 +2,10 @@
 
 Every outcome and feature is standardised by campaigns without effect. Ridge regression of what acts
 in a campaign on all of these gives one number for each effect, its discriminant, and for each
-nuisance: regression summaries as in P. Fearnhead and D. Prangle, "Constructing summary statistics for
-approximate Bayesian computation", J. R. Stat. Soc. B 74, 2012. Beside them stand the size of the
-residuals, and of what the discriminants do not reproduce: a cause outside the library shows there.
+nuisance: regression summaries as in P. Fearnhead and D. Prangle, "Constructing summary statistics
+for approximate Bayesian computation", J. R. Stat. Soc. B 74, 2012. Beside them stand the size of
+the residuals, and of what the discriminants do not reproduce: a cause outside the library shows
+there.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.simulated.linear_algebra import ridge
 from vsr2.diagnosis.simulated.campaigns import Campaigns
+from vsr2.diagnosis.simulated.linear_algebra import ridge
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]

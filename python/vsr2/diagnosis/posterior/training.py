@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import disturbed
-from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.posterior.naming import Naming, candidates, decide, is_wrong
 from vsr2.diagnosis.posterior.network import Network, train_network
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
@@ -19,6 +18,7 @@ from vsr2.diagnosis.posterior.sets import Sets, declared_alike
 from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
 from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.library import Library
+from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 
 _logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

@@ -40,11 +40,11 @@ _KIND = StoreKind(
 class SimulationCache:
     """Simulations of one simulator, kept in a store.
 
-    A simulation's key is the hash of the simulator's identity, the trial's index, effects with their
-    values (and the code of those that are not this package's), the nuisances' values, and the
+    A simulation's key is the hash of the simulator's identity, the trial's index, effects with
+    their values (and the code of those that are not this package's), the nuisances' values, and the
     replicate. A record holds a chunk of them, in single precision, so that an interruption loses at
-    most the chunk that was running. Several scenes may share a file. All of it is in memory while it
-    is open.
+    most the chunk that was running. Several scenes may share a file. All of it is in memory while
+    it is open.
 
     Args:
         simulator: makes what is missing.

@@ -1,8 +1,8 @@
 """A look at each effect: from which size on a campaign shows it.
 
 A prior's end is a matter of what is conceivable, not of what a campaign shows: a table that pitches
-by a fiftieth of its prior's end is plain to see. Campaigns are therefore simulated at sizes that are
-drawn in detection limits, and each effect's limit is found first, on a few trials.
+by a fiftieth of its prior's end is plain to see. Campaigns are therefore simulated at sizes that
+are drawn in detection limits, and each effect's limit is found first, on a few trials.
 """
 
 from __future__ import annotations

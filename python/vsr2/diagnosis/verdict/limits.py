@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.how_far.held_out import HowFar
+from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.sets import are_alike
 from vsr2.diagnosis.posterior.training import TRAINING, Found, Posterior
 from vsr2.diagnosis.simulated.library import Library, free_parameters

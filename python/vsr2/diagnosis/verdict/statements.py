@@ -33,11 +33,9 @@ class GapState(StrEnum):
 
 
 class BudgetState(StrEnum):
-    """Whether the budget sufficed for the campaigns wanted, ended them early, or is less than the
-    least needs."""
+    """Whether the budget sufficed, or is less than the least needs."""
 
     SUFFICIENT = "sufficient"
-    ENDED_EARLY = "ended_early"
     EXCEEDED = "exceeded"
 
 

@@ -1,8 +1,8 @@
 """WHERE: locations in which residuals are too large, with control over their whole family.
 
 The score of a location is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the standardised residual of a
-trial, v 1 where it is known, w its weights (1 inside, 0 outside; a centred trend; a step). The nulls
-are
+trial, v 1 where it is known, w its weights (1 inside, 0 outside; a centred trend; a step). The
+nulls are
 
 - for every location: campaigns simulated without effect, nuisances and contact models drawn, and
   disturbed as two correct simulators differ;
@@ -13,8 +13,8 @@ are
   motions, come back again and again, no complete one can be permuted, and nothing is found.
 
 Each score is divided by its null deviation; the family's p value is that of the largest score
-(P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993). A location stands out if
-it is significant and holds at least twice its share of the effect: of what the squares of all
+(P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993). A location stands out
+if it is significant and holds at least twice its share of the effect: of what the squares of all
 residuals exceed those of campaigns without effect.
 """
 
