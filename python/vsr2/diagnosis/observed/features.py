@@ -160,7 +160,9 @@ def noted_tilt_features(found: Array, overturned: Array) -> Array:
         outcome and series contradict each other.
     """
     out = np.array(found, dtype=np.float64)
-    out[..., 0] = np.where(overturned > 0.5, out[..., 0], np.nan)
+    # How far a fall is seen is a matter of the camera, or of when a simulation stops.
+    capped = np.minimum(out[..., 0], np.log(SERIES.fallen))
+    out[..., 0] = np.where(overturned > 0.5, capped, np.nan)
     # A series says that its rock stood, the outcome that it fell, or the other way round.
     same = (overturned > 0.5) == (out[..., 1] > 0.5)
     out[..., 1] = np.where(np.isnan(out[..., 1]), np.nan, same)

@@ -160,14 +160,16 @@ def scan(
     excess = observed**2 - (null**2).mean(axis=0)
     out = []
     for c, feature in enumerate(features):
-        whole = max(float(excess[c].sum()), 1e-9)
+        whole = float(excess[c].sum())
         for j, name in enumerate(names):
             count = max(int(np.count_nonzero(known[c] * (weights[j] != 0))), 1)
             size = float(score[c, j] / np.sqrt(count))
             # Of a trend, the later half; of a step, what follows it.
             members = np.flatnonzero(weights[j] > 0)
             share = members.size / weights.shape[1]
-            concentration = float(excess[c, members].sum()) / whole / max(share, 1e-9)
+            concentration = 0.0
+            if whole > 0 and members.size:
+                concentration = float(excess[c, members].sum()) / whole / share
             out.append(
                 Location(
                     name, axes[j], feature, size, float(p_value[c, j]), concentration,
