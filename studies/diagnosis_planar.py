@@ -7,7 +7,8 @@ One schedule of trials is looked at and simulated once; posteriors are trained o
 2,000 and 8,000 simulated campaigns. Planted campaigns come from the same prior over sets (none,
 one, two; magnitudes log-uniform in detection limits), but from a simulator whose draws of nuisances
 the diagnosis does not know. Each campaign with one effect of a detection limit or more is inferred
-once more by a library that lacks the effect's class: its cause is then unknown.
+twice more: by a library that lacks the effect's class, so that its cause is unknown, and by one
+that lacks another class (a decoy), as which the unknown ones must not merely look.
 
 Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated campaigns, and
 `table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Probabilities
@@ -42,6 +43,8 @@ CLASSES = (
     ("wear", "change_point"),
 )
 NAMED = ("effect", "class", "pair")
+DECOY = "decoy"
+"""Kind of a campaign whose cause is in a library that lacks something else."""
 FIRST = 100_000
 """Number of the first planted campaign."""
 LEAST = 1e-4
@@ -149,9 +152,9 @@ def scores(rows: list[Row]) -> Row:
     weak = [row for row in single if 1 <= row["limits"] < 2]
     pair_1, pair_2 = ([row for row in pair if row["limits"] >= least] for least in (1, 2))
     stated = single + none
-    others = np.array([row["p_unknown"] for row in stated])
+    others = np.array([row["p_unknown"] for row in rows if row["kind"] == DECOY])
     outside = np.array([row["p_unknown"] for row in unknown])
-    limit = float(np.quantile(others, 0.95))
+    limit = float(np.quantile(others, 0.95)) if others.size else float("nan")
     spoken = [row for row in single + none + unknown if row["verdict"] in NAMED]
     return {
         "singles": len(single),
@@ -229,6 +232,7 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
         truth, rehearsal.look, rehearsal.trials,
         range(FIRST, FIRST + options.planted), seed=options.seed + 5,
     )  # fmt: skip
+    rng = np.random.default_rng([options.seed, 6])
     rows: list[Row] = []
     for tier in options.tiers:
         seen = rehearsal.at(tier)
@@ -243,11 +247,13 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
                 if kind == "single":
                     row |= magnitude(found, posterior, acting[0])
                 rows.append(row)
-                if kind == "single" and acting[0].size >= 1:
-                    found = posterior.infer(
-                        planted.overturned[i], noted[i], class_of(acting[0].name)
-                    )
-                    rows.append(place | row_of(found, posterior, UNKNOWN, acting))
+                if kind != "single" or acting[0].size < 1:
+                    continue
+                own = class_of(acting[0].name)
+                other = rng.choice([n for n in posterior.sets.names if n not in own])
+                for label, lacking in ((UNKNOWN, own), (DECOY, class_of(other))):
+                    found = posterior.infer(planted.overturned[i], noted[i], lacking)
+                    rows.append(place | row_of(found, posterior, label, acting))
             print(table(rows)[-1], flush=True)
             write(options.out / "campaigns.csv", rows)
             write(options.out / "table.csv", table(rows))

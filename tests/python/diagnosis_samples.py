@@ -11,7 +11,12 @@ import pytest
 
 from planar.library import PLANAR_LIBRARY
 from planted import Rehearsal, shaken_campaign
+from vsr2.diagnosis.budget import SCHEDULE
+from vsr2.diagnosis.how_far.held_out import HELD_OUT
+from vsr2.diagnosis.noise_floor import NOISE_FLOOR
+from vsr2.diagnosis.observed.observations import OBSERVED
 from vsr2.diagnosis.posterior.network import NETWORK
+from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
 
 NAMES = ("table_gain", "inertia", "restitution", "wear", "catch")
@@ -103,3 +108,33 @@ def quick_training() -> Iterator[None]:
 
 def linear_rehearsal(campaigns=600):
     return Rehearsal(linear(), shaken_campaign(8, 5, duration=1.5), campaigns=campaigns)
+
+
+SMALL = (
+    (LOOK, {"plain": 12, "draws": 6, "shares": (1.0, 0.125, 0.015625), "fewest": 8}),
+    (SCHEDULE, {"fewest": 24, "chunk": 12}),
+    (HELD_OUT, {"members": 4, "dealt": 2}),
+    (NOISE_FLOOR, {"replicates": 1, "most_trials": 6}),
+    (OBSERVED, {"least_trials": 20}),
+    (NETWORK, {"hidden": (24, 16), "passes": 20, "least_passes": 4}),
+)
+"""Of a diagnosis of few simulations: the native core makes a hundred a second."""
+
+
+@contextmanager
+def few_simulations() -> Iterator[None]:
+    """Diagnoses of a thousand simulations; too few to find anything but what is plain to see."""
+    kept = [{name: getattr(one, name) for name in changes} for one, changes in SMALL]
+    try:
+        for one, changes in SMALL:
+            _set(one, changes)
+        yield
+    finally:
+        for (one, _), before in zip(SMALL, kept, strict=True):
+            _set(one, before)
+
+
+def _set(constants, values):
+    """Constants are frozen, and known to many modules as one object."""
+    for name, value in values.items():
+        object.__setattr__(constants, name, value)

@@ -139,7 +139,7 @@ def test_a_cache_of_an_older_form_or_with_damaged_records_is_refused(tmp_path) -
         SimulationCache(Counting(), tmp_path / "b.jsonl")
     requests = [Request(0, (), 0, 1), Request(1, (), 0, 1)]
     path = tmp_path / "c.jsonl"
-    with SimulationCache(Counting(), path) as cache:
+    with SimulationCache(Counting(), path, chunk=1) as cache:
         cache.run(requests)
     header, first, second = path.read_bytes().splitlines(keepends=True)
     longer = json.loads(second)
@@ -256,9 +256,11 @@ def test_the_limit_of_a_linear_effect_is_three_deviations_of_the_campaign() -> N
 def test_what_a_nuisance_does_too_is_seen_the_less() -> None:
     """A nuisance that moves all trials as the effect does, by as much as they scatter."""
     limit = limits_of({"wear": loss(4.0)}, nuisance=SCATTER).limits["wear", 1]
-    # In units of sqrt(2) scatters: covariance 1 + 40 / 2 along the direction of the effect.
-    expected = LOOK.signal * np.sqrt(2) / 4 * np.sqrt((1 + 40 / 2) / 40)
-    assert limit.share == pytest.approx(expected, rel=0.15)
+    # In units of sqrt(2) scatters the nuisance is 1 / sqrt(2) for all, known from 48 draws to a
+    # variance of 1 / 2 / 48: by the Sherman-Morrison formula 40 changes c have this signal.
+    squared = 40 - (40 / 2) * 40 / (1 + 40 / 2 * (1 + 1 / 48))
+    expected = LOOK.signal * np.sqrt(2) / 4 / np.sqrt(squared)
+    assert limit.share == pytest.approx(expected, rel=0.1)
     # An effect of a direction of its own is not.
     signs = np.where(np.arange(40) % 2, 1.0, -1.0)
     other = limits_of({"wear": lambda values: signs * loss(4.0)(values)}, nuisance=SCATTER)
@@ -461,13 +463,8 @@ def test_every_contact_model_of_the_family_is_one_that_simulates(scene_simulator
 
 def test_a_contact_model_changes_what_it_says_and_nothing_else(scene_simulator) -> None:
     before = scene_simulator._trials[0].scene
-    null = contact(scene_simulator).scene
+    assert contact(scene_simulator).scene.sha256 == before.sha256, "at its null"
     rock = before.contact.rock
-    assert null.contact.rock == rock.model_copy(update={"spinning_friction": 0.0})
-    engine = {"linear_damping": 0.0, "angular_damping": 0.0}
-    assert null.engine == before.engine.model_copy(update=engine)
-    assert null.rock == before.rock
-    assert null.mechanisms == before.mechanisms
     seen = contact(
         scene_simulator, stiffness=-1.0, damping=0.2, margin=-0.5, sweeps=0.3, substeps=0.7,
         velocity_damping=0.03, spin_lever=0.0064,
@@ -482,7 +479,7 @@ def test_a_contact_model_changes_what_it_says_and_nothing_else(scene_simulator) 
     assert seen.engine.solver_iterations == round(engine.solver_iterations * 10**0.3)
     assert seen.engine.substeps == 2 * engine.substeps
     assert seen.engine.linear_damping == seen.engine.angular_damping == 0.03
-    assert seen.rock.shape == before.rock.shape
+    assert seen.mechanisms == before.mechanisms
 
 
 def test_contact_models_are_nuisances_within_their_ends(scene_simulator) -> None:

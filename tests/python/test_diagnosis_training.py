@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
 from planar.library import PLANAR_LIBRARY
 from planted import first
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.posterior.discrepancy import disturbed
 from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
 from vsr2.diagnosis.posterior.naming import candidates, decide, is_wrong
 from vsr2.diagnosis.posterior.sets import Sets
@@ -129,18 +130,21 @@ def test_names_are_wrong_as_often_as_they_may_be_and_the_limit_is_the_least_that
     assert levels.wrong <= TRAINING.wrong < share(TRAINING.names[place - 1])[0]
 
 
-def test_sets_hold_the_truth_nine_times_in_ten() -> None:
+@pytest.mark.parametrize("sharpness", [0.5, 1.0, 2.0])
+def test_sets_hold_the_truth_nine_times_in_ten_whatever_probabilities_claim(sharpness) -> None:
     one, other = exact_logs(MANY, 1.0, 3)[0], exact_logs(MANY, 1.0, 4)[0]
-    level = _set_level(np.exp(one), MANY.index, MANY.weight, SETS)
+    one, other = np.exp(sharpness * one), np.exp(sharpness * other)
+    one, other = (p / p.sum(axis=1, keepdims=True) for p in (one, other))
+    level = _set_level(one, MANY.index, MANY.weight, SETS)
     held, size = [], []
-    for p, acting in zip(np.exp(other), MANY.acting, strict=True):
+    for p, acting in zip(other, MANY.acting, strict=True):
         labels = label_set(p, SETS, level)
         wanted = set(1 + np.flatnonzero(acting)) or {0}
         held.append(wanted <= set(labels))
         size.append(len(labels))
     # A thousand campaigns, and as many that set the level.
-    assert np.average(held, weights=MANY.weight) == pytest.approx(TRAINING.coverage, abs=0.035)
-    assert 1 < np.mean(size) < 4
+    assert np.average(held, weights=MANY.weight) == pytest.approx(TRAINING.coverage, abs=0.04)
+    assert 1 < np.mean(size) < 3
 
 
 # --- trained on campaigns of a linear simulator ---------------------------------------------------
@@ -155,7 +159,7 @@ class Linear:
         self.seen: Observations = self.rehearsal.at("M")
         look, kept = self.rehearsal.look, self.rehearsal.trials
         with SimulationCache(linear(seed=1000)) as cache:
-            self.planted = simulate_campaigns(cache, look, kept, range(50_000, 50_500), seed=8)
+            self.planted = simulate_campaigns(cache, look, kept, range(50_000, 50_400), seed=8)
         self.noted = self.seen.noted(self.planted.overturned, self.planted.peak_tilt, None, 3)
 
     def found(self, excluded=(), where=lambda acting: True, posterior=None):
@@ -179,9 +183,24 @@ def test_strong_effects_are_found_and_probabilities_are_those_of_being_right(tra
     truth = np.array([NAMES.index(acting[0].name) for _, acting in found])
     strong = np.array([acting[0].size >= 3 for _, acting in found])
     assert (acts.argmax(axis=1) == truth)[strong].mean() > 0.85
-    # Of all, what is stated is what is right, within two standard errors and the quick training.
-    stated, right = acts.max(axis=1).mean(), (acts.argmax(axis=1) == truth).mean()
-    assert stated == pytest.approx(right, abs=0.1)
+
+
+def test_probabilities_are_those_of_being_right(trained) -> None:
+    """Of campaigns as another engine would have them, none, one and two as in the prior."""
+    own, standard = trained.posterior, trained.posterior.standard
+    rng = np.random.default_rng(5)
+    kept = trained.seen.motion[trained.rehearsal.trials]
+    outcome, noted = disturbed(
+        trained.planted.overturned, trained.noted, standard.probability, standard.scatter, kept, rng
+    )
+    truth = _Truth.of(trained.planted, own.sets, linear().library)
+    p = np.array([own.infer(o, f).probability for o, f in zip(outcome, noted, strict=True)])
+    p = p[:, :-1] / (1 - p[:, -1:])
+    right = p.argmax(axis=1) == truth.index
+    stated = np.average(p.max(axis=1), weights=truth.weight)
+    # 400 campaigns: a standard error of 0.025, and as much of those that calibrate.
+    assert stated == pytest.approx(np.average(right, weights=truth.weight), abs=0.09)
+    assert right.mean() > 0.35, "of 16 sets"
 
 
 def test_gap_free_campaigns_are_said_to_be_so(trained) -> None:
@@ -220,13 +239,10 @@ def test_an_effect_that_is_left_out_is_never_named(trained) -> None:
     shift = np.zeros(trained.posterior.centre.size)
     shift[: targets.size][targets] = 7.0
     twisted = replace(trained.posterior, centre=trained.posterior.centre + shift)
-    again = trained.found(["wear"], posterior=twisted)
-    np.testing.assert_array_equal(
-        [f.probability for f, _ in again], [f.probability for f, _ in lacking]
-    )
-    assert (
-        trained.found(posterior=twisted)[0][0].probability != trained.found()[0][0].probability
-    ).any()
+    seen = trained.planted.overturned[0], trained.noted[0]
+    for excluded, equal in (((), False), (("wear",), True)):
+        one, other = (p.infer(*seen, excluded) for p in (trained.posterior, twisted))
+        assert np.array_equal(one.probability, other.probability) is equal
 
 
 def test_pairs_are_told_from_single_effects(trained) -> None:
@@ -236,12 +252,11 @@ def test_pairs_are_told_from_single_effects(trained) -> None:
     p_two, p_one = (
         np.array([f.probability[count:-1].sum() for f, _ in found]) for found in (two, one)
     )
-    assert np.median(p_two) > 0.6
+    assert np.mean(p_two[:, None] > p_one) > 0.85
     assert np.median(p_one) < 0.25
+    pairs = trained.posterior.sets.members[count:]
     right = [
-        set(
-            np.flatnonzero(trained.posterior.sets.members[count + f.probability[count:-1].argmax()])
-        )
+        set(np.flatnonzero(pairs[f.probability[count:-1].argmax()]))
         == {NAMES.index(a.name) for a in acting}
         for f, acting in two
     ]
@@ -256,15 +271,19 @@ def small_training(trained, seed=0):
 
 
 def same(one, other, found) -> bool:
-    pairs = [(a, b) for x, y in zip(one.networks, other.networks, strict=True)
-             for a, b in zip([*x.weights, *x.biases], [*y.weights, *y.biases], strict=True)]  # fmt: skip
-    pairs += [
-        (getattr(one, name), getattr(other, name)) for name in ("centre", "scale", "gap_free")
-    ]
-    pairs += [(one.summaries.coefficients, other.summaries.coefficients)]
-    pairs += [(found(one).probability, found(other).probability)]
-    pairs += [(p.parameters.sample("wear", found(p).residuals) for p in (one, other))]
-    return one.levels == other.levels and all(np.array_equal(a, b) for a, b in pairs)
+    """Whether two posteriors are equal to the last bit."""
+
+    def numbers(posterior):
+        mine = found(posterior)
+        return [
+            *(w for network in posterior.networks for w in (*network.weights, *network.biases)),
+            posterior.centre, posterior.scale, posterior.gap_free,
+            posterior.summaries.coefficients, posterior.summaries.reproduction,
+            mine.probability, posterior.parameters.sample("wear", mine.residuals),
+        ]  # fmt: skip
+
+    levels = asdict(one.levels) == asdict(other.levels)
+    return levels and all(map(np.array_equal, numbers(one), numbers(other)))
 
 
 def test_equal_seeds_give_equal_posteriors_whatever_threads_there_are(trained) -> None:

@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 
 from planted import shaken_campaign
-from vsr2.diagnosis.observed.features import LARGEST_TILT, Feature
+from vsr2.diagnosis.observed.features import LARGEST_TILT
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.verdict.compose import shown
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import (
     EVERYWHERE,
     OUTCOME,
     SCAN,
     Conditions,
-    Location,
     interleaved,
     scan,
 )
 from vsr2.motion import Record
+
+
+@pytest.fixture
+def few_permutations(monkeypatch):
+    """Enough for a p value of 0.05."""
+    few = dataclasses.replace(SCAN, permutations=199)
+    monkeypatch.setattr("vsr2.diagnosis.where.scan.SCAN", few)
 
 
 def schedule(sessions=10, each=12, seed=0):
@@ -50,7 +55,7 @@ def locations(residual, conditions, seed=0):
 def test_two_sessions_cannot_show_a_change_over_the_order() -> None:
     """Half of the permutations leave all as it was; rounding must not tell them from the score."""
     there = schedule(sessions=2, each=42)
-    for seed in range(30):
+    for seed in range(12):
         rng = np.random.default_rng(seed)
         p = np.where(there.session == 1, 0.3 + rng.uniform(0.2, 0.6), 0.3)
         found = locations((rng.random(p.size) < p) - 0.3, there, seed)
@@ -59,7 +64,7 @@ def test_two_sessions_cannot_show_a_change_over_the_order() -> None:
         assert min(ordered) > 0.43
 
 
-def test_a_session_is_judged_by_complete_motions() -> None:
+def test_a_session_is_judged_by_complete_motions(few_permutations) -> None:
     """Trials of a motion err together: permuting them singly would make every session stand out."""
     there, found = schedule(), 0
     for seed in range(20):
@@ -97,7 +102,7 @@ def test_no_session_stands_out_where_motions_are_interleaved() -> None:
     assert not interleaved(blocked.motion)
 
 
-def test_the_order_of_one_session_is_judged_by_complete_motions() -> None:
+def test_the_order_of_one_session_is_judged_by_complete_motions(few_permutations) -> None:
     there = dataclasses.replace(
         schedule(),
         session=np.zeros(120, dtype=np.int64),
@@ -136,7 +141,7 @@ def test_a_trend_over_sessions_is_found() -> None:
     assert ordered[0].effect_size > 0
 
 
-def test_sessions_that_merely_differ_are_no_trend() -> None:
+def test_sessions_that_merely_differ_are_no_trend(few_permutations) -> None:
     there = schedule(sessions=18, each=8)
     shuffled = np.random.default_rng(0).permutation(there.motion)
     there = dataclasses.replace(there, motion=shuffled)
@@ -150,25 +155,13 @@ def test_sessions_that_merely_differ_are_no_trend() -> None:
     assert fired <= 6
 
 
-def test_nothing_is_found_where_nothing_is() -> None:
+def test_nothing_is_found_where_nothing_is(few_permutations) -> None:
     there = schedule()
     fired = 0
     for seed in range(12):
         y = np.random.default_rng(100 + seed).random(there.order.size) < 0.3
         fired += locations(y - 0.3, there, seed)[0].p_familywise <= 0.05
     assert fired <= 3
-
-
-def test_no_axis_and_no_channel_is_left_out_of_the_locations_shown() -> None:
-    table, tilt = Feature("gain", "table", "whole motion"), OUTCOME
-    many = [Location(f"condition {i}", "conditions", table, 1.0, 0.01) for i in range(40)]
-    late = [
-        Location("second half", "order", tilt, 0.5, 0.2),
-        Location("last third", "order", tilt, 0.4, 0.3),
-        Location("all trials", "conditions", tilt, 0.1, 0.9),
-    ]
-    names = [location.name for location in shown(many + late)]
-    assert names == [*(f"condition {i}" for i in range(20)), "second half", "all trials"]
 
 
 # --- planted locations ---------------------------------------------------------------------------
@@ -200,16 +193,20 @@ def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
         "session day 3": there.session == 2,
     }
     for name, inside in cases.items():
-        found = planted(there, inside.astype(float), known=0.9)
-        best = next(one for one in found if one.stands_out)
-        assert best.name == name
-        assert best.feature == LARGEST_TILT
+        found = planted(there, inside.astype(float), size=3.0, known=0.9)
+        best = next(one for one in found if one.name == name and one.feature == LARGEST_TILT)
+        assert best.stands_out
         assert best.label == f"largest_tilt: {name}"
         np.testing.assert_array_equal(best.trials, np.flatnonzero(inside))
+        # Whatever else stands out lies there too, most of it.
+        for one in found:
+            if one.stands_out:
+                assert one.feature == LARGEST_TILT
+                assert inside[list(one.trials)].mean() > 0.5
         assert best.concentration >= SCAN.concentration
         # All of it lies there, but for noise.
         assert best.concentration == pytest.approx(1 / inside.mean(), rel=0.3)
-        assert best.effect_size == pytest.approx(2.0, abs=0.6)
+        assert best.effect_size == pytest.approx(3.0, abs=0.7)
     # What is everywhere stands out nowhere, however significant.
     everywhere = planted(there, np.ones(there.order.size))
     assert everywhere[0].is_significant
@@ -239,7 +236,7 @@ def test_concentration_is_the_share_of_the_excess_over_that_of_trials() -> None:
     assert members[EVERYWHERE] == set(range(24))
 
 
-def test_at_most_one_gap_free_campaign_in_twenty_has_a_location() -> None:
+def test_at_most_one_gap_free_campaign_in_twenty_has_a_location(few_permutations) -> None:
     there = schedule(sessions=6, each=12)
     significant = standing_out = 0
     for seed in range(60):
