@@ -18,6 +18,7 @@ from vsr2.diagnosis.observed.observations import OBSERVED
 from vsr2.diagnosis.posterior.network import NETWORK
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
+from vsr2.effects import library
 
 NAMES = ("table_gain", "inertia", "restitution", "wear", "catch")
 SCATTER = 0.05
@@ -119,6 +120,16 @@ SMALL = (
     (NETWORK, {"hidden": (24, 16), "passes": 20, "least_passes": 4}),
 )
 """Of a diagnosis of few simulations: the native core makes a hundred a second."""
+
+
+@contextmanager
+def few_effects(*names: str) -> Iterator[None]:
+    """Some of the registered effects alone: excluded ones too are simulated."""
+    known = library()
+    with pytest.MonkeyPatch.context() as patch:
+        few = {name: known[name] for name in names}
+        patch.setattr("vsr2.diagnosis.simulated.hypotheses.known_effects", lambda: few)
+        yield
 
 
 @contextmanager

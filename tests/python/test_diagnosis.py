@@ -47,10 +47,8 @@ class Protocol:
         self.campaign = shaken_campaign(10, 5, duration=2.5, pga=(0.55, 1.15), session_size=10)
         self.truth = PlanarSimulator(self.campaign, seed=99)
         self.cache = ProtocolCache(folder)
-
-    def simulator(self):
         library = {name: PLANAR_LIBRARY[name] for name in NAMES}
-        return PlanarSimulator(self.campaign, library=library, seed=1)
+        self.simulator = PlanarSimulator(self.campaign, library=library, seed=1)
 
     def observed(self, *effects, nuisance=2):
         return observe(self.campaign, self.truth, effects, nuisance=nuisance, tier="M",
@@ -58,7 +56,7 @@ class Protocol:
 
     def diagnose(self, *effects, nuisance=2, **options):
         given = {"cache": self.cache, "budget": Budget(campaigns=CAMPAIGNS)} | options
-        return diagnose_with(self.simulator(), self.observed(*effects, nuisance=nuisance), **given)
+        return diagnose_with(self.simulator, self.observed(*effects, nuisance=nuisance), **given)
 
 
 @pytest.fixture(scope="module")
