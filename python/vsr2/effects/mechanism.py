@@ -164,8 +164,3 @@ class Catch(Mechanism):
         most = min(outcome.toppled_tilt, 0.9 * caught.scene.mechanisms.catch_slack)
         toppled = max(outcome.rocked_tilt, most)
         return replace(caught, outcome=outcome.model_copy(update={"toppled_tilt": toppled}))
-
-
-MECHANISM: tuple[Effect, ...] = (
-    Restitution(), RockingDamping(), RollingResistance(), FrictionRate(), Adhesion(), Catch()
-)  # fmt: skip

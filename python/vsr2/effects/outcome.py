@@ -54,6 +54,3 @@ class OutcomeRule(Effect):
         if overturned == observation.overturned:
             return observation
         return replace(observation, outcome="overturned" if overturned else "rocked")
-
-
-OUTCOME: tuple[Effect, ...] = (OutcomeRule(),)

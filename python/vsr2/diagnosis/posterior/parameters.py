@@ -75,7 +75,7 @@ class Parameters:
         """
         near, weight = self._nearest(name, residuals, columns)
         rng = np.random.default_rng([seed, 41])
-        return self.values[name][rng.choice(near, PARAMETERS.samples, p=weight)]
+        return np.asarray(self.values[name][rng.choice(near, PARAMETERS.samples, p=weight)])
 
     def expected(self, name: str, residuals: Array) -> Array:
         """Mean residuals of campaigns like one in which an effect acts, shape (columns,)."""

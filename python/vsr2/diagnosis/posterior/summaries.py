@@ -94,7 +94,7 @@ class Standard:
         outcome = (overturned - p) / np.sqrt(p * (1 - p) + SUMMARY.chance)
         rest = np.clip((features - self.centre) / self.scatter, -SUMMARY.most, SUMMARY.most)
         parts = np.concatenate([outcome[..., None], rest], axis=-1)
-        return np.nan_to_num(parts.swapaxes(-1, -2).reshape(len(parts), -1))
+        return np.asarray(np.nan_to_num(parts.swapaxes(-1, -2).reshape(len(parts), -1)))
 
 
 def _moments(values: Array) -> tuple[Array, Array]:

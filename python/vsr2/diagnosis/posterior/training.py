@@ -324,7 +324,8 @@ def _networks(
 def _own_left_out(truth: _Truth, rng: np.random.Generator) -> Bools:
     """Effects of a library that lacks one that acts, shape (n, effects)."""
     pick = (rng.random(truth.acting.shape) * truth.acting).argmax(axis=1)
-    return ~truth.lacking(rng, pick) | ~truth.acting.any(axis=1)[:, None]
+    plain: Bools = np.asarray(~truth.acting.any(axis=1))
+    return ~truth.lacking(rng, pick) | plain[:, None]
 
 
 def _levels(logs: Logs, truth: _Truth) -> Levels:
@@ -349,7 +350,7 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
     plain = probability[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, TRAINING.false_alarms)) if plain.size else 0.5
     found = [candidates(p, truth.sets, truth.alike) for p in probability]
-    owners = [tuple(np.flatnonzero(row)) for row in truth.acting] + [()] * int(acting.sum())
+    owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(acting.sum())
     for least in TRAINING.names:
         said = [decide(f, none_limit=none_limit, least=least, alike=truth.alike) for f in found]
         named = np.array([bool(s.effects) and s.kind != "unresolved" for s in said])

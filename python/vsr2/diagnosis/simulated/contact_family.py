@@ -32,7 +32,7 @@ class ContactModel(Effect):
         Parameter("sweeps", "1", 0.0, -0.5, 0.3, "uniform", "power of ten"),
         Parameter("substeps", "1", 0.0, 0.0, 1.0, "uniform", "two above one half"),
         Parameter("velocity_damping", "1/s", 0.0, 0.0, 0.04, "uniform", "of all velocities"),
-        Parameter("spin_lever", "m", 0.0, 0.0, 0.01, "uniform", "of spinning friction"),
+        Parameter("spin_lever", "m", 0.0, 0.0, 0.005, "uniform", "of spinning friction"),
     )
     stage = "contact"
 
@@ -42,14 +42,15 @@ class ContactModel(Effect):
         softer = 10.0 ** values["stiffness"]
         if softer < 1:
             trial = settle_at(trial, softer ** (-1 / 3))
-        lever = math.sqrt(values["spin_lever"])
+        pair = scene.contact.rock.lateral_friction + scene.contact.pedestal.lateral_friction
+        lever = values["spin_lever"] / pair if pair > 0 else 0.0
 
         def changed(material: Material) -> Material:
             return material.model_copy(
                 update={
                     "stiffness": material.stiffness * softer,
                     "damping": material.damping * softer * 10.0 ** values["damping"],
-                    "spinning_friction": lever,
+                    "spinning_friction": material.spinning_friction + lever,
                 }
             )
 
@@ -58,8 +59,8 @@ class ContactModel(Effect):
             "collision_margin": engine.collision_margin * 10.0 ** values["margin"],
             "solver_iterations": round(engine.solver_iterations * 10.0 ** values["sweeps"]),
             "substeps": engine.substeps * (2 if values["substeps"] > 0.5 else 1),
-            "linear_damping": values["velocity_damping"],
-            "angular_damping": values["velocity_damping"],
+            "linear_damping": engine.linear_damping + values["velocity_damping"],
+            "angular_damping": engine.angular_damping + values["velocity_damping"],
         }
         return trial.with_scene(
             contact=Contact(
