@@ -163,19 +163,21 @@ def test_what_cannot_be_used_is_refused_before_any_work(
     assert not (tmp_path / "none").exists()
 
 
-KILLED = (
-    "from diagnosis_samples import few_effects, few_simulations; "
-    f"few_simulations().__enter__(); few_effects(*{OFFERED!r}).__enter__(); "
-    "from vsr2.cli.main import main; main(sys.argv[1:])"
-)
+KILLED = f"""
+import sys
+sys.path[:0] = {[p for p in sys.path if p]!r}
+from diagnosis_samples import few_effects, few_simulations
+from vsr2.cli.main import main
+with few_simulations(), few_effects(*{OFFERED!r}):
+    main(sys.argv[1:])
+"""
 
 
 def test_a_killed_diagnosis_goes_on_to_the_same_verdict_by_other_threads(
     folder, stated, tmp_path, capsys
 ) -> None:
     out = tmp_path / "killed"
-    code = f"import sys; sys.path[:0] = {[p for p in sys.path if p]!r}; {KILLED}"
-    line = [sys.executable, "-c", code, *command(folder, out, "--threads", "1")]
+    line = [sys.executable, "-c", KILLED, *command(folder, out, "--threads", "1")]
     child = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     cache = out / "simulations.jsonl"
     ends = time.monotonic() + 120
