@@ -467,18 +467,26 @@ def test_a_contact_model_changes_what_it_says_and_nothing_else(scene_simulator) 
     rock = before.contact.rock
     seen = contact(
         scene_simulator, stiffness=-1.0, damping=0.2, margin=-0.5, sweeps=0.3, substeps=0.7,
-        velocity_damping=0.03, spin_lever=0.0064,
+        velocity_damping=0.03, spin_lever=0.004,
     ).scene  # fmt: skip
     assert seen.contact.rock.stiffness == pytest.approx(0.1 * rock.stiffness)
     assert seen.contact.rock.damping == pytest.approx(0.1 * 10**0.2 * rock.damping)
-    # Of two materials the levers multiply.
-    levers = seen.contact.rock.spinning_friction * seen.contact.pedestal.spinning_friction
-    assert levers == pytest.approx(0.0064)
+
+    def lever(scene):
+        """Of the pair: that of one body times the friction of the other, over both [m]."""
+        one, other = scene.contact.rock, scene.contact.pedestal
+        return (
+            one.spinning_friction * other.lateral_friction
+            + other.spinning_friction * one.lateral_friction
+        )
+
+    assert lever(seen) - lever(before) == pytest.approx(0.004)
     engine = before.engine
     assert seen.engine.collision_margin == pytest.approx(engine.collision_margin * 10**-0.5)
     assert seen.engine.solver_iterations == round(engine.solver_iterations * 10**0.3)
     assert seen.engine.substeps == 2 * engine.substeps
-    assert seen.engine.linear_damping == seen.engine.angular_damping == 0.03
+    assert seen.engine.linear_damping == pytest.approx(engine.linear_damping + 0.03)
+    assert seen.engine.angular_damping == pytest.approx(engine.angular_damping + 0.03)
     assert seen.mechanisms == before.mechanisms
 
 
