@@ -118,7 +118,7 @@ def diagnose(
             "scene": study.name,
             "left_out": len(given) - len(seen),
             "unavailable": simulator.unavailable,
-            "priors": {name: list(ends) for name, ends in sorted(hypotheses.priors.items())},
+            "priors": hypotheses.ends,
             "nuisance_priors": [one.to_json() for one in simulator.nuisances],
         },
     )

@@ -20,6 +20,7 @@ class ScheduleConstants:
 
     Attributes:
         look_share: of the simulations that may go into the look at effects.
+        plain_share: of the simulations that may go into its draws without effect.
         chunk: campaigns simulated between two looks at the clock.
         fewest: campaigns that are simulated, whatever the budget.
         most: campaigns that are simulated where the budget allows more.
@@ -28,6 +29,7 @@ class ScheduleConstants:
     """
 
     look_share: float = 0.15
+    plain_share: float = 0.1
     chunk: int = 50
     fewest: int = 150
     most: int = 8000
@@ -81,6 +83,7 @@ class Schedule:
 
     Attributes:
         look_trials: on which effects are tried.
+        plain: campaigns without effect that the look simulates.
     """
 
     def __init__(
@@ -98,8 +101,10 @@ class Schedule:
         allowed = budget.simulations
         if allowed is None:
             allowed = int(60 * budget.minutes / max(cache.cost, 1e-6))
-        self.look_trials = LOOK.trials
+        self.look_trials, self.plain = LOOK.trials, LOOK.plain
         if budget.campaigns is None:
+            afforded = int(SCHEDULE.plain_share * allowed / max(trials, 1))
+            self.plain = max(LOOK.fewest_plain, min(LOOK.plain, afforded))
             share = int(SCHEDULE.look_share * allowed / max(tries(library), 1))
             self.look_trials = max(LOOK.fewest, min(LOOK.trials, share))
 

@@ -193,14 +193,15 @@ class _Work:
     def look(self) -> Look:
         """Detection limits, and the trials that respond."""
         return look(
-            self.store, len(self.seen), most=self.schedule.look_trials, seed=self.seed,
+            self.store, len(self.seen), most=self.schedule.look_trials,
+            plain=self.schedule.plain, seed=self.seed,
             progress=lambda n, m: self.tell(Stage.LOOK, n / m),
         )  # fmt: skip
 
     def posterior(self, found: Look) -> Posterior:
         """Simulated campaigns until the budget is spent, and what is learnt from them."""
         trials = found.responding
-        campaigns = plain_campaigns(self.store, trials)
+        campaigns = plain_campaigns(self.store, trials, self.schedule.plain)
         done, answered = 0, False
         leading: tuple[Found, Posterior] | None = None
         while count := self.schedule.next_campaigns(done, trials.size):

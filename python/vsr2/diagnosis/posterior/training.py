@@ -350,7 +350,9 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
     plain = probability[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, TRAINING.false_alarms)) if plain.size else 0.5
     found = [candidates(p, truth.sets, truth.alike) for p in probability]
-    owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(acting.sum())
+    owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
+        acting.sum()
+    )
     for least in TRAINING.names:
         said = [decide(f, none_limit=none_limit, least=least, alike=truth.alike) for f in found]
         named = np.array([bool(s.effects) and s.kind != "unresolved" for s in said])

@@ -191,10 +191,11 @@ def simulate_campaigns(
     return _simulated(cache, trials, sets, [FIRST_NUISANCE + c for c in rows], progress)
 
 
-def plain_campaigns(cache: SimulationCache, trials: NDArray[np.int64]) -> Campaigns:
+def plain_campaigns(
+    cache: SimulationCache, trials: NDArray[np.int64], count: int = LOOK.plain
+) -> Campaigns:
     """The gap-free campaigns that the look simulated."""
-    draws = range(1, LOOK.plain + 1)
-    return _simulated(cache, trials, ((),) * LOOK.plain, draws, None)
+    return _simulated(cache, trials, ((),) * count, range(1, count + 1), None)
 
 
 def _simulated(

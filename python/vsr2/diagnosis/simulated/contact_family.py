@@ -8,13 +8,11 @@ solver, velocity damping, and the lever of spinning friction. What these can mim
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from vsr2.config.study import Contact, Material
-from vsr2.diagnosis.simulated.nuisances import Nuisance
+from vsr2.diagnosis.simulated.nuisances import Nuisance, Uniform
 from vsr2.effects import Effect, Parameter
 from vsr2.effects.standing import settle_at
 from vsr2.trial import Trial
@@ -68,23 +66,6 @@ class ContactModel(Effect):
             ),
             engine=engine.model_copy(update=update),
         )
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Uniform between two ends."""
-
-    low: float
-    high: float
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation."""
-        return (self.high - self.low) / math.sqrt(12)
-
-    def value(self, z: float) -> float:
-        """At a standard normal draw."""
-        return self.low + (self.high - self.low) * 0.5 * math.erfc(-z / math.sqrt(2))
 
 
 CONTACT_FAMILY: tuple[Nuisance, ...] = tuple(

@@ -37,7 +37,9 @@ class LookConstants:
         shares: of the range on one side of the null at which an effect is tried.
         trials: on which effects are tried at most.
         fewest: such trials, however small the budget.
-        plain: draws of nuisances without effect, from which the scatter of each trial is taken.
+        plain: draws of nuisances without effect, from which the scatter of each trial is taken, at
+            most.
+        fewest_plain: such draws, however small the budget.
         draws: of nuisances that the trials take in turn, twice as many in all.
         signal: of a campaign at the detection limit: standard deviations of what nuisances and
             chance leave, over all trials.
@@ -51,6 +53,7 @@ class LookConstants:
     trials: int = 40
     fewest: int = 12
     plain: int = 48
+    fewest_plain: int = 24
     draws: int = 8
     signal: float = 3.0
     most: float = 3.0
@@ -98,6 +101,7 @@ def look(
     trials: int,
     *,
     most: int = LOOK.trials,
+    plain: int = LOOK.plain,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Look:
@@ -112,12 +116,13 @@ def look(
         cache: of simulations.
         trials: of the campaign.
         most: trials on which effects are tried.
+        plain: draws of nuisances without effect.
         seed: of the secondary parameters.
         progress: called with simulations done and all.
     """
     library, simulator = cache.simulator.library, cache.simulator
-    plain = [Request(i, (), m, 1) for m in range(1, LOOK.plain + 1) for i in range(trials)]
-    bare = _severity(cache.run(plain)).reshape(LOOK.plain, trials)
+    requests = [Request(i, (), m, 1) for m in range(1, plain + 1) for i in range(trials)]
+    bare = _severity(cache.run(requests)).reshape(plain, trials)
     responding = np.flatnonzero(np.nanmax(bare, axis=0) > np.log(LOOK.moved))
     chosen = responding if responding.size else np.arange(trials)
     chosen = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).astype(int)]
@@ -139,7 +144,7 @@ def look(
     moved = found.reshape(len(ladders), len(LOOK.shares), chosen.size, 2)
     change = np.nan_to_num((moved - own) / scatter[:, None])
     change = np.clip(change, -LOOK.most, LOOK.most)
-    nuisances = np.stack([simulator.nuisance_draw(m) for m in range(1, LOOK.plain + 1)])
+    nuisances = np.stack([simulator.nuisance_draw(m) for m in range(1, plain + 1)])
     known = np.nan_to_num((bare[:, chosen] - np.nanmean(bare[:, chosen], axis=0)) / scatter)
     response = ridge(nuisances, known, 1.0)
     metric = np.linalg.inv(np.eye(chosen.size) + response.T @ response)
