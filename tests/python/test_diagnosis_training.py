@@ -10,7 +10,9 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
 from planar.library import PLANAR_LIBRARY
-from planted import first
+from planar.simulator import PlanarSimulator
+from planted import Rehearsal, first, shaken_campaign
+from vsr2.diagnosis import ProtocolCache
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import disturbed
 from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
@@ -325,3 +327,44 @@ def test_a_posterior_comes_back_from_its_file_bit_by_bit(trained, tmp_path) -> N
     path.write_text("nothing")
     with pytest.raises(ResultError, match="damaged"):
         load_posterior(path, library)
+
+
+def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path) -> None:
+    cache, seen = ProtocolCache(tmp_path), trained.seen
+    given = {"identity": "scene", "seen": seen, "campaigns": 600, "seed": 0}
+    path = cache.posterior(**given)
+    assert path.parent == tmp_path
+    outcomes = replace(seen, overturned=1 - seen.overturned, features=seen.features + 1)
+    assert cache.posterior(**(given | {"seen": outcomes})) == path, "outcomes have no part in it"
+    others = [
+        {"identity": "another scene"}, {"campaigns": 601}, {"seed": 1},
+        {"seen": replace(seen, tier="B", measured=())}, {"seen": replace(seen, tilt_noise=0.004)},
+    ]  # fmt: skip
+    found = [cache.posterior(**(given | change)) for change in others]
+    assert len({path, *found}) == 6
+
+
+# --- series --------------------------------------------------------------------------------------
+
+
+def test_a_noted_outcome_that_the_series_contradicts_is_proof_of_its_rule() -> None:
+    """Outcomes noted wrongly, which at tier M look like chance."""
+    campaign = shaken_campaign(8, 5, duration=2.0, pga=(0.55, 1.15))
+    names = ("table_gain", "catch", "outcome_rule")
+    library = {name: PLANAR_LIBRARY[name] for name in names}
+    own = PlanarSimulator(campaign, library=library, series=True, seed=1)
+    truth = PlanarSimulator(campaign, library=library, series=True, seed=99)
+    acts = {}
+    with quick_training():
+        rehearsal = Rehearsal(own, campaign, campaigns=200)
+        for tier in ("M", "T"):
+            sets = rehearsal.posterior(tier).sets
+            given = (("outcome_rule", (np.inf, 0.08)),)
+            found = [
+                rehearsal.infer(rehearsal.observed(truth, given, tier=tier, nuisance=n))
+                for n in range(1, 9)
+            ]
+            acts[tier] = np.array([sets.marginal(one.probability)[2] for one in found])
+    assert rehearsal.at("T").measured[2].name == "contradiction"
+    assert np.median(acts["T"]) > 0.6
+    assert np.median(acts["T"]) > np.median(acts["M"]) + 0.2
