@@ -112,7 +112,16 @@ def linear_rehearsal(campaigns=600):
 
 
 SMALL = (
-    (LOOK, {"plain": 12, "draws": 6, "shares": (1.0, 0.125, 0.015625), "fewest": 8}),
+    (
+        LOOK,
+        {
+            "plain": 12,
+            "fewest_plain": 12,
+            "draws": 6,
+            "shares": (1.0, 0.125, 0.015625),
+            "fewest": 8,
+        },
+    ),
     (SCHEDULE, {"fewest": 24, "chunk": 12}),
     (HELD_OUT, {"members": 4, "dealt": 2}),
     (NOISE_FLOOR, {"replicates": 1, "most_trials": 6}),

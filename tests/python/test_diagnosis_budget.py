@@ -43,6 +43,7 @@ class Clock:
 
     def run(self):
         """A diagnosis from look to judgement."""
+        self.simulate(self.schedule.plain * self.trials)
         self.simulate(tries(PLANAR_LIBRARY) * self.schedule.look_trials)
         while count := self.schedule.next_campaigns(self.done, self.trials):
             assert count > 0
@@ -68,7 +69,8 @@ def test_minutes_bound_everything_judging_included(monkeypatch, minutes, trainin
     assert spent > 0.9 * 60 * minutes
     # A first answer after a tenth of it, and what a training of so many takes.
     first = clock.first - 0.1 * 60 * minutes
-    least = COST * (TRIALS * SCHEDULE.fewest + tries(PLANAR_LIBRARY) * LOOK.fewest)
+    least = COST * TRIALS * (SCHEDULE.fewest + LOOK.plain)
+    least += COST * tries(PLANAR_LIBRARY) * LOOK.fewest
     assert clock.first <= 60 * minutes
     assert first <= max(0.05 * 60 * minutes, least) + training * SCHEDULE.most
 
@@ -86,7 +88,7 @@ def test_campaigns_are_counted_whatever_they_cost(monkeypatch) -> None:
     clock = Clock(Budget(minutes=0.001, campaigns=320), monkeypatch)
     clock.run()
     assert clock.done == 320
-    assert clock.schedule.look_trials == LOOK.trials
+    assert (clock.schedule.look_trials, clock.schedule.plain) == (LOOK.trials, LOOK.plain)
     assert not clock.schedule.exceeded()
 
 
@@ -94,7 +96,7 @@ def test_the_least_is_simulated_whatever_the_budget_and_no_more_than_the_most(mo
     clock = Clock(Budget(simulations=10), monkeypatch)
     clock.run()
     assert clock.done == SCHEDULE.fewest
-    assert clock.schedule.look_trials == LOOK.fewest
+    assert (clock.schedule.look_trials, clock.schedule.plain) == (LOOK.fewest, LOOK.fewest_plain)
     assert clock.schedule.exceeded()
     ample = Clock(Budget(simulations=10**8), monkeypatch)
     ample.run()

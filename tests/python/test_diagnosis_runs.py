@@ -32,7 +32,7 @@ outcome: {tail: 0.5}
 """
 OFFERED = ("table_gain", "catch", "table_pitch")
 EXCLUDED = ("table_pitch",)
-SIMULATIONS = 1300
+SIMULATIONS = 1000
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -366,5 +366,5 @@ def test_a_noted_outcome_that_the_series_contradicts_is_proof_of_its_rule() -> N
             ]
             acts[tier] = np.array([sets.marginal(one.probability)[2] for one in found])
     assert rehearsal.at("T").measured[2].name == "contradiction"
-    assert np.median(acts["T"]) > 0.6
-    assert np.median(acts["T"]) > np.median(acts["M"]) + 0.2
+    assert np.median(acts["T"]) > 2 * np.median(acts["M"]) > 0
+    assert (acts["T"] > acts["M"]).mean() > 0.8
