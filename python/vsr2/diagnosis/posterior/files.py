@@ -74,7 +74,7 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
             if about["format"] != FORMAT or tuple(about["names"]) != tuple(library):
                 return None

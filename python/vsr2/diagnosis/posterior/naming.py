@@ -104,9 +104,12 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
     counts: list[int] = []
     while len(chosen) < count:
         gain = left @ sets.members
-        gain[chosen] = -1.0
+        gain[chosen] = 0.0
+        # What adds nothing, as what the library lacks, is no candidate.
+        if chosen and not gain.max() > 0:
+            break
         chosen.append(int(np.argmax(gain)))
-        covered.append((covered[-1] if covered else 0.0) + max(float(gain[chosen[-1]]), 0.0))
+        covered.append((covered[-1] if covered else 0.0) + float(gain[chosen[-1]]))
         left[sets.members[:, chosen[-1]]] = 0.0
         counts.append(classes(chosen, alike))
         if counts[-1] > NAMING.classes:

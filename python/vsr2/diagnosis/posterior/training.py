@@ -69,7 +69,7 @@ class Levels:
         temperature: by which log probabilities are divided.
         none_limit: 5 % point of the probability of none over gap-free campaigns.
         least_name: probability, given a gap, that a name must have.
-        set_level: probability that the 90 % sets must hold.
+        set_level: probability before a label up to which the 90 % sets hold it.
         wrong, named: shares of held-out campaigns with a gap that are named wrongly, and named.
         detection_rate: share of causes outside the library that are said to be so.
     """
@@ -380,15 +380,16 @@ def label_probability(probability: Array, sets: Sets) -> Array:
 
 
 def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
-    """Probability that sets of labels must hold to contain the truth in nine of ten campaigns.
+    """Probability down to which sets of labels must reach to hold nine of ten truths.
 
-    Conformal: of each held-out campaign, the probability held by labels down to the true one, the
-    true one included (Y. Romano, M. Sesia, E. Candes, "Classification with valid and adaptive
-    coverage", 2020). Of a pair, down to the second of its two.
+    Conformal: of each held-out campaign, the probability held by the labels before the true one (Y.
+    Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage", 2020; there the
+    true one counts in part, by chance). Of a pair, before the second of its two.
     """
     labels = label_probability(probability, sets)
     order = np.argsort(-labels, axis=1, kind="stable")
-    held = np.cumsum(np.take_along_axis(labels, order, axis=1), axis=1)
+    ordered = np.take_along_axis(labels, order, axis=1)
+    before = np.cumsum(ordered, axis=1) - ordered
     rank = np.argsort(order, axis=1)
     count = len(sets.names)
     true = np.zeros((len(index), count + 2), dtype=bool)
@@ -396,7 +397,7 @@ def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets
     true[index == 0, 0] = True
     true[index == sets.outside, -1] = True
     last = np.where(true, rank, -1).max(axis=1)
-    score = held[np.arange(len(index)), last]
+    score = before[np.arange(len(index)), last]
     sequence = np.argsort(score)
     total = np.cumsum(weight[sequence]) / weight.sum()
     return float(score[sequence][np.searchsorted(total, TRAINING.coverage)])
@@ -406,5 +407,5 @@ def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:
     """Labels of the 90 % set, most probable first: 0 none, 1 to n effects, n + 1 outside."""
     labels = label_probability(probability, sets)
     order = np.argsort(-labels, kind="stable")
-    held = np.cumsum(labels[order])
-    return tuple(int(i) for i in order[: int(np.searchsorted(held, level - 1e-12)) + 1])
+    before = np.cumsum(labels[order]) - labels[order]
+    return tuple(int(i) for i in order[before <= level + 1e-12])

@@ -66,6 +66,7 @@ class SimulationCache:
         self._asked: set[bytes] = set()
         self._chunk = chunk
         self._codes: dict[str, str] = {}
+        self._draws: dict[int, bytes] = {}
         self._path = path
         self._place: dict[bytes, tuple[int, int]] = {}
         self._tables: list[Table] = []
@@ -163,7 +164,10 @@ class SimulationCache:
         return Responses(table[:, 0].copy(), table[:, 1].copy(), features)
 
     def _key(self, request: Request) -> bytes:
-        nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
+        nuisances = self._draws.get(request.nuisance)
+        if nuisances is None:
+            nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
+            self._draws[request.nuisance] = nuisances
         text = f"{self.simulator.identity}|{request.trial}|{request.effects!r}|{request.nuisance}"
         text += "".join(self._code(name) for name, _ in request.effects)
         digest = hashlib.blake2b(text.encode(), digest_size=KEY)

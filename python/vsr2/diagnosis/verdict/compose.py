@@ -194,6 +194,8 @@ def _sets(found: Found, posterior: Posterior) -> list[dict[str, Any]]:
     sets = posterior.sets
     out = []
     for k in np.argsort(-found.probability, kind="stable")[:SETS_SHOWN]:
+        if found.probability[k] == 0:
+            break  # What holds an excluded effect is no hypothesis.
         names = [name for name, held in zip(sets.names, sets.members[k], strict=True) if held]
         if k == sets.outside:
             names = [UNKNOWN]
