@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
+from vsr2.read_only import ReadOnlyArrays, read_only
 
 if TYPE_CHECKING:
     from vsr2.motion.build import Recorded
@@ -23,8 +24,8 @@ MAX_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class SideMotion:
-    """A motion of the pedestal beside that along x, sample for sample with it.
+class SideMotion(ReadOnlyArrays):
+    """A motion of the pedestal beside that along x, sample for sample with it; read-only.
 
     Attributes:
         displacement: shape (n,) [m], or a rotation [rad]; starts at 0.
@@ -39,7 +40,7 @@ SIDES = ("transverse", "vertical", "pitch")
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(ReadOnlyArrays):
     """A pedestal motion along x, sampled at the simulation's time step.
 
     Attributes:
@@ -60,7 +61,7 @@ class Motion:
         recorded: the record and the choices it was built from; None where the samples no longer
             follow from a record.
 
-    The arrays are copies and read-only.
+    The arrays are read-only. Motions are equal where name, kind and samples are.
 
     Raises:
         MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
@@ -100,14 +101,13 @@ class Motion:
         for side in SIDES:
             object.__setattr__(self, side, self._checked_side(side))
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Pickling and copying keep the samples but not that they are read-only.
-        self.__dict__.update(state)
-        for signal in (self, *self.sides.values()):
-            if signal is not None:
-                signal.displacement.setflags(write=False)
-                signal.velocity.setflags(write=False)
-        self.acceleration.setflags(write=False)
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Motion):
+            return NotImplemented
+        return (self.sha256, self.name, self.kind) == (other.sha256, other.name, other.kind)
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
 
     def _checked_side(self, side: str) -> SideMotion | None:
         given: SideMotion | None = getattr(self, side)
@@ -233,7 +233,7 @@ class Motion:
 
 
 def samples_of(given: Any, what: str, *, fewest: int) -> Array:
-    """A read-only copy of `given`, shape (n,).
+    """`given` as a read-only array of shape (n,), copied where it can be written to.
 
     Args:
         given: what should be samples.
@@ -244,10 +244,9 @@ def samples_of(given: Any, what: str, *, fewest: int) -> Array:
         MotionError: no array of numbers, or not of one dimension and `fewest` to `MAX_SAMPLES`.
     """
     try:
-        value = np.array(given, dtype=np.float64)
+        value = read_only(np.asarray(given, dtype=np.float64, order="C"))
     except (TypeError, ValueError) as error:
         raise MotionError(f"{what} is not an array of numbers ({error})") from None
-    value.setflags(write=False)
     if value.ndim != 1 or not fewest <= value.size <= MAX_SAMPLES:
         raise MotionError(
             f"{what} has shape {value.shape}; it needs one dimension and {fewest} to "

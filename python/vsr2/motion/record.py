@@ -13,6 +13,7 @@ from vsr2.errors import MotionError
 from vsr2.motion.motion import Array, samples_of
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 from vsr2.motion.units import Quantity
+from vsr2.read_only import ReadOnlyArrays
 
 MAX_DISPLACEMENT = 1000.0
 """[m]; more is a mistaken unit."""
@@ -25,7 +26,7 @@ MIN_INTERVAL, MAX_INTERVAL = 1.0e-6, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class Record(ReadOnlyArrays):
     """A recorded horizontal motion at its own sampling interval.
 
     Attributes:

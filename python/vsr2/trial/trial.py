@@ -85,7 +85,7 @@ class Applied:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One run of one scene under one motion.
+    """One run of one scene under one motion; equal to another where content and names are.
 
     Attributes:
         scene: what is shaken.
@@ -111,6 +111,14 @@ class Trial:
     outcome: Outcome = field(default_factory=Outcome)
     output: Output = field(default_factory=Output)
     effects: tuple[Applied, ...] = ()
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Trial):
+            return NotImplemented
+        return self.content == other.content and self.motion == other.motion
+
+    def __hash__(self) -> int:
+        return hash(self.content)
 
     @property
     def label(self) -> str:
