@@ -101,6 +101,11 @@ def run_batch(
     started = time.time()
     study = load_study(trials) if isinstance(trials, (str, PathLike)) else trials
     trials = study_trials(study) if isinstance(study, Study) else study
+    if not isinstance(trials, Sequence):
+        raise SimulationError(
+            f"the batch is a {type(trials).__name__}; give a Study, the path of one, or a list of "
+            "trials"
+        )
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
     check_trials(trials)
