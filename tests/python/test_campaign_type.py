@@ -14,12 +14,12 @@ from vsr2.campaign import (
     Series,
     Specimen,
     campaign_summary,
-    format_campaign,
     intensity_measures,
 )
 from vsr2.errors import CampaignError
 from vsr2.motion import cosine_motion
 from vsr2.motion.recording import Record
+from vsr2.report.messages.data import campaign_text
 
 BASE = {"trial": "T1", "motion": "m", "session": "1", "order": 1, "specimen": "rock"}
 
@@ -177,6 +177,6 @@ def test_the_summary_counts():
     assert summary["with_motion"] == 2
     assert summary["specimens"]["block"] == {"trials": 2, "mass_kg": 120.5, "model_file": None}
     assert summary["tier"] == "B"
-    text = format_campaign(campaign())
+    text = campaign_text(summary)
     assert "3: 1 overturned, 1 not, 1 unknown" in text
     assert "rock: 1 trials, mass unknown" in text

@@ -16,7 +16,7 @@ from vsr2.campaign.intensity import TrialIntensities, intensity_measures
 from vsr2.campaign.laboratory import import_lab
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.simulate import simulate_campaign
-from vsr2.campaign.summary import campaign_summary, format_campaign
+from vsr2.campaign.summary import campaign_summary
 
 __all__ = [
     "SCHEMA",
@@ -30,7 +30,6 @@ __all__ = [
     "TrialIntensities",
     "campaign_summary",
     "check_campaign",
-    "format_campaign",
     "grouped_folds",
     "import_lab",
     "intensity_measures",

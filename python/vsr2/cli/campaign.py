@@ -29,10 +29,11 @@ def import_lab(source: Path, dest: Path, /, *, overwrite: opt.Overwrite = False)
         source: folder of the laboratory's files
         dest: folder for the campaign
     """
-    from vsr2.campaign import format_campaign
+    from vsr2.campaign import campaign_summary
     from vsr2.campaign import import_lab as bring
+    from vsr2.report.messages.data import campaign_text
 
-    print(format_campaign(bring(source, dest, overwrite=overwrite)))
+    print(campaign_text(campaign_summary(bring(source, dest, overwrite=overwrite))))
     print(f"wrote {dest}")
     return 0
 
@@ -44,11 +45,12 @@ def check(folder: opt.Campaign, /) -> int:
     Names file, row, column and remedy of each problem. Exit code 0: none; 2: some.
     """
     from vsr2.campaign import check_campaign
+    from vsr2.report.messages.data import campaign_checked
 
     problems = check_campaign(folder)
     for problem in problems:
         print(problem)
-    print(f"{folder}: {len(problems) or 'no'} problem{'s' * (len(problems) != 1)}")
+    print(campaign_checked(folder, len(problems)))
     return 2 if problems else 0
 
 
@@ -70,13 +72,14 @@ def info(
         seed: of folds and bootstrap
     """
     from vsr2.analysis.baseline import baseline_scores
-    from vsr2.campaign import campaign_summary, format_campaign, load_campaign
+    from vsr2.campaign import campaign_summary, load_campaign
     from vsr2.report.messages.commands import baseline_table
+    from vsr2.report.messages.data import campaign_text
 
     campaign = load_campaign(folder)
     scores = baseline_scores(campaign, folds=folds, seed=seed) if baselines else []
+    summary = campaign_summary(campaign)
     if json:
-        summary = campaign_summary(campaign)
         if baselines:
             summary["baselines"] = [
                 {
@@ -89,7 +92,7 @@ def info(
             ]
         opt.print_json(summary)
         return 0
-    print(format_campaign(campaign))
+    print(campaign_text(summary))
     if baselines:
         print()
         print(baseline_table(scores))
@@ -151,10 +154,11 @@ def simulate(
     Args:
         dest: folder for the campaign
     """
-    from vsr2.campaign import format_campaign, save_campaign
+    from vsr2.campaign import campaign_summary, save_campaign
     from vsr2.campaign.save import prepare_destination
     from vsr2.config import load_study
     from vsr2.effects import check_study_effects
+    from vsr2.report.messages.data import campaign_text
     from vsr2.results import remove_result
 
     loaded = load_study(study, overrides=options.set)
@@ -169,7 +173,7 @@ def simulate(
     if not interrupted:
         remove_result(checkpoint)
     if not options.quiet:
-        print(format_campaign(campaign))
+        print(campaign_text(campaign_summary(campaign)))
         print(f"wrote {dest}")
     if interrupted:
         return 130

@@ -21,6 +21,7 @@ verbs = App(
 @verbs.command(name="list")
 def list_effects() -> int:
     """Print all effects in the order of application."""
+    from vsr2._native import FastRefusal
     from vsr2.effects import in_order, library
     from vsr2.report.messages.commands import table
     from vsr2.simulation.effect_checks import EffectChecker
@@ -33,7 +34,7 @@ def list_effects() -> int:
             for parameter in effect.parameters
             if parameter.prior != "fixed" and not parameter.secondary
         )
-        fast = "no" if checker.fast(effect) else "yes"
+        fast = "yes" if checker.fast_refusal(effect) is FastRefusal.none else "no"
         touches, confounded = ", ".join(effect.channels), ", ".join(effect.confounded_with)
         rows.append((effect.name, effect.stage, fast, touches, parameters, confounded))
     print(table(rows, str.ljust))
@@ -48,6 +49,7 @@ def show(name: str, /) -> int:
         name: of an effect
     """
     from vsr2.effects import effect
+    from vsr2.report.messages.commands import engine_fast
     from vsr2.simulation.effect_checks import EffectChecker
 
     one = effect(name)
@@ -63,8 +65,7 @@ def show(name: str, /) -> int:
         print(f"confounded with: {', '.join(one.confounded_with)}")
     if one.source:
         print(f"source: {one.source}")
-    violation = EffectChecker().fast(one)
-    print(f"engine fast: {'no, ' + violation if violation else 'yes'}")
+    print(engine_fast(EffectChecker().fast_refusal(one)))
     return 0
 
 
@@ -91,7 +92,7 @@ def check(*what: str, mesh: Path | None = None) -> int:
         mesh: rock that stands for a scan (default: a made one)
     """
     from vsr2.errors import GeometryError
-    from vsr2.report.messages.commands import effect_report
+    from vsr2.report.messages.commands import effect_report, effects_passed
     from vsr2.simulation.effect_checks import EffectChecker
 
     if mesh is not None and not mesh.is_file():
@@ -103,7 +104,7 @@ def check(*what: str, mesh: Path | None = None) -> int:
         report = checker.check(one)
         failed += not report.good
         print(effect_report(report))
-    print(f"{len(effects) - failed} of {len(effects)} effects pass all three checks")
+    print(effects_passed(len(effects) - failed, len(effects)))
     return 1 if failed else 0
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2 import _native
+from vsr2._native import FastRefusal
 from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, with_effects
 from vsr2.effects.registry import BUILT_IN
@@ -116,7 +116,7 @@ class EffectReport:
             a jump is declared.
         alive: by rock.
         right: its closed forms; None: it is VSR2's own, and VSR2's tests hold them.
-        fast: why the engine `fast` does not take it on the block; empty: it does.
+        fast_refusal: why the engine `fast` does not take it on the block; `none`: it does.
     """
 
     effect: Effect
@@ -124,7 +124,12 @@ class EffectReport:
     step: dict[Rock, Liveness]
     alive: dict[Rock, Liveness]
     right: tuple[Check, ...] | None
-    fast: str
+    fast_refusal: FastRefusal
+
+    @property
+    def fast(self) -> bool:
+        """Whether the engine `fast` takes it on the block."""
+        return self.fast_refusal is FastRefusal.none
 
     @property
     def is_continuous(self) -> bool:
@@ -175,11 +180,11 @@ class EffectChecker:
             step = {} if effect.jump else self.step(effect)
         with _naming(effect, "at the far end of its prior"):
             alive = {rock: self.alive(effect, rock) for rock in ROCKS}
-            fast = self.fast(effect)
+            refusal = self.fast_refusal(effect)
         built_in = any(type(effect) is type(one) for one in BUILT_IN)
         with _naming(effect, "in `verify`"):
             right = None if built_in else tuple(effect.verify(self.bench))
-        return EffectReport(effect, neutral, step, alive, right, fast)
+        return EffectReport(effect, neutral, step, alive, right, refusal)
 
     def neutral(self, effect: Effect) -> bool:
         """Whether trials with the null values are the same to the last bit, on both rocks."""
@@ -214,11 +219,11 @@ class EffectChecker:
         most = int(np.argmax(ratios.max(axis=0)))
         return Liveness(float(ratios.max()), list(FEATURES)[most])
 
-    def fast(self, effect: Effect) -> str:
+    def fast_refusal(self, effect: Effect) -> FastRefusal:
         """Why `fast` does not take the block with the effect at its prior's far end."""
         trial = replace(self.bench.block(), motion=self.bench.pulse(4.0, 2.0))
         changed = with_effects([trial], [(effect, effect.extreme())], orders=[1.0])[0]
-        return _native.describe(native_scene(changed.scene).fast_refusal)
+        return native_scene(changed.scene).fast_refusal
 
     def standing(self, rock: Rock) -> Trial:
         """The block or the scan on the engine that studies get."""
