@@ -42,9 +42,9 @@ def trial(**changes):
         ({"order": 1.5}, "no whole number"),
         ({"overturned": 2}, "not True, False or None"),
         ({"motion_file": "../m"}, "is no id"),
-        ({"peak_tilt": 3.2}, "outside from 0 to 3.14159 rad; check the unit"),
+        ({"peak_tilt": 3.2}, "must lie from 0 to 3.14159 rad; check sign and unit"),
         ({"peak_tilt": math.nan}, "is nan"),
-        ({"pga": -1.0}, "check the unit"),
+        ({"pga": -1.0}, "check sign and unit"),
         ({"pgv_pga": math.inf}, "is inf"),
         ({"extra": {"peer": 1.0}}, "no name of an extra column"),
         ({"extra": {"x_peer": math.nan}}, "x_peer: is nan"),
@@ -107,7 +107,7 @@ def test_a_campaign_refuses_what_does_not_fit_together(changes, words):
 
 
 def test_specimen_and_noise_refuse_bad_numbers():
-    with pytest.raises(CampaignError, match="mass: is 0, outside above 0"):
+    with pytest.raises(CampaignError, match="mass: is 0, must lie above 0"):
         Specimen(mass=0.0)
     with pytest.raises(CampaignError, match="tilt: is -1"):
         MeasurementNoise(tilt=-1.0)

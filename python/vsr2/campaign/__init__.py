@@ -15,7 +15,7 @@ from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
 from vsr2.campaign.intensity import TrialIntensities, intensity_measures
 from vsr2.campaign.laboratory import import_lab
 from vsr2.campaign.save import save_campaign
-from vsr2.campaign.simulate import simulate_campaign
+from vsr2.campaign.simulate import simulate_campaign, trial_statuses
 from vsr2.campaign.summary import campaign_summary
 
 __all__ = [
@@ -38,4 +38,5 @@ __all__ = [
     "motion_resamples",
     "save_campaign",
     "simulate_campaign",
+    "trial_statuses",
 ]

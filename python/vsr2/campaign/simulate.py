@@ -26,7 +26,16 @@ from vsr2.config.study import MeshRock, Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
-from vsr2.results import JUDGED, BatchResult, TrialLog, load_trial_log, quaternion_product
+from vsr2.results import (
+    JUDGED,
+    UNFINISHED,
+    BatchResult,
+    Outcome,
+    Status,
+    TrialLog,
+    load_trial_log,
+    quaternion_product,
+)
 from vsr2.trial import rows_only
 
 if TYPE_CHECKING:
@@ -39,8 +48,6 @@ Array = NDArray[np.float64]
 SPECIMEN = "rock"
 """Id of the specimen of a simulated campaign."""
 _OUTCOME = ("overturned", "peak_tilt", "note", "series")
-UNFINISHED = ("cancelled", "not_run")
-"""Statuses of trials that an interruption left; resuming runs them."""
 
 
 class RunOptions(TypedDict, total=False):
@@ -88,7 +95,8 @@ def simulate_campaign(
             same campaign. Not together with `resume`.
 
     Returns:
-        The campaign. Failed and interrupted trials have no outcome; their note is the status.
+        The campaign. Failed and interrupted trials have no outcome; :func:`trial_statuses` tells
+        how each ended, and its note says so to people.
 
     Raises:
         CampaignError: lists of another length than the trials, or `resume` is of another call or
@@ -108,14 +116,16 @@ def simulate_campaign(
     trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
     rows, written = _unjudged(asked, names, held, noise, seed)
-    kept = _finished(resume, digest)
+    kept, statuses = _finished(resume, digest)
     pending = [i for i, row in enumerate(rows) if row.trial not in kept]
     result, series = _run(trials, pending, noise, seed, run)
     position = {i: k for k, i in enumerate(pending)}
     for i, row in enumerate(rows):
         if result is not None and i in position:
             rng = _generator(seed, i, 1)
-            rows[i] = _judged(row, result, position[i], noise, rng, series.get(i))
+            at = position[i]
+            rows[i] = _judged(row, result, at, noise, rng, series.get(i))
+            statuses[row.trial] = Status[result["status"][at]]
         else:
             rows[i] = replace(row, **{name: getattr(kept[row.trial], name) for name in _OUTCOME})
     provenance: Mapping[str, Any] = resume.provenance if resume is not None else {}
@@ -127,7 +137,8 @@ def simulate_campaign(
             "series_every": series_every,
             "effects": {name: _finite(values) for name, values in wanted.items()},
         }
-        provenance = {"digest": digest} | own | dict(result.provenance) | own
+        ends = {trial: end.name for trial, end in statuses.items() if end is not Status.ok}
+        provenance = {"digest": digest} | own | dict(result.provenance) | own | {"statuses": ends}
     rock = Specimen("simulated", asked[0].scene.rock.mass.mass, _model(study))
     return Campaign(
         name=study.name if isinstance(study, Study) else "simulated",
@@ -218,15 +229,36 @@ def _digest(trials: Sequence[Trial], noise: MeasurementNoise, seed: int) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _finished(resume: Campaign | None, digest: str) -> dict[str, CampaignTrial]:
+def trial_statuses(campaign: Campaign) -> dict[str, Status]:
+    """How each trial of a simulated campaign ended, by its id.
+
+    Raises:
+        CampaignError: the campaign was not simulated, or does not hold how its trials ended.
+    """
+    ends = campaign.provenance.get("statuses")
+    if not isinstance(ends, Mapping) or not set(ends.values()) <= set(Status.__members__):
+        raise CampaignError(
+            f"campaign {campaign.name!r}: its provenance does not say how its trials ended; "
+            "simulate it anew with this VSR2"
+        )
+    return {trial.trial: Status[ends.get(trial.trial, "ok")] for trial in campaign.trials}
+
+
+def _finished(
+    resume: Campaign | None, digest: str
+) -> tuple[dict[str, CampaignTrial], dict[str, Status]]:
+    """Trials that need not be run, and how they ended."""
     if resume is None:
-        return {}
+        return {}, {}
     if resume.provenance.get("digest") != digest:
         raise CampaignError(
             f"campaign {resume.name!r} was made from another study, seed or noise; simulate into a "
             "new folder, or overwrite it without resuming"
         )
-    return {trial.trial: trial for trial in resume.trials if trial.note not in UNFINISHED}
+    statuses = {
+        trial: end for trial, end in trial_statuses(resume).items() if end.name not in UNFINISHED
+    }
+    return {one.trial: one for one in resume.trials if one.trial in statuses}, statuses
 
 
 def _judged(
@@ -238,15 +270,15 @@ def _judged(
     series: Series | None,
 ) -> CampaignTrial:
     status, outcome = str(result["status"][at]), str(result["outcome"][at])
-    note = "" if status == "ok" else status
-    if status not in JUDGED or outcome == "failed":
-        return replace(row, note=note or "failed")
+    note = "" if status == Status.ok.name else status
+    if status not in JUDGED or outcome == Outcome.failed.name:
+        return replace(row, note=note or outcome)
     peak = float(result["peak_tilt"][at])
     if noise.peak_tilt:
         peak += noise.peak_tilt * float(rng.standard_normal())
     return replace(
         row,
-        overturned=outcome == "overturned",
+        overturned=outcome == Outcome.overturned.name,
         peak_tilt=float(np.clip(peak, 0.0, np.pi)) if np.isfinite(peak) else None,
         note=note,
         series=series,
@@ -296,11 +328,12 @@ def _unjudged(
     rows: list[CampaignTrial] = []
     files: dict[str, Record] = {}
     file_of: dict[str, str] = {}
+    names = _FileNames()
     for i, trial in enumerate(trials):
         motion, name = trial.motion, f"T{i + 1:0{digits}d}"
         file = None if noisy else file_of.get(motion.sha256)
         if file is None:
-            file = name if noisy else _file_name(motion.name, files)
+            file = name if noisy else names.free(motion.name)
             file_of[motion.sha256] = file
             files[file] = _recorded(motion, file, noise, _generator(seed, i, 0))
         rows.append(
@@ -331,14 +364,24 @@ def _recorded(
     return Record(name, motion.time_step, displacement=displacement, acceleration=acceleration)
 
 
-def _file_name(name: str, taken: dict[str, Record]) -> str:
-    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80].strip("._-") or "motion"
-    lower = {other.lower() for other in taken}
-    file, number = plain, 1
-    while file.lower() in lower:
-        number += 1
-        file = f"{plain}-{number}"
-    return file
+class _FileNames:
+    """File names out of names of motions, each once whatever its case."""
+
+    def __init__(self) -> None:
+        self.taken: set[str] = set()
+        self._last: dict[str, int] = {}
+
+    def free(self, name: str) -> str:
+        """A name that was not given yet: plain, or with the least free number behind it."""
+        plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80].strip("._-") or "motion"
+        # Numbers up to the last given one are taken, as names are never given back.
+        file, number = plain, self._last.get(plain.lower(), 1)
+        while file.lower() in self.taken:
+            number += 1
+            file = f"{plain}-{number}"
+        self._last[plain.lower()] = number
+        self.taken.add(file.lower())
+        return file
 
 
 def _model(study: Study | Sequence[Trial]) -> Path | None:

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from vsr2.campaign import Campaign, MeasurementNoise
+from vsr2.campaign.campaign import MAX_NOISE
 from vsr2.cli import options as opt
+from vsr2.errors import CampaignError
 
 if TYPE_CHECKING:
     from vsr2.config import Study
@@ -49,7 +51,7 @@ def check(folder: opt.Campaign, /) -> int:
 
     problems = check_campaign(folder)
     for problem in problems:
-        print(problem)
+        print(problem if problem.file else f"{folder}: {problem}")
     print(campaign_checked(folder, len(problems)))
     return 2 if problems else 0
 
@@ -126,9 +128,23 @@ class Simulation:
 
 
 SIMULATION = Simulation()
-NOISE = MeasurementNoise()
+
+
+class NoiseOptions(MeasurementNoise):
+    """Measurement noise that is told by options, which errors name."""
+
+    def __post_init__(self) -> None:
+        for channel, value in vars(self).items():
+            if value is not None and not 0 <= value <= MAX_NOISE:
+                raise CampaignError(
+                    f"--noise-{channel.replace('_', '-')} {value:g}: give a standard error from 0 "
+                    f"to {MAX_NOISE:g}"
+                )
+
+
+NO_NOISE = NoiseOptions()
 Noise = Annotated[
-    MeasurementNoise,
+    NoiseOptions,
     Parameter(
         name="*",
         name_transform=lambda name: f"noise-{name.replace('_', '-')}",
@@ -144,7 +160,7 @@ def simulate(
     /,
     *,
     options: Simulation = SIMULATION,
-    noise: Noise = NOISE,
+    noise: Noise = NO_NOISE,
 ) -> int:
     """Make a campaign out of a study.
 
@@ -154,13 +170,17 @@ def simulate(
     Args:
         dest: folder for the campaign
     """
-    from vsr2.campaign import campaign_summary, save_campaign
+    from vsr2.campaign import campaign_summary, save_campaign, trial_statuses
     from vsr2.campaign.save import prepare_destination
     from vsr2.config import load_study
     from vsr2.effects import check_study_effects
     from vsr2.report.messages.data import campaign_text
-    from vsr2.results import remove_result
+    from vsr2.results import Status, remove_result
 
+    if options.session_size is not None and options.session_size < 1:
+        raise CampaignError(
+            f"--session-size {options.session_size}: give 1 or more trials a session"
+        )
     loaded = load_study(study, overrides=options.set)
     check_study_effects(loaded.effects, study)
     replace = options.overwrite or options.resume
@@ -177,14 +197,13 @@ def simulate(
         print(f"wrote {dest}")
     if interrupted:
         return 130
-    return 0 if all(not trial.note for trial in campaign.trials) else 1
+    return 0 if set(trial_statuses(campaign).values()) <= {Status.ok} else 1
 
 
 def _simulated(
     study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: MeasurementNoise
 ) -> Campaign:
     from vsr2.campaign import load_campaign, simulate_campaign
-    from vsr2.errors import CampaignError
     from vsr2.results import has_journal, prepare_folder
 
     present = (dest / "campaign.yaml").exists()
@@ -201,7 +220,7 @@ def _simulated(
         return simulate_campaign(
             study,
             sessions=options.session_size,
-            noise=noise,
+            noise=MeasurementNoise(**dataclasses.asdict(noise)),
             seed=options.seed,
             series_every=options.series_every,
             threads=options.threads,

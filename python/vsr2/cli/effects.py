@@ -79,12 +79,12 @@ def _null(parameter: Parameter) -> str:
 
 @verbs.command
 def check(*what: str, mesh: Path | None = None) -> int:
-    """Check effects: neutral, alive, right.
+    """Check effects: neutral, continuous, alive, right.
 
-    Neutral: at the null value a trial is the same to the last bit, and 1e-8 of the prior beside
-    it responses change by no more than chance does, unless the effect declares a `jump`. Alive:
-    at the far end of the prior responses change by more than three times the noise floor, on a
-    block and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.
+    Neutral: at the null value a trial is the same to the last bit. Continuous: 1e-8 of the prior
+    beside it responses change by no more than chance does, unless the effect declares a `jump`.
+    Alive: at the far end of the prior responses change by more than three times the noise floor, on
+    a block and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.
 
     Args:
         what: modules (path of a .py file, or an importable name) with effects of one's own, or

@@ -136,4 +136,6 @@ def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder
 
 
 def _exit_code(result: BatchResult) -> int:
-    return 0 if set(result["status"]) <= {"ok"} else 1
+    from vsr2.results import Status
+
+    return 0 if set(result["status"]) <= {Status.ok.name} else 1

@@ -232,13 +232,14 @@ class Motion(ReadOnlyArrays):
             )
 
 
-def samples_of(given: Any, what: str, *, fewest: int) -> Array:
+def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:
     """`given` as a read-only array of shape (n,), copied where it can be written to.
 
     Args:
         given: what should be samples.
         what: names it in errors.
         fewest: samples.
+        file: that errors name.
 
     Raises:
         MotionError: no array of numbers, or not of one dimension and `fewest` to `MAX_SAMPLES`.
@@ -246,11 +247,12 @@ def samples_of(given: Any, what: str, *, fewest: int) -> Array:
     try:
         value = read_only(np.asarray(given, dtype=np.float64, order="C"))
     except (TypeError, ValueError) as error:
-        raise MotionError(f"{what} is not an array of numbers ({error})") from None
+        raise MotionError(f"{what} is not an array of numbers ({error})", file=file) from None
     if value.ndim != 1 or not fewest <= value.size <= MAX_SAMPLES:
         raise MotionError(
             f"{what} has shape {value.shape}; it needs one dimension and {fewest} to "
-            f"{MAX_SAMPLES} samples"
+            f"{MAX_SAMPLES} samples",
+            file=file,
         )
     return value
 

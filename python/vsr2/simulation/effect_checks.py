@@ -1,7 +1,8 @@
-"""Three checks of an effect: neutral, alive, right.
+"""Four checks of an effect: neutral, continuous, alive, right.
 
-- Neutral: at its null value a trial is the same as without it, to the last bit; and 1e-8 of its
-  prior beside null responses change by no more than chance does, unless it declares a jump.
+- Neutral: at its null value a trial is the same as without it, to the last bit.
+- Continuous: 1e-8 of its prior beside null responses change by no more than chance does, unless it
+  declares a jump.
 - Alive: at the far end of its prior it changes the distribution of responses by more than the noise
   floor, on a block and on a rock with the hull of a scan. The floor is what perturbing the start,
   and the points of a hull, by some micrometres does: a hull's contacts depend on the order of its
@@ -28,7 +29,7 @@ from vsr2.effects.registry import BUILT_IN
 from vsr2.effects.standing import settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
-from vsr2.results import JUDGED, BatchResult
+from vsr2.results import JUDGED, BatchResult, Outcome
 from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import run_batch
@@ -150,7 +151,7 @@ class EffectReport:
 
     @property
     def good(self) -> bool:
-        """Passes all three."""
+        """Passes all four."""
         return self.neutral and self.is_continuous and self.is_alive and self.is_right
 
 
@@ -169,7 +170,7 @@ class EffectChecker:
         self._plain: dict[Rock, tuple[list[Trial], Array, Array]] = {}
 
     def check(self, effect: Effect) -> EffectReport:
-        """All three checks of an effect.
+        """All four checks of an effect.
 
         Raises:
             SimulationError: a hook of the effect fails; names it.
@@ -347,7 +348,7 @@ def _least_overturning(trial: Trial, turn: float, lifting: float, frequency: flo
         middle = 0.5 * (low + high)
         motion = bench.pulse(math.exp(middle), frequency)
         found = run_batch([replace(first, motion=motion) for first in firsts], threads=1)
-        fell = 2 * int((found["outcome"] == "overturned").sum()) > JURY
+        fell = 2 * int((found["outcome"] == Outcome.overturned.name).sum()) > JURY
         low, high = (low, middle) if fell else (middle, high)
     return math.exp(0.5 * (low + high))
 
@@ -430,7 +431,7 @@ def _features(result: BatchResult) -> Array:
             "the rock comes to rest before the motion"
         )
     peak, yaw, slip = (result[name] for name in ("peak_tilt", "final_yaw", "final_slip"))
-    overturned = result["outcome"] == "overturned"
+    overturned = result["outcome"] == Outcome.overturned.name
     found = np.column_stack([np.log10(np.clip(peak, 1e-5, 1.4)), yaw, slip, overturned])
     # Where a rock lies after overturning tells nothing.
     found[overturned, 1:3] = np.nan

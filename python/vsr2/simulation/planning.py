@@ -79,7 +79,8 @@ def check_trials(trials: Sequence[Trial]) -> None:
     Raises:
         SimulationError: something that is no trial, a scene that no engine can use, a motion of
             another time step than its scene's, a motor asked to drive a motion beside x or a
-            pedestal that pitches on a spring, a motion that pitches such a pedestal, or a log that could outgrow memory.
+            pedestal that pitches on a spring, a motion that pitches such a pedestal, or a log that
+            could outgrow memory.
     """
     for i, one in enumerate(trials):
         if not isinstance(one, Trial):

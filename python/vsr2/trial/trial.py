@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
+from vsr2._native import Outcome as Ending
 from vsr2.config.study import Outcome, Output, Settling
 from vsr2.motion import Motion
 from vsr2.scene import Pose, RockBody, Scene
@@ -45,7 +46,7 @@ class Observation:
     @property
     def overturned(self) -> bool:
         """Whether the trial counts as overturned."""
-        return self.outcome == "overturned"
+        return self.outcome == Ending.overturned.name
 
 
 class ActingEffect(Protocol):

@@ -90,7 +90,7 @@ def engine_fast(refusal: FastRefusal) -> str:
 
 def effects_passed(passed: int, checked: int) -> str:
     """How many effects pass what was checked."""
-    return f"{passed} of {checked} effects pass all checks"
+    return f"{passed} of {checked} effects pass all four checks"
 
 
 def study_begins(name: str, trials: Sequence[Trial], engine: str) -> str:
