@@ -25,8 +25,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.config.study import Contact as ContactConfig
 from vsr2.config.study import (
+    ORIGINAL,
     Engine,
     MeshRock,
     Outcome,
@@ -35,6 +35,7 @@ from vsr2.config.study import (
     Settling,
     YawStart,
 )
+from vsr2.config.study import Contact as ContactConfig
 from vsr2.motion import Motion, build_recorded_motion, read_record
 from vsr2.results import base_provenance
 from vsr2.scene import Scene, build_pedestal, build_rock
@@ -45,10 +46,11 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def scene_of(rock: MeshRock, mode: str) -> Scene:
-    """The rock on the default prism, for one engine."""
+    """The rock on the default prism, for one engine, with the values that PyBullet has below."""
     pedestal = build_pedestal(PrismPedestal())
     body = build_rock(rock, pedestal, clearance=0.002)
-    scene = Scene(body, pedestal, Engine(mode=mode), ContactConfig())
+    original = ContactConfig(**ORIGINAL["contact"])
+    scene = Scene(body, pedestal, Engine(mode=mode, **ORIGINAL["engine"]), original)
     native_scene(scene)  # built here, not where it is timed
     return scene
 

@@ -2,7 +2,7 @@
 
 Of each part a results folder holds `keyN.json.gz` (salt and key) and `verdictsN.json.gz`: what
 scoring read of each diagnosis, why an unresolved one names nothing, and the ids of trials.
-`scores.json.gz` records the scores as they were told, baselines and leaks among them, which need
+`scores.json.gz` records the scores as published, baselines and leaks among them, which need
 the packs' data. All tables and figures of the tiers are computed from keys and verdicts:
 
     python studies/blind_check.py validation --recompute --results docs/results/blind_validation_5

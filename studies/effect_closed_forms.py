@@ -1,8 +1,9 @@
 """Closed forms, conservation laws and independent computations that the library's effects meet.
 
-One function an effect, of its name: it takes the effect and a bench and gives the checks.
-`tests/python/test_effects_library.py` holds each effect to them; `studies/effect_checks.py` counts
-them. An effect of one's own has its checks in its own `verify`.
+One function an effect, of its name and marked by `closed_form`: it takes the effect and a bench and
+gives the checks. `tests/python/test_effects_library.py` holds each effect to them;
+`studies/effect_checks.py` counts them. They stand outside the package, because an installed VSR2
+never runs them. An effect of one's own has its checks in its own `verify`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -22,11 +24,29 @@ from vsr2.motion import STANDARD_GRAVITY
 from vsr2.motion.processing import differentiate
 from vsr2.trial import Observation, Trial
 
+Form = Callable[[Effect, Bench], list[Check]]
+FORMS: dict[str, Form] = {}
+"""By the name of the effect."""
+
+
+def closed_form(form: Form) -> Form:
+    """Take a function for the checks of the effect of its name."""
+    FORMS[form.__name__] = form
+    return form
+
 
 def closed_forms(effect: Effect, bench: Bench) -> list[Check]:
-    """The checks of an effect of the library."""
-    form: Callable[[Effect, Bench], list[Check]] = globals()[effect.name]
-    return form(effect, bench)
+    """The checks of an effect of the library.
+
+    Raises:
+        LookupError: there are none; says where to write them.
+    """
+    if effect.name not in FORMS:
+        raise LookupError(
+            f"effect {effect.name!r} has no closed form; write the function "
+            f"`{effect.name}(effect, bench)`, marked @closed_form, in studies/{Path(__file__).name}"
+        )
+    return FORMS[effect.name](effect, bench)
 
 
 def half_widths(trial: Trial) -> tuple[float, float]:
@@ -44,8 +64,8 @@ def uplift_acceleration(
     """Least constant acceleration of the pedestal that tips a block, by bisection [m/s^2].
 
     Tipped: the tilt passes 1e-3 rad while the push lasts. The bracket shrinks to 1 % of the guess;
-    its middle is told. Just above the threshold a tilt grows by about g alpha p^2 t^2 / 2 times the
-    relative excess, so a push of 0.6 s tells an excess of 0.3 %.
+    its middle is returned. Just above the threshold a tilt grows by about g alpha p^2 t^2 / 2 times
+    the relative excess, so a push of 0.6 s tells an excess of 0.3 %.
     """
     low, high = 0.75 * guess, 1.25 * guess
     while high - low > 0.01 * guess:
@@ -105,6 +125,7 @@ def _sine_check(
     )
 
 
+@closed_form
 def time_scale(effect: Effect, bench: Bench) -> list[Check]:
     trial = replace(bench.block(), motion=bench.pulse(2.0, 2.0))
     slow = effect.change(trial, {"change": 0.03}).motion
@@ -118,6 +139,7 @@ def time_scale(effect: Effect, bench: Bench) -> list[Check]:
     ]  # fmt: skip
 
 
+@closed_form
 def input_filter(effect: Effect, bench: Bench) -> list[Check]:
     corner = 5.0
     trial = bench.block()
@@ -147,6 +169,7 @@ def input_filter(effect: Effect, bench: Bench) -> list[Check]:
     return checks
 
 
+@closed_form
 def table_gain(effect: Effect, bench: Bench) -> list[Check]:
     trial, change = bench.block(), 0.15
     _, b = half_widths(trial)
@@ -161,6 +184,7 @@ def table_gain(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def table_bandwidth(effect: Effect, bench: Bench) -> list[Check]:
     corner = 3.0
     gain = 1 / math.sqrt(2)
@@ -180,6 +204,7 @@ def _late(effect: Effect, bench: Bench) -> Check:
     return Check("delay of 20 ms at 1 kHz, difference after 20 samples [m]", float(off), 0, 0)
 
 
+@closed_form
 def table_saturation(effect: Effect, bench: Bench) -> list[Check]:
     trial = replace(bench.block(), motion=bench.pulse(3.0, 1.0))
     cap, most = 0.3, 2.0
@@ -201,6 +226,7 @@ def table_saturation(effect: Effect, bench: Bench) -> list[Check]:
     ]  # fmt: skip
 
 
+@closed_form
 def table_resonance(effect: Effect, bench: Bench) -> list[Check]:
     values = {"frequency": 12.0, "amplification": 2.0}
     zeta = 0.5 / math.sqrt(3.0)
@@ -215,6 +241,7 @@ def table_resonance(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def off_axis_motion(effect: Effect, bench: Bench) -> list[Check]:
     trial, share = bench.block(), 0.75
     _, b = half_widths(trial)
@@ -228,6 +255,7 @@ def off_axis_motion(effect: Effect, bench: Bench) -> list[Check]:
     return [Check("travel of a rock that stands, across [m]", float(moved[1]), expected, 1e-3)]
 
 
+@closed_form
 def vertical_motion(effect: Effect, bench: Bench) -> list[Check]:
     trial, share = bench.block(), 0.5
     _, b = half_widths(trial)
@@ -244,6 +272,7 @@ def vertical_motion(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def table_pitch(effect: Effect, bench: Bench) -> list[Check]:
     compliance, zeta, frequency, depth = 0.02, 0.1, 10.0, 0.5
     light = {
@@ -302,6 +331,7 @@ def _carried(effect: Effect, bench: Bench, values: Mapping[str, float]) -> Check
     )
 
 
+@closed_form
 def contact_stiffness(effect: Effect, bench: Bench) -> list[Check]:
     trial, decades = bench.block(), -4.0
     still = replace(trial, motion=bench.push(0.0))
@@ -321,6 +351,7 @@ def contact_stiffness(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def friction(effect: Effect, bench: Bench) -> list[Check]:
     trial = bench.block()
     factor = 0.306
@@ -347,6 +378,7 @@ def friction(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def spin_friction(effect: Effect, bench: Bench) -> list[Check]:
     coefficient, rate, duration = 0.02, 1.0, 0.1
     # Without friction along the base the contact points resist no turn.
@@ -370,6 +402,7 @@ def spin_friction(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def slenderness(effect: Effect, bench: Bench) -> list[Check]:
     trial = bench.block()
     change = 0.06
@@ -385,6 +418,7 @@ def slenderness(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def com_offset(effect: Effect, bench: Bench) -> list[Check]:
     trial, distance = bench.block(), 0.015
     b, _ = half_widths(trial)
@@ -401,6 +435,7 @@ def com_offset(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def edge_rounding(effect: Effect, bench: Bench) -> list[Check]:
     trial, radius = bench.block(), 0.015
     _, b = half_widths(trial)
@@ -445,6 +480,7 @@ def _rolling(effect: Effect, bench: Bench, radius: float) -> Check:
     )
 
 
+@closed_form
 def base_asperity(effect: Effect, bench: Bench) -> list[Check]:
     trial, values = bench.block(), {"height": 0.002, "reach": 0.7}
     support = support_of(trial)
@@ -488,6 +524,7 @@ def _impact(effect: Effect, bench: Bench) -> Check:
     )
 
 
+@closed_form
 def base_slope(effect: Effect, bench: Bench) -> list[Check]:
     trial, angle = bench.block(), 1.5
     b, _ = half_widths(trial)
@@ -503,6 +540,7 @@ def base_slope(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def inertia(effect: Effect, bench: Bench) -> list[Check]:
     trial, change = bench.block(), 0.15
     started = effect.change(trial, {"change": change, "rule": 0.0})
@@ -526,6 +564,7 @@ def inertia(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def restitution(effect: Effect, bench: Bench) -> list[Check]:
     checks = []
     trial = bench.block()
@@ -551,6 +590,7 @@ def restitution(effect: Effect, bench: Bench) -> list[Check]:
     return checks
 
 
+@closed_form
 def rocking_damping(effect: Effect, bench: Bench) -> list[Check]:
     trial, tilt, duration, zeta = bench.block(), 0.1, 0.2, 0.05
     _, _, p = _rocking(trial)
@@ -571,6 +611,7 @@ def rocking_damping(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def rolling_resistance(effect: Effect, bench: Bench) -> list[Check]:
     trial, tilt, duration, arm = bench.block(), 0.05, 0.15, 0.010
     radius, alpha, p = _rocking(trial)
@@ -591,6 +632,7 @@ def rolling_resistance(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def friction_rate(effect: Effect, bench: Bench) -> list[Check]:
     factor, ratio = 0.306, 1.6
     trial = library()["friction"].change(bench.block(), {"factor": factor})
@@ -613,6 +655,7 @@ def friction_rate(effect: Effect, bench: Bench) -> list[Check]:
     ]  # fmt: skip
 
 
+@closed_form
 def adhesion(effect: Effect, bench: Bench) -> list[Check]:
     trial, strength = bench.block(), 5.0
     _, b = half_widths(trial)
@@ -632,6 +675,7 @@ def adhesion(effect: Effect, bench: Bench) -> list[Check]:
     ]
 
 
+@closed_form
 def catch(effect: Effect, bench: Bench) -> list[Check]:
     slack = 25.0
     trial = replace(bench.block(), motion=bench.pulse(6.0, 1.5))
@@ -650,6 +694,7 @@ def catch(effect: Effect, bench: Bench) -> list[Check]:
     ]  # fmt: skip
 
 
+@closed_form
 def wear(effect: Effect, bench: Bench) -> list[Check]:
     trial = bench.block()
     _, b = half_widths(trial)
@@ -668,6 +713,7 @@ def wear(effect: Effect, bench: Bench) -> list[Check]:
     return checks
 
 
+@closed_form
 def change_point(effect: Effect, bench: Bench) -> list[Check]:
     trial = bench.block()
     _, b = half_widths(trial)
@@ -687,6 +733,7 @@ def change_point(effect: Effect, bench: Bench) -> list[Check]:
     return checks
 
 
+@closed_form
 def outcome_rule(effect: Effect, bench: Bench) -> list[Check]:
     trial = replace(bench.block(), motion=bench.pulse(4.5, 2.0))
     plain = bench.run(trial, tail=2.0)
@@ -716,6 +763,7 @@ def outcome_rule(effect: Effect, bench: Bench) -> list[Check]:
     ]  # fmt: skip
 
 
+@closed_form
 def placement(effect: Effect, bench: Bench) -> list[Check]:
     trial = bench.block()
     values = {"yaw": 10.0, "offset": 0.02}

@@ -59,7 +59,7 @@ def _not_alive(text: str) -> str:
     ]
     if not found:
         return "No effect fails."
-    return f"Not alive, hardly told from chance: {', '.join(found)}."
+    return f"Not alive, hardly different from chance: {', '.join(found)}."
 
 
 def _checks_table(text: str) -> str:

@@ -50,6 +50,7 @@ import numpy as np
 from scipy.stats import chi2, ks_2samp, norm
 
 from vsr2.config.study import (
+    ORIGINAL,
     Contact,
     Engine,
     FixedStart,
@@ -100,10 +101,11 @@ def rock_of(scene: str) -> MeshRock:
 
 
 def scene_of(name: str, mode: str) -> Scene:
-    """The rock on the default prism, for one engine."""
+    """The rock on the default prism with the original's contact, for one engine."""
     pedestal = build_pedestal(PrismPedestal())
     rock = build_rock(rock_of(name), pedestal, clearance=0.002)
-    return Scene(rock, pedestal, Engine(mode=mode), Contact())
+    engine = Engine(mode=mode, **ORIGINAL["engine"])
+    return Scene(rock, pedestal, engine, Contact(**ORIGINAL["contact"]))
 
 
 def still(steps: int) -> Motion:

@@ -24,11 +24,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "figure_s1.png")
     options = parser.parse_args()
     cosine = load_study(
-        ROOT / "configs" / "block.yaml", overrides=["output.contacts_every=0", "motion.pga=0.3"]
+        ROOT / "configs" / "block.yaml",
+        overrides=["preset=original", "output.contacts_every=0", "motion.pga=0.3"],
     )
     recording = load_study(
         ROOT / "configs" / "demo.yaml",
         overrides=[
+            "preset=original",
             "motion.drive=motor",
             "motion.pattern=synthetic_07.csv",
             "output.log_every=1",

@@ -53,7 +53,7 @@ def measure(options: argparse.Namespace) -> None:
         for engine in options.engines.split(","):
             study = load_study(
                 ROOT / "configs" / "demo.yaml",
-                overrides=[f"engine.mode={engine}", "output.log_every=0"],
+                overrides=["preset=original", f"engine.mode={engine}", "output.log_every=0"],
             )
             base = study_trials(study)
             scales = np.geomspace(0.2, 1.6, -(-options.recordings // len(base)))

@@ -1,30 +1,21 @@
-// The `parity` engine: Bullet's multibody world with PyBullet's settings, order of creation and
-// way of placing bodies, so that both give the same bits.
+// The engines `parity` and `exact`: Bullet's multibody world with PyBullet's settings, order of
+// creation and way of placing bodies, so that all give the same bits.
 
-#include <algorithm>
 #include <array>
-#include <cmath>
-#include <functional>
-#include <limits>
-#include <mutex>
 #include <optional>
-#include <string>
-#include <tuple>
 #include <vector>
 
-#include <btBulletDynamicsCommon.h>
-#include <BulletCollision/CollisionDispatch/btInternalEdgeUtility.h>
 #include <BulletDynamics/Featherstone/btMultiBody.h>
-#include <BulletDynamics/Featherstone/btMultiBodyConstraintSolver.h>
-#include <BulletDynamics/Featherstone/btMultiBodyDynamicsWorld.h>
 #include <BulletDynamics/Featherstone/btMultiBodyJointMotor.h>
 #include <BulletDynamics/Featherstone/btMultiBodyLinkCollider.h>
 
+#include "bullet_parts.hpp"
 #include "bullet_world.hpp"
 #include "drive_law.hpp"
+#include "exact_solver.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/contact_model.hpp"
-#include "vsr2/world.hpp"
+#include "vsr2/engines.hpp"
 
 static_assert(sizeof(btScalar) == 8, "link Bullet's double-precision (-float64) libraries");
 
@@ -36,89 +27,9 @@ constexpr double kPrescribedMass = 1e30;
 constexpr int kStaticGroup = btBroadphaseProxy::StaticFilter;
 constexpr int kDefaultGroup = btBroadphaseProxy::DefaultFilter;
 
-// Bullet takes the relative contact breaking threshold from a process-wide variable; this keeps it
-// a property of the world. As there, the smaller of the two shapes' thresholds counts.
-class Dispatcher final : public btCollisionDispatcher {
- public:
-  Dispatcher(btCollisionConfiguration* configuration, double relative_threshold)
-      : btCollisionDispatcher(configuration), relative_threshold_(relative_threshold) {}
-  btPersistentManifold* getNewManifold(const btCollisionObject* a, const btCollisionObject* b) override {
-    btPersistentManifold* manifold = btCollisionDispatcher::getNewManifold(a, b);
-    manifold->setContactBreakingThreshold(
-        std::min(a->getCollisionShape()->getContactBreakingThreshold(relative_threshold_),
-                 b->getCollisionShape()->getContactBreakingThreshold(relative_threshold_)));
-    return manifold;
-  }
-
- private:
-  double relative_threshold_;
-};
-
-// Bullet's deterministic order of pairs with an array that is kept: Bullet's own allocates one in
-// every step.
-class PairCache final : public btHashedOverlappingPairCache {
- public:
-  using btHashedOverlappingPairCache::processAllOverlappingPairs;
-  void processAllOverlappingPairs(btOverlapCallback* callback, btDispatcher* dispatcher,
-                                  const btDispatcherInfo& info) override {
-    if (!info.m_deterministicOverlappingPairs)
-      return btHashedOverlappingPairCache::processAllOverlappingPairs(callback, dispatcher);
-    btBroadphasePairArray& pairs = getOverlappingPairArray();
-    order_.clear();
-    for (int i = 0; i < pairs.size(); ++i)
-      order_.push_back({pairs[i].m_pProxy0->m_uniqueId, pairs[i].m_pProxy1->m_uniqueId, i});
-    std::sort(order_.begin(), order_.end(), std::greater<>());
-    // No callback of a world here asks for a pair to be removed, so indices stay valid.
-    for (const auto& entry : order_) callback->processOverlap(pairs[std::get<2>(entry)]);
-  }
-
- private:
-  std::vector<std::tuple<int, int, int>> order_;
-};
-
-// Turns the normals of contacts at inner edges of a triangle surface to those of its faces. Without
-// it a rock on topography is pushed about and never rests.
-bool correct_edge_normal(btManifoldPoint& point, const btCollisionObjectWrapper* a, int part_a,
-                         int index_a, const btCollisionObjectWrapper* b, int part_b, int index_b) {
-  btAdjustInternalEdgeContacts(point, b, a, part_b, index_b);
-  btAdjustInternalEdgeContacts(point, a, b, part_a, index_a);
-  return false;
-}
-
-// Bullet's hook is process-wide; it acts on flagged bodies only.
-void install_contact_hook() {
-  static std::once_flag once;
-  std::call_once(once, [] { gContactAddedCallback = correct_edge_normal; });
-}
-
-btDefaultCollisionConstructionInfo small_pools() {
-  // A world has a handful of pairs; Bullet's default pools take 9 MB.
-  btDefaultCollisionConstructionInfo info;
-  info.m_defaultMaxPersistentManifoldPoolSize = 16;
-  info.m_defaultMaxCollisionAlgorithmPoolSize = 16;
-  return info;
-}
-
-// Bullet's world with a place between collision detection and solution.
-class DynamicsWorld final : public btMultiBodyDynamicsWorld {
- public:
-  using btMultiBodyDynamicsWorld::btMultiBodyDynamicsWorld;
-  std::function<void()> before_solution;
-
-  void solveConstraints(btContactSolverInfo& info) override {
-    if (before_solution) before_solution();
-    btMultiBodyDynamicsWorld::solveConstraints(info);
-  }
-};
-
 // Joints of a pedestal that moves in space: x, y and z of P's origin, then the turn about it. With
 // the turn about the mass centre the joints do not act on one another.
 constexpr int kSpatialJoints = 4;
-
-struct Body {
-  std::unique_ptr<btMultiBody> multibody;
-  std::vector<std::unique_ptr<btMultiBodyLinkCollider>> colliders;
-};
 
 class BulletWorld final : public BulletWorldBase {
  public:
@@ -166,43 +77,25 @@ class BulletWorld final : public BulletWorldBase {
   }
 
   void spawn_rock(const Pose& X_WB) override {
-    take_rock(X_WB);
-    if (!joint_) return;
-    PitchJoint loaded = *joint_;
-    try {
-      loaded.start(rock(), spatial_);
-    } catch (const InvalidInput&) {
-      delete_rock();
-      throw;
-    }
-    set_pitch_joint(loaded);
-    start_mechanics();
-  }
-
-  void take_rock(const Pose& X_WB) override {
     require_no_rock(has_rock());
     check_start(X_WB);
-    const Scene::Shapes& shapes = scene_->shapes();
-    const EngineSettings& engine = scene_->engine();
-    rock_.multibody = std::make_unique<btMultiBody>(0, scene_->rock().mass, shapes.rock_inertia,
-                                                    false, false);
-    btMultiBody& body = *rock_.multibody;
-    body.setHasSelfCollision(false);
-    body.setLinearDamping(engine.linear_damping);
-    body.setAngularDamping(engine.angular_damping);
-    body.finalizeMultiDof();
-    btMultiBodyLinkCollider& collider = add_collider(rock_, -1, rock_shape_);
-    set_material(collider, scene_->rock().material);
-    world_.addCollisionObject(&collider, kDefaultGroup, btBroadphaseProxy::AllFilter);
-    world_.addMultiBody(&body);
-    body.setBaseVel(btVector3(0, 0, 0));
-    body.setBasePos(to_bullet(X_WB.position));
-    body.setBaseOmega(btVector3(0, 0, 0));
-    // Not normalised: PyBullet places a body with the quaternion as given.
-    body.setWorldToBaseRot(to_bullet(X_WB.orientation).inverse());
-    refresh(body);
-    world_.updateSingleAabb(&collider);
-    start_mechanics();
+    std::optional<PitchJoint> loaded = joint_;
+    if (loaded) loaded->start({X_WB.position}, spatial_);
+    place_rock(X_WB);
+    if (loaded) set_pitch_joint(*loaded);
+    if (RockMechanics::needed(*scene_)) {
+      mechanics_.emplace(*scene_);
+      mechanics_->start(rock(), pedestal_motion(scene_->pedestal(), pedestal()));
+    }
+  }
+
+  void take_over(const HandedOver& from) override {
+    set_pedestal(from.pedestal);
+    if (from.joint) set_pitch_joint(*from.joint);
+    place_rock({from.rock.p_WB, from.rock.q_WB});
+    set_rock_velocity(from.rock.v_WB, from.rock.w_WB);
+    set_contacts(from.contacts);
+    mechanics_ = from.mechanics;
   }
 
   void delete_rock() override {
@@ -226,9 +119,10 @@ class BulletWorld final : public BulletWorldBase {
     const PedestalState start = pedestal();
     for (int i = 1; i <= engine.substeps; ++i) {
       if (drive_ == Drive::prescribed_spatial) turn_normals();
-      push_rock(dt);
+      if (mechanics_)
+        mechanise([&](RockState& state) { return mechanics_->begin_step(state, dt); });
       if (prescribes(drive_)) {
-        prescribe(on_the_way(start, pedestal(), target, i, engine.substeps, dt), dt);
+        prescribe(on_the_way(drive_, start, pedestal(), target, i, engine.substeps, dt), dt);
       } else {
         motor_->setVelocityTarget(MotorLaw::velocity_reference(drive_, target), MotorLaw::velocity_gain);
         motor_->setPositionTarget(target.position, MotorLaw::position_gain);
@@ -238,69 +132,7 @@ class BulletWorld final : public BulletWorldBase {
     }
   }
 
-  void set_pedestal(const PedestalState& state) override {
-    btMultiBody& robot = *robot_.multibody;
-    if (drive_ == Drive::prescribed_spatial) {
-      spatial_ = state;
-      pitch_of_normals_ = state.excursion.pitch;
-      const auto joints = spatial_joints(state);
-      for (int j = 0; j < kSpatialJoints; ++j) robot.setJointPos(j, joints[static_cast<std::size_t>(j)]);
-    } else {
-      robot.setJointPos(0, state.position);
-      robot.setJointVel(0, state.velocity);
-    }
-    refresh(robot);
-    for (auto& collider : robot_.colliders) world_.updateSingleAabb(collider.get());
-  }
-
-  void set_pitch_joint(const PitchJoint& joint) override {
-    joint_ = joint;
-    PedestalState state = spatial_;
-    state.excursion.pitch = joint.pitch();
-    set_pedestal(state);
-  }
-
   const std::optional<PitchJoint>& pitch_joint() const override { return joint_; }
-
-  void set_mechanics(const RockMechanics& mechanics) override { mechanics_ = mechanics; }
-
-  void set_contacts(const std::vector<CachedContact>& contacts) override {
-    btMultiBodyLinkCollider* rock = rock_.colliders.front().get();
-    btMultiBodyLinkCollider* link = robot_.colliders.back().get();
-    // A pass of collision detection makes the pair and its manifold.
-    world_.performDiscreteCollisionDetection();
-    for (int m = 0; m < dispatcher_.getNumManifolds(); ++m) {
-      btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(m);
-      const bool rock_is_a = manifold->getBody0() == rock && manifold->getBody1() == link;
-      if (!rock_is_a && (manifold->getBody1() != rock || manifold->getBody0() != link)) continue;
-      manifold->clearManifold();
-      if (contacts.empty()) return;
-      const auto wrap = [](const btCollisionObject* object) {
-        return btCollisionObjectWrapper(nullptr, object->getCollisionShape(), object,
-                                        object->getWorldTransform(), -1, -1);
-      };
-      const btCollisionObjectWrapper a = wrap(manifold->getBody0());
-      const btCollisionObjectWrapper b = wrap(manifold->getBody1());
-      btManifoldResult result(&a, &b);
-      result.setPersistentManifold(manifold);
-      // Bullet combines the two materials when it makes a point; the place is filled in after.
-      result.addContactPoint(btVector3(0, 0, rock_is_a ? 1 : -1), btVector3(0, 0, 0), 0.0);
-      const btManifoldPoint made = manifold->getContactPoint(0);
-      manifold->clearManifold();
-      for (const CachedContact& contact : contacts) {
-        btManifoldPoint point = made;
-        const btVector3 on_rock = to_bullet(contact.p_B);
-        const btVector3 on_link = to_bullet(contact.p_P);
-        point.m_localPointA = rock_is_a ? on_rock : on_link;
-        point.m_localPointB = rock_is_a ? on_link : on_rock;
-        point.m_normalWorldOnB = to_bullet(Eigen::Vector3d(rock_is_a ? contact.normal_W : -contact.normal_W));
-        manifold->addManifoldPoint(point);
-      }
-      manifold->refreshContactPoints(manifold->getBody0()->getWorldTransform(),
-                                     manifold->getBody1()->getWorldTransform());
-      return;
-    }
-  }
 
   PedestalState pedestal() const override {
     if (drive_ == Drive::prescribed_spatial) return spatial_;
@@ -318,40 +150,102 @@ class BulletWorld final : public BulletWorldBase {
 
   void contacts(std::vector<ContactPoint>& out) const override {
     out.clear();
-    if (!rock_.multibody) return;
-    const btCollisionObject* rock = rock_.colliders.front().get();
-    for (int m = 0; m < dispatcher_.getNumManifolds(); ++m) {
-      const btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(m);
-      const bool rock_is_a = manifold->getBody0() == rock;
-      if (!rock_is_a && manifold->getBody1() != rock) continue;
-      for (int i = 0; i < manifold->getNumContacts(); ++i) {
-        const btManifoldPoint& point = manifold->getContactPoint(i);
-        const double sign = rock_is_a ? 1.0 : -1.0;
-        out.push_back({
-            .p_W_rock = to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
-            .p_W_pedestal = to_eigen(rock_is_a ? point.m_positionWorldOnB : point.m_positionWorldOnA),
-            .normal_W = sign * to_eigen(point.m_normalWorldOnB),
-            .distance = point.getDistance(),
-            .normal_impulse = point.m_appliedImpulse,
-            .lateral_impulse_1 = point.m_appliedImpulseLateral1,
-            .lateral_impulse_2 = point.m_appliedImpulseLateral2,
-            .direction_1 = sign * to_eigen(point.m_lateralFrictionDir1),
-            .direction_2 = sign * to_eigen(point.m_lateralFrictionDir2),
-            .lateral_friction = point.m_combinedFriction,
-            .restitution = point.m_combinedRestitution,
-            .spinning_friction = point.m_combinedSpinningFriction,
-            .stiffness = point.m_combinedContactStiffness1,
-            .damping = point.m_combinedContactDamping1,
-        });
-      }
-    }
+    each_contact(nullptr, [&](const btManifoldPoint& point, bool rock_is_a) {
+      const double sign = rock_is_a ? 1.0 : -1.0;
+      out.push_back({
+          .p_W_rock = on_rock(point, rock_is_a),
+          .p_W_pedestal = on_rock(point, !rock_is_a),
+          .normal_W = sign * to_eigen(point.m_normalWorldOnB),
+          .distance = point.getDistance(),
+          .normal_impulse = point.m_appliedImpulse,
+          .lateral_impulse_1 = point.m_appliedImpulseLateral1,
+          .lateral_impulse_2 = point.m_appliedImpulseLateral2,
+          .direction_1 = sign * to_eigen(point.m_lateralFrictionDir1),
+          .direction_2 = sign * to_eigen(point.m_lateralFrictionDir2),
+          .lateral_friction = point.m_combinedFriction,
+          .restitution = point.m_combinedRestitution,
+          .spinning_friction = point.m_combinedSpinningFriction,
+          .stiffness = point.m_combinedContactStiffness1,
+          .damping = point.m_combinedContactDamping1,
+      });
+    });
   }
 
  private:
-  void start_mechanics() {
-    if (!RockMechanics::needed(*scene_)) return;
-    mechanics_.emplace(*scene_);
-    mechanics_->start(rock(), pedestal_motion(scene_->pedestal(), pedestal()));
+  void place_rock(const Pose& X_WB) {
+    const Scene::Shapes& shapes = scene_->shapes();
+    const EngineSettings& engine = scene_->engine();
+    rock_.multibody = std::make_unique<btMultiBody>(0, scene_->rock().mass, shapes.rock_inertia,
+                                                    false, false);
+    btMultiBody& body = *rock_.multibody;
+    body.setHasSelfCollision(false);
+    body.setLinearDamping(engine.linear_damping);
+    body.setAngularDamping(engine.angular_damping);
+    body.finalizeMultiDof();
+    btMultiBodyLinkCollider& collider = add_collider(rock_, -1, rock_shape_);
+    set_material(collider, scene_->rock().material);
+    world_.addCollisionObject(&collider, kDefaultGroup, btBroadphaseProxy::AllFilter);
+    world_.addMultiBody(&body);
+    body.setBaseVel(btVector3(0, 0, 0));
+    body.setBasePos(to_bullet(X_WB.position));
+    body.setBaseOmega(btVector3(0, 0, 0));
+    // Not normalised: PyBullet places a body with the quaternion as given.
+    body.setWorldToBaseRot(to_bullet(X_WB.orientation).inverse());
+    refresh(body);
+    world_.updateSingleAabb(&collider);
+  }
+
+  void set_pedestal(const PedestalState& state) {
+    btMultiBody& robot = *robot_.multibody;
+    if (drive_ == Drive::prescribed_spatial) {
+      spatial_ = state;
+      pitch_of_normals_ = state.excursion.pitch;
+      const auto joints = spatial_joints(state);
+      for (int j = 0; j < kSpatialJoints; ++j) robot.setJointPos(j, joints[j]);
+    } else {
+      robot.setJointPos(0, state.position);
+      robot.setJointVel(0, state.velocity);
+    }
+    refresh(robot);
+    for (auto& collider : robot_.colliders) world_.updateSingleAabb(collider.get());
+  }
+
+  void set_pitch_joint(const PitchJoint& joint) {
+    joint_ = joint;
+    PedestalState state = spatial_;
+    state.excursion.pitch = joint.pitch();
+    set_pedestal(state);
+  }
+
+  // Fills the contact cache between rock and pedestal, in the order given. Needs a pedestal of one
+  // convex part, and no step since the rock was placed.
+  void set_contacts(const std::vector<CachedContact>& contacts) {
+    // A pass of collision detection makes the pair and its manifold.
+    world_.performDiscreteCollisionDetection();
+    each_manifold(pedestal_collider(), [&](btPersistentManifold& manifold, bool rock_is_a) {
+      manifold.clearManifold();
+      if (contacts.empty()) return;
+      const auto wrap = [](const btCollisionObject* object) {
+        return btCollisionObjectWrapper(nullptr, object->getCollisionShape(), object,
+                                        object->getWorldTransform(), -1, -1);
+      };
+      const btCollisionObjectWrapper a = wrap(manifold.getBody0());
+      const btCollisionObjectWrapper b = wrap(manifold.getBody1());
+      btManifoldResult result(&a, &b);
+      result.setPersistentManifold(&manifold);
+      // Bullet combines the two materials when it makes a point; the place is filled in after.
+      result.addContactPoint(btVector3(0, 0, rock_is_a ? 1 : -1), btVector3(0, 0, 0), 0.0);
+      btManifoldPoint point = manifold.getContactPoint(0);
+      manifold.clearManifold();
+      for (const CachedContact& contact : contacts) {
+        (rock_is_a ? point.m_localPointA : point.m_localPointB) = to_bullet(contact.p_B);
+        (rock_is_a ? point.m_localPointB : point.m_localPointA) = to_bullet(contact.p_P);
+        point.m_normalWorldOnB = (rock_is_a ? 1.0 : -1.0) * to_bullet(contact.normal_W);
+        manifold.addManifoldPoint(point);
+      }
+      manifold.refreshContactPoints(manifold.getBody0()->getWorldTransform(),
+                                    manifold.getBody1()->getWorldTransform());
+    });
   }
 
   void add_ground() {
@@ -454,7 +348,7 @@ class BulletWorld final : public BulletWorldBase {
     if (joint_) next.excursion.pitch = spatial_.excursion.pitch;
     const auto goal = spatial_joints(next);
     for (int j = 0; j < kSpatialJoints; ++j) {
-      robot.setJointVel(j, (goal[static_cast<std::size_t>(j)] - robot.getJointPos(j)) / dt);
+      robot.setJointVel(j, (goal[j] - robot.getJointPos(j)) / dt);
       // Bullet adds the weight of every link when it steps.
       robot.addLinkForce(j, -world_.getGravity() * robot.getLinkMass(j));
     }
@@ -468,16 +362,17 @@ class BulletWorld final : public BulletWorldBase {
     pitch_of_normals_ = spatial_.excursion.pitch;
     if (turn == 0.0) return;
     const btMatrix3x3 rotation(btQuaternion(btVector3(0, 1, 0), turn));
-    each_pedestal_contact([&](btManifoldPoint& point, bool) {
+    each_contact(pedestal_collider(), [&](btManifoldPoint& point, bool) {
       point.m_normalWorldOnB = rotation * point.m_normalWorldOnB;
     });
   }
 
-  void push_rock(double dt) {
-    if (!mechanics_) return;
+  // Lets the mechanisms change the rock's velocity, and the joint feel it.
+  template <typename Act>
+  void mechanise(Act act) {
     const RockState before = rock();
     RockState state = before;
-    if (!mechanics_->begin_step(state, dt)) return;
+    if (!act(state)) return;
     set_rock_velocity(state.v_WB, state.w_WB);
     if (joint_) joint_->react(before, state, spatial_);
   }
@@ -492,17 +387,14 @@ class BulletWorld final : public BulletWorldBase {
     }
     if (!mechanics_) return;
     touches_.clear();
-    each_pedestal_contact([&](const btManifoldPoint& point, bool rock_is_a) {
-      touches_.push_back({to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
+    each_contact(pedestal_collider(), [&](const btManifoldPoint& point, bool rock_is_a) {
+      touches_.push_back({on_rock(point, rock_is_a),
                           (rock_is_a ? 1.0 : -1.0) * to_eigen(point.m_normalWorldOnB),
                           point.m_appliedImpulse});
     });
-    const RockState before = rock();
-    RockState state = before;
-    if (!mechanics_->end_step(state, pedestal_motion(scene_->pedestal(), pedestal()), touches_, dt))
-      return;
-    set_rock_velocity(state.v_WB, state.w_WB);
-    if (joint_) joint_->react(before, state, spatial_);
+    mechanise([&](RockState& state) {
+      return mechanics_->end_step(state, pedestal_motion(scene_->pedestal(), pedestal()), touches_, dt);
+    });
   }
 
   // Bullet gives a point its coefficient whenever it finds it again, so it is set for each solution.
@@ -510,46 +402,38 @@ class BulletWorld final : public BulletWorldBase {
     if (!mechanics_) return;
     const double nominal =
         combine(scene_->rock().material, scene_->pedestal().material).lateral_friction;
-    each_pedestal_contact([&](btManifoldPoint& point, bool rock_is_a) {
-      point.m_combinedFriction =
-          nominal * mechanics_->friction_scale(
-                        to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB),
-                        to_eigen(point.m_normalWorldOnB));
+    each_contact(pedestal_collider(), [&](btManifoldPoint& point, bool rock_is_a) {
+      point.m_combinedFriction = nominal * mechanics_->friction_scale(on_rock(point, rock_is_a),
+                                                                      to_eigen(point.m_normalWorldOnB));
     });
   }
 
+  const btCollisionObject* pedestal_collider() const { return robot_.colliders.back().get(); }
+
+  // Visits the manifolds between the rock and `other`, or any body, and whether the rock is first.
   template <typename Visit>
-  void each_pedestal_contact(Visit visit) {
-    if (!rock_.multibody) return;
+  void each_manifold(const btCollisionObject* other, Visit visit) const {
+    if (!has_rock()) return;
     const btCollisionObject* rock = rock_.colliders.front().get();
-    const btCollisionObject* link = robot_.colliders.back().get();
     for (int m = 0; m < dispatcher_.getNumManifolds(); ++m) {
       btPersistentManifold* manifold = dispatcher_.getManifoldByIndexInternal(m);
-      const bool rock_is_a = manifold->getBody0() == rock && manifold->getBody1() == link;
-      if (!rock_is_a && (manifold->getBody1() != rock || manifold->getBody0() != link)) continue;
-      for (int i = 0; i < manifold->getNumContacts(); ++i)
-        visit(manifold->getContactPoint(i), rock_is_a);
+      const bool rock_is_a = manifold->getBody0() == rock;
+      if (!rock_is_a && manifold->getBody1() != rock) continue;
+      if (!other || (rock_is_a ? manifold->getBody1() : manifold->getBody0()) == other)
+        visit(*manifold, rock_is_a);
     }
   }
 
-  btMultiBodyLinkCollider& add_collider(Body& body, int link, btCollisionShape* shape) {
-    auto collider = std::make_unique<btMultiBodyLinkCollider>(body.multibody.get(), link);
-    collider->setCollisionShape(shape);
-    if (link < 0) {
-      body.multibody->setBaseCollider(collider.get());
-    } else {
-      body.multibody->getLink(link).m_collider = collider.get();
-    }
-    body.colliders.push_back(std::move(collider));
-    return *body.colliders.back();
+  template <typename Visit>
+  void each_contact(const btCollisionObject* other, Visit visit) const {
+    each_manifold(other, [&](btPersistentManifold& manifold, bool rock_is_a) {
+      for (int i = 0; i < manifold.getNumContacts(); ++i)
+        visit(manifold.getContactPoint(i), rock_is_a);
+    });
   }
 
-  static void set_material(btCollisionObject& object, const Material& material) {
-    object.setRestitution(material.restitution);
-    object.setFriction(material.lateral_friction);
-    object.setSpinningFriction(material.spinning_friction);
-    object.setRollingFriction(material.rolling_friction);
-    object.setContactStiffnessAndDamping(material.stiffness, material.damping);
+  static Eigen::Vector3d on_rock(const btManifoldPoint& point, bool rock_is_a) {
+    return to_eigen(rock_is_a ? point.m_positionWorldOnA : point.m_positionWorldOnB);
   }
 
   void refresh(btMultiBody& body) {
@@ -592,10 +476,14 @@ std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Dri
   return std::make_unique<BulletWorld>(std::move(scene), drive, nullptr, nullptr);
 }
 
-std::unique_ptr<BulletWorldBase> make_bullet_world_with(
-    std::shared_ptr<const Scene> scene, Drive drive,
-    std::unique_ptr<btMultiBodyConstraintSolver> solver, btCollisionShape* rock_shape) {
-  return std::make_unique<BulletWorld>(std::move(scene), drive, std::move(solver), rock_shape);
+std::unique_ptr<BulletWorldBase> make_exact_bullet_world(std::shared_ptr<const Scene> scene,
+                                                         Drive drive) {
+  btCollisionShape* rock = scene->shapes().scanned_rock;
+  return std::make_unique<BulletWorld>(std::move(scene), drive, std::make_unique<ExactSolver>(), rock);
+}
+
+std::unique_ptr<World> make_exact_world(std::shared_ptr<const Scene> scene, Drive drive) {
+  return make_exact_bullet_world(std::move(scene), drive);
 }
 
 }  // namespace vsr2

@@ -17,6 +17,7 @@
 // pair projected onto the disc of radius mu lambda_n).
 
 #include <algorithm>
+#include <type_traits>
 
 #include <Eigen/Dense>
 
@@ -26,6 +27,16 @@ namespace vsr2 {
 
 /// What of the support yields to the contacts: nothing, a motor along x, or a sprung pitch about y.
 enum class Joint { none, motor, pitch };
+
+/// Calls `act` with the kind as a type, whose value is a constant.
+template <typename Act>
+VSR2_INLINE auto with_joint(Joint kind, Act act) {
+  switch (kind) {
+    case Joint::pitch: return act(std::integral_constant<Joint, Joint::pitch>{});
+    case Joint::motor: return act(std::integral_constant<Joint, Joint::motor>{});
+    default: return act(std::integral_constant<Joint, Joint::none>{});
+  }
+}
 
 /// Changes of velocity along the support's axes: numbers, or linear forms in each entry.
 template <typename Scalar>
@@ -60,7 +71,7 @@ struct ContactRow {
   // M^-1 J_i^T: change of the velocities by a unit impulse.
   double angular_response[3], linear_response, joint_response;
   double target;              ///< b_i / k_i [N s]
-  double keep;                ///< 1 - c_i / k_i: share of the impulse that softness leaves [1]
+  double keep;                ///< 1 - c_i / k_i: share of a normal impulse that softness leaves [1]
   double inverse_mass;        ///< k_i [1/kg; 1/(kg m^2) for spinning]
   double impulse = 0.0;       ///< lambda_i [N s]
   double change = 0.0;        ///< of the impulse in the latest sweep [N s]
@@ -90,7 +101,7 @@ struct ContactRow {
     along = sense * effective;
     joint = yields.jacobian * effective;
     target = wanted * effective;
-    keep = 1.0 - softness * effective;
+    if constexpr (kLinear == 2) keep = 1.0 - softness * effective;
   }
 
   /// Whether the row feels the joint: a motor moves along x only.

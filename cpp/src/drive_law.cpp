@@ -4,12 +4,13 @@
 
 namespace vsr2 {
 
-PedestalState on_the_way(const PedestalState& start, const PedestalState& now,
+PedestalState on_the_way(Drive drive, const PedestalState& start, const PedestalState& now,
                          const DriveTarget& target, int i, int n, double dt) {
   const auto place = [&](double from, double to) { return from + (to - from) * i / n; };
   PedestalState next;
   next.position = place(start.position, target.position);
   next.velocity = (next.position - now.position) / dt;
+  if (drive != Drive::prescribed_spatial) return next;
   const auto follow = [&](double Excursion::* part) {
     next.excursion.*part = place(start.excursion.*part, target.excursion.*part);
     next.excursion_rate.*part = (next.excursion.*part - now.excursion.*part) / dt;

@@ -16,7 +16,7 @@ inline bool prescribes(Drive drive) {
 
 /// Where a prescribed pedestal is at the end of solver step `i` of `n`, counted from 1, that take it
 /// from `start` to the set-point; its rates are over that step of `dt` [s] from `now`.
-PedestalState on_the_way(const PedestalState& start, const PedestalState& now,
+PedestalState on_the_way(Drive drive, const PedestalState& start, const PedestalState& now,
                          const DriveTarget& target, int i, int n, double dt);
 
 /// Bullet's joint motor (btMultiBodyJointMotor) as PyBullet's setJointMotorControl2 sets it. Within

@@ -16,9 +16,6 @@ enum class Kind { normal, lateral_1, lateral_2, spinning };
 
 constexpr int kEntries[4][3] = {{0, 1, 5}, {0, 2, 4}, {1, 2, 3}, {2, 2, 2}};
 
-// Which order the two bodies' parts are subtracted in.
-enum class Order { free_first, slider_first, mixed };
-
 template <bool kFlat, Kind kKind>
 inline double free_speed(const Row& row, const double* v) {
   if constexpr (kFlat && kKind == Kind::spinning) {
@@ -33,7 +30,7 @@ inline double free_speed(const Row& row, const double* v) {
   }
 }
 
-template <bool kFlat, Order kOrder, Kind kKind>
+template <bool kFlat, Kind kKind>
 inline double unclamped_change(const Row& row, const double* v, const double* vs) {
   const double base = row.rhs - row.applied * row.cfm;
   // On a pedestal that moves along x the slider has one joint.
@@ -41,8 +38,8 @@ inline double unclamped_change(const Row& row, const double* v, const double* vs
   if constexpr (!kFlat)
     for (int i = 1; i < ExactSolver::kJoints; ++i) slider += row.js_more[i - 1] * vs[i];
   const double free = free_speed<kFlat, kKind>(row, v);
-  if (kOrder == Order::free_first || (kOrder == Order::mixed && row.free_is_a))
-    return (base - free * row.inverse) - slider * row.inverse;
+  // Bullet subtracts the first body's part first.
+  if (row.free_is_a) return (base - free * row.inverse) - slider * row.inverse;
   return (base - slider * row.inverse) - free * row.inverse;
 }
 
@@ -69,20 +66,20 @@ inline void accumulate(Row& row, double change, double lower, double upper) {
   row.change = change;
 }
 
-template <bool kFlat, Order kOrder, Kind kKind>
+template <bool kFlat, Kind kKind>
 inline void solve_row(Row& row, double* v, double* vs) {
-  accumulate(row, unclamped_change<kFlat, kOrder, kKind>(row, v, vs), row.lower, row.upper);
+  accumulate(row, unclamped_change<kFlat, kKind>(row, v, vs), row.lower, row.upper);
   apply<kFlat>(row, row.change, v, vs);
 }
 
 // Two friction rows within a circle, as Bullet clips them.
-template <bool kFlat, Order kOrder>
+template <bool kFlat>
 inline void solve_pair(Row& a, Row& b, double total, double* v, double* vs) {
   a.lower = -(a.friction * total);
   b.lower = -(b.friction * total);
-  const double change_b = unclamped_change<kFlat, kOrder, Kind::lateral_2>(b, v, vs);
+  const double change_b = unclamped_change<kFlat, Kind::lateral_2>(b, v, vs);
   const double sum_b = b.applied + change_b;
-  const double change_a = unclamped_change<kFlat, kOrder, Kind::lateral_1>(a, v, vs);
+  const double change_a = unclamped_change<kFlat, Kind::lateral_1>(a, v, vs);
   const double sum_a = a.applied + change_a;
   if (sum_a * sum_a + sum_b * sum_b >= a.lower * b.lower) {
     double limit_a = 0.0;
@@ -105,7 +102,7 @@ inline void solve_pair(Row& a, Row& b, double total, double* v, double* vs) {
   apply<kFlat>(b, b.change, v, vs);
 }
 
-template <bool kFlat, Order kOrder>
+template <bool kFlat>
 void run_iteration(System& s) {
   double v[6];
   std::copy(s.v, s.v + 6, v);
@@ -118,49 +115,33 @@ void run_iteration(System& s) {
     accumulate(row, change, row.lower, row.upper);
     vs[0] += row.ds * row.change;
   }
-  for (Row& row : s.normals) solve_row<kFlat, kOrder, Kind::normal>(row, v, vs);
+  for (Row& row : s.normals) solve_row<kFlat, Kind::normal>(row, v, vs);
   for (Row& row : s.spinning) {
     const double total = s.normals[row.normal].applied;
     row.change = 0.0;
     if (!(total > 0.0)) continue;
     row.lower = -(row.friction * total);
     row.upper = row.friction * total;
-    solve_row<kFlat, kOrder, Kind::spinning>(row, v, vs);
+    solve_row<kFlat, Kind::spinning>(row, v, vs);
   }
   for (std::size_t i = 0; i + 1 < s.rolling.size(); i += 2) {
     const double total = s.normals[s.rolling[i].normal].applied;
     s.rolling[i].change = s.rolling[i + 1].change = 0.0;
     // A rolling row's Jacobian has other entries than a lateral one's.
-    if (total > 0.0) solve_pair<false, kOrder>(s.rolling[i], s.rolling[i + 1], total, v, vs);
+    if (total > 0.0) solve_pair<false>(s.rolling[i], s.rolling[i + 1], total, v, vs);
   }
   for (std::size_t i = 0; i + 1 < s.friction.size(); i += 2)
-    solve_pair<kFlat, kOrder>(s.friction[i], s.friction[i + 1],
+    solve_pair<kFlat>(s.friction[i], s.friction[i + 1],
                               s.normals[s.friction[i].normal].applied, v, vs);
   std::copy(v, v + 6, s.v);
   std::copy(vs, vs + ExactSolver::kJoints, s.vs);
 }
 
-using Iteration = void (*)(System&);
-
-template <bool kFlat>
-Iteration choose(Order order) {
-  switch (order) {
-    case Order::free_first:
-      return run_iteration<kFlat, Order::free_first>;
-    case Order::slider_first:
-      return run_iteration<kFlat, Order::slider_first>;
-    default:
-      return run_iteration<kFlat, Order::mixed>;
-  }
-}
-
-Iteration choose(const System& s) {
+// Whether no row has more entries than kEntries, and the slider no more joints than one.
+bool is_flat(const System& s) {
   bool flat = s.joints <= 1;
-  bool any_a = false;
-  bool any_b = false;
   const auto look = [&](const std::vector<Row>& rows, auto kind) {
     for (std::size_t r = 0; r < rows.size(); ++r) {
-      (rows[r].free_is_a ? any_a : any_b) = true;
       const int* e = kEntries[static_cast<int>(kind(r))];
       for (int i = 0; i < 6; ++i)
         if (i != e[0] && i != e[1] && i != e[2] && rows[r].j[i] != 0.0) flat = false;
@@ -169,11 +150,7 @@ Iteration choose(const System& s) {
   look(s.normals, [](std::size_t) { return Kind::normal; });
   look(s.spinning, [](std::size_t) { return Kind::spinning; });
   look(s.friction, [](std::size_t r) { return r % 2 == 0 ? Kind::lateral_1 : Kind::lateral_2; });
-  for (const Row& row : s.rolling) (row.free_is_a ? any_a : any_b) = true;
-  const Order order = any_a && any_b ? Order::mixed
-                      : any_a        ? Order::free_first
-                                     : Order::slider_first;
-  return flat ? choose<true>(order) : choose<false>(order);
+  return flat;
 }
 
 // Bullet's measure of the latest iteration: the greatest squared change of a row's speed.
@@ -338,7 +315,7 @@ bool ExactSolver::flatten(const btContactSolverInfo& info, int numConstraints) {
 
 void ExactSolver::iterate(const btContactSolverInfo& info) {
   System& s = system_;
-  const Iteration iteration = choose(s);
+  const auto iteration = is_flat(s) ? run_iteration<true> : run_iteration<false>;
   const double threshold = info.m_leastSquaresResidualThreshold;
   // Far above the impulses whose squared speeds round to zero (see the bounds in flatten()).
   constexpr double kSurelyMoving = 1e-100;

@@ -130,9 +130,6 @@ FastModel::FastModel(const Scene& scene) {
   pair = combine(rock.material, scene.pedestal().material);
 }
 
-FastStepper::FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold)
-    : model_(std::move(model)), residual_threshold_(residual_threshold) {}
-
 void FastStepper::clear() {
   count_ = 0;
   iterations_ = 0;
@@ -148,25 +145,18 @@ void FastStepper::restore(const Snapshot& snapshot) {
 }
 
 void FastStepper::gather_candidates(const Vector3d& up_B) {
-  const FastModel& m = *model_;
-  const double* x = m.vertices.x();
-  const double* y = m.vertices.y();
-  const double* z = m.vertices.z();
-  const auto height = [&](std::size_t i) {
-    return x[i] * up_B.x() + y[i] * up_B.y() + z[i] * up_B.z();
-  };
-  const std::size_t lowest = first_support(m.vertices, -up_B.x(), -up_B.y(), -up_B.z());
-  const double limit = height(lowest) + kCandidateBand * m.radius;
+  const PointView all = model_->vertices.view();
+  const double limit = all.along(first_support(all, -up_B), up_B) + kCandidateBand * model_->radius;
   std::size_t found = 0;
-  for (std::size_t i = 0; i < m.vertices.size(); ++i) {
-    if (height(i) > limit) continue;
+  for (std::size_t i = 0; i < all.size; ++i) {
+    if (all.along(i, up_B) > limit) continue;
     if (found == kCandidates) {
       candidate_count_ = 0;
       return;
     }
-    candidates_[found] = x[i];
-    candidates_[kCandidates + found] = y[i];
-    candidates_[2 * kCandidates + found] = z[i];
+    candidates_[found] = all.x[i];
+    candidates_[kCandidates + found] = all.y[i];
+    candidates_[2 * kCandidates + found] = all.z[i];
     candidate_index_[found++] = i;
   }
   candidate_count_ = found;
@@ -178,34 +168,19 @@ void FastStepper::gather_candidates(const Vector3d& up_B) {
 }
 
 std::size_t FastStepper::lowest_vertex(const Vector3d& up_B) {
-  const FastModel& m = *model_;
   // The height of a vertex changes by at most |up - gathered up| times its radius.
   const double reach = 0.5 * kCandidateBand;
   if (candidate_count_ == 0 || (up_B - gathered_up_).squaredNorm() > reach * reach)
     gather_candidates(up_B);
-  if (candidate_count_ == 0) return first_support(m.vertices, -up_B.x(), -up_B.y(), -up_B.z());
-  const PointView view{candidates_.data(), candidates_.data() + kCandidates,
-                       candidates_.data() + 2 * kCandidates, candidate_count_};
-  return candidate_index_[first_support(view, -up_B.x(), -up_B.y(), -up_B.z())];
+  const std::size_t lowest = first_support(low_vertices(), -up_B);
+  return candidate_count_ == 0 ? lowest : candidate_index_[lowest];
 }
 
 bool FastStepper::is_only_lowest(std::size_t vertex, const Vector3d& up_B) const {
-  const FastModel& m = *model_;
-  const double* x = m.vertices.x();
-  const double* y = m.vertices.y();
-  const double* z = m.vertices.z();
-  const double limit = (x[vertex] * up_B.x() + y[vertex] * up_B.y() + z[vertex] * up_B.z()) +
-                       m.same_height;
-  std::size_t count = m.vertices.size();
-  if (candidate_count_ > 0) {
-    x = candidates_.data();
-    y = candidates_.data() + kCandidates;
-    z = candidates_.data() + 2 * kCandidates;
-    count = candidate_count_;
-  }
+  const double limit = model_->vertices.view().along(vertex, up_B) + model_->same_height;
+  const PointView view = low_vertices();
   int low = 0;
-  for (std::size_t i = 0; i < count; ++i)
-    low += x[i] * up_B.x() + y[i] * up_B.y() + z[i] * up_B.z() <= limit;
+  for (std::size_t i = 0; i < view.size; ++i) low += view.along(i, up_B) <= limit;
   return low == 1;
 }
 
@@ -242,19 +217,19 @@ bool FastStepper::closest_by_bullet(const Support& support, Vector3d& p_W_rock,
 void FastStepper::refresh(const Matrix3d& R_PB, const Vector3d& p_PB) {
   const double limit = model_->breaking_threshold;
   for (int i = 0; i < count_; ++i) {
-    Contact& c = contacts_[static_cast<std::size_t>(i)];
+    Contact& c = contacts_[i];
     c.r_P = R_PB * c.p_B;
     c.s_P = c.p_P;
     c.distance = (p_PB.z() + c.r_P.z()) - c.s_P.z();
   }
   for (int i = count_ - 1; i >= 0; --i) {
-    const Contact& c = contacts_[static_cast<std::size_t>(i)];
+    const Contact& c = contacts_[i];
     const double dx = (p_PB.x() + c.r_P.x()) - c.s_P.x();
     const double dy = (p_PB.y() + c.r_P.y()) - c.s_P.y();
     if (c.distance > limit || dx * dx + dy * dy > limit * limit) {
       --count_;
       if (i != count_)
-        contacts_[static_cast<std::size_t>(i)] = contacts_[static_cast<std::size_t>(count_)];
+        contacts_[i] = contacts_[count_];
     }
   }
 }
@@ -265,13 +240,13 @@ int FastStepper::slot_when_full(const Vector3d& point, double distance) const {
   int deepest = -1;
   double least = distance;
   for (int i = 0; i < 4; ++i) {
-    if (contacts_[static_cast<std::size_t>(i)].distance < least) {
+    if (contacts_[i].distance < least) {
       deepest = i;
-      least = contacts_[static_cast<std::size_t>(i)].distance;
+      least = contacts_[i].distance;
     }
   }
   const auto at = [&](int i) -> const Vector3d& {
-    const Contact& c = contacts_[static_cast<std::size_t>(i)];
+    const Contact& c = contacts_[i];
     return model_->rock_is_first ? c.p_B : c.p_P;
   };
   constexpr int triples[4][3] = {{1, 3, 2}, {0, 3, 2}, {0, 3, 1}, {0, 2, 1}};
@@ -296,7 +271,7 @@ void FastStepper::add(const Vector3d& p_B, const Vector3d& p_P, double distance)
   double nearest = m.breaking_threshold * m.breaking_threshold;
   int slot = -1;
   for (int i = 0; i < count_; ++i) {
-    const Contact& c = contacts_[static_cast<std::size_t>(i)];
+    const Contact& c = contacts_[i];
     const double d = ((m.rock_is_first ? c.p_B : c.p_P) - point).squaredNorm();
     if (d < nearest) {
       nearest = d;
@@ -304,7 +279,7 @@ void FastStepper::add(const Vector3d& p_B, const Vector3d& p_P, double distance)
     }
   }
   if (slot < 0) slot = count_ == 4 ? slot_when_full(point, distance) : count_++;
-  Contact& c = contacts_[static_cast<std::size_t>(slot)];
+  Contact& c = contacts_[slot];
   c.p_B = p_B;
   c.p_P = p_P;
   c.distance = distance;
@@ -368,7 +343,7 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
   } else {
     const Vector3d up_B = R_PB.row(2).transpose();
     const std::size_t i = lowest_vertex(up_B);
-    const Vector3d vertex(m.vertices.x()[i], m.vertices.y()[i], m.vertices.z()[i]);
+    const Vector3d vertex = m.vertices.view().at(i);
     Vector3d point = p_PB + R_PB * vertex;
     point.z() -= m.margin;
     const double distance = point.z() - top;
@@ -445,7 +420,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       axis_P = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
     }
     const bool sprung = problem.joint == Joint::pitch;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+    for (int i = 0; i < count_; ++i) {
       const Contact& c = contacts_[i];
       ContactRows& rows = problem.rows[i];
       rows.friction = m.pair.lateral_friction * friction_scale[i];
@@ -474,7 +449,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
                           -slip.x());
     }
 
-    iterations_ = solve(problem, m.engine.solver_iterations, residual_threshold_);
+    iterations_ = solve(problem, m.engine.solver_iterations, m.engine.residual_threshold);
     Vector3d dw(problem.change.angular);
     Vector3d dv(problem.change.linear);
     if (!support.level) {
@@ -484,7 +459,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     w = bounded_velocity(Vector3d(w + dw));
     v = bounded_velocity(Vector3d(v + dv));
     motor.velocity_change = problem.change.joint;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+    for (int i = 0; i < count_; ++i) {
       contacts_[i].normal_impulse = problem.rows[i].normal.impulse;
       contacts_[i].lateral_impulse_1 = problem.rows[i].lateral_1.impulse;
       contacts_[i].lateral_impulse_2 = problem.rows[i].lateral_2.impulse;

@@ -75,7 +75,7 @@ struct SupportMotor {
 
 class FastStepper {
  public:
-  FastStepper(std::shared_ptr<const FastModel> model, double residual_threshold);
+  explicit FastStepper(std::shared_ptr<const FastModel> model) : model_(std::move(model)) {}
 
   RockState state;  ///< of the rock; the orientation's sign is arbitrary
   /// Factors of the contacts' lateral friction.
@@ -114,11 +114,17 @@ class FastStepper {
   };
   const FastModel& model() const { return *model_; }
   int contact_count() const { return count_; }
-  const Contact& contact(int i) const { return contacts_[static_cast<std::size_t>(i)]; }
+  const Contact& contact(int i) const { return contacts_[i]; }
   /// Sweeps of the latest step that were done one by one.
   int iterations() const { return iterations_; }
 
  private:
+  // Of the vertices that can be the lowest: all where none were gathered.
+  PointView low_vertices() const {
+    if (candidate_count_ == 0) return model_->vertices.view();
+    const double* x = candidates_.data();
+    return {x, x + kCandidates, x + 2 * kCandidates, candidate_count_};
+  }
   std::size_t lowest_vertex(const Eigen::Vector3d& up_B);
   bool is_only_lowest(std::size_t vertex, const Eigen::Vector3d& up_B) const;
   bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,
@@ -129,7 +135,6 @@ class FastStepper {
   int slot_when_full(const Eigen::Vector3d& point, double distance) const;
 
   std::shared_ptr<const FastModel> model_;
-  double residual_threshold_;
   std::array<Contact, 4> contacts_{};
   int count_ = 0;
   int iterations_ = 0;

@@ -8,21 +8,20 @@
 
 #include "bullet_world.hpp"
 #include "drive_law.hpp"
-#include "exact_solver.hpp"
 #include "fast_stepper.hpp"
+#include "scene_shapes.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
 
-class FastWorldOnBullet final : public FastWorld {
+class FastWorld final : public World {
  public:
-  FastWorldOnBullet(std::shared_ptr<const Scene> scene, Drive drive, const FastSettings& settings)
+  FastWorld(std::shared_ptr<const Scene> scene, Drive drive)
       : scene_(std::move(scene)),
         drive_(drive),
         stepper_(scene_->shapes().fast_model ? scene_->shapes().fast_model
-                                             : std::make_shared<const FastModel>(*scene_),
-                 std::max(settings.residual_threshold, scene_->engine().residual_threshold)) {
+                                             : std::make_shared<const FastModel>(*scene_)) {
     check_drive(scene_->pedestal(), drive_);
     const EngineSettings& engine = scene_->engine();
     if (scene_->pedestal().pitch_spring)
@@ -127,7 +126,8 @@ class FastWorldOnBullet final : public FastWorld {
     out.clear();
     if (!has_rock_ || diverged_) return;
     // Bullet's second lateral direction depends on which body it takes first.
-    const double sign = stepper_.model().rock_is_first ? 1.0 : -1.0;
+    const FastModel& model = stepper_.model();
+    const double sign = model.rock_is_first ? 1.0 : -1.0;
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
       out.push_back({
@@ -140,32 +140,32 @@ class FastWorldOnBullet final : public FastWorld {
           .lateral_impulse_2 = sign * c.lateral_impulse_2,
           .direction_1 = -last_turn_.col(1),
           .direction_2 = sign * last_turn_.col(0),
-          .lateral_friction =
-              stepper_.model().pair.lateral_friction * stepper_.friction_scale[static_cast<std::size_t>(i)],
-          .restitution = stepper_.model().pair.restitution,
-          .spinning_friction = stepper_.model().pair.spinning_friction,
-          .stiffness = stepper_.model().pair.stiffness,
-          .damping = stepper_.model().pair.damping,
+          .lateral_friction = model.pair.lateral_friction * stepper_.friction_scale[i],
+          .restitution = model.pair.restitution,
+          .spinning_friction = model.pair.spinning_friction,
+          .stiffness = model.pair.stiffness,
+          .damping = model.pair.damping,
       });
     }
   }
 
   Handover handover() const override { return handover_; }
-  int iterations() const override { return bullet_ ? 0 : stepper_.iterations(); }
 
  private:
   bool moves() const { return has_rock_ && !diverged_; }
 
   // Solver step `i`, from 1; false: the contact geometry does not hold, and nothing was done.
   bool substep(const DriveTarget& target, double dt, const PedestalState& start, int i) {
-    Support support = support_now();
+    const PedestalMotion now = motion_now();
+    Support support = top_of(now);
     handover_ = find_contacts(support);
     if (handover_ != Handover::none) return false;
-    if (moves()) push_rock(dt);
+    if (moves() && mechanics_)
+      mechanise([&](RockState& rock) { return mechanics_->begin_step(rock, dt); });
     PedestalState next = pedestal_;
     if (prescribes(drive_))
-      next = on_the_way(start, pedestal_, target, i, scene_->engine().substeps, dt);
-    SupportMotor motor = drive(target, dt, next, support);
+      next = on_the_way(drive_, start, pedestal_, target, i, scene_->engine().substeps, dt);
+    SupportMotor motor = drive(target, dt, now, next, support);
     last_support_ = support.p_WP;
     last_turn_ = support.R_WP;
     if (moves()) {
@@ -192,21 +192,21 @@ class FastWorldOnBullet final : public FastWorld {
     return true;
   }
 
-  // The top, where it is, without its velocity.
-  Support support_now() const {
+  // The pedestal's pose, without its velocity where it moves along x only.
+  PedestalMotion motion_now() const {
+    if (drive_ == Drive::prescribed_spatial) return pedestal_motion(scene_->pedestal(), pedestal_);
+    PedestalMotion now;
+    now.p_WP = scene_->pedestal().p_WP0;
+    now.p_WP.x() += pedestal_.position;
+    return now;
+  }
+
+  // The top, without its velocity.
+  Support top_of(const PedestalMotion& now) const {
     Support support;
-    support.p_WP = scene_->pedestal().p_WP0;
-    if (drive_ == Drive::prescribed_spatial) {
-      const PedestalMotion now = pedestal_motion(scene_->pedestal(), pedestal_);
-      support.p_WP = now.p_WP;
-      support.R_WP = now.R_WP;
-      support.level = false;
-    } else {
-      support.p_WP.x() += pedestal_.position;
-      support.level = !top_is_turned_;
-    }
-    support.p_WP += Eigen::Vector3d(support.R_WP * p_LP_);
-    if (top_is_turned_) support.R_WP = support.R_WP * R_LP_;
+    support.p_WP = now.p_WP + now.R_WP * p_LP_;
+    support.R_WP = top_is_turned_ ? Eigen::Matrix3d(now.R_WP * R_LP_) : now.R_WP;
+    support.level = drive_ != Drive::prescribed_spatial && !top_is_turned_;
     return support;
   }
 
@@ -225,7 +225,8 @@ class FastWorldOnBullet final : public FastWorld {
   }
 
   // Gives the support its velocity over a step and returns what of it yields to the contacts.
-  SupportMotor drive(const DriveTarget& target, double dt, PedestalState& next, Support& support) {
+  SupportMotor drive(const DriveTarget& target, double dt, const PedestalMotion& now,
+                     PedestalState& next, Support& support) {
     SupportMotor motor;
     switch (drive_) {
       case Drive::prescribed:
@@ -241,7 +242,6 @@ class FastWorldOnBullet final : public FastWorld {
                                          next.excursion_rate.vertical) +
                          support.w_WP.cross(support.p_WP - motor.p_WA);
         } else {
-          const PedestalMotion now = pedestal_motion(scene_->pedestal(), pedestal_);
           const PedestalMotion goal = pedestal_motion(scene_->pedestal(), next);
           support.w_WP = goal.w_WP;
           support.v_WP = (goal.p_WP - now.p_WP) / dt +
@@ -261,6 +261,13 @@ class FastWorldOnBullet final : public FastWorld {
     return motor;
   }
 
+  // Lets the mechanisms change the rock's velocity, and the joint feel it.
+  template <typename Act>
+  void mechanise(Act act) {
+    const RockState before = stepper_.state;
+    if (act(stepper_.state) && joint_) joint_->react(before, stepper_.state, pedestal_);
+  }
+
   void end_mechanics(double dt) {
     if (!mechanics_) return;
     touches_.clear();
@@ -268,42 +275,27 @@ class FastWorldOnBullet final : public FastWorld {
       const FastStepper::Contact& c = stepper_.contact(k);
       touches_.push_back({last_rock_ + last_turn_ * c.r_P, last_turn_.col(2), c.normal_impulse});
     }
-    const RockState before = stepper_.state;
-    if (mechanics_->end_step(stepper_.state, pedestal_motion(scene_->pedestal(), pedestal_),
-                             touches_, dt) &&
-        joint_)
-      joint_->react(before, stepper_.state, pedestal_);
-  }
-
-  void push_rock(double dt) {
-    if (!mechanics_) return;
-    const RockState before = stepper_.state;
-    if (mechanics_->begin_step(stepper_.state, dt) && joint_)
-      joint_->react(before, stepper_.state, pedestal_);
+    mechanise([&](RockState& rock) {
+      return mechanics_->end_step(rock, pedestal_motion(scene_->pedestal(), pedestal_), touches_, dt);
+    });
   }
 
   void set_friction() {
     for (int k = 0; k < stepper_.contact_count(); ++k)
-      stepper_.friction_scale[static_cast<std::size_t>(k)] = mechanics_->friction_scale(
+      stepper_.friction_scale[k] = mechanics_->friction_scale(
           last_rock_ + last_turn_ * stepper_.contact(k).r_P, last_turn_.col(2));
   }
 
   void hand_over(const DriveTarget& target) {
-    bullet_ = make_bullet_world_with(scene_, drive_, std::make_unique<ExactSolver>(),
-                                     scene_->shapes().scanned_rock);
-    bullet_->set_pedestal(pedestal_);
-    if (joint_) bullet_->set_pitch_joint(*joint_);
-    const RockState& rock = stepper_.state;
-    bullet_->take_rock({rock.p_WB, rock.q_WB});
-    bullet_->set_rock_velocity(rock.v_WB, rock.w_WB);
-    std::vector<CachedContact> cached;
-    const Eigen::Matrix3d R_WL = pedestal_motion(scene_->pedestal(), pedestal_).R_WP;
+    HandedOver state{pedestal_, joint_, stepper_.state, {}, mechanics_};
+    const Eigen::Vector3d normal_W =
+        pedestal_motion(scene_->pedestal(), pedestal_).R_WP * R_LP_.col(2);
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
-      cached.push_back({c.p_B, p_LP_ + R_LP_ * c.p_P, R_WL * R_LP_.col(2)});
+      state.contacts.push_back({c.p_B, p_LP_ + R_LP_ * c.p_P, normal_W});
     }
-    bullet_->set_contacts(cached);
-    if (mechanics_) bullet_->set_mechanics(*mechanics_);
+    bullet_ = make_exact_bullet_world(scene_, drive_);
+    bullet_->take_over(state);
     bullet_->step(target);
   }
 
@@ -329,9 +321,8 @@ class FastWorldOnBullet final : public FastWorld {
 
 }  // namespace
 
-std::unique_ptr<FastWorld> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive,
-                                           const FastSettings& settings) {
-  return std::make_unique<FastWorldOnBullet>(std::move(scene), drive, settings);
+std::unique_ptr<World> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive) {
+  return std::make_unique<FastWorld>(std::move(scene), drive);
 }
 
 }  // namespace vsr2

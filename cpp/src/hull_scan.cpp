@@ -4,6 +4,8 @@
 #include <atomic>
 #include <limits>
 
+#include "scene_shapes.hpp"
+
 #if defined(__x86_64__) && defined(__GNUC__)
 #define VSR2_HAS_AVX2 1
 #include <immintrin.h>
@@ -14,14 +16,11 @@ namespace {
 
 // Two passes: the greatest product of each block, then the first point that has it within the
 // first best block. No instruction here rounds other than Bullet's scalar loop does.
-std::size_t scan_portable(const PointView& points, double dx, double dy, double dz) {
-  const double* x = points.x;
-  const double* y = points.y;
-  const double* z = points.z;
+std::size_t scan_portable(const PointView& points, const Eigen::Vector3d& direction) {
   double best = -std::numeric_limits<double>::infinity();
   std::size_t index = 0;
   for (std::size_t i = 0; i < points.size; ++i) {
-    const double product = x[i] * dx + y[i] * dy + z[i] * dz;
+    const double product = points.along(i, direction);
     if (product > best) {
       best = product;
       index = i;
@@ -40,11 +39,11 @@ __attribute__((target("avx2"), always_inline)) inline __m256d products(const Poi
                        _mm256_mul_pd(_mm256_loadu_pd(points.z + i), vz));
 }
 
-__attribute__((target("avx2"))) std::size_t scan_avx2(const PointView& points, double dx, double dy,
-                                                      double dz) {
-  const __m256d vx = _mm256_set1_pd(dx);
-  const __m256d vy = _mm256_set1_pd(dy);
-  const __m256d vz = _mm256_set1_pd(dz);
+__attribute__((target("avx2"))) std::size_t scan_avx2(const PointView& points,
+                                                      const Eigen::Vector3d& direction) {
+  const __m256d vx = _mm256_set1_pd(direction.x());
+  const __m256d vy = _mm256_set1_pd(direction.y());
+  const __m256d vz = _mm256_set1_pd(direction.z());
   constexpr std::size_t block = PointColumns::kBlock;
   double best = -std::numeric_limits<double>::infinity();
   std::size_t best_block = 0;
@@ -70,7 +69,7 @@ __attribute__((target("avx2"))) std::size_t scan_avx2(const PointView& points, d
     if (equal != 0)
       return best_block + k + static_cast<std::size_t>(__builtin_ctz(static_cast<unsigned>(equal)));
   }
-  return scan_portable(points, dx, dy, dz);  // a direction that is not a number
+  return scan_portable(points, direction);  // one that is not a number
 }
 
 bool has_avx2() { return __builtin_cpu_supports("avx2") != 0; }
@@ -104,12 +103,12 @@ void set_instruction_set(InstructionSet set) {
 
 InstructionSet instruction_set() { return current_set(); }
 
-std::size_t first_support(const PointView& points, double dx, double dy, double dz) {
+std::size_t first_support(const PointView& points, const Eigen::Vector3d& direction) {
 #ifdef VSR2_HAS_AVX2
   if (current_set().load(std::memory_order_relaxed) == InstructionSet::avx2)
-    return scan_avx2(points, dx, dy, dz);
+    return scan_avx2(points, direction);
 #endif
-  return scan_portable(points, dx, dy, dz);
+  return scan_portable(points, direction);
 }
 
 ScannedHull::ScannedHull(const btConvexHullShape& hull)
@@ -121,7 +120,7 @@ ScannedHull::ScannedHull(const btConvexHullShape& hull)
 
 btVector3 ScannedHull::localGetSupportingVertexWithoutMargin(const btVector3& direction) const {
   const btVector3 scaled = direction * m_localScaling;
-  const std::size_t index = first_support(columns_, scaled.x(), scaled.y(), scaled.z());
+  const std::size_t index = first_support(columns_.view(), to_eigen(scaled));
   return getUnscaledPoints()[index] * m_localScaling;
 }
 

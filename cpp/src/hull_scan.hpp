@@ -5,9 +5,23 @@
 #include <memory>
 #include <vector>
 
+#include <Eigen/Core>
 #include <btBulletCollisionCommon.h>
 
 namespace vsr2 {
+
+/// Coordinates of points, padded as in PointColumns.
+struct PointView {
+  const double* x;
+  const double* y;
+  const double* z;
+  std::size_t size;
+
+  Eigen::Vector3d at(std::size_t i) const { return {x[i], y[i], z[i]}; }
+  double along(std::size_t i, const Eigen::Vector3d& direction) const {
+    return x[i] * direction.x() + y[i] * direction.y() + z[i] * direction.z();
+  }
+};
 
 /// Points by coordinate, padded so that blocks are whole.
 class PointColumns {
@@ -15,23 +29,15 @@ class PointColumns {
   static constexpr std::size_t kBlock = 32;
   PointColumns() = default;
   PointColumns(const btVector3* points, std::size_t count);
-  std::size_t size() const { return count_; }
-  const double* x() const { return columns_.data(); }
-  const double* y() const { return columns_.data() + padded_; }
-  const double* z() const { return columns_.data() + 2 * padded_; }
+  PointView view() const {
+    const double* x = columns_.data();
+    return {x, x + padded_, x + 2 * padded_, count_};
+  }
 
  private:
   std::size_t count_ = 0;
   std::size_t padded_ = 0;
   std::vector<double> columns_;
-};
-
-/// Coordinates of points elsewhere, padded as in PointColumns.
-struct PointView {
-  const double* x;
-  const double* y;
-  const double* z;
-  std::size_t size;
 };
 
 enum class InstructionSet { automatic, portable, avx2 };
@@ -42,17 +48,13 @@ void set_instruction_set(InstructionSet set);
 InstructionSet instruction_set();
 
 /// Index of the first point with the greatest x dx + y dy + z dz, summed in this order.
-std::size_t first_support(const PointView& points, double dx, double dy, double dz);
-inline std::size_t first_support(const PointColumns& points, double dx, double dy, double dz) {
-  return first_support(PointView{points.x(), points.y(), points.z(), points.size()}, dx, dy, dz);
-}
+std::size_t first_support(const PointView& points, const Eigen::Vector3d& direction);
 
 /// The same hull for Bullet's algorithms, with the same bits in every answer.
 class ScannedHull final : public btConvexHullShape {
  public:
   explicit ScannedHull(const btConvexHullShape& hull);
   btVector3 localGetSupportingVertexWithoutMargin(const btVector3& direction) const override;
-  const PointColumns& columns() const { return columns_; }
 
  private:
   PointColumns columns_;

@@ -74,10 +74,6 @@ Matrix3d RockMechanics::inertia_W(const RockState& rock) const {
   return R * inertia_.asDiagonal() * R.transpose();
 }
 
-double RockMechanics::kinetic_energy(const RockState& rock, const Velocity& velocity) const {
-  return kinetic_energy_B(in_body(rock, velocity));
-}
-
 void RockMechanics::start(const RockState& rock, const PedestalMotion& pedestal) {
   pedestal_ = pedestal;
   before_ = rock;
@@ -247,7 +243,7 @@ bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedesta
     if (!(touch.impulse > 0)) continue;
     const double speed = -touch.normal_W.dot(before.at(touch.p_W - before_.p_WB));
     blow = std::max(blow, speed);
-    if (!bears(before_.q_WB.conjugate() * (touch.p_W - before_.p_WB)))
+    if (support_at(before_.q_WB.conjugate() * (touch.p_W - before_.p_WB)) == impact.supports)
       first_blow = std::max(first_blow, speed);
   }
   const Vector3d acceleration =
@@ -257,9 +253,9 @@ bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedesta
     impact.open = true;
     impact.elapsed = impact.quiet = impact.work = impact.greatest_work = 0.0;
     impact.blow = first_blow;
-    impact.energy = kinetic_energy(before_, before);
-    impact.lead = 0.5 * dt * force.dot(before.v);
     impact.before_B = in_body(before_, before);
+    impact.energy = kinetic_energy(impact.before_B);
+    impact.lead = 0.5 * dt * force.dot(before.v);
   }
   note_support(touches, dt);
   if (!impact.open) return false;
@@ -272,10 +268,11 @@ bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedesta
   return false;
 }
 
-bool RockMechanics::bears(const Vector3d& p_B) const {
-  for (std::size_t i = 0; i < impact_.supports; ++i)
-    if ((impact_.support[i].p_B - p_B).squaredNorm() < kSamePoint * kSamePoint) return true;
-  return false;
+std::size_t RockMechanics::support_at(const Vector3d& p_B) const {
+  std::size_t i = impact_.supports;
+  while (i-- > 0)
+    if ((impact_.support[i].p_B - p_B).squaredNorm() < kSamePoint * kSamePoint) return i;
+  return impact_.supports;
 }
 
 void RockMechanics::note_support(const std::vector<Touch>& touches, double dt) {
@@ -287,9 +284,7 @@ void RockMechanics::note_support(const std::vector<Touch>& touches, double dt) {
   for (const Touch& touch : touches) {
     if (!(touch.impulse > 0)) continue;
     const Vector3d p_B = before_.q_WB.conjugate() * (touch.p_W - before_.p_WB);
-    std::size_t slot = impact.supports;
-    for (std::size_t i = 0; i < impact.supports; ++i)
-      if ((impact.support[i].p_B - p_B).squaredNorm() < kSamePoint * kSamePoint) slot = i;
+    const std::size_t slot = support_at(p_B);
     if (slot == impact.support.size()) continue;
     if (slot == impact.supports) ++impact.supports;
     impact.support[slot] = {p_B, 0.0};
@@ -304,9 +299,9 @@ RockMechanics::Velocity RockMechanics::in_body(const RockState& rock, const Velo
 // that, the one of them that it turns about.
 bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivot& pivot) const {
   const Impact& impact = impact_;
-  const double enough = (1.0 - kStray) * kinetic_energy_B(now_B);
+  const double enough = (1.0 - kStray) * kinetic_energy(now_B);
   const auto turns_about = [&](const Pivot& candidate) {
-    return kinetic_energy_B(about(candidate, now_B)) > enough;
+    return kinetic_energy(about(candidate, now_B)) > enough;
   };
   std::array<Vector3d, kSupports> point;
   std::size_t count = 0;
@@ -329,7 +324,7 @@ bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivo
   double greatest = 0.0;
   for (std::size_t i = 0; i < count; ++i) {
     const Pivot candidate{point[i], Vector3d::Zero()};
-    const double energy = kinetic_energy_B(about(candidate, now_B));
+    const double energy = kinetic_energy(about(candidate, now_B));
     if (energy > greatest) {
       greatest = energy;
       pivot = candidate;
@@ -348,7 +343,7 @@ RockMechanics::Velocity RockMechanics::about(const Pivot& pivot, const Velocity&
   return {-w.cross(Q), w};
 }
 
-double RockMechanics::kinetic_energy_B(const Velocity& velocity_B) const {
+double RockMechanics::kinetic_energy(const Velocity& velocity_B) const {
   return 0.5 * (mass_ * velocity_B.v.squaredNorm() +
                 velocity_B.w.dot(inertia_.cwiseProduct(velocity_B.w)));
 }
@@ -363,14 +358,14 @@ bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal
   const Velocity now_B = in_body(rock, relative(rock, pedestal));
   Pivot pivot;
   if (!find_pivot(now_B, rock.q_WB.conjugate() * pedestal.R_WP.col(2), pivot)) return false;
-  const double housner = kinetic_energy_B(about(pivot, impact.before_B)) / impact.energy;
+  const double housner = kinetic_energy(about(pivot, impact.before_B)) / impact.energy;
   const double power = std::clamp((1.0 - housner) / kWholeLoss, 0.0, 1.0);
   const double kept = std::min(1.0, std::pow(mechanisms_.impact_energy_ratio, power) * housner);
   // The impact is where the weight had done most work: the rock was lowest there.
   const double wanted = kept * (impact.energy + impact.lead + impact.greatest_work) -
                         (impact.greatest_work - impact.work);
   const Velocity next = about(pivot, now_B);
-  const double present = kinetic_energy_B(next);
+  const double present = kinetic_energy(next);
   if (!(wanted > 0) || !(present > 0)) return false;
   // present scale^2 + 2 lag scale = wanted
   const double lag = 0.25 * dt * force.dot(rock.q_WB * next.v);

@@ -48,7 +48,6 @@ class RockMechanics {
   };
   static Velocity relative(const RockState& rock, const PedestalMotion& pedestal);
   Eigen::Matrix3d inertia_W(const RockState& rock) const;
-  double kinetic_energy(const RockState& rock, const Velocity& velocity) const;
 
   bool resist_rocking(RockState& rock, double dt) const;
   bool pull_bond(RockState& rock, double dt) const;
@@ -60,11 +59,11 @@ class RockMechanics {
                      const std::vector<Touch>& touches, double dt);
   bool close_impact(RockState& rock, const PedestalMotion& pedestal, const Eigen::Vector3d& force,
                     double dt);
-  /// Whether a point bore the rock lately.
-  bool bears(const Eigen::Vector3d& p_B) const;
+  /// Index of the support at a point that bore the rock lately; their number: there is none.
+  std::size_t support_at(const Eigen::Vector3d& p_B) const;
   void note_support(const std::vector<Touch>& touches, double dt);
   static Velocity in_body(const RockState& rock, const Velocity& velocity);
-  double kinetic_energy_B(const Velocity& velocity_B) const;
+  double kinetic_energy(const Velocity& velocity_B) const;
 
   /// What the rock turns about after an impact, in B: a point, or a line through it.
   struct Pivot {

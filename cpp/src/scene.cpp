@@ -1,24 +1,42 @@
 #include "vsr2/scene.hpp"
 
 #include <cmath>
+#include <initializer_list>
+#include <limits>
 #include <string>
+
+#include <BulletCollision/CollisionDispatch/btInternalEdgeUtility.h>
 
 #include "fast_stepper.hpp"
 #include "hull_scan.hpp"
-#include <BulletCollision/CollisionDispatch/btInternalEdgeUtility.h>
-
 #include "scene_shapes.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
 
-template <typename... Values>
 void require(bool condition, const std::string& message) {
   if (!condition) throw InvalidInput(message);
 }
 
 bool finite(const Eigen::Vector3d& v) { return v.allFinite(); }
+
+// A number that must be finite, and at least `least` or, as `positive`, above 0.
+struct Bound {
+  const char* name;
+  double value;
+  double least = 0.0;
+  const char* unit = "";
+};
+constexpr double positive = std::numeric_limits<double>::denorm_min();
+
+void require_all(const std::string& what, std::initializer_list<Bound> bounds) {
+  for (const auto& [name, value, least, unit] : bounds)
+    require(std::isfinite(value) && value >= least,
+            what + ": " + name + " must be " +
+                (least == positive ? "positive" : "finite and at least " + std::to_string(least)) +
+                ", got " + std::to_string(value) + unit);
+}
 
 void check_pose(const Pose& pose, const std::string& what) {
   require(finite(pose.position) && pose.orientation.coeffs().allFinite(), what + " is not finite");
@@ -27,56 +45,53 @@ void check_pose(const Pose& pose, const std::string& what) {
 }
 
 void check_material(const Material& m, const std::string& what) {
-  for (double value : {m.restitution, m.lateral_friction, m.spinning_friction, m.rolling_friction,
-                       m.damping})
-    require(std::isfinite(value) && value >= 0, what + ": a contact value is negative or not finite");
-  require(std::isfinite(m.stiffness) && m.stiffness > 0, what + ": stiffness must be positive");
+  require_all(what, {{"restitution", m.restitution},
+                     {"lateral_friction", m.lateral_friction},
+                     {"spinning_friction", m.spinning_friction},
+                     {"rolling_friction", m.rolling_friction},
+                     {"damping", m.damping},
+                     {"stiffness", m.stiffness, positive}});
 }
 
 void check_engine(const EngineSettings& e) {
-  require(std::isfinite(e.gravity) && e.gravity >= 0, "engine: gravity must be at least 0");
-  require(std::isfinite(e.time_step) && e.time_step > 0 && e.time_step <= 0.1,
+  require_all("engine", {{"gravity", e.gravity},
+                         {"time_step", e.time_step, positive},
+                         {"substeps", 1.0 * e.substeps, 1},
+                         {"solver_iterations", 1.0 * e.solver_iterations, 1},
+                         {"residual_threshold", e.residual_threshold},
+                         {"restitution_velocity_threshold", e.restitution_velocity_threshold},
+                         {"collision_margin", e.collision_margin},
+                         {"contact_breaking_threshold", e.contact_breaking_threshold, positive},
+                         {"linear_damping", e.linear_damping},
+                         {"angular_damping", e.angular_damping}});
+  require(e.time_step <= 0.1,
           "engine: time_step must lie in (0, 0.1] s, got " + std::to_string(e.time_step));
-  require(e.substeps >= 1 && e.substeps <= 100000, "engine: substeps must be at least 1");
-  require(e.solver_iterations >= 1, "engine: solver_iterations must be at least 1");
-  require(e.residual_threshold >= 0, "engine: residual_threshold must be at least 0");
-  require(e.restitution_velocity_threshold >= 0,
-          "engine: restitution_velocity_threshold must be at least 0");
-  require(e.collision_margin >= 0, "engine: collision_margin must be at least 0");
-  require(e.contact_breaking_threshold > 0, "engine: contact_breaking_threshold must be positive");
-  require(e.linear_damping >= 0 && e.angular_damping >= 0, "engine: damping must be at least 0");
+  require(e.substeps <= 100000, "engine: substeps must be at most 100000");
 }
 
 void check_mechanisms(const Mechanisms& m) {
-  const auto at_least = [](double value, double least, const std::string& name) {
-    require(std::isfinite(value) && value >= least,
-            "mechanisms: " + name + " must be finite and at least " + std::to_string(least) +
-                ", got " + std::to_string(value));
-  };
-  if (!std::isnan(m.impact_energy_ratio)) at_least(m.impact_energy_ratio, 0.0, "impact_energy_ratio");
-  at_least(m.rocking_damping, 0.0, "rocking_damping");
-  at_least(m.rolling_resistance, 0.0, "rolling_resistance");
-  at_least(m.friction_ratio, 1.0, "friction_ratio");
-  require(std::isfinite(m.friction_speed) && m.friction_speed > 0,
-          "mechanisms: friction_speed must be positive, got " + std::to_string(m.friction_speed));
-  at_least(m.adhesion, 0.0, "adhesion");
-  if (!std::isnan(m.catch_slack)) at_least(m.catch_slack, 0.0, "catch_slack");
+  require_all("mechanisms",
+              {{"impact_energy_ratio", m.sets_impacts() ? m.impact_energy_ratio : 0.0},
+               {"rocking_damping", m.rocking_damping},
+               {"rolling_resistance", m.rolling_resistance},
+               {"friction_ratio", m.friction_ratio, 1.0},
+               {"friction_speed", m.friction_speed, positive},
+               {"adhesion", m.adhesion},
+               {"catch_slack", m.catches() ? m.catch_slack : 0.0}});
 }
 
 void check_pitch_spring(const PitchSpring& s, const EngineSettings& engine) {
-  const std::string what = "pedestal: pitch_spring: ";
-  const auto got = [](double value) { return ", got " + std::to_string(value); };
-  require(std::isfinite(s.frequency) && s.frequency > 0,
-          what + "frequency must be positive" + got(s.frequency) + " Hz");
+  const std::string what = "pedestal: pitch_spring";
+  require_all(what, {{"frequency", s.frequency, positive, " Hz"}, {"damping", s.damping}});
+  require(std::isfinite(s.compliance), what + ": compliance is not finite");
+  require(s.inertia > 0,
+          what + ": inertia must be positive, got " + std::to_string(s.inertia) + " kg m^2");
   // Within a step the joint must swing less than a quarter of its period.
   const double greatest = 0.25 * engine.substeps / engine.time_step;
-  require(s.frequency < greatest, what + "frequency must lie below a quarter of the solver's steps in a second, " +
-                                      std::to_string(greatest) + " Hz" + got(s.frequency) +
-                                      " Hz; lower it, or engine.time_step");
-  require(std::isfinite(s.damping) && s.damping >= 0,
-          what + "damping must be at least 0" + got(s.damping));
-  require(std::isfinite(s.compliance), what + "compliance is not finite");
-  require(s.inertia > 0, what + "inertia must be positive" + got(s.inertia) + " kg m^2");
+  require(s.frequency < greatest,
+          what + ": frequency must lie below a quarter of the solver's steps in a second, " +
+              std::to_string(greatest) + " Hz, got " + std::to_string(s.frequency) +
+              " Hz; lower it, or engine.time_step");
 }
 
 // Builds the shapes of one body. `X_BM` takes the parts' model frame into the body frame.
@@ -197,10 +212,8 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechan
   check_mechanisms(mechanisms_);
   check_material(rock_.material, "rock");
   check_material(pedestal_.material, "pedestal");
-  require(std::isfinite(rock_.mass) && rock_.mass > 0,
-          "rock: mass must be positive, got " + std::to_string(rock_.mass) + " kg");
-  require(std::isfinite(pedestal_.mass) && pedestal_.mass > 0,
-          "pedestal: mass must be positive, got " + std::to_string(pedestal_.mass) + " kg");
+  require_all("rock", {{"mass", rock_.mass, positive, " kg"}});
+  require_all("pedestal", {{"mass", pedestal_.mass, positive, " kg"}});
   require(finite(pedestal_.base_size) && pedestal_.base_size.minCoeff() > 0,
           "pedestal: base sizes must be positive");
   require(finite(pedestal_.p_WP0) && std::isfinite(pedestal_.top) && std::isfinite(pedestal_.pitch_pivot),

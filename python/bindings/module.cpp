@@ -455,25 +455,6 @@ void bind_contact_model(py::module_& m) {
                  Field{"spinning_friction", &C::spinning_friction},
                  Field{"damping", &C::damping, "[N s/m]"}, Field{"stiffness", &C::stiffness, "[N/m]"});
   m.def("combine", &combine, py::arg("a"), py::arg("b"));
-  m.def("contact_softness",
-        [](double stiffness, double damping, double time_step) {
-          const ContactSoftness s = contact_softness(stiffness, damping, time_step);
-          return std::make_pair(s.cfm, s.erp);
-        },
-        py::arg("stiffness"), py::arg("damping"), py::arg("time_step"));
-  m.def("restitution_target", &restitution_target, py::arg("restitution"),
-        py::arg("normal_velocity"), py::arg("velocity_threshold"));
-  m.def("inverse_mass_along", &inverse_mass_along, py::arg("normal"), py::arg("inverse_mass_a"),
-        py::arg("inverse_inertia_a"), py::arg("r_a"), py::arg("inverse_mass_b"),
-        py::arg("inverse_inertia_b"), py::arg("r_b"));
-  m.def("normal_impulse",
-        [](double rebound_target, double normal_velocity, double penetration, double cfm,
-           double erp, double time_step, double inverse_mass) {
-          return normal_impulse(rebound_target, normal_velocity, penetration, {cfm, erp},
-                                time_step, inverse_mass);
-        },
-        py::arg("rebound_target"), py::arg("normal_velocity"), py::arg("penetration"),
-        py::arg("cfm"), py::arg("erp"), py::arg("time_step"), py::arg("inverse_mass"));
   m.def("diagonalise_inertia", &diagonalise_inertia, py::arg("tensor"));
 }
 

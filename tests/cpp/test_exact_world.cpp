@@ -5,6 +5,7 @@
 
 #include "engine_scenes.hpp"
 #include "hull_scan.hpp"
+#include "scene_shapes.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -183,11 +184,11 @@ TEST(HullScan, FindsTheFirstGreatestProduct) {
         const btVector3 direction(coarse(generator), coarse(generator), coarse(generator));
         btScalar product = 0;
         const long expected = direction.maxDot(points.data(), static_cast<long>(count), product);
-        ASSERT_EQ(first_support(columns, direction.x(), direction.y(), direction.z()),
+        ASSERT_EQ(first_support(columns.view(), to_eigen(direction)),
                   static_cast<std::size_t>(expected));
       }
       // A direction that is not a number must not lead outside the points.
-      ASSERT_LT(first_support(columns, std::numeric_limits<double>::quiet_NaN(), 1, 0), count);
+      ASSERT_LT(first_support(columns.view(), {std::numeric_limits<double>::quiet_NaN(), 1, 0}), count);
     }
   }
   set_instruction_set(InstructionSet::automatic);

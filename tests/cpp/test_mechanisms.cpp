@@ -27,7 +27,7 @@ std::unique_ptr<World> make(Engine engine, const std::shared_ptr<const Scene>& s
   switch (engine) {
     case Engine::parity: return make_bullet_world(scene, drive);
     case Engine::exact: return make_exact_world(scene, drive);
-    default: return make_fast_world(scene, drive, {1e-14});
+    default: return make_fast_world(scene, drive);
   }
 }
 
@@ -500,7 +500,7 @@ TEST(Mechanisms, ChangeEnginesWithTheRock) {
   m.catch_slack = NAN;
   const auto scene = scene_of(RockKind::hull, m, 1, test::pedestal({2.5, 2.5, 0.5}));
   const auto parity = make_bullet_world(scene, Drive::prescribed);
-  const auto fast = make_fast_world(scene, Drive::prescribed, {0.0});
+  const auto fast = make_fast_world(scene, Drive::prescribed);
   for (World* world : {parity.get(), static_cast<World*>(fast.get())}) {
     world->spawn_rock(test::start(RockKind::hull));
     world->set_rock_velocity({5.0, 0.4, 0}, {0, 0, 0});

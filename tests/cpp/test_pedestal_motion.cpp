@@ -157,7 +157,7 @@ TEST(PedestalMotion, FastFollowsParity) {
   for (const RockKind kind : {RockKind::box, RockKind::hull}) {
     const auto scene = std::make_shared<Scene>(EngineSettings{}, test::pedestal(), test::rock(kind));
     const auto parity = make_bullet_world(scene, kSpatial);
-    const auto fast = make_fast_world(scene, kSpatial, {0.0});
+    const auto fast = make_fast_world(scene, kSpatial);
     parity->spawn_rock(test::start(kind));
     fast->spawn_rock(test::start(kind));
     double apart = 0.0;

@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include "scenes.hpp"
+#include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {

@@ -316,7 +316,7 @@ TEST(PitchSpring, FastFollowsParity) {
       pedestal.pitch_pivot = 1.8;
       const auto scene = std::make_shared<Scene>(EngineSettings{}, pedestal, test::rock(kind));
       const auto parity = make_bullet_world(scene, kSpatial);
-      const auto fast = make_fast_world(scene, kSpatial, {0.0});
+      const auto fast = make_fast_world(scene, kSpatial);
       parity->spawn_rock(test::start(kind));
       fast->spawn_rock(test::start(kind));
       double apart = 0.0;
@@ -344,7 +344,7 @@ TEST(PitchSpring, GoesOnAcrossAHandover) {
   pedestal.pitch_spring = PitchSpring{6.0, 0.02, kPerG, 300};
   const auto scene = std::make_shared<Scene>(EngineSettings{}, pedestal, test::rock(RockKind::box));
   const auto exact = make_exact_world(scene, kSpatial);
-  const auto fast = make_fast_world(scene, kSpatial, {0.0});
+  const auto fast = make_fast_world(scene, kSpatial);
   exact->spawn_rock(test::start(RockKind::box));
   fast->spawn_rock(test::start(RockKind::box));
   int i = 0;

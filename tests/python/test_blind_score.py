@@ -249,8 +249,7 @@ def test_engines_mean_the_same_size_by_the_same_value() -> None:
         for e in ("bullet", "mujoco")
     ]
     compared = []
-    for name in sorted(set(strengths[0]) & set(strengths[1]) - {"spin_friction"}):
-        # The friction against spinning that the pair has of its own differs between contact models.
+    for name in sorted(set(strengths[0]) & set(strengths[1])):
         own = [of[name] for of in strengths]
         if own[0].name != own[1].name:
             continue
@@ -259,7 +258,7 @@ def test_engines_mean_the_same_size_by_the_same_value() -> None:
         sizes = [size(effect(name, value, null=null, strength=own[0].name)) for null in nulls]
         assert sizes[0] == pytest.approx(sizes[1]), name
         compared.append(name)
-    assert {"catch", "outcome_rule", "restitution", "table_gain"} <= set(compared)
+    assert {"catch", "outcome_rule", "restitution", "spin_friction", "table_gain"} <= set(compared)
     assert size(effect("catch", 20.0, null=180.0, strength="slack")) == 20.0
     assert size(effect("friction", 0.8, null=1.0)) == pytest.approx(0.2)
 

@@ -119,6 +119,14 @@ def test_the_original_physics_is_kept(package):
     }
     assert study.contact.pedestal == study.contact.rock
     assert study.motion.drive == "motor"
+    # Never in the files: PyBullet's own.
+    assert (engine.linear_damping, engine.angular_damping) == (0.04, 0.04)
+
+
+def test_contact_that_no_file_gives_is_the_originals(package):
+    rock = MESH.replace("    spinningFriction", "    elsewhere")
+    material = import_ros2(write(package, rock)).study.contact.rock
+    assert material.spinning_friction == 0.5
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from vsr2.config import study_from_mapping
 from vsr2.config.motion_source import Range
-from vsr2.config.study import Study
+from vsr2.config.study import Contact, Engine, Study
 from vsr2.errors import ConfigError
 
 BOX = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600}
@@ -24,13 +24,50 @@ def refusal(**sections):
     return str(caught.value)
 
 
-def test_defaults_are_the_supplements_values():
+def test_defaults_are_the_supplements_values_but_for_bullets_habits():
     study = build()
+    assert study.preset == "physical"
     assert (study.engine.time_step, study.engine.solver_iterations) == (0.001, 150)
+    assert (study.engine.linear_damping, study.engine.angular_damping) == (0.0, 0.0)
+    best = study.contact.rock
+    assert (best.restitution, best.lateral_friction, best.spinning_friction) == (0.35, 0.7, 0.0)
+    assert (best.damping, best.stiffness) == (1e7, 2.6e9)
+    assert study.contact.pedestal == best
+
+
+@pytest.mark.parametrize(
+    "sections", [{"preset": "original"}, {"engine": {"mode": "parity"}}], ids=["preset", "parity"]
+)
+def test_the_originals_preset_and_parity_keep_bullets_habits(sections):
+    study = build(**sections)
+    assert study.preset == "original"
+    assert (study.engine.linear_damping, study.engine.angular_damping) == (0.04, 0.04)
     best = study.contact.rock
     assert (best.restitution, best.lateral_friction, best.spinning_friction) == (0.35, 0.7, 0.5)
     assert (best.damping, best.stiffness) == (1e7, 2.6e9)
     assert study.contact.pedestal == best
+
+
+def test_a_preset_leaves_alone_what_is_given():
+    study = build(
+        preset="original",
+        engine={"linear_damping": 0.01, "time_step": 0.002},
+        contact={"rock": {"spinning_friction": 0.1, "stiffness": 1e9}},
+    )
+    assert (study.engine.linear_damping, study.engine.angular_damping) == (0.01, 0.04)
+    assert study.engine.time_step == 0.002
+    rock, pedestal = study.contact.rock, study.contact.pedestal
+    assert (rock.spinning_friction, rock.stiffness) == (0.1, 1e9)
+    assert (pedestal.spinning_friction, pedestal.stiffness) == (0.5, 2.6e9)
+    exact = build(preset="physical", engine={"mode": "parity"})
+    assert (exact.engine.linear_damping, exact.contact.rock.spinning_friction) == (0.0, 0.0)
+
+
+def test_a_preset_takes_sections_that_are_built():
+    given = {"engine": Engine(mode="parity", gravity=9.8), "contact": Contact()}
+    study = Study(rock=BOX, motion=COSINE, **given)
+    assert (study.engine.gravity, study.engine.angular_damping) == (9.8, 0.04)
+    assert study.contact.pedestal.spinning_friction == 0.5
 
 
 def test_a_study_is_frozen():
@@ -47,6 +84,9 @@ def test_a_study_is_frozen():
         ({"engine": {"substeps": 2.0}}, "engine.substeps: must be a whole number"),
         ({"engine": {"cone_friction": 1}}, "engine.cone_friction: must be true or false (is 1)"),
         ({"engine": 5}, "engine: must hold the keys mode, gravity"),
+        ({"engine": 5, "preset": "original"}, "engine: must hold the keys mode, gravity"),
+        ({"contact": {"rock": 5}, "preset": "original"}, "contact.rock: must hold the keys"),
+        ({"preset": "phisical"}, "preset: must be physical or original (is 'phisical')"),
         ({"name": 5}, "name: must be text; put it in quotes (is 5)"),
         ({"name": "../etc"}, "name: must match"),
         ({"pedestal": {"size": [1, 2]}}, "pedestal.size[2]: is missing"),

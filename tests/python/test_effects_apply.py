@@ -535,7 +535,7 @@ def test_an_effect_that_fails_a_check_is_told(
         (OWN.replace('"own"', '"catch"'), "'catch': the name is taken"),
         (OWN.replace('"own"', '"my own"'), "'my own' is no name"),
         (OWN.replace('"own"', "5"), "5 is no name"),
-        (OWN.replace('    name = "own"\n', ""), "have no `name`"),
+        (OWN.replace('    name = "own"\n', ""), r"vsr2\.effects\.Effect that has a `name`"),
         (OWN.replace('"uniform"', '"gaussian"'), "prior is 'gaussian'; give one of uniform"),
         (OWN.replace("(Parameter(", "(dict(").replace('"size", "1", 0.0, 0.0, 1.0, "uniform", ', "")
          .replace('"of it"', ""), "`parameters` holds {}, which is no Parameter"),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import importlib
 import math
+import pkgutil
 import re
 import subprocess
 import sys
@@ -14,24 +16,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import vsr2.effects
 from effect_checks import engines_differ
-from effect_closed_forms import closed_forms
+from effect_closed_forms import FORMS, closed_forms
 from vsr2._native import FastRefusal
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
+from vsr2.effects.registry import BUILT_IN
+from vsr2.report.messages.commands import effect_report
 from vsr2.scene import Hull
-from vsr2.simulation import run_batch
-from vsr2.simulation.bench import Rock
-from vsr2.simulation.effect_checks import ROCKS, EffectChecker, beside_null, ensemble
+from vsr2.simulation import pair_values, run_batch
+from vsr2.simulation.bench import EffectBench, Rock
+from vsr2.simulation.effect_checks import (
+    ROCKS,
+    EffectChecker,
+    EffectReport,
+    beside_null,
+    ensemble,
+)
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = {
-    "table_gain", "edge_rounding", "table_pitch", "table_bandwidth", "table_resonance",
-    "table_saturation", "base_slope", "com_offset", "slenderness", "inertia", "restitution",
-    "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance", "friction",
-    "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "input_filter",
-    "time_scale", "placement", "wear", "change_point", "catch", "outcome_rule", "adhesion",
-}  # fmt: skip
+PAGE = (ROOT / "docs" / "reference" / "effects.md").read_text()
+NAMES = set(re.findall(r"^### `(\w+)`", PAGE, re.MULTILINE))
 EFFECTS = in_order(library())
 
 
@@ -45,7 +51,20 @@ def by_name(effect: Effect) -> str:
 
 
 def test_the_library_is_complete() -> None:
-    assert set(library()) == NAMES
+    found: set[str] = set()
+    for module in pkgutil.iter_modules(vsr2.effects.__path__, "vsr2.effects."):
+        defined = vars(importlib.import_module(module.name)).values()
+        classes = [one for one in defined if isinstance(one, type) and issubclass(one, Effect)]
+        found |= {one.name for one in classes if hasattr(one, "name")}
+    assert found == set(library())
+    assert len(library()) == len(BUILT_IN)
+
+
+def test_the_page_names_every_effect() -> None:
+    assert set(library()) == NAMES, "write the pages again: python studies/effects_page.py"
+    for name in NAMES:
+        figure = ROOT / "docs" / "results" / "effects" / f"{name}.png"
+        assert figure.is_file(), f"draw {figure}: python studies/figure_effects.py {name}"
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
@@ -64,7 +83,7 @@ def test_continuous(effect: Effect, checker: EffectChecker) -> None:
 
 def test_null_values_alone_are_those_of_the_study() -> None:
     alone = {effect.name for effect in EFFECTS if beside_null(effect) is None}
-    assert alone == {"spin_friction", "restitution"}
+    assert alone == {"restitution"}
 
 
 @pytest.mark.parametrize("rock", ROCKS)
@@ -121,11 +140,24 @@ def test_exact_and_fast_agree(effect: Effect, checker: EffectChecker) -> None:
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
 def test_right(effect: Effect, checker: EffectChecker) -> None:
+    assert type(effect).verify is Effect.verify, "its closed forms stand outside the package"
     checks = closed_forms(effect, checker.bench)
     assert checks
     for check in checks:
         assert check.good, check
         assert check.tolerance == 0 or math.isfinite(check.tolerance)
+
+
+def test_closed_forms_of_no_effect_and_effects_without() -> None:
+    assert set(FORMS) == NAMES
+    message = r"'perturbed_hull'.*`perturbed_hull\(.*studies/effect_closed_forms\.py"
+    with pytest.raises(LookupError, match=message):
+        closed_forms(PerturbedHull(), EffectBench())
+
+
+def test_the_report_says_where_the_closed_forms_of_the_library_stand() -> None:
+    report = EffectReport(library()["wear"], True, {}, {}, None, FastRefusal.none)
+    assert "hold `wear` in studies/effect_closed_forms.py" in effect_report(report)
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
@@ -140,6 +172,27 @@ def test_null_values_give_the_trial_back(effect: Effect, checker: EffectChecker)
     assert [one.effect for one in changed.effects] == [effect]
     if effect.stage != "outcome":
         assert changed.sha256 != dataclasses.replace(trials[1], effects=changed.effects).sha256
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
+def test_nominal_values_are_null_or_those_of_the_trial(
+    effect: Effect, checker: EffectChecker
+) -> None:
+    values = effect.nominal(checker.bench.block())
+    for name, null in effect.null().items():
+        assert values[name] == null or (math.isnan(null) and math.isfinite(values[name]))
+
+
+def test_nominal_values_of_a_pair_and_of_an_impact(checker: EffectChecker) -> None:
+    trial = checker.bench.block()
+    spin, impact = library()["spin_friction"], library()["restitution"]
+    own = pair_values(trial.scene.contact).spinning_friction
+    assert spin.nominal(trial) == pytest.approx({"coefficient": own})
+    same = spin.change(trial, spin.nominal(trial))
+    assert pair_values(same.scene.contact).spinning_friction == pytest.approx(own)
+    assert impact.nominal(trial) == {"energy_ratio": 1.0}
+    softer = impact.change(trial, {"energy_ratio": 0.8})
+    assert impact.nominal(softer) == {"energy_ratio": 0.8}
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
@@ -164,13 +217,6 @@ def test_none_leaves_the_domain_of_fast(checker: EffectChecker) -> None:
     assert {checker.fast_refusal(effect) for effect in EFFECTS} == {FastRefusal.none}
 
 
-def test_the_page_names_every_effect() -> None:
-    page = (ROOT / "docs" / "reference" / "effects.md").read_text()
-    assert set(re.findall(r"^### `(\w+)`", page, re.MULTILINE)) == NAMES
-    for name in NAMES:
-        assert (ROOT / "docs" / "results" / "effects" / f"{name}.png").is_file(), name
-
-
 def test_the_pages_are_up_to_date(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "studies" / "effects_page.py"), "--out", str(tmp_path)]
     subprocess.run(command, check=True)
@@ -183,7 +229,8 @@ def test_the_pages_are_up_to_date(tmp_path: Path) -> None:
 def test_the_table_of_checks_holds_every_effect_and_none_that_fails() -> None:
     text = (ROOT / "docs" / "results" / "effects" / "checks.csv").read_text()
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
-    assert [row["effect"] for row in rows] == [effect.name for effect in EFFECTS]
+    names = [effect.name for effect in EFFECTS]
+    assert [row["effect"] for row in rows] == names, "python studies/effect_checks.py"
     for row in rows:
         assert row["neutral"] == "true"
         assert row["fast"] == "yes"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from vsr2.diagnosis.verdict.next_measurement import Instrument
+from vsr2.diagnosis.verdict.next_measurement import BY_EFFECT, BY_STAGE, Instrument
 from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Statement
+from vsr2.effects import STAGES
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
 
 SAMPLES = {float: 0.25, int: 3, str: "wear", bool: True, NAMES: ("catch", "wear")}
@@ -116,7 +117,9 @@ def test_sentences_say_what_the_values_say(statement, text) -> None:
     assert text in sentence(statement.to_json())
 
 
-def test_every_instrument_is_worded() -> None:
+def test_every_stage_has_an_instrument_and_every_instrument_a_sentence() -> None:
+    assert set(BY_STAGE) == set(STAGES)
+    assert {*BY_STAGE.values(), *BY_EFFECT.values()} == set(Instrument)
     assert len({instrument(one) for one in Instrument}) == len(Instrument)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -36,6 +37,8 @@ from vsr2.results import (
     save_trial_log,
     sha256_of_file,
 )
+from vsr2.results.result import COLUMNS, TRIAL_UNITS
+from vsr2.results.result_folder import FORMAT_VERSION
 from vsr2.scene import Box, Triangles
 from vsr2.scene.shapes import box_surface
 
@@ -306,9 +309,32 @@ def test_missing_and_foreign_folders(tmp_path: Path) -> None:
 
 def test_newer_formats_are_refused(tmp_path: Path) -> None:
     path = save_result(sample(), tmp_path) / "provenance.json"
-    path.write_text(path.read_text().replace('"format_version": 2', '"format_version": 1'))
-    with pytest.raises(ResultError, match="format version 1, this VSR2 reads 2"):
+    version = f'"format_version": {FORMAT_VERSION}'
+    path.write_text(path.read_text().replace(version, '"format_version": 1'))
+    with pytest.raises(ResultError, match=f"format version 1, this VSR2 reads {FORMAT_VERSION}"):
         load_result(tmp_path)
+
+
+@pytest.mark.parametrize("kind", COLUMNS)
+def test_a_folder_with_other_columns_is_refused_and_names_them(tmp_path: Path, kind: str) -> None:
+    path = save_result(sample(), tmp_path) / "provenance.json"
+    content = json.loads(path.read_text())
+    names = list(content["result_files"][kind])
+    for other, named in (([*names, "snap"], "snap"), (names[:-1], names[-1]), (None, names[0])):
+        content["result_files"][kind] = other
+        path.write_text(json.dumps(content))
+        with pytest.raises(ResultError, match=rf"its {kind} are not those .*{named}.*; use the"):
+            load_result(tmp_path)
+
+
+def test_the_page_names_every_column_with_its_unit() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "outputs.md").read_text()
+    table = page.partition("### `trials.csv`")[2].partition("\n\n| status |")[0]
+    units: dict[str, str] = {}
+    for row in re.findall(r"^\| (`.*?) \| (.*?) \|", table, re.MULTILINE):
+        names, given = re.findall(r"`(\w+)`", row[0]), row[1].strip().split(", ")
+        units |= dict(zip(names, given * len(names) if len(given) == 1 else given, strict=False))
+    assert units == {name: TRIAL_UNITS.get(name, "").replace("1", "") for name in TRIAL_COLUMNS}
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "trials.csv", "logs/000000.npz"])
@@ -336,7 +362,9 @@ def test_damaged_tables_name_trial_and_column(tmp_path: Path) -> None:
         good.replace(",1000,", ",many,"): "column steps: 'many'",
         good.replace(",1000,", ",9223372036854775808,"): "column steps",
         good.replace(",0.1,", ",o.1,"): "column pga: 'o.1'",
-        good.replace(",1000,", ",1000,,"): "23 values for 22 columns",
+        good.replace(
+            ",1000,", ",1000,,"
+        ): f"{len(TRIAL_COLUMNS) + 1} values for {len(TRIAL_COLUMNS)} columns",
         good.replace("pga", "PGA"): "first line must name the columns",
         good.replace('"ok"', '"ok"x'): "damaged",
         "\n": "first line",

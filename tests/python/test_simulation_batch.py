@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import textwrap
 import threading
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vsr2 import _native
 from vsr2.config.study import Outcome, Output, Settling, Study
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, build_recorded_motion, cosine_motion, read_record
 from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.simulation import Simulation, run_batch, study_trials
-from vsr2.simulation.native_trials import run_native
+from vsr2.simulation.native_trials import _settled_start, _specification, run_native
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -208,6 +211,54 @@ def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch
         run_native(Watched(batch), 2, take=take, stopped=lambda: False)
         assert sorted(taken) == list(range(24))
         assert all(rows[i]["peak_tilt"] == reference["peak_tilt"][i % 6] for i in range(24))
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_motions_may_go_while_their_trials_run(
+    ended: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The last to let go of a motion's memory is then a thread of the core, which has no GIL, or,
+    # not `ended`, the batch that goes with trials that wait and run.
+    class Lent(np.ndarray):
+        """An array that can be referred to weakly."""
+
+    alive: list[weakref.ref[Lent]] = []
+
+    def lend(values: np.ndarray) -> _native.Samples:
+        array = values.copy().view(Lent)
+        array.setflags(write=False)
+        alive.append(weakref.ref(array))
+        return _native.Samples(array)
+
+    def lent(motion: Motion) -> dict[str, object]:
+        sides = dict.fromkeys(motion.sides)
+        return {
+            "motion_position": lend(motion.displacement),
+            "motion_velocity": lend(motion.velocity),
+            **sides,
+        }
+
+    trials = study_trials(block_study(mode="fast"))
+    reference = run_batch(trials)
+    monkeypatch.setattr("vsr2.simulation.native_trials._lent", lent)
+    batch = _native.Batch(3)
+    for i in range(24):
+        batch.add(_specification(trials[i % 6], _settled_start))
+    batch.close()
+    assert len(alive) == 48
+    assert any(array() is not None for array in alive)
+    if ended:
+        results: dict[int, _native.TrialResult] = {}
+        while not batch.exhausted():
+            results |= {i: batch.take(i) for i in batch.wait(0.05)}
+        batch.join()
+        for name in ("peak_tilt", "final_slip", "simulated_time"):
+            values = [getattr(results[i], name) for i in range(24)]
+            np.testing.assert_array_equal(values, np.tile(reference[name], 4))
+    else:
+        del batch
+    gc.collect()
+    assert all(array() is None for array in alive)
 
 
 def test_exception_in_the_callback_reaches_the_caller() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import shutil
 import signal
@@ -89,6 +90,29 @@ def test_a_journal_of_other_trials_is_refused(tmp_path: Path) -> None:
     for wrong in (other, batch[:1], list(reversed(batch))):
         with pytest.raises(ResultError, match="other trials"):
             run_batch(wrong, checkpoint=folder)
+
+
+def test_a_journal_with_other_columns_are_refused_in_one_line(tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    (tmp_path / "study.yaml").write_text(STUDY)
+    run_batch(trials()[:1], checkpoint=prepare_folder(folder))
+    newer = (
+        "import sys\n"
+        "from vsr2 import _native\n"
+        "columns = [*_native.result_columns(), ('peak_tilt_time', 'of the peak tilt [s]')]\n"
+        "_native.result_columns = lambda: columns\n"
+        "_native.TrialResult.peak_tilt_time = 0.0\n"
+        "from vsr2.cli.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    run = [sys.executable, "-c", newer, *run_cli(tmp_path, "--resume")[3:]]
+    refused = subprocess.run(run, check=False, capture_output=True, text=True)
+    assert refused.returncode == 2, refused.stderr
+    line = refused.stderr.strip()
+    assert "\n" not in line
+    assert re.search(
+        r"journal\.jsonl: is a vsr2 journal of version '3 with columns \w+', this", line
+    )
 
 
 def run_cli(folder: Path, *more: str) -> list[str]:

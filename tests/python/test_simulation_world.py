@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from vsr2 import _native
-from vsr2.config.study import Contact, Study
+from vsr2.config.study import ORIGINAL, Contact, Study
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
@@ -195,7 +195,7 @@ def test_settling_has_a_timeout() -> None:
 
 
 def test_table_s1_follows_from_the_body_level_inputs() -> None:
-    pair = pair_values(Contact())
+    pair = pair_values(Contact(**ORIGINAL["contact"]))
     assert round(pair.restitution, 2) == 0.12
     assert round(pair.lateral_friction, 2) == 0.49
     assert round(pair.spinning_friction, 2) == 0.70
@@ -242,8 +242,8 @@ def final_state(**engine: object) -> bytes:
         {"cone_friction": False},
         {"collision_margin": 0.002},
         {"contact_breaking_threshold": 0.001},
-        {"linear_damping": 0.0},
-        {"angular_damping": 0.0},
+        {"linear_damping": 0.04},
+        {"angular_damping": 0.04},
     ],
     ids=lambda engine: next(iter(engine)),
 )

@@ -1,5 +1,5 @@
 #pragma once
-// The engines: which there are, which a scene gets, and the worlds faster than Bullet's own.
+// The engines: which there are, which a scene gets, and their worlds.
 
 #include <memory>
 #include <string>
@@ -15,27 +15,19 @@ EngineKind choose_engine(const Scene& scene);
 /// A world of the engine that choose_engine() names.
 std::unique_ptr<World> make_world(std::shared_ptr<const Scene> scene, Drive drive);
 
-/// A world with the same bits as make_bullet_world() on every step, at more than twice its speed.
+/// The engine `parity`: a world that steps exactly as PyBullet does.
+std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive);
+/// The engine `exact`: the same bits on every step, at more than twice its speed.
 std::unique_ptr<World> make_exact_world(std::shared_ptr<const Scene> scene, Drive drive);
-
-/// A world with a stepper of its own for one convex rock on the flat top of a box pedestal.
+/// The engine `fast`: a stepper of its own for one convex rock on the flat top of a box pedestal.
 ///
 /// It follows Bullet's contact model: persistent contacts with its reduction to four points, soft
 /// normal rows, restitution, lateral friction within a cone, spinning friction, its damping and
-/// its order of integration. Where the rock leaves the top it builds a Bullet world with the same
-/// state and contacts and goes on with that.
-class FastWorld : public World {
- public:
-  /// Sweeps of the latest solver step that were done one by one; 0 after a handover.
-  virtual int iterations() const = 0;
-};
-
-struct FastSettings {
-  /// The solver stops once no row changed its speed by more than the root of this [(m/s)^2], or of
-  /// the scene's own threshold if that is greater. 0: none ends early, and long runs of sweeps are
-  /// taken at once.
-  double residual_threshold = 0.0;
-};
+/// its order of integration. Without a residual threshold long runs of the solver's sweeps are taken
+/// at once. Where the rock leaves the top it builds a Bullet world with the same state and contacts
+/// and goes on with that.
+/// @throws InvalidInput if fast_refusal() names a reason.
+std::unique_ptr<World> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive);
 
 /// Why the engine `fast` does not take a scene.
 enum class FastRefusal {
@@ -49,9 +41,5 @@ enum class FastRefusal {
 FastRefusal fast_refusal(const Scene& scene);
 /// Its one text; empty for `none`.
 std::string describe(FastRefusal refusal);
-
-/// @throws InvalidInput if fast_refusal() names a reason.
-std::unique_ptr<FastWorld> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive,
-                                           const FastSettings& settings = {});
 
 }  // namespace vsr2

@@ -48,11 +48,12 @@ struct Pose {
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
 };
 
-/// Body-level contact inputs (supplement S2.1).
+/// Body-level contact inputs (supplement S2.1). The defaults here are the original's (Table S1); a
+/// study passes every value, and has its own defaults.
 struct Material {
   double restitution = 0.35;
   double lateral_friction = 0.7;
-  double spinning_friction = 0.5;
+  double spinning_friction = 0.5;  ///< [m]
   double rolling_friction = 0.0;
   double stiffness = 2.6e9;  ///< per contact point [N/m]
   double damping = 1.0e7;    ///< per contact point [N s/m]
@@ -78,7 +79,7 @@ struct EngineSettings {
   /// Distance at which a cached contact point is dropped, per angular motion disc (about the
   /// greatest radius) of the smaller shape [1].
   double contact_breaking_threshold = 0.02;
-  // Bullet's default is the single-precision 0.04; its bits are part of the parity.
+  // Bullet's default, as `parity` with PyBullet needs it, is the single-precision 0.04; a study has 0.
   double linear_damping = 0.04F;   ///< [1/s]
   double angular_damping = 0.04F;  ///< [1/s]
 };

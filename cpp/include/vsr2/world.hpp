@@ -114,7 +114,4 @@ class World {
   virtual Handover handover() const { return Handover::none; }
 };
 
-/// A world that steps exactly as PyBullet does.
-std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive);
-
 }  // namespace vsr2

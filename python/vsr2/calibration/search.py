@@ -33,7 +33,7 @@ class Step:
         iteration: of the sequential procedure, from 1; 0: before it, or the joint search.
         group: the parameter that was varied, or "start", "design", "refine", "profile".
         evaluation: values and predictions.
-        score: by what the search was told to maximise.
+        score: by what the search maximises.
     """
 
     iteration: int

@@ -149,7 +149,7 @@ class MeasurementNoise:
 class Series:
     """The response of one trial in time.
 
-    Pose is told from the rest before the motion, so that it can be measured without knowing the
+    Pose is relative to the rest before the motion, so that it can be measured without knowing the
     model's frame: `position` is the travel of the mass centre, `orientation` the rotation away
     from the rest pose, q_WB q_WB0* (both in world axes: x along the shaking, z up).
 

@@ -119,33 +119,23 @@ def simulate_campaign(
     kept, statuses = _finished(resume, digest)
     pending = [i for i, row in enumerate(rows) if row.trial not in kept]
     result, series = _run(trials, pending, noise, seed, run)
-    position = {i: k for k, i in enumerate(pending)}
     for i, row in enumerate(rows):
-        if result is not None and i in position:
-            rng = _generator(seed, i, 1)
-            at = position[i]
-            rows[i] = _judged(row, result, at, noise, rng, series.get(i))
-            statuses[row.trial] = Status[result["status"][at]]
-        else:
+        if row.trial in kept:
             rows[i] = replace(row, **{name: getattr(kept[row.trial], name) for name in _OUTCOME})
-    provenance: Mapping[str, Any] = resume.provenance if resume is not None else {}
+    provenance = resume.provenance if resume is not None else {}
     if result is not None:
-        own = {
-            "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
-            "seed": seed,
-            "noise": asdict(noise),
-            "series_every": series_every,
-            "effects": {name: _finite(values) for name, values in wanted.items()},
-        }
+        for k, i in enumerate(pending):
+            rng = _generator(seed, i, 1)
+            statuses[rows[i].trial] = Status[result["status"][k]]
+            rows[i] = _judged(rows[i], result, k, noise, rng, series.get(i))
+        facts = _facts(study, wanted, noise, seed, series_every)
         ends = {trial: end.name for trial, end in statuses.items() if end is not Status.ok}
-        provenance = {"digest": digest} | own | dict(result.provenance) | own | {"statuses": ends}
-    rock = Specimen("simulated", asked[0].scene.rock.mass.mass, _model(study))
+        provenance = {"digest": digest, **facts, **result.provenance, **facts, "statuses": ends}
     return Campaign(
         name=study.name if isinstance(study, Study) else "simulated",
-        description="",
         trials=tuple(rows),
         motions=written,
-        specimens={SPECIMEN: rock},
+        specimens={SPECIMEN: Specimen("simulated", asked[0].scene.rock.mass.mass, _model(study))},
         noise=noise,
         provenance=json.loads(json.dumps(provenance, default=str)),
     )
@@ -209,11 +199,26 @@ def _run(
     return result, series
 
 
-def _finite(values: Mapping[str, float | str]) -> dict[str, float | str | None]:
-    """None where a value is infinite or NaN, which stands for none given."""
+def _facts(
+    study: Study | Sequence[Trial],
+    effects: Mapping[str, Mapping[str, float | str]],
+    noise: MeasurementNoise,
+    seed: int,
+    series_every: int,
+) -> dict[str, Any]:
+    """For the provenance; None where a value of an effect is infinite or NaN: none given."""
     return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in values.items()
+        "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+        "seed": seed,
+        "noise": asdict(noise),
+        "series_every": series_every,
+        "effects": {
+            name: {
+                key: None if isinstance(value, float) and not math.isfinite(value) else value
+                for key, value in values.items()
+            }
+            for name, values in effects.items()
+        },
     }
 
 

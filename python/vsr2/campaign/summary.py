@@ -15,7 +15,7 @@ def campaign_summary(campaign: Campaign) -> dict[str, Any]:
     """Counts and ranges (JSON-serialisable).
 
     Raises:
-        MotionError: intensity is to be told from a motion that cannot be filtered.
+        MotionError: intensity is to be computed from a motion that cannot be filtered.
     """
     trials = campaign.trials
     measures = intensity_measures(campaign)

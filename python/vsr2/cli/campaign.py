@@ -214,8 +214,8 @@ def _simulated(
             f"{checkpoint}: keeps an unfinished simulation; go on with --resume, or begin anew "
             "with --overwrite"
         )
-    if resume is None and not unfinished:
-        prepare_folder(checkpoint, overwrite=options.overwrite)
+    if resume is None:
+        prepare_folder(checkpoint, overwrite=options.overwrite, resume=options.resume)
     with opt.cluster(options.scheduler, options.threads) as client:
         return simulate_campaign(
             study,

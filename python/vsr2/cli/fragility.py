@@ -22,8 +22,8 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
 
     loaded = load_fragility(study, overrides=options.set)
     folder = options.folder(loaded.study.name)
-    if not (options.resume and has_journal(folder)):
-        prepare_folder(folder, overwrite=options.overwrite)
+    prepare_folder(folder, overwrite=options.overwrite, resume=options.resume)
+    if not has_journal(folder):
         remove_old_tables(folder)
     result = run_fragility(loaded, folder, threads=options.threads, progress=not options.quiet)
     if isinstance(result, BatchResult):

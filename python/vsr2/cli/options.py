@@ -66,7 +66,7 @@ Quiet = Annotated[bool, Parameter(help="no progress bar, no summary")]
 @Parameter(name="*")
 @dataclass(frozen=True)
 class StudyRun:
-    """What every run of a study into a folder can be told.
+    """Options of every run of a study into a folder.
 
     Attributes:
         out: output folder (default: out/NAME of the study)

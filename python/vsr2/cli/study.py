@@ -68,7 +68,6 @@ def _run_all(
     from vsr2.report import summary_table, write_figures
     from vsr2.report.messages.commands import study_begins
     from vsr2.results import (
-        has_journal,
         load_result,
         prepare_folder,
         remove_journal,
@@ -82,8 +81,8 @@ def _run_all(
     facts: dict[str, Any] = {"study": study.model_dump(mode="json")}
     if merge:
         facts["shards"] = merge_shards(trials, folder, overwrite=options.overwrite)
-    elif not (options.resume and has_journal(folder)):
-        prepare_folder(folder, overwrite=options.overwrite)
+    else:
+        prepare_folder(folder, overwrite=options.overwrite, resume=options.resume)
     if not options.quiet:
         print(study_begins(study.name, trials, native_scene(scene).engine.name))
     result = run_batch(

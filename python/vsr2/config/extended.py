@@ -56,8 +56,8 @@ class ExtendedStudy(Generic[T]):
         defaults = self.study.model_dump(mode="json")
         for key, value in values.items():
             _set(data, defaults, key.split("."), value, f"{self.label}: {key}")
-        told = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
-        where = f"{self.label} with {told}" if label is None else label
+        given = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+        where = f"{self.label} with {given}" if label is None else label
         return build_study(data, self.base, label=where, check_files=False)
 
     def value(self, key: str) -> Plain:

@@ -44,7 +44,7 @@ class Range(Section):
 class _Driven(Section):
     drive: Literal["motor", "prescribed"] = "prescribed"
     """`motor`: Bullet's joint motor follows the set-points (the original; lags); `prescribed`: the
-    pedestal moves exactly as told."""
+    pedestal moves exactly as commanded."""
 
 
 class SingleCosine(_Driven):

@@ -135,7 +135,11 @@ class _Importer:
         self._files = files
         self._label = ", ".join(map(str, files))
         self._notes: list[Ros2Note] = []
-        self._data: dict[str, Any] = {"name": "imported", "pedestal": {"shape": "prism"}}
+        self._data: dict[str, Any] = {
+            "name": "imported",
+            "preset": "original",
+            "pedestal": {"shape": "prism"},
+        }
         self._standing: dict[KeyPath, str] = {}
         self._missing: list[str] = []
         self._rock = rock or self._rock_found()

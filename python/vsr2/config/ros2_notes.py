@@ -113,7 +113,7 @@ def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[
     if missing:
         yield Ros2Note(
             "assumed",
-            f"not given, so VSR2's defaults serve: {', '.join(missing)}",
+            f"not given, so the defaults of `preset: original` serve: {', '.join(missing)}",
         )
 
 

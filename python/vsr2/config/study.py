@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     BeforeValidator,
@@ -78,10 +78,13 @@ class Engine(Section):
     contact_breaking_threshold: Annotated[float, Strict(), Field(gt=0, le=0.5)] = 0.02
     """Distance at which a cached contact point is dropped, per angular motion disc (about the
     greatest radius) of the smaller body [1]."""
-    linear_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.04
-    """Bullet's velocity damping of the bodies' translation, linear and quadratic term [1/s]."""
-    angular_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.04
-    """Bullet's velocity damping of the bodies' rotation, linear and quadratic term [1/s]."""
+    linear_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
+    """Bullet's velocity damping of the bodies' translation, linear and quadratic term [1/s]. It
+    acts on the velocity in space, so also on a rock at rest on a moving pedestal; `preset:
+    original` has 0.04, Bullet's own default."""
+    angular_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
+    """Bullet's velocity damping of the bodies' rotation, linear and quadratic term [1/s];
+    `preset: original` has 0.04."""
 
     @model_validator(mode="after")
     def _step_stays_short(self) -> Self:
@@ -141,7 +144,7 @@ class MeshPedestal(_Pedestal):
 
 
 class FixedStart(Section):
-    """The rock's model frame placed as told."""
+    """The rock's model frame placed as given."""
 
     mode: Literal["pose"]
     position: Vector3
@@ -227,15 +230,18 @@ Pedestal = Annotated[
 class Material(Section):
     """Body-level contact inputs (supplement S2.1); pair values follow from both bodies by Eq. 1.
 
-    The defaults are the supplement's best values (Table S1).
+    The defaults are the supplement's best values (Table S1), but for `spinning_friction`.
     """
 
     restitution: Annotated[float, Strict(), Field(ge=0, le=1)] = 0.35
     """Coefficient of restitution; the pair's is the product of both bodies'."""
     lateral_friction: NonNegative = 0.7
     """Coulomb friction coefficient; the pair's is the product of both bodies'."""
-    spinning_friction: NonNegative = 0.5
-    """Resistance against turning about the contact normal."""
+    spinning_friction: NonNegative = 0.0
+    """Resistance against turning about the contact normal [m]. The pair's lever is that of the one
+    times `lateral_friction` of the other, summed over both; a contact point bears a moment of at
+    most lever times normal force. A real contact patch has a few tenths of a millimetre; `preset:
+    original` has 0.5, a lever of 0.7 m (docs/explanation/contact_model.md)."""
     rolling_friction: NonNegative = 0.0
     """Resistance against rolling; the original leaves it at 0."""
     stiffness: Positive = 2.6e9
@@ -276,7 +282,7 @@ class Settling(Section):
 
 
 class Outcome(Section):
-    """How a trial's end is told; tilt is the angle of the body away from its settled pose."""
+    """How a trial's end is judged; tilt is the angle of the body away from its settled pose."""
 
     tail: Annotated[float, Strict(), Field(gt=0, le=3600)] = 30.0
     """After the motion the trial runs on until the rock rests, at most this long [s]."""
@@ -345,6 +351,28 @@ class Output(Section):
         return self
 
 
+ORIGINAL: Mapping[str, Mapping[str, Any]] = {
+    "engine": {"linear_damping": 0.04, "angular_damping": 0.04},
+    "contact": {body: {"spinning_friction": 0.5} for body in ("rock", "pedestal")},
+}
+"""What `preset: original` puts in place of the defaults."""
+
+
+def _completed(given: object, values: Mapping[str, Any]) -> object:
+    """`given` with `values` where it is silent; as it is where it is no section."""
+    if isinstance(given, Section):
+        given = given.model_dump(exclude_unset=True)
+    if not isinstance(given, Mapping):
+        return given
+    added = {
+        key: _completed(given.get(key, {}), value)
+        if isinstance(value, Mapping)
+        else given.get(key, value)
+        for key, value in values.items()
+    }
+    return {**given, **added}
+
+
 _EFFECT_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}\Z")
 
 
@@ -391,6 +419,10 @@ class Study(Section):
     """Name of the study and of its result folder: letters, digits, `.`, `_`, `-` and blanks."""
     seed: Annotated[int, Strict(), Field(ge=0, lt=2**63)] = 0
     """Seed of everything random."""
+    preset: Literal["physical", "original"] = "physical"
+    """What keys that are not given mean. `physical`: the defaults of this page. `original`: the
+    same but Bullet's velocity damping (0.04) and the supplement's `spinning_friction` (0.5), which
+    are habits of the original system; none given, `engine.mode: parity` takes these."""
     engine: Engine = Engine()
     """The physics engine."""
     pedestal: Pedestal = PrismPedestal()
@@ -407,9 +439,20 @@ class Study(Section):
     settling: Settling = Settling()
     """The rest before the motion."""
     outcome: Outcome = Outcome()
-    """How a trial's end is told."""
+    """How a trial's end is judged."""
     output: Output = Output()
     """What is written."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _apply_preset(cls, given: object) -> object:
+        if not isinstance(given, Mapping):
+            return given
+        engine = given.get("engine")
+        mode = engine.get("mode") if isinstance(engine, Mapping) else getattr(engine, "mode", None)
+        preset = given.get("preset", "original" if mode == "parity" else "physical")
+        completed = {**given, "preset": preset}
+        return _completed(completed, ORIGINAL) if preset == "original" else completed
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -417,7 +460,7 @@ class Study(Section):
             raise inapplicable(
                 "pedestal.mass",
                 "has no effect with `motion.drive: prescribed`, where the pedestal moves exactly "
-                "as told; remove the key, or set `motion.drive: motor`",
+                "as commanded; remove the key, or set `motion.drive: motor`",
             )
         period = shortest_period(self.motion)
         if period is not None and period < MIN_STEPS_A_PERIOD * self.engine.time_step:

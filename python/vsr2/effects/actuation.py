@@ -326,8 +326,3 @@ class TableResonance(Effect):
         path = held(motion, ringing_samples(frequency, ratio, step))
         path = base_excited(path, frequency, ratio, step)
         return _driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
-
-
-ACTUATION: tuple[Effect, ...] = (
-    TimeScale(), InputFilter(), TableGain(), TableBandwidth(), TableSaturation(), TableResonance(),
-)  # fmt: skip

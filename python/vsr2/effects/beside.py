@@ -173,6 +173,3 @@ class TablePitch(Effect):
         return trial.with_scene(
             pedestal=replace(pedestal, pitch_pivot=level - values["depth"], pitch_spring=spring)
         )
-
-
-BESIDE: tuple[Effect, ...] = (OffAxisMotion(), VerticalMotion(), TablePitch())

@@ -96,19 +96,18 @@ class Friction(Effect):
 
 
 class SpinFriction(Effect):
-    """Another torsional friction.
+    """More torsional friction.
 
     A moment of at most coefficient times normal force, in metres, at each contact point against
-    turning about its normal.
+    turning about its normal, beside that of the study (none by default).
     """
 
     name = "spin_friction"
     meaning = "Torsional resistance of the contacts against turning about the vertical"
     parameters = (
         Parameter(
-            "coefficient", "m", math.nan, 0.0, 0.3, "uniform",
-            "lever arm of the pair; none given: the study's (0.7 m with the supplement's values)",
-            limits=(0.0, 10.0),
+            "coefficient", "m", 0.0, 0.0, 0.3, "uniform",
+            "lever arm of the pair beyond the study's", limits=(0.0, 10.0),
         ),
     )  # fmt: skip
     channels = ("yaw", "tilt", "slip")
@@ -120,7 +119,6 @@ class SpinFriction(Effect):
         rock, pedestal = trial.scene.contact.rock, trial.scene.contact.pedestal
         friction = rock.lateral_friction + pedestal.lateral_friction
         each = values["coefficient"] / friction if friction > 0 else 0.0
-        return _both(trial, lambda material: {"spinning_friction": each})
-
-
-CONTACT: tuple[Effect, ...] = (ContactStiffness(), Friction(), SpinFriction())
+        return _both(
+            trial, lambda material: {"spinning_friction": material.spinning_friction + each}
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import ClassVar, Literal, Protocol, Self, get_args
 
 import numpy as np
@@ -167,7 +168,11 @@ class Effect:
         return observation
 
     def verify(self, bench: Bench) -> Sequence[Check]:
-        """Closed forms, conservation laws or independent computations that it must meet."""
+        """Closed forms, conservation laws or independent computations that it must meet.
+
+        For effects of one's own. Those of the library stand in `studies/effect_closed_forms.py`,
+        outside the package: only VSR2's own tests run them.
+        """
         return ()
 
     def parameter(self, name: str) -> Parameter:
@@ -210,6 +215,10 @@ class Effect:
         """Null values of all parameters."""
         return {parameter.name: parameter.null for parameter in self.parameters}
 
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        """Values that leave a trial as it is: the null values; the trial's own where one is NaN."""
+        return self.null()
+
     def extreme(self) -> dict[str, float]:
         """Parameters at their prior's end farther from null; secondary ones at null."""
         return {
@@ -247,3 +256,18 @@ class Effect:
             )
             for parameter in self.parameters
         }
+
+
+def effects_in(module: ModuleType) -> list[Effect]:
+    """One instance of each effect that a module defines, in their order.
+
+    A class without a `name` of its own serves others as base.
+    """
+    return [
+        found()
+        for found in vars(module).values()
+        if isinstance(found, type)
+        and issubclass(found, Effect)
+        and found.__module__ == module.__name__
+        and "name" in vars(found)
+    ]

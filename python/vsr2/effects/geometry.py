@@ -393,8 +393,3 @@ def _turned(pedestal: PedestalBody, turn: Array, about: Array) -> PedestalBody:
         pitch_pivot=pedestal.top if pedestal.pitch_pivot is None else pedestal.pitch_pivot,
         slope=multiply(quaternion, pedestal.slope),
     )
-
-
-GEOMETRY: tuple[Effect, ...] = (
-    Slenderness(), ComOffset(), EdgeRounding(), BaseAsperity(), BaseSlope()
-)  # fmt: skip

@@ -47,6 +47,3 @@ class Inertia(Effect):
             inertia = box_inertia(rock.mass.mass, np.ptp(in_body, axis=0))
         mass = replace(rock.mass, principal_inertia=inertia * (1.0 + values["change"]))
         return trial.with_scene(rock=replace(rock, mass=mass, inertia_from_aabb=False))
-
-
-INERTIA: tuple[Effect, ...] = (Inertia(),)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from vsr2.effects.effect import Circumstances, Effect
-from vsr2.effects.geometry import GEOMETRY, Slenderness
+from vsr2.effects import geometry
+from vsr2.effects.effect import Circumstances, Effect, effects_in
+from vsr2.effects.geometry import Slenderness
 from vsr2.effects.parameter import Parameter
 from vsr2.trial import Trial
 
@@ -47,7 +48,7 @@ class Wear(Effect):
 def _renamed() -> tuple[Parameter, ...]:
     """Parameters of all geometric effects under names of both."""
     found = []
-    for effect in GEOMETRY:
+    for effect in effects_in(geometry):
         for parameter in effect.parameters:
             drawn = (effect.name, parameter.name) == ("slenderness", "change")
             found.append(
@@ -98,7 +99,7 @@ class ChangePoint(Effect):
         return values if after else self.null()
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        for effect in sorted(GEOMETRY, key=lambda effect: effect.rank):
+        for effect in sorted(effects_in(geometry), key=lambda effect: effect.rank):
             own = {
                 parameter.name: values[f"{effect.name}_{parameter.name}"]
                 for parameter in effect.parameters
@@ -106,6 +107,3 @@ class ChangePoint(Effect):
             if not effect.is_null(own):
                 trial = effect.change(trial, own)
         return trial
-
-
-ORDER: tuple[Effect, ...] = (Wear(), ChangePoint())

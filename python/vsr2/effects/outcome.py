@@ -54,9 +54,5 @@ class OutcomeRule(Effect):
             overturned = not overturned
         if overturned == observation.overturned:
             return observation
-        return replace(
-            observation, outcome=(Outcome.overturned if overturned else Outcome.rocked).name
-        )
-
-
-OUTCOME: tuple[Effect, ...] = (OutcomeRule(),)
+        noted = Outcome.overturned if overturned else Outcome.rocked
+        return replace(observation, outcome=noted.name)

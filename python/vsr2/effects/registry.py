@@ -15,32 +15,31 @@ from typing import get_args
 
 from vsr2.config.load import places_in
 from vsr2.config.problems import Problem, config_error
-from vsr2.effects.actuation import ACTUATION
-from vsr2.effects.beside import BESIDE
-from vsr2.effects.contact import CONTACT
-from vsr2.effects.effect import STAGES, Channel, Effect
-from vsr2.effects.geometry import GEOMETRY
-from vsr2.effects.inertia import INERTIA
-from vsr2.effects.mechanism import MECHANISM
-from vsr2.effects.order import ORDER
-from vsr2.effects.outcome import OUTCOME
+from vsr2.effects import (
+    actuation,
+    beside,
+    contact,
+    geometry,
+    inertia,
+    mechanism,
+    order,
+    outcome,
+    start,
+)
+from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
 from vsr2.effects.parameter import Parameter, near
-from vsr2.effects.start import START
 from vsr2.errors import ConfigError
 
 GROUP = "vsr2.effects"
 """Entry-point group of other packages: each entry names a class derived from `Effect`."""
-BUILT_IN: tuple[Effect, ...] = (
-    *GEOMETRY,
-    *INERTIA,
-    *CONTACT,
-    *MECHANISM,
-    *ACTUATION,
-    *BESIDE,
-    *START,
-    *ORDER,
-    *OUTCOME,
-)
+BUILT_IN: tuple[Effect, ...] = tuple(
+    effect
+    for module in (
+        geometry, inertia, contact, mechanism, actuation, beside, start, order, outcome
+    )
+    for effect in effects_in(module)
+)  # fmt: skip
+"""The effects of these modules: a class with a `name` is one, and is entered nowhere else."""
 _registered: dict[str, Effect] = {}
 
 
@@ -85,19 +84,11 @@ def module_effects(module: str) -> list[Effect]:
         ConfigError: it cannot be imported, or defines none.
     """
     loaded = _load(module)
-    own = [
-        value
-        for value in vars(loaded).values()
-        if isinstance(value, type)
-        and issubclass(value, Effect)
-        and value.__module__ == loaded.__name__
-    ]
-    if not own:
-        raise ConfigError(f"{module}: defines no class derived from vsr2.effects.Effect")
-    own = [value for value in own if "name" in vars(value)]
+    own = effects_in(loaded)
     if not own:
         raise ConfigError(
-            f"{module}: its classes derived from vsr2.effects.Effect have no `name`; give one"
+            f"{module}: defines no class derived from vsr2.effects.Effect that has a `name`; "
+            "write one, or give yours a `name`"
         )
     return [register(found) for found in own]
 

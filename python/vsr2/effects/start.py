@@ -66,6 +66,3 @@ class Placement(Effect):
             multiply(turn, trial.start_pose.orientation),
         )
         return replace(trial, start=restand(trial, trial.scene.rock.parts, start))
-
-
-START: tuple[Effect, ...] = (Placement(),)

@@ -83,7 +83,7 @@ class Recorded:
         filter: band-pass at the record's own sampling; None: none. A raw displacement channel
             should have one: its noise is small, its second derivative is not.
         scale: factor on the motion; negative mirrors it.
-        noise: of the channels, for "fused" alone; None: told from the record's rest.
+        noise: of the channels, for "fused" alone; None: estimated from the record's rest.
 
     Raises:
         MotionError: a scale of 0, NaN or infinity, or `noise` with another channel than "fused".
@@ -126,7 +126,7 @@ class Recorded:
 
         Raises:
             MotionError: the channel is missing, the filter does not fit the sampling, the noise of
-                the channels cannot be told, or the record cannot be resampled at `time_step`.
+                the channels cannot be estimated, or the record cannot be resampled at `time_step`.
         """
         record, filter = self.record, self.filter
         interval = record.sample_interval

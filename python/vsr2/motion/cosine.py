@@ -59,7 +59,7 @@ def cosine_motion(
         amplitude: A [m]; the pulse peaks at 2 A.
         frequency: F [Hz].
         time_step: interval between samples [s].
-        name: by default told by A and F.
+        name: by default from A and F.
 
     Raises:
         MotionError: a value is not positive and finite, the period has fewer than 10 steps (then

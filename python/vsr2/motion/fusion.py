@@ -84,7 +84,7 @@ class ChannelNoise:
     Attributes:
         displacement: [m].
         acceleration: [m/s^2].
-        rest: duration of the rest they were told from [s]; 0 if given.
+        rest: duration of the rest they were estimated from [s]; 0 if given.
     """
 
     displacement: Noise
@@ -164,7 +164,7 @@ def channel_noise(record: Record) -> ChannelNoise:
     if not at_rest.any():
         raise MotionError(
             f"{record.label}: no {REST_WINDOW:g} s in which both channels rest, so their noise "
-            "cannot be told; give `noise`, or drive one channel"
+            "cannot be estimated; give `noise`, or drive one channel"
         )
     return ChannelNoise(
         displacement=_fitted_noise(record, windows[0][at_rest], "displacement"),
@@ -180,11 +180,11 @@ def fuse(
 
     Args:
         record: with both channels; starts at rest.
-        noise: of the channels; None: told from the record's rest (:func:`channel_noise`).
+        noise: of the channels; None: estimated from the record's rest (:func:`channel_noise`).
         baseline: degree of a polynomial to take off both channels first; None: none.
 
     Raises:
-        MotionError: a channel is missing, or the noise cannot be told.
+        MotionError: a channel is missing, or the noise cannot be estimated.
     """
     displacement, acceleration = _both_channels(record)
     if noise is None:

@@ -149,7 +149,7 @@ def kinematics(
     """Displacement, velocity and acceleration of a record at its own sampling.
 
     Ends are not brought to rest, nothing is resampled: this is what was measured, not what a
-    pedestal is told.
+    pedestal is given.
 
     Args:
         record: as read.

@@ -81,10 +81,10 @@ def _quantity(path: Path, header: list[str], units: RecordUnits | None) -> tuple
         if match is None:
             continue
         unit = unit_in(match[2])
-        told = _QUANTITIES[match[1][0].lower()]
-        if unit is None or UNITS[unit][0] != told or (promised or told) != told:
+        stated = _QUANTITIES[match[1][0].lower()]
+        if unit is None or UNITS[unit][0] != stated or (promised or stated) != stated:
             raise MotionError(
-                f"{path}: row {row + 1}: {line.strip()[:80]!r} does not fit a {promised or told} "
+                f"{path}: row {row + 1}: {line.strip()[:80]!r} does not fit a {promised or stated} "
                 f"in a unit we know ({', '.join(UNITS)}); correct the header or the suffix"
             )
         if units is not None and units != unit:

@@ -12,7 +12,7 @@ interval until the last step but one:
 5. resampling to the time step (:func:`vsr2.motion.resample.resample`).
 6. scaling by a factor, and to a PGA if asked.
 
-A displacement's offset needs no rest to be told from: the band-pass takes it (exactly, the filter
+A displacement's offset needs no rest to be known from: the band-pass takes it (exactly, the filter
 starts in its steady state), and :func:`taper_ends` counts from the first sample. Where the pedestal
 stands has no effect on the rock. An acceleration's offset would drift, so its level at rest comes
 off first. A velocity's is kept unless a baseline or band-pass takes it: records in velocity are

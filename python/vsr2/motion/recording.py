@@ -96,7 +96,7 @@ def read_record(
 
     Args:
         path: the file.
-        format: of the table in this module's description; None: told by suffix and header.
+        format: of the table in this module's description; None: known by suffix and header.
         units: of the values, for a format that carries none; for others it must be None.
 
     Raises:

@@ -98,7 +98,7 @@ def synthetic_motion(
         duration: significant duration [s]; at least two periods 2 pi PGV/PGA and 2 s, at most 300.
         seed: not negative.
         time_step: of the simulation [s].
-        name: by default told by the measures and the seed.
+        name: by default from the measures and the seed.
 
     Raises:
         MotionError: a value is out of these ranges, or no noise could be tuned.

@@ -8,34 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.errors import ResultError
-from vsr2.results.result import TRIAL_COLUMNS, BatchResult
+from vsr2.results.result import TRIAL_COLUMNS, TRIAL_UNITS, BatchResult
 
 if TYPE_CHECKING:
     import xarray
 
-_TRIAL_UNITS = {
-    "pga": "m/s^2",
-    "pgv": "m/s",
-    "pgv_pga": "s",
-    "settling_time": "s",
-    "simulated_time": "s",
-    "overturning_time": "s",
-    "peak_tilt": "rad",
-    "final_tilt": "rad",
-    "final_slip": "m",
-    "final_yaw": "rad",
-    "peak_tracking_error": "m",
-    "steps": "1",
-}
+_STATE_UNITS = dict(_native.state_columns())
 _STEP_UNITS = {
-    "commanded_position": "m",
-    "commanded_velocity": "m/s",
-    "pedestal_position": "m",
-    "pedestal_velocity": "m/s",
-    "tilt": "rad",
-    "turn": "rad",
-}
+    name: _STATE_UNITS.get(name, "rad")
+    for name in (
+        "commanded_position", "commanded_velocity", "pedestal_position", "pedestal_velocity",
+        "tilt", "turn",
+    )
+}  # fmt: skip
 
 
 def to_xarray(result: BatchResult) -> xarray.Dataset:
@@ -60,8 +47,8 @@ def to_xarray(result: BatchResult) -> xarray.Dataset:
     for name, meaning in TRIAL_COLUMNS.items():
         if name != "trial":
             attributes = {"long_name": meaning}
-            if name in _TRIAL_UNITS:
-                attributes["units"] = _TRIAL_UNITS[name]
+            if name in TRIAL_UNITS:
+                attributes["units"] = TRIAL_UNITS[name]
             variables[name] = ("trial", result[name], attributes)
     coordinates: dict[str, Any] = {"trial": result["trial"]}
     if any(log is not None for log in result.logs):

@@ -5,18 +5,22 @@ A trial is recorded after its log is on disk. Floats read back to the last bit.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from vsr2.errors import ResultError
+from vsr2.results.result import COLUMNS
 from vsr2.results.store import Store, StoreKind, Take, read_store
 
 JOURNAL_FILE = "journal.jsonl"
+_COLUMNS = hashlib.sha256(json.dumps(COLUMNS).encode()).hexdigest()[:8]
 _KIND = StoreKind(
     format="vsr2 journal",
-    version=2,
+    version=f"3 with columns {_COLUMNS}",
     foreign="belongs to an unfinished run with other trials or settings; finish that one with its "
     "own study, or start anew with overwrite",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -280,12 +281,26 @@ TRIAL_COLUMNS: dict[str, str] = {
     "pgv": "of the driven motion [m/s]",
     "pgv_pga": "of the driven motion [s]",
     **dict(_native.result_columns()),
-    "steps": "time steps, settling included",
+    "steps": "time steps, settling included [1]",
     "engine": "engine that it began with: parity, exact, fast; empty: none ran",
     "hand_over": "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
     "message": "why it failed; empty: it did not",
 }
 """Columns of `BatchResult.trials`, with their meaning and unit."""
+
+TRIAL_UNITS: dict[str, str] = {
+    name: unit[1]
+    for name, meaning in TRIAL_COLUMNS.items()
+    if (unit := re.search(r"\[(.+?)\]", meaning))
+}
+"""Units of the columns of `BatchResult.trials` that have one, out of their meaning."""
+
+COLUMNS = {
+    "trial_columns": tuple(TRIAL_COLUMNS),
+    "state_columns": STATE_COLUMNS,
+    "contact_columns": CONTACT_COLUMNS,
+}
+"""What files of a batch hold; with other columns they are refused."""
 
 
 @dataclass(frozen=True, eq=False)

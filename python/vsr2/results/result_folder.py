@@ -13,15 +13,12 @@ name. A folder without `provenance.json` belongs to a run that did not finish.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import json
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -32,14 +29,10 @@ from numpy.typing import NDArray
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
-from vsr2.results.journal import JOURNAL_FILE
+from vsr2.results.batch_table import read_table, read_text, table_text
+from vsr2.results.journal import JOURNAL_FILE, has_journal
 from vsr2.results.result import (
-    CONTACT_COLUMNS,
-    INTEGER_COLUMNS,
-    OUTCOMES,
-    STATE_COLUMNS,
-    STATUSES,
-    TEXT_COLUMNS,
+    COLUMNS,
     TRIAL_COLUMNS,
     BatchResult,
     TrialLog,
@@ -74,15 +67,17 @@ _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
 _SPATIAL_NAMES = ("excursions", "pivot")
 _NUMBERED = re.compile(r"\d{6,}\.(npz|npy)")
 _TEMPORARY = re.compile(r"\..+\.[0-9a-f]{12}\.tmp")
-_MAX_TEXT_FILE = 2**31
 
 
-def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+def prepare_folder(
+    folder: str | os.PathLike[str], *, overwrite: bool = False, resume: bool = False
+) -> Path:
     """Make a folder ready to take a result, before any work is spent on one.
 
     Args:
         folder: created with its parents where it does not exist.
         overwrite: remove a result that is already there (only files that VSR2 wrote).
+        resume: leave a folder as it is that holds the journal of an unfinished run.
 
     Returns:
         The folder.
@@ -92,6 +87,8 @@ def prepare_folder(folder: str | os.PathLike[str], *, overwrite: bool = False) -
             another process is writing one into it.
     """
     path = Path(folder)
+    if resume and has_journal(path):
+        return path
     try:
         path.mkdir(parents=True, exist_ok=True)
         _try_to_write(path)
@@ -226,7 +223,7 @@ def save_result(
             save_trial_log(path, i, log, npy=npy)
     logged = [i for i in range(len(result)) if _numbered(path, LOG_FOLDER, i, "npz").exists()]
     text = _provenance_text(result, logged)
-    write_text(path / TRIALS_FILE, _table_text(result.trials), errors="surrogateescape")
+    write_text(path / TRIALS_FILE, table_text(result.trials), errors="surrogateescape")
     write_text(path / PROVENANCE_FILE, text)
     return path
 
@@ -326,9 +323,8 @@ def _provenance_text(result: BatchResult, logged: list[int]) -> str:
             "format_version": FORMAT_VERSION,
             "trials": len(result),
             "logs": logged,
+            **COLUMNS,
             "trial_columns": TRIAL_COLUMNS,
-            "state_columns": STATE_COLUMNS,
-            "contact_columns": CONTACT_COLUMNS,
             "npy_columns": NPY_COLUMNS,
         },
     }
@@ -339,22 +335,6 @@ def _provenance_text(result: BatchResult, logged: list[int]) -> str:
             f"provenance: cannot be written as JSON ({error}); use plain numbers, text, lists and "
             "mappings, and None instead of NaN"
         ) from error
-
-
-def _table_text(trials: Mapping[str, NDArray[Any]]) -> str:
-    columns = [_column_text(name, trials[name]) for name in TRIAL_COLUMNS]
-    rows = [",".join(row) for row in zip(*columns, strict=True)]
-    return "\n".join([",".join(TRIAL_COLUMNS), *rows]) + "\n"
-
-
-def _column_text(name: str, column: NDArray[Any]) -> list[str]:
-    if name in TEXT_COLUMNS:
-        # Always quoted: a name may hold commas and line breaks.
-        return ['"' + str(value).replace('"', '""') + '"' for value in column]
-    if name in INTEGER_COLUMNS:
-        return [str(int(value)) for value in column]
-    # `repr` is the shortest text that reads back to the same bits.
-    return ["" if np.isnan(value) else repr(float(value)) for value in column]
 
 
 def load_result(folder: str | os.PathLike[str], *, logs: bool = True) -> BatchResult:
@@ -370,7 +350,7 @@ def load_result(folder: str | os.PathLike[str], *, logs: bool = True) -> BatchRe
     """
     path = Path(folder)
     provenance, logged, count = _read_provenance(path)
-    trials = _read_table(path / TRIALS_FILE, count)
+    trials = read_table(path / TRIALS_FILE, count)
     loaded: list[TrialLog | None] = [None] * count
     if logs:
         for i in logged:
@@ -407,15 +387,6 @@ def logged_trials(folder: str | os.PathLike[str]) -> list[int]:
     return _read_provenance(Path(folder))[1]
 
 
-def _read_text(path: Path) -> str:
-    try:
-        if path.stat().st_size > _MAX_TEXT_FILE:
-            raise ResultError(f"{path}: larger than {_MAX_TEXT_FILE} bytes; not a file of VSR2")
-        return path.read_bytes().decode("utf-8", "surrogateescape")
-    except OSError as error:
-        raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
-
-
 def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
     """The provenance, the logged trials, and the number of trials."""
     path = folder / PROVENANCE_FILE
@@ -426,7 +397,7 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
             f"{path}: does not exist; {folder} is not a result folder, or its run did not finish"
         )
     try:
-        content = json.loads(_read_text(path))
+        content = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
         raise ResultError(f"{path}: damaged ({error}); run the study again") from error
     facts = content.pop(_RESERVED, None) if isinstance(content, dict) else None
@@ -437,6 +408,15 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
             f"{path}: has format version {facts.get('format_version')!r}, this VSR2 reads "
             f"{FORMAT_VERSION}; use the VSR2 that wrote it ({content.get('vsr2', 'unknown')})"
         )
+    for kind, columns in COLUMNS.items():
+        given = facts.get(kind)
+        names = tuple(map(str, given)) if isinstance(given, dict | list) else ()
+        if names != columns:
+            odd = sorted(set(names).symmetric_difference(columns))
+            raise ResultError(
+                f"{path}: its {kind} are not those of this VSR2 ({', '.join(odd) or 'order'}); use "
+                f"the VSR2 that wrote it ({content.get('vsr2', 'unknown')}), or run the study again"
+            )
     count, logged = facts.get("trials"), facts.get("logs")
     if type(count) is not int or count < 0:
         raise ResultError(f"{path}: damaged ({_RESERVED}.trials is {count!r})")
@@ -445,55 +425,3 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
     ):
         raise ResultError(f"{path}: damaged ({_RESERVED}.logs names trials that do not exist)")
     return content, logged, count
-
-
-def _read_table(path: Path, count: int) -> dict[str, NDArray[Any]]:
-    text = _read_text(path)
-    remedy = "restore the file or run the study again"
-    if not text.endswith("\n"):
-        raise ResultError(f"{path}: truncated (no line end after the last row); {remedy}")
-    try:
-        header, *rows = csv.reader(io.StringIO(text, newline=""), strict=True)
-    except (csv.Error, ValueError) as error:
-        raise ResultError(f"{path}: damaged ({error}); {remedy}") from error
-    if tuple(header) != tuple(TRIAL_COLUMNS):
-        raise ResultError(
-            f"{path}: the first line must name the columns {','.join(TRIAL_COLUMNS)}; {remedy}"
-        )
-    if len(rows) != count:
-        raise ResultError(
-            f"{path}: has {len(rows)} trials where {PROVENANCE_FILE} says {count}; {remedy}"
-        )
-    for i, row in enumerate(rows):
-        if len(row) != len(header):
-            raise ResultError(
-                f"{path}: trial {i} has {len(row)} values for {len(header)} columns; {remedy}"
-            )
-    return {
-        name: _parse_column(path, name, [row[j] for row in rows])
-        for j, name in enumerate(TRIAL_COLUMNS)
-    }
-
-
-def _parse_column(path: Path, name: str, texts: list[str]) -> NDArray[Any]:
-    column: NDArray[Any]
-    if name in TEXT_COLUMNS:
-        known = {"status": STATUSES, "outcome": OUTCOMES}.get(name)
-        column = np.empty(len(texts), dtype=object)
-        column[:] = texts
-    else:
-        known = None
-        column = np.empty(len(texts), dtype=np.int64 if name in INTEGER_COLUMNS else np.float64)
-    for i, text in enumerate(texts):
-        try:
-            if known is not None and text not in known:
-                raise ValueError(f"known are {', '.join(known)}")
-            if column.dtype == np.int64:
-                column[i] = int(text)
-            elif column.dtype == np.float64:
-                column[i] = float(text) if text else np.nan
-        except (ValueError, OverflowError) as error:
-            raise ResultError(
-                f"{path}: trial {i}, column {name}: {text!r} cannot be read ({error})"
-            ) from error
-    return column

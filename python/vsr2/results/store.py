@@ -38,7 +38,7 @@ class StoreKind:
     """
 
     format: str
-    version: int
+    version: int | str
     foreign: str
     damaged: str = "start anew with overwrite"
 
@@ -192,7 +192,7 @@ def _check_header(path: Path, kind: StoreKind, entry: Any, header: Mapping[str, 
     if entry.get("version") != kind.version:
         raise ResultError(
             f"{path}: is a {kind.format} of version {entry.get('version')!r}, this VSR2 has "
-            f"{kind.version}; use the VSR2 that wrote it, or {kind.damaged}"
+            f"{kind.version!r}; use the VSR2 that wrote it, or {kind.damaged}"
         )
     if entry != header:
         raise ResultError(f"{path}: {kind.foreign}")

@@ -1,4 +1,4 @@
-"""Start poses: as told, or turned about the vertical and lowered onto the pedestal.
+"""Start poses: as given, or turned about the vertical and lowered onto the pedestal.
 
 How far a convex part can be lowered is found exactly, up to rounding: over one triangle of the
 pedestal the difference "triangle minus underside of the hull" is concave and piecewise linear in

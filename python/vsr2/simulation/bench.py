@@ -69,8 +69,6 @@ def _stand() -> PedestalBody:
 class EffectBench(Bench):
     """The bench of :class:`vsr2.effects.Bench`.
 
-    The engine is without Bullet's damping of velocities, so that laws of conservation hold.
-
     Args:
         mode: of the engine.
         mesh: file of the rock that stands for a scan; by default a made one, :func:`boulder`.
@@ -79,7 +77,7 @@ class EffectBench(Bench):
     def __init__(
         self, mode: Literal["parity", "exact", "fast", "auto"] = "exact", mesh: Path | None = None
     ) -> None:
-        self._engine = Engine(mode=mode, linear_damping=0.0, angular_damping=0.0)
+        self._engine = Engine(mode=mode)
         self._mesh = mesh
         self._built: dict[Rock, Trial] = {}
 

@@ -8,7 +8,8 @@
   and the points of a hull, by some micrometres does: a hull's contacts depend on the order of its
   points, which any change of them may turn. Effect and no effect are compared under
   equal perturbations, once the rock is at rest again.
-- Right: it meets the closed forms of its own `verify`.
+- Right: it meets the closed forms of its own `verify`; those of the library are outside the package
+  (`studies/effect_closed_forms.py`).
 """
 
 from __future__ import annotations
@@ -116,7 +117,8 @@ class EffectReport:
         step: change of responses a small step from null, by rock; empty where null stands alone, or
             a jump is declared.
         alive: by rock.
-        right: its closed forms; None: it is VSR2's own, and VSR2's tests hold them.
+        right: its closed forms; None: it is of the library, whose closed forms are outside the
+            package.
         fast_refusal: why the engine `fast` does not take it on the block; `none`: it does.
     """
 

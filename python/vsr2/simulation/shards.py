@@ -111,8 +111,8 @@ def run_shard(
     """
     _check_count(shard.count, len(trials))
     own = shard.folder(folder)
-    if not (resume and has_journal(own)):
-        prepare_folder(own, overwrite=overwrite)
+    prepare_folder(own, overwrite=overwrite, resume=resume)
+    if not has_journal(own):
         (own / SHARD_FILE).unlink(missing_ok=True)
     chosen = [trials[i] for i in shard.positions(len(trials))]
     result = run_batch(chosen, threads=threads, progress=progress, checkpoint=own)
@@ -163,8 +163,7 @@ def merge_shards(
             f"{folder / SHARD_FOLDER}: not all shards are finished: {'; '.join(missing[:10])}"
             f"{more}. Run these with --shard I/{len(shards)} --resume, then merge"
         )
-    if overwrite or not has_journal(folder):
-        prepare_folder(folder, overwrite=overwrite)
+    prepare_folder(folder, overwrite=overwrite, resume=not overwrite)
     with Journal(folder, plan_sha256(trials), len(trials)) as journal:
         for shard, found in zip(shards, rows, strict=True):
             for k, i in enumerate(shard.positions(len(trials))):

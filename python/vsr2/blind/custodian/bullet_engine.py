@@ -17,7 +17,6 @@ from vsr2.blind.mujoco import Drawable, Parameter, Response
 from vsr2.config import Study
 from vsr2.config.study import BoxRock, YawStart
 from vsr2.effects import Effect, EffectRangeWarning, apply_effects, library
-from vsr2.effects import Parameter as EffectParameter
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.results import TrialLog, quaternion_product
@@ -75,28 +74,24 @@ class BulletEngine:
     @cached_property
     def effects(self) -> Mapping[str, Drawable]:
         """The library's, but those that this scene cannot have."""
-        found = {name: self._drawable(effect) for name, effect in library().items()}
+        step = self._study.engine.time_step
+        trial = self._trials([TrialInput(step, np.zeros(100))], Nuisances(), step)[0]
+        found = {name: self._drawable(effect, trial) for name, effect in library().items()}
         return {name: drawable for name, drawable in found.items() if drawable is not None}
 
-    def _drawable(self, effect: Effect) -> Drawable | None:
+    @staticmethod
+    def _drawable(effect: Effect, trial: Trial) -> Drawable | None:
         """With the first parameter that is no secondary one as its strength."""
         free = [p for p in effect.parameters if p.prior != "fixed"]
         free.sort(key=lambda parameter: parameter.secondary)
         if not free or free[0].secondary:
             return None
-        strength, *others = (self._parameter(effect.name, parameter) for parameter in free)
+        null = effect.nominal(trial)
+        strength, *others = (
+            Parameter(p.name, p.unit, null[p.name], p.lower, p.upper, math.isinf(null[p.name]))
+            for p in free
+        )
         return Drawable(effect.name, strength, tuple(others), effect.stage == "order")
-
-    def _parameter(self, effect: str, parameter: EffectParameter) -> Parameter:
-        p, null = parameter, parameter.null
-        if math.isnan(null):
-            # As the study has it: Housner's ratio for an impact, the pair's own spinning friction.
-            null = 1.0
-            if effect == "spin_friction":
-                from vsr2.simulation import pair_values
-
-                null = pair_values(self._study.contact).spinning_friction
-        return Parameter(p.name, p.unit, null, p.lower, p.upper, reciprocal=math.isinf(null))
 
     def run(self, inputs: Iterable[TrialInput], series_interval: float) -> Iterator[Response]:
         """Simulate the trials of one campaign, in their order.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.effects import Effect, Parameter
+from vsr2.effects.effect import Stage
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class Reaching:
         return self.entry.channels
 
     @property
-    def stage(self) -> str:
+    def stage(self) -> Stage:
         """Of the effect."""
         return self.entry.stage
 

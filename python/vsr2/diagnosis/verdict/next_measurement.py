@@ -22,6 +22,7 @@ from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.library import Entry, Library
 from vsr2.diagnosis.where.scan import Location
 from vsr2.diagnosis.which.routes import Inference, Prepared
+from vsr2.effects.effect import Stage
 
 
 class MeasurementKind(StrEnum):
@@ -41,7 +42,6 @@ class Instrument(StrEnum):
     PUSH_AND_ROCK = "push_and_rock"
     FILM_FREE_ROCKING = "film_free_rocking"
     TABLE_SENSORS = "table_sensors"
-    SECOND_TABLE_INSTRUMENT = "second_table_instrument"
     SURVEY_STARTS = "survey_starts"
     REPEAT_FIRST_TRIALS = "repeat_first_trials"
     FILM_OUTCOMES = "film_outcomes"
@@ -55,18 +55,17 @@ class Instrument(StrEnum):
     VERTICAL_RECORD = "vertical_record"
 
 
-BY_STAGE = {
+BY_STAGE: dict[Stage, Instrument] = {
     "geometry": Instrument.SCAN_AND_TILT,
     "inertia": Instrument.WEIGH_AND_SWING,
     "contact": Instrument.PUSH_AND_ROCK,
     "mechanism": Instrument.FILM_FREE_ROCKING,
     "actuation": Instrument.TABLE_SENSORS,
-    "measurement": Instrument.SECOND_TABLE_INSTRUMENT,
     "start": Instrument.SURVEY_STARTS,
     "order": Instrument.REPEAT_FIRST_TRIALS,
     "outcome": Instrument.FILM_OUTCOMES,
 }
-BY_EFFECT = {
+BY_EFFECT: dict[str, Instrument] = {
     "catch": Instrument.SLACK,
     "adhesion": Instrument.PULL_OFF,
     "rolling_resistance": Instrument.EDGE_TORQUE,

@@ -71,7 +71,10 @@ def effect_report(report: EffectReport) -> str:
         lines.append("  continuous: not checked, the null value has no value beside it")
     lines.append(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
     if report.right is None:
-        lines.append("  right: not checked here, VSR2's own tests hold its closed forms")
+        lines.append(
+            "  right: not part of the installed package; VSR2's own tests hold "
+            f"`{report.effect.name}` in studies/effect_closed_forms.py"
+        )
     elif not report.right:
         lines.append("  right: NO, its `verify` gives no check")
     lines += [
