@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from blind_results import SCORES, committed_verdicts, recompute, write_gz
-from vsr2.blind import DiagnosisOptions, PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.form.seal import (
     folder_sha256,
     is_open,
@@ -39,14 +39,15 @@ from vsr2.blind.form.seal import (
     read_json,
     read_pack,
 )
-from vsr2.blind.pack_diagnoses import DRAWS
 from vsr2.blind.scoring.packs import RECEIPT, check_apart, judge, read_receipt
 from vsr2.blind.scoring.tables import Scored, score_files, write_files
 from vsr2.config import load_study
+from vsr2.diagnosis import Budget, Execution
 from vsr2.errors import BlindError
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")
+DRAWS = 48
 COMMITS = "commits.json"
 """In a part's folder: which commits made and diagnosed it."""
 
@@ -140,7 +141,8 @@ def main() -> int:
                 folder / "data",
                 folder / "verdicts",
                 tiers=options.tier,
-                options=DiagnosisOptions(check.draws, threads=options.threads),
+                budget=Budget(draws=check.draws),
+                execution=Execution(options.threads),
                 say=say,
             )
             print(f"{folder}: {progress.done} diagnoses, {len(progress.failed)} failed")
@@ -244,7 +246,7 @@ def pool_packs(
         if read_receipt(folder / RECEIPT).get("submission") != submission:
             raise BlindError(f"{diagnoses}: were changed after they were scored")
     scored = judge(opened, training=training, tiers=tiers)
-    packs = [read_pack(data)["commitment"]["sha256"] for data, _, _ in parts]
+    packs = [read_pack(data).commitment.sha256 for data, _, _ in parts]
     content = scored.to_json() | {"packs": packs, "submissions": submissions}
     make_folder(out)
     write_files(score_files(scored, content), out)
@@ -262,7 +264,7 @@ def finished(data: Path, verdicts: Path, tiers: Sequence[str] | None) -> bool:
             for kind in ("diagnosis", "failed")
         )
         for entry in pack["campaigns"]
-        for tier in tiers or pack["tiers"]
+        for tier in tiers or pack.tiers
     )
 
 

@@ -31,6 +31,7 @@ from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pga
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import build_engine
+from vsr2.blind.mujoco import ContactModel
 from vsr2.blind.scoring.score import FIRST, score_cases
 from vsr2.config import load_study
 
@@ -139,11 +140,12 @@ def measured(
     if not wanted:
         return
     motions = catalogue(number, settings.catalogue)
-    first = build_engine(settings.engines[0], study)
+    contact = TypeAdapter(ContactModel).validate_python(key.get("contact", {}))
+    first = build_engine(settings.engines[0], study, contact)
     thresholds = [overturning_pga(first, motion) for motion in motions]
     meters: dict[tuple[str, int], SignalMeter] = {}
     for name, entry, effect in wanted:
-        engine = build_engine(entry["engine"], study)
+        engine = build_engine(entry["engine"], study, contact)
         if effect["name"] not in engine.effects:
             continue
         place = (entry["engine"], int(entry["protocol"]))

@@ -12,11 +12,13 @@ both engines came to: of single effects those whose true class is the most proba
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from blind_results import SCORES, read_gz, read_parts, verdict_rows
+from vsr2.blind.scoring.score import NOT_NONE
 
 TIERS = ("B", "M", "T")
 STRONG = "engine {engine}, limit x 2+"
@@ -62,7 +64,13 @@ ROWS = (
         "-",
         (STRONG, ALL),
     ),
-    Row("false alarms", "false alarms (none)", ".05; .10", (ALL,)),
+    Row("false alarms: named without a gap", "false alarms (none)", ".05; .10", (ALL,)),
+    Row(
+        "anything but `none` without a gap, `unresolved` too",
+        NOT_NONE,
+        "-",
+        (ALL,),
+    ),
     Row("unknown: AUROC", "unknown: AUROC", ".70 / .85 / .90; .75 (M)", (STRONG, ALL)),
     Row("unknown: rate at 5 % false alarms", "unknown: rate at 5 % false alarms", "-"),
     Row(
@@ -137,8 +145,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path)
     results = parser.parse_args().results
-    print(targets_table(read_gz(results / SCORES)))
     rows = verdict_rows(list(read_parts(results)))
+    print(targets_table([*read_gz(results / SCORES)["scores"], *not_none(rows)]))
     if any(row["withheld"] for row in rows):
         print()
         print(outcomes_table(rows))
@@ -185,13 +193,30 @@ def _counts(rows: list[dict[str, Any]]) -> str:
     return " / ".join(cells)
 
 
-def targets_table(scores: dict[str, Any]) -> str:
+def not_none(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The share of gap-free campaigns that are not called so, which early rounds did not record.
+
+    Args:
+        rows: of `verdicts.csv`.
+    """
+    free = [row for row in rows if row["kind"] == "none"]
+    out = []
+    for engine, tier in sorted({(row["engine"], row["tier"]) for row in free}):
+        own = [r["verdict"] != "none" for r in free if (r["engine"], r["tier"]) == (engine, tier)]
+        group, value = ALL.format(engine=engine), sum(own) / len(own)
+        out.append(
+            {"group": group, "tier": tier, "score": NOT_NONE, "value": value, "campaigns": len(own)}
+        )
+    return out
+
+
+def targets_table(scores: Sequence[dict[str, Any]]) -> str:
     """The table.
 
     Args:
-        scores: the recorded ones.
+        scores: of all parts, as `scores.json` has them.
     """
-    found = {(s["group"], s["score"], s["tier"]): s for s in scores["scores"]}
+    found = {(s["group"], s["score"], s["tier"]): s for s in scores}
     lines = [
         "| score | group | Bullet | MuJoCo | wanted (Bullet; MuJoCo) |",
         "| --- | --- | --- | --- | --- |",

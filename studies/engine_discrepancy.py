@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.form.seal import open_key, read_pack
-from vsr2.blind.pack_diagnoses import uncertainties
+from vsr2.blind.pack_diagnoses import pack_nuisances
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Hypotheses, with_deviations
+from vsr2.diagnosis import Budget, Hypotheses
 from vsr2.diagnosis.budget import Schedule
 from vsr2.diagnosis.likelihood.emulator import fit_emulator
 from vsr2.diagnosis.likelihood.evidence import Data, tabulate
@@ -56,8 +56,8 @@ def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, ND
     first = next(iter(seen.values()))
     simulator = SceneSimulator(
         first.campaign,
-        load_study(part / "data" / pack["scene"]),
-        hypotheses=Hypotheses(nuisances=with_deviations(uncertainties(pack.get("tolerances", {})))),
+        load_study(part / "data" / pack.scene),
+        hypotheses=Hypotheses(nuisances=pack_nuisances(pack)),
         series=True,
         threads=1,
         seed=0,

@@ -1,10 +1,12 @@
 """A quick engine, hand-made packs and verdicts for tests of the blind check."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+import vsr2.diagnosis.observed.observations as observations
 from vsr2.blind import make_pack
 from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.form.pack_settings import PackSettings
@@ -169,3 +171,10 @@ def pulses(seed, count):
         peak = np.abs(np.diff(moved, 2)).max() / 0.005**2
         out.append(GroundMotion(f"M{i + 1}", 0.005, moved / peak))
     return out
+
+
+def stand_in(monkeypatch, diagnosis):
+    """Packs are diagnosed by something quick, campaigns of a few trials too."""
+    few = replace(observations.OBSERVED, least_trials=3, least_motions=1)
+    monkeypatch.setattr(observations, "OBSERVED", few)
+    monkeypatch.setattr("vsr2.diagnosis.diagnose", diagnosis)

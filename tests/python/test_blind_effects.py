@@ -247,7 +247,7 @@ def test_spin_friction_brakes_a_turning_block() -> None:
     import mujoco
 
     base = under("spin_friction", situation(friction=1e-4), coefficient=0.02)
-    model = build_model(base, 0.001)
+    model = build_model(base)
     data = mujoco.MjData(model)
     data.qpos[3] = BLOCK.center[2]
     mujoco.mj_step(model, data, nstep=300)
@@ -304,11 +304,11 @@ def test_rocking_damping_takes_its_share_of_the_velocity() -> None:
     import mujoco
 
     base = under("rocking_damping", situation(), ratio=0.05)
-    model = build_model(base, 0.001)
+    model = build_model(base)
     data = mujoco.MjData(model)
     data.qpos[3:8] = [10.0, math.cos(0.05), 0.0, math.sin(0.05), 0.0]
     data.qvel[1] = 2.0
-    (damp,) = step_actions(base, model, data, RelativeMotion(data, ["x"], 0.5), 0.001)
+    (damp,) = step_actions(base, model, data, RelativeMotion(data, ["x"], 0.5))
     for _ in range(300):
         mujoco.mj_step(model, data)
         damp(-1)
@@ -323,7 +323,7 @@ def test_rolling_resistance_is_that_of_the_equation_of_motion() -> None:
 
 
 def test_rolling_resistance_is_that_of_the_equation_of_motion_on_average() -> None:
-    model = build_model(under("rolling_resistance", situation(), arm=0.01), 0.001)
+    model = build_model(under("rolling_resistance", situation(), arm=0.01))
     assert model.geom_friction[:, 2].max() == 0.01
     # Impacts scatter by some 3 % of the next peak, so over 13 of them: the logarithm of what
     # resistance takes, a tenth, within a fifth.
@@ -346,7 +346,7 @@ def test_a_softer_contact_sinks_further() -> None:
 
     depths = []
     for decades in (0.0, -1.0):
-        model = build_model(under("contact_stiffness", situation(), decades=decades), 0.001)
+        model = build_model(under("contact_stiffness", situation(), decades=decades))
         data = mujoco.MjData(model)
         data.qpos[3] = BLOCK.center[2]
         mujoco.mj_step(model, data, nstep=500)

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from blind_check import pool_packs
-from blind_samples import hand_made
-from vsr2.blind import DiagnosisOptions, diagnose_pack, score_pack
+from blind_samples import hand_made, stand_in
+from vsr2.blind import diagnose_pack, score_pack
 from vsr2.blind.form.diagnosis_form import verdict_of
-from vsr2.blind.form.seal import open_key, read_pack
-from vsr2.blind.pack_diagnoses import _excluded, uncertainties
+from vsr2.blind.form.pack_form import Listed
+from vsr2.blind.form.seal import key_slips, open_key, read_pack
+from vsr2.blind.pack_diagnoses import _excluded, pack_nuisances
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.score import (
     closure,
@@ -28,7 +29,6 @@ from vsr2.blind.scoring.score import (
     where_mass,
 )
 from vsr2.cli.main import main
-from vsr2.effects import library
 from vsr2.errors import BlindError, ConfigError
 
 SALT = "5a17"
@@ -212,6 +212,11 @@ def write_diagnoses(data, out, verdicts=VERDICTS, tiers=("B", "M")):
     return out
 
 
+@pytest.fixture(autouse=True)
+def _told(monkeypatch):
+    stand_in(monkeypatch, Told)
+
+
 @pytest.fixture
 def pack(tmp_path):
     data, key = write_pack(tmp_path)
@@ -238,12 +243,13 @@ def test_a_pack_of_others_is_diagnosed_and_scored(tmp_path) -> None:
     data, key = write_pack(tmp_path)
     Told.calls = []
     shutil.move(key, tmp_path / "away")
-    progress = diagnose_pack(data, tmp_path / "out", diagnose=Told)
+    progress = diagnose_pack(data, tmp_path / "out")
     assert (progress.done, progress.failed) == (6, ())
     by_name = {campaign.name: (campaign, scene, how) for campaign, scene, how in Told.calls}
     campaign, scene, how = by_name["Hall.1"]
     assert [trial.trial for trial in campaign.trials] == list(TRIALS)
-    assert (scene, how["hypotheses"].exclude) == ("scene.yaml", ("wind",))
+    # The library has no wind that it could leave out.
+    assert (scene, how["hypotheses"].exclude) == ("scene.yaml", ())
     deviations = {one.name: one.prior.sd for one in how["hypotheses"].nuisances}
     assert deviations["slenderness"] == pytest.approx(0.05)
     assert deviations["trial_gain"] == pytest.approx(0.004)
@@ -287,6 +293,151 @@ def test_a_key_may_seal_less(tmp_path) -> None:
     (data / "scene.yaml").write_text(SCENE.replace("2600", "2700"))
     out = write_diagnoses(data, tmp_path / "out")
     assert score_pack(data, kept, out, tmp_path / "scores").scores["M", "all"]
+
+
+# --- what a laboratory knows --------------------------------------------------------------------
+
+
+def nuisance(**content):
+    return {"effect": "slenderness", "parameter": "change", "distribution": "normal"} | content
+
+
+NUISANCES = [
+    nuisance(distribution="uniform", low=-0.02, high=0.02, group="mould"),
+    nuisance(effect="inertia", sd=0.02, group="mould", correlation=0.9),
+    nuisance(effect="contact_stiffness", parameter="decades", sd=0.3),
+    nuisance(effect="com_offset", parameter="distance", sd=0.002, scope="campaign"),
+    nuisance(effect="restitution", parameter="energy_ratio", distribution="lognormal", sd=0.03),
+    nuisance(effect="motion_noise", parameter="displacement", distribution="loguniform",
+             low=1e-5, high=1e-4),
+    nuisance(effect="table_gain", sd=0.01, scope="motion"),
+]  # fmt: skip
+PRIORS = {"table_gain.change": {"distribution": "normal", "mean": 0.0, "sd": 0.03}}
+
+
+def test_a_pack_states_distributions_by_name(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    key["settings"] |= {"nuisances": NUISANCES, "priors": PRIORS}
+    data, kept = write_pack(tmp_path, key, {"nuisances": NUISANCES, "priors": PRIORS})
+    open_key(data, kept)
+    Told.calls = []
+    diagnose_pack(data, tmp_path / "out", tiers=["M"])
+    given = Told.calls[0][2]["hypotheses"]
+    found = {(one.acting.name, str(one.scope)): one for one in given.nuisances}
+    # Width and height of the tolerances give way to what is stated; the gain of trials stays.
+    assert found["slenderness", "campaign"].prior.high == 0.02
+    assert found["inertia", "campaign"].correlation == 0.9
+    assert found["restitution", "campaign"].relative
+    assert found["com_offset", "campaign"].direction == "azimuth"
+    assert found["table_gain", "motion"].prior.sd == 0.01
+    assert found["table_gain", "trial"].prior.sd == pytest.approx(0.004)
+    assert found["motion_noise", "campaign"].prior.low == 1e-5
+    gain = given.offered["table_gain"].parameter("change")
+    assert (gain.prior, gain.lower, gain.upper) == ("normal", -0.06, 0.06)
+    change_pack(data, nuisances=NUISANCES[1:])
+    with pytest.raises(BlindError, match=r"nuisances is .* and differs from the sealed"):
+        open_key(data, kept)
+    change_pack(data, nuisances=NUISANCES, priors={})
+    with pytest.raises(BlindError, match=r"priors is .* and differs from the sealed"):
+        open_key(data, kept)
+
+
+def with_reference(**changes):
+    """A key with an open campaign in place of the one without effect, and its entry."""
+    key = copy.deepcopy(KEY)
+    key["campaigns"]["Hall.2"]["kind"] = "reference"
+    listed = [{"id": "Hall.1", "protocol": 2, "exclude": ["wind"]},
+              {"id": "Hall.2", "kind": "reference"} | changes,
+              {"id": "hall-3", "exclude": ["wind"]}]  # fmt: skip
+    return key, {"campaigns": listed}
+
+
+def test_references_are_open_and_scored_apart(tmp_path) -> None:
+    data, kept = write_pack(tmp_path, *with_reference())
+    out = write_diagnoses(data, tmp_path / "out")
+    scores = score_pack(data, kept, out, tmp_path / "scores").scores
+    assert scores["M", "all"]["open truth found (reference)"].value == 1.0
+    assert "false alarms (none)" not in scores["M", "all"]
+    assert scores["M", "kind reference"]["open truth found (reference)"].count == 1
+    known = [{"name": "rope", "values": {"slack": 8.0}}]
+    for changes, message in (
+        ({"effects": known}, "effects of Hall.2 is .* differs from the sealed"),
+        ({"kind": None}, "reference Hall.2 is False and differs from the sealed, True"),
+    ):
+        change_pack(data, **with_reference(**changes)[1])
+        with pytest.raises(BlindError, match=message):
+            open_key(data, kept)
+    change_pack(data, **with_reference(effects=known, kind=None)[1])
+    with pytest.raises(BlindError, match=r"campaigns\[1\]\.effects is .*only references are open"):
+        open_key(data, kept)
+
+
+def test_shared_motions_are_sealed_once(tmp_path) -> None:
+    data, kept = write_pack(tmp_path)
+    sealed = json.loads((kept / "key.json").read_text())["key"]
+    shutil.move(data / "Hall.1" / "motions", data / "motions")
+    for name in KEY["campaigns"]:
+        shutil.rmtree(data / name / "motions", ignore_errors=True)
+        file = data / name / "campaign.yaml"
+        file.write_text(file.read_text() + "motions: ../motions\n")
+        sealed["campaigns"][name]["data_sha256"] = folder_hash(data / name)
+    seal(data, kept, sealed)
+    with pytest.raises(BlindError, match=r"holds motions, and motions_sha256 of .* does not seal"):
+        open_key(data, kept)
+    seal(data, kept, sealed | {"motions_sha256": {"motions": folder_hash(data / "motions")}})
+    open_key(data, kept)
+    assert diagnose_pack(data, tmp_path / "out").done == 6
+    (data / "motions" / "pulse.npz").write_bytes(b"")
+    with pytest.raises(BlindError, match="motions: its files differ from the sealed ones"):
+        open_key(data, kept)
+
+
+def test_without_detection_limits_campaigns_go_by_the_outcomes_that_flip(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    for name, flips in (("Hall.1", 0.2), ("hall-3", 0.03)):
+        key["campaigns"][name]["flips"] = flips
+    data, kept = write_pack(tmp_path, key)
+    out = write_diagnoses(data, tmp_path / "out")
+    found = groups(read_cases(data, open_key(data, kept), out))
+    # The other has a limit.
+    assert [name for tier, name in found if tier == "M" and "flips" in name] == ["flips 0.02-0.05"]
+    del key["campaigns"]["Hall.1"]["effects"][0]["relative"]
+    data, kept = write_pack(tmp_path / "two", key)
+    found = groups(read_cases(data, open_key(data, kept), write_diagnoses(data, tmp_path / "o")))
+    assert [case.id for case in found["M", "flips 0.1+"]] == ["Hall.1"]
+
+
+def test_unresolved_without_a_gap_counts_apart(pack, tmp_path) -> None:
+    data, key, out = pack
+    unsure = VERDICTS["Hall.2"] | {"verdict": {"kind": "unresolved", "effects": []}}
+    write_diagnoses(data, out, VERDICTS | {"Hall.2": unsure})
+    scores = score_pack(data, key, out, tmp_path / "scores").scores["M", "all"]
+    assert scores["false alarms (none)"].value == 0.0
+    assert scores["not called none, unresolved counted (none)"].value == 1.0
+
+
+def test_misspelt_names_of_a_key_are_said_with_the_nearest(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    effects = key["campaigns"]["Hall.1"]["effects"]
+    effects[0] |= {"name": "table_gian", "values": {"change": 0.1}, "strength": "change", "null": 0}
+    other = {"name": "friction", "values": {"facter": 0.8}, "strength": "facter", "null": 1.0}
+    key["campaigns"]["hall-3"] |= {"effects": [other], "exclude": ["friction"]}
+    listed = [{"id": "Hall.1", "protocol": 2, "exclude": ["wind"]}, {"id": "Hall.2"},
+              {"id": "hall-3", "exclude": ["friction"]}]  # fmt: skip
+    data, kept = write_pack(tmp_path, key, {"campaigns": listed})
+    assert key_slips(open_key(data, kept)) == [
+        "Hall.1: the library has no effect 'table_gian'; table_gain may be meant",
+        "hall-3: the library has no parameter of friction 'facter'; factor may be meant",
+    ]
+    assert key_slips(KEY) == []
+
+
+def test_a_name_without_quotes_is_no_number(tmp_path) -> None:
+    data, _ = write_pack(tmp_path)
+    path = data / "pack.json"
+    path.write_text(path.read_text().replace('"Hall.1"', "12e345678"))
+    with pytest.raises(BlindError, match=r"pack\.json: .*12e345678 is a number too great.*quotes"):
+        read_pack(data)
 
 
 # --- what was sealed -----------------------------------------------------------------------------
@@ -407,6 +558,23 @@ def test_the_series_interval_of_our_own_packs_seals_the_tiers(tmp_path) -> None:
         ({"campaigns": [{"id": "c"}] * 2}, r"campaigns: id c is \['c', 'c'\]; give each id once"),
         ({"campaigns": [{"id": "c", "protocol": "one"}]}, r"campaigns\[0\]\.protocol is 'one'"),
         ({"campaigns": [{"id": "c", "exclude": "wear"}]}, r"campaigns\[0\]\.exclude is 'wear'"),
+        ({"nuisances": [{"effect": "friction"}]}, r"nuisances\[0\]\.parameter is missing"),
+        (
+            {
+                "nuisances": [
+                    {"effect": "frction", "parameter": "factor", "distribution": "normal", "sd": 1}
+                ]
+            },
+            r"nuisances\[0\]\..*no effect 'frction'; did you mean",
+        ),
+        (
+            {"priors": {"friction.factor": {"distribution": "norml"}}},
+            r"priors\.friction\.factor\.distribution is 'norml'; did you mean `normal`",
+        ),
+        (
+            {"priors": {"friction.fctor": {"distribution": "normal", "sd": 1}}},
+            r"priors\..*no parameter 'fctor'; did you mean `factor`",
+        ),
         ({"commitment": {}}, r"commitment\.sha256 is missing; give it"),
         ({"commitment": "abc"}, "commitment is 'abc'; it should be a mapping"),
     ],
@@ -415,7 +583,7 @@ def test_a_pack_that_cannot_be_used_is_named(changes, message, tmp_path) -> None
     data, _ = write_pack(tmp_path)
     change_pack(data, **changes)
     with pytest.raises(BlindError, match=rf"pack\.json: {message}"):
-        diagnose_pack(data, tmp_path / "out", diagnose=Told)
+        diagnose_pack(data, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -531,9 +699,9 @@ def test_what_is_withheld_may_lie_outside_the_library(name, fault, tmp_path) -> 
     said = []
     if fault is not None:
         with pytest.raises(BlindError, match=rf"exclude of c names '{name}'.*if {fault} is meant"):
-            _excluded(tmp_path, {"id": "c", "exclude": [name]}, library(), said.append)
+            _excluded(tmp_path, Listed(id="c", exclude=(name,)), said.append)
         return
-    kept = _excluded(tmp_path, {"id": "c", "exclude": [name, "catch"]}, library(), said.append)
+    kept = _excluded(tmp_path, Listed(id="c", exclude=(name, "catch")), said.append)
     assert kept == ("catch",)
     assert said == ["c: exclude names 'wind', which the library lacks anyway"]
 
@@ -543,7 +711,7 @@ def test_diagnoses_do_not_go_into_the_pack(place, tmp_path) -> None:
     data, _ = write_pack(tmp_path)
     before = folder_hash(tmp_path)
     with pytest.raises(BlindError, match="choose another --out"):
-        diagnose_pack(data, tmp_path / place, diagnose=Told)
+        diagnose_pack(data, tmp_path / place)
     assert folder_hash(tmp_path) == before
 
 
@@ -698,7 +866,7 @@ def test_junk_in_a_pack_is_refused_or_does_no_harm(tmp_path) -> None:
     for content in damaged(json.loads((data / "pack.json").read_text())):
         (data / "pack.json").write_text(json.dumps(content))
         try:
-            uncertainties(read_pack(data).get("tolerances") or {})
+            pack_nuisances(read_pack(data))
         except BlindError:
             refused += 1
     assert refused > 100
@@ -740,21 +908,12 @@ def test_junk_in_a_diagnosis_is_refused_or_does_no_harm(pack) -> None:
 # --- before anything is written ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"draws": 4}, "draws is 4; give at least 6"),
-        ({"draws": None, "budget_minutes": 0.0}, "budget_minutes is 0"),
-        ({"threads": 0}, "threads is 0"),
-        ({"seed": -1}, "seed is -1"),
-    ],
-)
-def test_options_are_refused_before_the_submission_is_begun(options, message, tmp_path) -> None:
+def test_a_seed_is_refused_before_the_submission_is_begun(tmp_path) -> None:
     data, _ = write_pack(tmp_path)
-    with pytest.raises(BlindError, match=message):
-        diagnose_pack(data, tmp_path / "out", diagnose=Told, options=DiagnosisOptions(**options))
+    with pytest.raises(BlindError, match="seed is -1"):
+        diagnose_pack(data, tmp_path / "out", seed=-1)
     assert not (tmp_path / "out").exists()
-    assert diagnose_pack(data, tmp_path / "out", diagnose=Told).done == 6
+    assert diagnose_pack(data, tmp_path / "out").done == 6
 
 
 def test_a_file_in_the_place_of_the_diagnoses_is_refused(tmp_path, capsys) -> None:
@@ -776,5 +935,5 @@ def test_a_scene_that_cannot_be_used_begins_nothing(tmp_path) -> None:
     data, _ = write_pack(tmp_path)
     (data / "boulder.obj").unlink()
     with pytest.raises(ConfigError, match=r"boulder\.obj"):
-        diagnose_pack(data, tmp_path / "out", diagnose=Told)
+        diagnose_pack(data, tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -19,7 +19,7 @@ from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.plan import directions, draw_plan
 from vsr2.blind.custodian.recording import recorded_campaign
 from vsr2.blind.form.diagnosis_form import Verdict
-from vsr2.blind.form.pack_settings import CLASSES, KINDS
+from vsr2.blind.form.pack_settings import CLASSES
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.mujoco import Drawable, Parameter, Response
 from vsr2.blind.scoring.baselines import (
@@ -71,7 +71,7 @@ class UnevenEngine(QuickEngine):
 
 def births(data):
     """When the folders of a pack's campaigns were made [s], in order of their names."""
-    folders = sorted(path for path in data.iterdir() if path.is_dir())
+    folders = sorted(path for path in data.glob("c*") if path.is_dir())
     told = subprocess.run(["stat", "-c", "%.9W", *folders], capture_output=True, text=True)
     return np.array([float(line) for line in told.stdout.split() if line != "-"])
 
@@ -79,9 +79,9 @@ def births(data):
 def test_when_a_campaign_was_made_tells_nothing(uneven, study, tmp_path, monkeypatch) -> None:
     save = make_module.save_campaign
 
-    def slowly(campaign, folder):
+    def slowly(*given, **how):
         sleep(0.2)
-        save(campaign, folder)
+        save(*given, **how)
 
     monkeypatch.setattr(make_module, "save_campaign", slowly)
     make(study, tmp_path)
@@ -94,7 +94,7 @@ def test_when_a_campaign_was_made_tells_nothing(uneven, study, tmp_path, monkeyp
 
 @pytest.fixture
 def uneven(monkeypatch):
-    monkeypatch.setattr(make_module, "build_engine", lambda name, study: UnevenEngine())
+    monkeypatch.setattr(make_module, "build_engine", lambda *given: UnevenEngine())
 
 
 def structure(folder):
@@ -291,12 +291,15 @@ def only_one_class_drawn():
 
 
 def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
-    plan, settings = planned(single=40, none=40, pair=40, unknown=40, hidden=3)
+    plan, settings = planned(single=40, none=40, pair=40, unknown=40, reference=4, hidden=3)
+    assert [one.exclude for one in plan if one.kind == "reference"] == [()] * 4
+    plan = [one for one in plan if one.kind != "reference"]
     for one in plan:
         own = {settings.class_of(effect.name) for effect in one.effects}
         assert one.exclude
         assert (settings.class_of(one.exclude[0]) in own) == (one.kind == "unknown")
-    left_out = {kind: {p.exclude for p in plan if p.kind == kind} for kind in KINDS}
+    kinds = {one.kind for one in plan}
+    left_out = {kind: {p.exclude for p in plan if p.kind == kind} for kind in kinds}
     assert all(found == left_out["none"] for found in left_out.values())
     assert len(left_out["none"]) == 3
 
@@ -425,6 +428,7 @@ def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp
             effects=tuple(entry["effects"]),
             exclude=(),
             relative=1.0,
+            flips=0.5,
             where={},
             trials=(),
             verdict=Verdict(VerdictKind.NONE),

@@ -16,6 +16,7 @@ from vsr2.blind.mujoco import (
     Situation,
     TableMotion,
     block,
+    draw_contact,
     drive,
     ground_motion,
     read_hull,
@@ -302,3 +303,33 @@ def test_ground_motions_are_at_rest_at_both_ends() -> None:
         assert np.abs(felt).max() == pytest.approx(1.0)
         assert np.ptp(motion.displacement[:30]) == 0 == np.ptp(motion.displacement[-30:])
         assert motion.displacement[0] == 0 == motion.displacement[-1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_contact_model_of_the_family_is_correct(seed) -> None:
+    contact = draw_contact(np.random.default_rng(seed), development=bool(seed % 2))
+    np.testing.assert_allclose(kept(free_rocking(contact=contact)), BLOCK.housner_ratio, rtol=0.04)
+    threshold = G * math.tan(BLOCK.slenderness_angle)
+    assert not lifts(0.97 * threshold, contact=contact)
+    assert lifts(1.03 * threshold, contact=contact)
+
+
+def test_the_family_differs_in_what_a_campaign_shows() -> None:
+    peaks = {
+        run_trial(
+            situation(6.0, contact=draw_contact(np.random.default_rng(seed), development=True))
+        ).peak_tilt
+        for seed in range(3)
+    }
+    assert len(peaks) == 3
+    assert max(peaks) < 1.1 * min(peaks)
+
+
+def test_development_and_scored_packs_have_no_member_in_common() -> None:
+    found = [
+        {draw_contact(np.random.default_rng(s), development=d).time_constant for s in range(200)}
+        for d in (True, False)
+    ]
+    least, most = 0.002, 0.005
+    cells = [{int(8 * math.log(t / least) / math.log(most / least)) for t in of} for of in found]
+    assert cells == [{0, 2, 4, 6}, {1, 3, 5, 7}]

@@ -1,5 +1,6 @@
 """The custodian: what it draws and seals, and how it continues."""
 
+import dataclasses
 import json
 import math
 import shutil
@@ -20,7 +21,7 @@ from vsr2.blind.custodian.design import draw_inputs
 from vsr2.blind.custodian.plan import Planned
 from vsr2.blind.custodian.recording import recorded_campaign
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
-from vsr2.blind.mujoco import Response
+from vsr2.blind.mujoco import Response, draw_contact
 from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.campaign import (
     check_campaign,
@@ -55,6 +56,37 @@ def test_a_pack_is_what_was_asked(quick, study, tmp_path) -> None:
             assert 0.499 <= effect["relative"] <= 6.001
     # A load and a diagnosis need the nominal scene, without the folder that it came from.
     assert load_study(data / "scene.yaml").rock == study.rock
+
+
+def test_a_pack_has_a_contact_model_of_its_own_that_is_sealed(quick, study, tmp_path) -> None:
+    found = []
+    for development in (False, True):
+        folder = tmp_path / str(development)
+        make(study, folder, seed=4, single=0, none=1, pair=0, unknown=0, development=development)
+        rng = np.random.default_rng([4, 403])
+        drawn = dataclasses.asdict(draw_contact(rng, development=development))
+        found.append(open_key(folder / "data", folder / "key")["contact"])
+        assert found[-1] == json.loads(json.dumps(drawn))
+    assert found[0] != found[1]
+
+
+def test_campaigns_of_a_protocol_share_their_motions(quick, study, tmp_path) -> None:
+    make(study, tmp_path, protocols=2, reference=1)
+    data = tmp_path / "data"
+    key = open_key(data, tmp_path / "key")
+    assert set(key["motions_sha256"]) == {"motions1", "motions2"}
+    for name, entry in key["campaigns"].items():
+        assert not (data / name / "motions").exists()
+        text = (data / name / "campaign.yaml").read_text()
+        assert f"motions: ../motions{entry['protocol'] + 1}\n" in text
+        if entry["effects"]:
+            assert 0 <= entry["flips"] <= 1
+    scene = load_study(data / "scene.yaml")
+    assert scene.motion.mode == "all_recordings"
+    assert (scene.motion.filter.low, scene.motion.filter.high) == (0.1, 25.0)
+    (open_one,) = [e for e in read_json(data / "pack.json")["campaigns"] if "kind" in e]
+    assert key["campaigns"][open_one["id"]]["kind"] == open_one["kind"] == "reference"
+    assert open_one["exclude"] == []
 
 
 def test_each_trial_and_campaign_has_its_own_nuisances(quick, study, tmp_path) -> None:
@@ -220,11 +252,11 @@ def test_a_killed_pack_is_continued(quick, study, tmp_path, monkeypatch) -> None
     uncut = make(study, tmp_path / "uncut")
     write, calls = make_module.save_campaign, []
 
-    def stopped(*args):
+    def stopped(*args, **how):
         calls.append(args)
         if len(calls) == 5:
             raise KeyboardInterrupt
-        return write(*args)
+        return write(*args, **how)
 
     monkeypatch.setattr(make_module, "save_campaign", stopped)
     with pytest.raises(KeyboardInterrupt):
@@ -263,7 +295,7 @@ elif {place!r}:
     os.replace = dying(os.replace, {place!r}, {{"steps.json": 20}}.get({place!r}, 1))
 else:
     save.trials_table = dying(save.trials_table, "", 5)
-tests.make_module.build_engine = lambda name, study: tests.QuickEngine()
+tests.make_module.build_engine = lambda *given: tests.QuickEngine()
 tests.make(tests.load_study(tests.SCENE), Path({pack!r}))
 """
 

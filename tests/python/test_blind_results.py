@@ -112,7 +112,9 @@ def test_the_published_scores_follow_from_what_is_published(monkeypatch) -> None
         if row["tier"] in ("B", "M", "T") and row["score"] != CALIBRATION_NOISE
     }
     assert len(recorded) > 800
-    assert found == recorded
+    # Later versions know more scores.
+    known = {score for _, _, score in recorded}
+    assert {row: value for row, value in found.items() if row[2] in known} == recorded
 
 
 def test_the_documented_scores_are_those_of_the_last_round() -> None:

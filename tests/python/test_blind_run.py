@@ -16,9 +16,8 @@ import pytest
 
 import vsr2.blind
 import vsr2.blind.custodian.make as make_module
-from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses
+from blind_samples import SCENE, QuickEngine, diagnosis, make, pulses, stand_in
 from vsr2.blind import (
-    DiagnosisOptions,
     PackSettings,
     diagnose_pack,
     make_pack,
@@ -28,14 +27,16 @@ from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
 from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.make import Made
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
+from vsr2.blind.form.pack_settings import KINDS
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
+from vsr2.blind.mujoco import ContactModel
 from vsr2.blind.pack_diagnoses import at_tier, uncertainties
 from vsr2.campaign import (
     load_campaign,
 )
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
-from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
+from vsr2.diagnosis import DEFAULT_NUISANCES, Budget, with_deviations
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
@@ -57,7 +58,8 @@ class Stub:
 
 
 @pytest.fixture
-def small(quick, study, tmp_path):
+def small(quick, study, tmp_path, monkeypatch):
+    stand_in(monkeypatch, Stub)
     # The stub names table_gain, whose class is withheld from no campaign so.
     effects = ("wear", "restitution", "friction", "inertia")
     make(study, tmp_path, single=1, none=1, pair=0, unknown=2, effects=effects)
@@ -91,9 +93,7 @@ def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) 
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(
-        small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(9, seed=7)
-    )
+    progress = diagnose_pack(small, tmp_path / "out", budget=Budget(draws=9), seed=7)
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
@@ -120,59 +120,94 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
 def test_a_damaged_campaign_fails_alone(small, tmp_path) -> None:
     first = read_json(small / "pack.json")["campaigns"][0]["id"]
     (small / first / "trials.csv").write_text("not a table")
-    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Stub)
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"])
     assert progress.failed == (f"{first} M",)
     assert len(Stub.calls) == 3
 
 
-def test_diagnosing_continues_where_it_stopped(small, tmp_path) -> None:
+def test_diagnosing_continues_where_it_stopped(small, tmp_path, monkeypatch) -> None:
     def failing(campaign, scene, **how):
         if len(Stub.calls) == 2:
             Stub.calls.append(None)
             raise CampaignError("no motion")
         return Stub(campaign, scene, **how)
 
-    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=failing)
+    stand_in(monkeypatch, failing)
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"])
     assert (progress.done, len(progress.failed)) == (3, 1)
     name, tier = progress.failed[0].split()
     failed = tmp_path / "out" / name / tier / "failed.json"
     assert read_json(failed) == {"error": "no motion"}
-    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Stub)
+    stand_in(monkeypatch, Stub)
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"])
     assert (progress.done, len(Stub.calls)) == (4, 5)
     assert not failed.exists()
     with pytest.raises(BlindError, match="seed 0, not 1"):
-        diagnose_pack(small, tmp_path / "out", diagnose=Stub, options=DiagnosisOptions(seed=1))
+        diagnose_pack(small, tmp_path / "out", seed=1)
 
 
-def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path) -> None:
+def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path, monkeypatch) -> None:
     class Nameless(Stub):
         def __init__(self, campaign, scene, **how):
             super().__init__(campaign, scene, **how)
             self.content["verdict"] |= {"kind": "effect", "effects": []}
 
-    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"], diagnose=Nameless)
+    stand_in(monkeypatch, Nameless)
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["M"])
     assert len(progress.failed) == 4
     folder = tmp_path / "out" / progress.failed[0].split()[0] / "M"
     assert "verdict.effects" in read_json(folder / "failed.json")["error"]
     assert not (folder / DIAGNOSIS_FILE).exists()
 
 
+def test_draws_may_rise_and_then_all_is_diagnosed_again(small, tmp_path) -> None:
+    def diagnosed(draws):
+        budget = Budget(draws=draws)
+        return diagnose_pack(small, tmp_path / "out", tiers=["M"], budget=budget).done
+
+    assert (diagnosed(9), diagnosed(9), len(Stub.calls)) == (4, 4, 4)
+    assert (diagnosed(24), len(Stub.calls)) == (4, 8)
+    assert {how["budget"].draws for _, how in Stub.calls[4:]} == {24}
+    assert len(list((tmp_path / "out").glob("*/M/diagnosis-9-draws.json"))) == 4
+    assert read_json(tmp_path / "out" / "submission.json")["draws"] == 24
+    with pytest.raises(BlindError, match="draws 24, not 9; continue with the same"):
+        diagnosed(9)
+
+
+def test_what_cannot_be_used_is_found_before_the_first_simulation(small, tmp_path) -> None:
+    names = [entry["id"] for entry in read_json(small / "pack.json")["campaigns"]]
+    damaged = small / names[-1] / "campaign.yaml"
+    sound = damaged.read_text()
+    damaged.write_text(sound.replace(f"name: {names[-1]}", "name: 12e345678"))
+    said = []
+    progress = diagnose_pack(small, tmp_path / "out", tiers=["B", "M"], say=said.append)
+    assert progress.failed == (f"{names[-1]} B", f"{names[-1]} M")
+    # Said first, and nothing was diagnosed yet.
+    assert f"{names[-1]} B: failed: " in said[1]
+    assert "campaign.yaml: row 2, key name: must be text; put it in quotes" in said[1]
+    for name in names[:-1]:
+        (small / name / "trials.csv").write_text("none")
+    with pytest.raises(BlindError, match=r"(?s)no campaign can be diagnosed at tier M: .*--tier"):
+        diagnose_pack(small, tmp_path / "other", tiers=["M"])
+    assert not (tmp_path / "other").exists()
+
+
 def test_nothing_is_written_beside_a_key(small, tmp_path) -> None:
     for out in (tmp_path / "key", tmp_path / "key" / "deep" / "out"):
         with pytest.raises(BlindError, match=r"lies in a key folder, .*key; choose another --out"):
-            diagnose_pack(small, out, diagnose=Stub)
+            diagnose_pack(small, out)
         assert not (out / "submission.json").exists()
 
 
 def test_what_is_not_there_is_refused(small, tmp_path) -> None:
     with pytest.raises(BlindError, match="no campaign 'c0'"):
-        diagnose_pack(small, tmp_path / "out", campaigns=["c0"], diagnose=Stub)
+        diagnose_pack(small, tmp_path / "out", campaigns=["c0"])
     with pytest.raises(BlindError, match="finished pack"):
-        diagnose_pack(tmp_path, tmp_path / "out", diagnose=Stub)
+        diagnose_pack(tmp_path, tmp_path / "out")
     gone = read_json(small / "pack.json")["campaigns"][0]["id"]
     shutil.rmtree(small / gone)
     with pytest.raises(BlindError, match=f"lists '{gone}', but there is no such folder"):
-        diagnose_pack(small, tmp_path / "out", diagnose=Stub)
+        diagnose_pack(small, tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -240,7 +275,7 @@ def test_leaving_out_in_turn_keeps_what_is_asked_for(
     command = ["blind", "make", str(SCENE), str(tmp_path), "--leave-one-out", "2", *asked]
     assert main(command) == 0
     assert seen[0].leave_one_out == 2
-    counts = {"single": 0, "none": 0, "pair": 0, "unknown": 0} | expected
+    counts = dict.fromkeys(KINDS, 0) | expected
     assert seen[0].counts("mujoco") == counts
 
 
@@ -278,8 +313,9 @@ else:
     sys.exit("the key can be read")
 import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
 from dataclasses import replace
-from vsr2.blind import DiagnosisOptions, diagnose_pack
-from vsr2.diagnosis import diagnose
+import vsr2.diagnosis
+from vsr2.blind import diagnose_pack
+from vsr2.diagnosis import Budget, diagnose
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
 vsr2.diagnosis.simulated.design.SCREENING = replace(
@@ -290,8 +326,8 @@ vsr2.diagnosis.which.amortised.TREES = 40
 def rough(*given, hypotheses, **how):
     offered = {{name: library()[name] for name in {names!r}}}
     return diagnose(*given, hypotheses=replace(hypotheses, library=offered), **how)
-made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"],
-                     options=DiagnosisOptions(6), diagnose=rough)
+vsr2.diagnosis.diagnose = rough
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], budget=Budget(draws=6))
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
 """
 
@@ -491,6 +527,20 @@ def test_the_two_engines_agree_on_a_calm_trial(study) -> None:
     np.testing.assert_allclose(found["mujoco"][1:], found["bullet"][1:], rtol=0.05)
 
 
+def test_the_contact_model_reaches_the_simulation(study) -> None:
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    shake = TrialInput(0.005, moved * 5.6 / (np.abs(np.diff(moved, 2)).max() / 0.005**2))
+    engines = [
+        build_engine("mujoco", study),
+        build_engine("mujoco", study, ContactModel(time_constant=0.004, damping_ratio=1.2)),
+    ]
+    nominal, other = (next(iter(engine.run([shake], 0.02))).peak_tilt for engine in engines)
+    assert other != nominal
+    assert other == pytest.approx(nominal, rel=0.05)
+
+
 def test_the_library_is_drawn_from(study) -> None:
     effects = build_engine("bullet", study).effects
     assert effects["restitution"].strength.null == 1.0
@@ -510,7 +560,7 @@ def test_the_library_is_drawn_from(study) -> None:
 
 
 def test_baselines_are_trained_on_another_pack_that_is_open(small, study, tmp_path) -> None:
-    diagnose_pack(small, tmp_path / "out", diagnose=Stub)
+    diagnose_pack(small, tmp_path / "out")
     key = tmp_path / "key"
     copied = tmp_path / "copied"
     shutil.copytree(small, copied / "data")
@@ -536,11 +586,11 @@ def test_baselines_are_trained_on_another_pack_that_is_open(small, study, tmp_pa
 def test_a_diagnosis_takes_its_uncertainties_from_the_published_tolerances() -> None:
     found = uncertainties(
         {"width": 0.03, "height": 0.04, "friction": 0.05, "yaw": math.radians(2), "offset": 0.003,
-         "input_gain": [0.004, 0.004]}
+         "input_gain": [0.004, 0.004], "energy_ratio": 0.015}
     )  # fmt: skip
     assert found == pytest.approx(
         {"slenderness": 0.05, "inertia": 0.16, "friction": 0.05, "yaw": 2.0, "offset": 0.003,
-         "trial_gain": 0.004}
+         "trial_gain": 0.004, "restitution": 0.015}
     )  # fmt: skip
     assert uncertainties({}) == {}
     with_deviations(found)

@@ -5,6 +5,7 @@ import io
 import os
 import re
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from vsr2.campaign import (
     SCHEMA,
     Campaign,
     CampaignTrial,
+    MeasurementNoise,
+    Series,
     Specimen,
     check_campaign,
     load_campaign,
@@ -364,7 +367,7 @@ def test_pickled_arrays_are_refused_unopened(folder, tmp_path):
     ("content", "words"),
     [
         (npz(tilt_rad=np.zeros(3)), "array time_s: is missing"),
-        (npz(time_s=np.arange(3.0)), "neither tilt nor position nor orientation"),
+        (npz(time_s=np.arange(3.0)), "neither tilt nor position, orientation, yaw or slip"),
         (npz(time_s=np.zeros(3), tilt_rad=np.zeros(3)), "must increase"),
         (npz(time_s=np.arange(3.0), position_m=np.zeros(3)), "wanted is (3, 3)"),
         (
@@ -519,3 +522,49 @@ def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
     assert found.file == "models/block.obj"
     assert "not finite" in str(found)
     load_campaign(target)
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("max_tilt_rad", "peak_tilt_rad"), ("pga_g", "pga_m_s2"), ("peak_tilt_deg", "peak_tilt_rad"),
+     ("slip_m", "final_slip_m"), ("sesion_", "session"), ("notes", "note"),
+     ("overturn", "overturned")],
+)  # fmt: skip
+def test_a_column_of_another_name_is_told_from_the_form_s_own(folder, name, meant):
+    path = folder / "trials.csv"
+    head, rest = path.read_text().split("\n", 1)
+    path.write_text(f"{head},{name}\n" + rest.replace("\n", ",\n"))
+    assert f"column {name}: is no column of the form; did you mean {meant}?" in problem(folder)
+
+
+def test_campaigns_share_motions(tmp_path):
+    one, two = campaign(name="one"), campaign(name="two")
+    for each in (one, two):
+        save_campaign(each, tmp_path / each.name, motions="../motions")
+        assert not (tmp_path / each.name / "motions").exists()
+    assert [path.name for path in (tmp_path / "motions").iterdir()] == ["pulse.npz"]
+    assert_equal(load_campaign(tmp_path / "two"), two)
+    (tmp_path / "motions" / "pulse.npz").unlink()
+    assert problem(tmp_path / "two").startswith("../motions/pulse.npz: named in trials.csv, row 2")
+
+
+@pytest.mark.parametrize("path", ["/tmp", "../../motions", "..", "motions", "../a/b"])
+def test_shared_motions_lie_beside_the_campaign(folder, path):
+    file = folder / "campaign.yaml"
+    file.write_text(file.read_text() + f"\nmotions: {path}\n")
+    assert "is no folder beside the campaign's" in problem(folder)
+
+
+def test_yaw_and_slip_are_channels_of_a_series(tmp_path):
+    time = np.arange(5) * 0.1
+    series = Series(time, yaw=0.1 * time, slip=-0.01 * time, noise_yaw=0.002, noise_slip=0.001)
+    trial = replace(campaign().trials[0], series=series, final_yaw=-0.1, final_slip=0.02)
+    noise = MeasurementNoise(peak_tilt_relative=0.02, yaw=0.001, slip=0.002)
+    written = campaign(trials=(trial,), noise=noise)
+    save_campaign(written, tmp_path / "c")
+    read = load_campaign(tmp_path / "c")
+    assert read.noise == noise
+    assert (read.trials[0].final_yaw, read.trials[0].final_slip) == (-0.1, 0.02)
+    np.testing.assert_array_equal(read.trials[0].series.slip, series.slip)
+    np.testing.assert_array_equal(read.trials[0].series.yaw, series.yaw)
+    assert (read.trials[0].series.noise_yaw, read.trials[0].series.noise_slip) == (0.002, 0.001)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planted import shaken_campaign
+from vsr2.campaign import MeasurementNoise
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import (
     DEFAULT_NUISANCES,
@@ -20,10 +21,17 @@ from vsr2.diagnosis import (
     Scope,
     with_deviations,
 )
+from vsr2.diagnosis.simulated.nuisances import (
+    Uniform,
+    correlated,
+    distribution,
+    with_stated,
+)
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import Effect, Parameter, library
 from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
 
 BOX = {
     "name": "box",
@@ -129,3 +137,158 @@ def test_an_impact_s_energy_is_relative_to_the_cause(shaken, tmp_path) -> None:
 
     assert ratio(()) == pytest.approx(factor)
     assert ratio((("restitution", (0.8,)),)) == pytest.approx(0.8 * factor)
+
+
+def stated(**content):
+    return {"effect": "slenderness", "parameter": "change"} | content
+
+
+@pytest.mark.parametrize(
+    ("numbers", "at_zero", "spread"),
+    [
+        ({"distribution": "normal", "sd": 0.02, "mean": 0.01}, 0.01, 0.02),
+        ({"distribution": "lognormal", "sd": 0.02, "median": 2.0}, 2.0, 0.02),
+        ({"distribution": "uniform", "low": -1.0, "high": 2.0}, 0.5, math.sqrt(0.75)),
+        ({"distribution": "loguniform", "low": 0.01, "high": 1.0}, 0.1, 0.2497),
+    ],
+)
+def test_distributions_have_names(numbers, at_zero, spread) -> None:
+    made = distribution(numbers)
+    assert made.value(0.0) == pytest.approx(at_zero)
+    assert made.sd == pytest.approx(spread, rel=1e-3)
+    if "low" in numbers:
+        assert made.value(-9.0) == pytest.approx(numbers["low"])
+        assert made.value(9.0) == pytest.approx(numbers["high"])
+        drawn = [made.value(z) for z in np.random.default_rng(0).standard_normal(4000)]
+        assert np.std(drawn) == pytest.approx(spread, rel=0.05)
+
+
+def test_a_nuisance_stands_in_a_file_as_it_is() -> None:
+    for one in DEFAULT_NUISANCES:
+        content = one.to_json()
+        if isinstance(one.prior, DrawnByEffect):
+            content |= {"distribution": "normal"}
+        del content["name"]
+        for key in ("reach",) if isinstance(one.prior, DrawnByEffect) else ():
+            del content[key]
+        again = Nuisance.from_json(content)
+        assert (again.prior.sd, again.scope) == (one.prior.sd, one.scope)
+        assert (again.direction, again.relative) == (one.direction, one.relative)
+        assert again.values(0.7) == pytest.approx(one.values(0.7))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ({"effect": "friction"}, "parameter is missing; give it"),
+        (stated(distribution="normel", sd=1), "distribution is 'normel'; did you mean `normal`"),
+        (stated(distribution="normal"), "sd is missing; normal has sd, least, mean"),
+        (stated(distribution="normal", sd=1, hihg=2), "hihg: no number of normal"),
+        (stated(distribution="normal", sd="1"), "sd is '1'; give a finite number"),
+        (stated(distribution="normal", sd=math.nan), "sd is nan; give a finite number"),
+        (stated(distribution="normal", sd=-1), "sd should be 0 or more"),
+        (stated(distribution="uniform", low=2, high=1), "low is 2 and high 1; give the lower"),
+        (stated(distribution="loguniform", low=0, high=1), "above 0"),
+        (stated(distribution="normal", sd=1, scope="trail"), "scope is 'trail'; did you mean"),
+        (stated(distribution="normal", sd=1, effect="slendernes"), "did you mean `slenderness`"),
+        (stated(distribution="normal", sd=1, correlation=2), "correlation is 2; give -1 to 1"),
+    ],
+)
+def test_a_nuisance_that_a_file_misstates_is_named(content, message) -> None:
+    with pytest.raises(DiagnosisError, match=message):
+        Nuisance.from_json(content)
+
+
+def test_what_is_stated_takes_the_place_of_what_is_usual() -> None:
+    one = Nuisance.from_json(stated(distribution="uniform", low=-0.1, high=0.1))
+    new = Nuisance.from_json(
+        {"effect": "motion_noise", "parameter": "displacement", "distribution": "uniform",
+         "low": 0.0, "high": 1e-4}
+    )  # fmt: skip
+    made = with_stated([one, new])
+    assert made[-2:] == (one, new)
+    assert len(made) == len(DEFAULT_NUISANCES) + 1
+    assert [n.name for n in made].count("slenderness") == 1
+
+
+def test_nuisances_of_a_group_are_drawn_together() -> None:
+    group = [
+        Nuisance("slenderness", "change", Normal(1.0), group="edges"),
+        Nuisance("friction", "factor", LogNormal(0.1)),
+        Nuisance("inertia", "change", Normal(1.0), group="edges", correlation=-0.8),
+        Nuisance("table_gain", "change", Normal(1.0), group="edges", correlation=0.5),
+    ]
+    draws = correlated(group, np.random.default_rng(0).standard_normal((20000, 4)))
+    np.testing.assert_allclose(
+        np.corrcoef(draws.T),
+        [[1, 0, -0.8, 0.5], [0, 1, 0, 0], [-0.8, 0, 1, -0.4], [0.5, 0, -0.4, 1]],
+        atol=0.03,
+    )
+    np.testing.assert_allclose(draws.std(axis=0), 1.0, atol=0.03)
+
+
+def test_a_nuisance_of_motions_is_common_to_their_trials(shaken, tmp_path) -> None:
+    own = simulator(shaken, tmp_path, [Nuisance(Louder(), "change", Normal(0.1), Scope.MOTION)])
+    made = own._built((), 2, 1, set(range(len(shaken))))
+    values = {}
+    for i, trial in enumerate(shaken.trials):
+        values.setdefault(trial.motion, set()).add(made[i].effects[0].values)
+    assert all(len(found) == 1 for found in values.values())
+    assert len(set.union(*values.values())) == len(values) > 1
+    assert own._built((), 0, 1, {0})[0].effects == ()
+
+
+def test_noise_of_the_motion_is_fresh_in_each_trial(shaken, tmp_path) -> None:
+    noise = Nuisance("motion_noise", "displacement", Uniform(1e-3, 1e-3))
+    own = simulator(shaken, tmp_path, [noise])
+    made, plain = own._built((), 2, 1, {0, 1}), own._built((), 0, 0, {0, 1})
+    added = [made[i].motion.displacement - plain[i].motion.displacement for i in (0, 1)]
+    for one, trial in zip(added, made.values(), strict=True):
+        assert 0.7e-3 < one.std() < 1e-3
+        assert one[0] == one[-1] == 0
+        step = trial.motion.time_step
+        moved = np.gradient(trial.motion.displacement, step)
+        np.testing.assert_allclose(moved, trial.motion.velocity, atol=0.05)
+        assert abs(trial.motion.velocity[0]) < 1e-4
+    assert not np.allclose(*(one[:200] for one in added))
+    assert own._built((), 3, 1, {0})[0].motion.sha256 != made[0].motion.sha256
+
+
+def test_priors_are_distributions() -> None:
+    offered = Hypotheses(
+        priors={
+            "table_gain.change": Normal(0.02),
+            "friction.factor": Uniform(0.5, 1.0),
+            "time_scale.change": (-0.01, 0.02),
+        }
+    ).offered
+    ends = {n: (p.prior, p.lower, p.upper) for n in offered for p in offered[n].parameters}
+    assert ends["table_gain"] == ("normal", -0.04, 0.04)
+    assert ends["friction"] == ("uniform", 0.5, 1.0)
+    assert ends["time_scale"] == ("uniform", -0.01, 0.02)
+    with pytest.raises(DiagnosisError, match=r"prior of friction\.factor: .*give uniform"):
+        _ = Hypotheses(priors={"friction.factor": LogNormal(0.1)}).offered
+
+
+def test_a_filter_that_nobody_asked_for_is_said(shaken, tmp_path, caplog) -> None:
+    moved = 0.01 * np.sin(np.linspace(0.0, np.pi, 200)) ** 4
+    motions = {name: Record(name, 0.005, displacement=moved) for name in shaken.motions}
+    clean = replace(shaken, motions=motions)
+    noisy = replace(clean, noise=MeasurementNoise(displacement=1e-5))
+
+    def source(campaign, **motion):
+        study = study_from_mapping(BOX | ({"motion": motion} if motion else {}), base=tmp_path)
+        caplog.clear()
+        made = SceneSimulator(campaign, study, hypotheses=Hypotheses({}))
+        return made._trials[0].motion.source, [record.message for record in caplog.records]
+
+    cosine = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1.0}
+    driven, said = source(noisy, **cosine)
+    assert "band-pass 0.1-25 Hz" in driven
+    assert len(said) == 1
+    assert "recorded displacements are band-passed" in said[0]
+    # Without noise, or where the scene says how recordings drive, they do so.
+    for campaign, motion in ((clean, cosine), (noisy, {})):
+        driven, said = source(campaign, **motion)
+        assert "no filter" in driven
+        assert said == []

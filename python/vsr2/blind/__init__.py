@@ -2,11 +2,10 @@
 
 from vsr2.blind.custodian.make import make_pack
 from vsr2.blind.form.pack_settings import PackSettings, Tolerances
-from vsr2.blind.pack_diagnoses import DiagnosisOptions, diagnose_pack
+from vsr2.blind.pack_diagnoses import diagnose_pack
 from vsr2.blind.scoring.packs import score_pack
 
 __all__ = [
-    "DiagnosisOptions",
     "PackSettings",
     "Tolerances",
     "diagnose_pack",

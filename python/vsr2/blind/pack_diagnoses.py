@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from vsr2.blind.form.diagnosis_form import (
     DIAGNOSIS_FILE,
@@ -15,7 +15,7 @@ from vsr2.blind.form.diagnosis_form import (
     Verdict,
     read_verdict,
 )
-from vsr2.blind.form.pack_form import TIERS
+from vsr2.blind.form.pack_form import TIERS, Listed, Pack
 from vsr2.blind.form.seal import (
     KEY_FILE,
     PACK_FILE,
@@ -27,72 +27,23 @@ from vsr2.blind.form.seal import (
 )
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import load_study
+from vsr2.diagnosis import (
+    Budget,
+    Diagnosis,
+    Execution,
+    Hypotheses,
+    Nuisance,
+    ProtocolCache,
+    with_deviations,
+)
+from vsr2.diagnosis.observed.observations import observe_campaign, series_sampling
+from vsr2.diagnosis.simulated.nuisances import with_stated
+from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
 
-if TYPE_CHECKING:
-    from vsr2.diagnosis import Budget
-
 CACHE_FILE = "simulations.jsonl"
-DRAWS = 48
-"""Of every effect."""
-
-
-class Saved(Protocol):
-    """What a diagnosis returns."""
-
-    def save(self, folder: Path, /) -> object:
-        """Write `diagnosis.json` and what else there is."""
-        ...
-
-
-Diagnose = Callable[..., Saved]
-"""As :func:`vsr2.diagnosis.diagnose`: campaign, scene and keywords."""
-
-
-@dataclass(frozen=True)
-class DiagnosisOptions:
-    """How each diagnosis is made, as in :func:`vsr2.diagnosis.diagnose`.
-
-    Attributes:
-        draws: simulated campaigns of every effect; None: by `budget_minutes`.
-        budget_minutes: of each diagnosis, without draws.
-        threads: None: all that this process may use.
-        seed: of each diagnosis.
-
-    Raises:
-        BlindError: every diagnosis would refuse them.
-    """
-
-    draws: int | None = DRAWS
-    budget_minutes: float = 10.0
-    threads: int | None = None
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        from vsr2.diagnosis.budget import SCHEDULE
-
-        if self.draws is not None and self.draws < SCHEDULE.fewest_draws:
-            raise BlindError(f"draws is {self.draws}; give at least {SCHEDULE.fewest_draws}")
-        if self.draws is None and not 0 < self.budget_minutes < math.inf:
-            raise BlindError(f"budget_minutes is {self.budget_minutes}; give more than 0")
-        if self.threads is not None and self.threads < 1:
-            raise BlindError(f"threads is {self.threads}; give at least 1, or leave it out for all")
-        if self.seed < 0:
-            raise BlindError(f"seed is {self.seed}; give 0 or more")
-
-    @property
-    def result(self) -> dict[str, Any]:
-        """What decides a diagnosis: seed and budget."""
-        if self.draws is None:
-            return {"budget_minutes": self.budget_minutes, "seed": self.seed}
-        return {"draws": self.draws, "seed": self.seed}
-
-    @property
-    def budget(self) -> Budget:
-        """Of each diagnosis."""
-        from vsr2.diagnosis import Budget
-
-        return Budget(self.budget_minutes, draws=self.draws)
+SUBMISSION = "submission.json"
+BUDGET, EXECUTION = Budget(draws=48), Execution()
 
 
 @dataclass(frozen=True)
@@ -112,11 +63,18 @@ def at_tier(campaign: Campaign, tier: Tier) -> Campaign:
     """The campaign with nothing beyond a tier: what is left out cannot be used by accident."""
     if tier == "T":
         return campaign
-    noise = replace(campaign.noise, tilt=None, position=None, orientation=None)
+    beyond = ["tilt", "position", "orientation", "yaw", "slip"]
     if tier == "B":
-        noise = replace(noise, peak_tilt=None)
+        beyond += ["peak_tilt", "peak_tilt_relative"]
+    noise = replace(campaign.noise, **dict.fromkeys(beyond))
     trials = tuple(
-        replace(t, series=None, peak_tilt=t.peak_tilt if tier == "M" else None)
+        replace(
+            t,
+            series=None,
+            peak_tilt=t.peak_tilt if tier == "M" else None,
+            final_yaw=None,
+            final_slip=None,
+        )
         for t in campaign.trials
     )
     return replace(campaign, trials=trials, noise=noise)
@@ -130,8 +88,10 @@ def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
     4/3 m R^2, a quarter is about the centre.
     """
     tolerances = {name: value for name, value in tolerances.items() if value is not None}
-    units = {"friction": 1.0, "yaw": math.degrees(1), "offset": 1.0}
+    units = {"friction": 1.0, "yaw": math.degrees(1), "offset": 1.0, "energy_ratio": 1.0}
     out = {name: unit * tolerances[name] for name, unit in units.items() if name in tolerances}
+    if "energy_ratio" in out:
+        out["restitution"] = out.pop("energy_ratio")
     if {"width", "height"} <= set(tolerances):
         out["slenderness"] = math.hypot(tolerances["width"], tolerances["height"])
         out["inertia"] = 4 * tolerances["height"]
@@ -143,69 +103,78 @@ def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
     return out
 
 
+def pack_nuisances(pack: Pack) -> tuple[Nuisance, ...]:
+    """What is uncertain about a pack's set-up, and not to be diagnosed.
+
+    Its `nuisances` go before its `tolerances`, and these before the diagnosis' own.
+    """
+    stated = {} if pack.tolerances is None else pack.tolerances.model_dump(exclude_unset=True)
+    return with_stated(pack.nuisances, with_deviations(uncertainties(stated)))
+
+
 def diagnose_pack(
     data: Path,
     out: Path,
     *,
     tiers: Sequence[Tier] | None = None,
     campaigns: Sequence[str] | None = None,
-    options: DiagnosisOptions | None = None,
-    diagnose: Diagnose | None = None,
+    budget: Budget = BUDGET,
+    execution: Execution = EXECUTION,
+    seed: int = 0,
     say: Callable[[str], None] = lambda text: None,
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
     Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.jsonl`: those for one
-    campaign serve all of its protocol, and with a fixed number of draws so do fitted models.
-    Therefore campaigns of one protocol that lack the same effects come one after the other. Only
-    the data folder is read. A campaign whose diagnosis ends with an error of ours gets a
-    `failed.json`, and is tried again by the next run.
+    campaign serve all of its protocol, and with a fixed number of draws so do fitted models. Only
+    the data folder is read, and everything is checked before the first simulation. A campaign that
+    cannot be used, or whose diagnosis ends with an error of ours, gets a `failed.json`, and is
+    tried again by the next run. With more draws or minutes than the folder was begun with, all is
+    diagnosed again from the same cache.
 
     Args:
         data: a pack's data folder.
         out: gets the diagnoses.
         tiers: information to use; None: all that the pack has.
         campaigns: ids; None: all.
-        options: of each diagnosis; None: their defaults.
-        diagnose: stands in for :func:`vsr2.diagnosis.diagnose`.
+        budget: of each diagnosis.
+        execution: of each diagnosis; its cache is the pack's.
+        seed: of each diagnosis.
         say: gets a line for each campaign.
 
     Raises:
-        BlindError: no pack, one of a wrong form, or a campaign or tier that it does not have;
-            nothing is written then.
+        BlindError: a seed below 0, no pack, one of a wrong form, a campaign or tier that it does
+            not have, or a tier at which none can be diagnosed; nothing is written then.
         ConfigError, GeometryError: the scene cannot be used.
     """
-    options = DiagnosisOptions() if options is None else options
+    from vsr2.diagnosis import diagnose
+
+    if seed < 0:
+        raise BlindError(f"seed is {seed}; give 0 or more")
     pack = read_pack(data)
-    listed = {entry["id"]: entry for entry in pack["campaigns"]}
+    listed = {one.id: one for one in pack.campaigns}
     chosen = _chosen(data, listed, campaigns)
-    wanted = _wanted(data, pack["tiers"], tiers)
-    known: Collection[str] | None = None
-    if diagnose is None:
-        from vsr2.diagnosis import diagnose as installed
-        from vsr2.effects import library
-
-        diagnose, known = installed, library()
-    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, with_deviations
-    from vsr2.diagnosis.observed.observations import series_sampling
-
-    scene = data / pack["scene"]
-    load_study(scene)
+    wanted = _wanted(data, pack.tiers, tiers)
+    load_study(scene := data / pack.scene)
     _check_folder(out, data)
-    excluded = {name: _excluded(data, listed[name], known, say) for name in chosen}
-    _check_tiers(data, chosen, wanted)
-    _same_submission(out, pack, options.result)
-    nuisances = with_deviations(uncertainties(pack.get("tolerances") or {}))
-    cache = ProtocolCache(out / CACHE_FILE, series="T" in pack["tiers"])
-    failed = []
+    hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
+    how = _effort(budget) | {"seed": seed}
+    older = _older(out, pack, how)
     # Campaigns whose fitted models are the same are neighbours.
-    chosen.sort(key=lambda name: (int(listed[name].get("protocol") or 0), sorted(excluded[name])))
-    for tier, name in ((tier, name) for tier in wanted for name in chosen):
-        folder = out / name / tier
-        if (folder / DIAGNOSIS_FILE).exists():
-            continue
+    chosen.sort(key=lambda name: (listed[name].protocol, sorted(hypotheses[name].exclude)))
+    asked = [(tier, name) for tier in wanted for name in chosen]
+    due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
+    say(f"checking {len(due)} of {len(asked)} campaigns and tiers; the others are diagnosed")
+    unfit = _unfit(data, asked, due)
+    _begin(out, pack, how, older)
+    cache = ProtocolCache(out / CACHE_FILE, series="T" in pack.tiers)
+    failed = []
+    # What cannot be used is said first.
+    for tier, name in sorted(due, key=lambda pair: pair not in unfit):
 
-        def diagnosed(name: str = name, tier: Tier = tier) -> Saved:
+        def diagnosed(name: str = name, tier: Tier = tier) -> Diagnosis:
+            if (tier, name) in unfit:
+                raise BlindError(unfit[tier, name])
             campaign = load_campaign(data / name)
             # Without series too, simulate them as this campaign measured them.
             sampled = replace(cache, sampling=series_sampling(campaign))
@@ -213,19 +182,63 @@ def diagnose_pack(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
-                budget=options.budget,
-                hypotheses=Hypotheses(exclude=excluded[name], nuisances=nuisances),
-                execution=Execution(options.threads, cache=sampled),
-                seed=options.seed,
+                budget=budget,
+                hypotheses=hypotheses[name],
+                execution=replace(execution, cache=sampled),
+                seed=seed,
             )
 
-        error = (verdict := _save(diagnosed, folder)).failed
+        error = (verdict := _save(diagnosed, out / name / tier)).failed
         failed += [f"{name} {tier}"] if error else []
         say(f"{name} {tier}: {f'failed: {error}' if error else verdict.kind}")
-    return Progress(len(chosen) * len(wanted) - len(failed), tuple(failed))
+    return Progress(len(asked) - len(failed), tuple(failed))
 
 
-def _save(diagnosed: Callable[[], Saved], folder: Path) -> Verdict:
+def _effort(budget: Budget) -> dict[str, float]:
+    """What of a budget decides a diagnosis: its numbers, or else the minutes."""
+    given = {name: value for name, value in vars(budget).items() if value is not None}
+    minutes = given.pop("minutes")
+    return given or {"budget_minutes": minutes}
+
+
+def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Callable[[str], None]) -> Hypotheses:
+    """What a campaign is diagnosed against."""
+    excluded = _excluded(data, entry, say)
+    return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
+
+
+def _unfit(
+    data: Path, asked: Sequence[tuple[Tier, str]], due: Sequence[tuple[Tier, str]]
+) -> dict[tuple[Tier, str], str]:
+    """Why campaigns cannot be diagnosed at a tier; at each tier some can.
+
+    Raises:
+        BlindError: of a tier there is none that can.
+    """
+    unfit: dict[tuple[Tier, str], str] = {}
+    for name in dict.fromkeys(name for _, name in due):
+        tiers = [tier for tier, one in due if one == name]
+        try:
+            campaign = load_campaign(data / name)
+        except Vsr2Error as error:
+            unfit |= dict.fromkeys(((tier, name) for tier in tiers), str(error))
+            continue
+        for tier in tiers:
+            try:
+                observe_campaign(at_tier(campaign, tier), tier)
+            except Vsr2Error as error:
+                unfit[tier, name] = str(error)
+    for tier in dict.fromkeys(tier for tier, _ in due):
+        mine = [pair for pair in asked if pair[0] == tier]
+        if all(pair in unfit for pair in mine):
+            raise BlindError(
+                f"{data}: no campaign can be diagnosed at tier {tier}: {unfit[mine[0]]}; correct "
+                "them, or diagnose at other tiers (--tier)"
+            )
+    return unfit
+
+
+def _save(diagnosed: Callable[[], Diagnosis], folder: Path) -> Verdict:
     """Write a diagnosis that scoring can read, or why there is none; returns what it reads."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -273,56 +286,55 @@ def _check_folder(out: Path, data: Path) -> None:
             raise BlindError(f"{out}: lies in a {what} folder, {other}; choose another --out")
 
 
-def _excluded(
-    data: Path, entry: Mapping[str, Any], known: Collection[str] | None, say: Callable[[str], None]
-) -> tuple[str, ...]:
+def _excluded(data: Path, entry: Listed, say: Callable[[str], None]) -> tuple[str, ...]:
     """What to leave out of the library for a campaign.
 
     A custodian may withhold effects that the library never had; a name that is nearly one of the
     library's is a slip, which would let the effect in.
     """
-    names = tuple(entry.get("exclude") or ())
-    for name in names if known is not None else ():
-        near = get_close_matches(name, known or (), n=1, cutoff=0.8)
-        if name not in (known or ()) and near:
+    known = library()
+    for name in (name for name in entry.exclude if name not in known):
+        near = get_close_matches(name, known, n=1, cutoff=0.8)
+        if near:
             raise BlindError(
-                f"{data / PACK_FILE}: exclude of {entry['id']} names {name!r}, which the library "
+                f"{data / PACK_FILE}: exclude of {entry.id} names {name!r}, which the library "
                 f"lacks; if {near[0]} is meant, publish that name"
             )
-        if not near:
-            say(f"{entry['id']}: exclude names {name!r}, which the library lacks anyway")
-    return tuple(name for name in names if known is None or name in known)
+        say(f"{entry.id}: exclude names {name!r}, which the library lacks anyway")
+    return tuple(name for name in entry.exclude if name in known)
 
 
-def _check_tiers(data: Path, names: Sequence[str], tiers: Sequence[Tier]) -> None:
-    """That some campaign has what each tier uses; one that has not, or is damaged, fails alone."""
-
-    def measured(name: str, key: str) -> bool:
-        try:
-            return any(getattr(t, key) is not None for t in load_campaign(data / name).trials)
-        except Vsr2Error:
-            return False
-
-    for tier, key, what in (("M", "peak_tilt", "largest tilts"), ("T", "series", "time series")):
-        if tier in tiers and not any(measured(name, key) for name in names):
-            raise BlindError(
-                f"{data}: no campaign has {what}, which tier {tier} uses; diagnose at other tiers "
-                "(--tier)"
-            )
+def _submission(pack: Pack, how: Mapping[str, Any]) -> dict[str, Any]:
+    return {"schema": "vsr2.blind-submission/1", "pack": pack.commitment.sha256, **how}
 
 
-def _same_submission(out: Path, pack: dict[str, Any], how: dict[str, Any]) -> None:
-    """Note which pack the diagnoses are of, and refuse to mix two."""
-    path = out / "submission.json"
-    mine = {"schema": "vsr2.blind-submission/1", "pack": pack["commitment"]["sha256"], **how}
+def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
+    """With how much less the folder was begun, as `24-draws`; "": with the same, or not yet.
+
+    Raises:
+        BlindError: it was begun for another pack or otherwise, or with more.
+    """
+    path = out / SUBMISSION
     if not path.exists():
-        make_folder(out)
-        write_json(path, mine)
-        return
+        return ""
     there = read_json(path)
-    for key in mine:
-        if there.get(key) != mine[key]:
+    older = ""
+    for key, mine in _submission(pack, how).items():
+        before = there.get(key)
+        effort = isinstance(before, (int, float)) and key != "seed"
+        if effort and before < mine:
+            older = f"{before:g}-{key}"
+        elif before != mine:
             raise BlindError(
-                f"{path}: was begun with {key} {there.get(key)!r}, not {mine[key]!r}; continue "
-                "with the same, or choose another folder"
+                f"{path}: was begun with {key} {before!r}, not {mine!r}; continue "
+                "with the same (draws and minutes may rise), or choose another folder"
             )
+    return older
+
+
+def _begin(out: Path, pack: Pack, how: Mapping[str, Any], older: str) -> None:
+    """Note which pack the diagnoses are of, and how they are made; set older ones aside."""
+    make_folder(out)
+    write_json(out / SUBMISSION, _submission(pack, how))
+    for path in sorted(out.glob(f"*/*/{DIAGNOSIS_FILE}")) if older else ():
+        path.rename(path.with_name(f"{path.stem}-{older}.json"))

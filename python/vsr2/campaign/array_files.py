@@ -6,6 +6,7 @@ import hashlib
 import io
 import os
 from collections.abc import Collection, Mapping
+from operator import methodcaller
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,13 @@ from numpy.typing import NDArray
 
 from vsr2.campaign.campaign import Series
 from vsr2.campaign.file_problems import Problems
-from vsr2.campaign.trials_table import MOTIONS, TRIALS
+from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import Record
 from vsr2.motion.motion import MAX_SAMPLES
 from vsr2.motion.npz import NpzError, npz_arrays
+from vsr2.results.atomic import write_atomic
 
 Array = NDArray[np.float64]
 
@@ -35,9 +37,13 @@ _SERIES_ARRAYS = {
     "tilt_rad": "tilt",
     "position_m": "position",
     "orientation_xyzw": "orientation",
+    "yaw_rad": "yaw",
+    "slip_m": "slip",
     "noise_tilt_rad": "noise_tilt",
     "noise_position_m": "noise_position",
     "noise_orientation_rad": "noise_orientation",
+    "noise_yaw_rad": "noise_yaw",
+    "noise_slip_m": "noise_slip",
 }
 """Attribute of a series by the name of its array."""
 
@@ -50,9 +56,9 @@ class ArrayFiles:
         self._problems = problems
         self._numbers = 0
 
-    def motion(self, name: str, row: int) -> Record | None:
-        """The record in `motions/`, named first in `row` of the table."""
-        file = f"{MOTIONS}/{name}.npz"
+    def motion(self, name: str, row: int, folder: str) -> Record | None:
+        """The record in the folder of motions, named first in `row` of the table."""
+        file = f"{folder}/{name}.npz"
         content = self._content(file, f"named in {TRIALS}, row {row}: ")
         arrays = self._arrays(content, file, _MOTION_ARRAYS)
         if content is None or arrays is None:
@@ -165,12 +171,15 @@ class ArrayFiles:
         return float(array.reshape(-1)[0])
 
 
-def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
+def write_arrays(path: Path, arrays: Mapping[str, Any], *, atomic: bool = False) -> None:
     """Write an `.npz` file; its folder is made where it is missing."""
     path.parent.mkdir(exist_ok=True)
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)
-    path.write_bytes(stream.getvalue())
+    if atomic:
+        write_atomic(path, methodcaller("write", stream.getvalue()))
+    else:
+        path.write_bytes(stream.getvalue())
 
 
 def series_arrays(series: Series) -> dict[str, Any]:

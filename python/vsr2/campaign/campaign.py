@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import math
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.campaign.faults import extra_fault, id_fault, number_fault, text_fault
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.motion import Record
@@ -26,69 +26,25 @@ MAX_TRIALS = 100_000
 MAX_SERIES_ROWS = 2_000_000
 """Most rows of one series."""
 MAX_ORDER = 1_000_000_000
-MAX_TEXT = 200
 MAX_NOTE = 1000
 MAX_TIME = 1e5
 """Of a series [s]; more is a mistaken unit."""
-MAX_POSITION = 1000.0
-"""Of a series [m]; more is a mistaken unit."""
+MAX_YAW, MAX_POSITION = 100.0, 1000.0
+"""[rad], [m]; more is a mistaken unit."""
+_CHANNELS: Mapping[str, tuple[tuple[int, ...], float, str]] = {
+    "tilt": ((), 2 * math.pi, "rad"),
+    "position": ((3,), MAX_POSITION, "m"),
+    "orientation": ((4,), 2.0, ""),
+    "yaw": ((), MAX_YAW, "rad"),
+    "slip": ((), MAX_POSITION, "m"),
+}
+"""Of a series: shape beyond the rows, greatest value and its unit."""
 MAX_MEASURE = 1e5
 """Of PGA [m/s^2] and PGV/PGA [s]; more is a mistaken unit."""
 MAX_NOISE = 1e5
 """Of a standard error, in the unit of its channel; more is a mistaken unit."""
 MAX_MASS = 1e12
 """Of a specimen [kg]."""
-
-_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
-_EXTRA = re.compile(r"x_[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
-
-
-def id_fault(value: object) -> str | None:
-    """Why `value` is no id (it names a file, too); None: it is one."""
-    if isinstance(value, str) and _ID.match(value):
-        return None
-    return (
-        f"{shown(value)} is no id: 1 to 100 letters, digits, `.`, `_` or `-`, the first a letter "
-        "or digit; rename it"
-    )
-
-
-def extra_fault(value: object) -> str | None:
-    """Why `value` is no name of an extra column; None: it is one."""
-    if isinstance(value, str) and _EXTRA.match(value):
-        return None
-    return (
-        f"{shown(value)} is no name of an extra column: `x_`, then letters, digits, `.`, `_` or "
-        "`-`; rename it"
-    )
-
-
-def text_fault(value: object, *, limit: int = MAX_TEXT, empty: bool = False) -> str | None:
-    """Why `value` cannot be a cell of text; None: it can."""
-    if not isinstance(value, str):
-        return f"{shown(value)} is no text"
-    if not value:
-        return None if empty else "is blank; fill it in"
-    if len(value) > limit:
-        return f"has {len(value)} characters, at most {limit} are allowed; shorten it"
-    if not value.isprintable() or value != value.strip():
-        return f"{shown(value)} holds line breaks, outer blanks or control characters; remove them"
-    return None
-
-
-def number_fault(
-    value: object, low: float, high: float, unit: str, *, above: bool = False
-) -> str | None:
-    """Why `value` is no number from `low` (excluded if `above`) to `high`; None: it is one."""
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        return f"{shown(value)} is no number"
-    if not math.isfinite(value):
-        return f"is {value}; give a finite number, or leave it blank where it is unknown"
-    if not (low < value if above else low <= value) or value > high:
-        edge = "above" if above else "from"
-        ends = f"{low:g} to {high:g}{f' {unit}' if unit else ''}"
-        return f"is {value:g}, must lie {edge} {ends}; check sign and unit"
-    return None
 
 
 def _refuse(owner: str, faults: Mapping[str, str | None]) -> None:
@@ -126,17 +82,23 @@ class MeasurementNoise:
         displacement: of the table's displacement channel [m].
         acceleration: of the table's acceleration channel [m/s^2].
         peak_tilt: of the largest tilt [rad].
+        peak_tilt_relative: of its logarithm, beside `peak_tilt` [1].
         tilt: of the tilt in series [rad].
         position: of each component of the position in series [m].
         orientation: of the orientation in series, about each axis [rad].
+        yaw: of the yaw in series [rad].
+        slip: of the foot's slip in series [m].
     """
 
     displacement: float | None = None
     acceleration: float | None = None
     peak_tilt: float | None = None
+    peak_tilt_relative: float | None = None
     tilt: float | None = None
     position: float | None = None
     orientation: float | None = None
+    yaw: float | None = None
+    slip: float | None = None
 
     def __post_init__(self) -> None:
         for channel in fields(self):
@@ -159,9 +121,10 @@ class Series:
             may make it negative. None: not measured.
         position: shape (n, 3) [m], or None.
         orientation: quaternions x, y, z, w of norm 1, shape (n, 4), or None.
-        noise_tilt: standard error [rad]; None: see the campaign's noise.
-        noise_position: standard error of a component [m]; None: see the campaign's noise.
-        noise_orientation: standard error about an axis [rad]; None: see the campaign's noise.
+        yaw: turn about the vertical, shape (n,) [rad], or None; what `orientation` holds too.
+        slip: travel of the foot on the table along the shaking, shape (n,) [m], or None.
+        noise_tilt, noise_position, noise_orientation, noise_yaw, noise_slip: standard errors, of a
+            component or about an axis, in the channels' units; None: see the campaign's noise.
 
     The arrays are copies and read-only.
 
@@ -175,9 +138,13 @@ class Series:
     tilt: Array | None = None
     position: Array | None = None
     orientation: Array | None = None
+    yaw: Array | None = None
+    slip: Array | None = None
     noise_tilt: float | None = None
     noise_position: float | None = None
     noise_orientation: float | None = None
+    noise_yaw: float | None = None
+    noise_slip: float | None = None
 
     def __post_init__(self) -> None:
         time = self._checked("time", (), MAX_TIME, "s")
@@ -191,13 +158,13 @@ class Series:
                 "must increase: sort the rows or remove the doubled ones",
                 key="series",
             )
-        tilt = self._checked("tilt", (), 2 * math.pi, "rad")
-        position = self._checked("position", (3,), MAX_POSITION, "m")
-        orientation = self._checked("orientation", (4,), 2.0, "")
-        if tilt is None and position is None and orientation is None:
+        found = {name: self._checked(name, *of) for name, of in _CHANNELS.items()}
+        if all(one is None for one in found.values()):
             raise CampaignError(
-                "has neither tilt nor position nor orientation; remove it, or add one", key="series"
+                "has neither tilt nor position, orientation, yaw or slip; remove it, or add one",
+                key="series",
             )
+        orientation = found["orientation"]
         if orientation is not None:
             norm = np.linalg.norm(orientation, axis=1)
             bad = np.flatnonzero(np.abs(norm - 1) > 1e-3)
@@ -207,7 +174,7 @@ class Series:
                     "quaternions to 1",
                     key="series",
                 )
-        for name in ("noise_tilt", "noise_position", "noise_orientation"):
+        for name in (name for name in vars(self) if name.startswith("noise_")):
             value = getattr(self, name)
             if value is not None:
                 _refuse("series", {name: number_fault(value, 0, MAX_NOISE, "")})
@@ -274,13 +241,15 @@ def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
         faults["overturned"] = f"{shown(overturned)} is not True, False or None"
     if values["motion_file"] is not None:
         faults["motion_file"] = id_fault(values["motion_file"])
-    for name, limit, unit in (
-        ("peak_tilt", math.pi + 1e-9, "rad"),
-        ("pga", MAX_MEASURE, "m/s^2"),
-        ("pgv_pga", MAX_MEASURE, "s"),
+    for name, low, limit, unit in (
+        ("peak_tilt", 0, math.pi + 1e-9, "rad"),
+        ("final_yaw", -MAX_YAW, MAX_YAW, "rad"),
+        ("final_slip", -MAX_POSITION, MAX_POSITION, "m"),
+        ("pga", 0, MAX_MEASURE, "m/s^2"),
+        ("pgv_pga", 0, MAX_MEASURE, "s"),
     ):
         if values[name] is not None:
-            faults[name] = number_fault(values[name], 0, limit, unit)
+            faults[name] = number_fault(values[name], low, limit, unit)
     for name, value in values["extra"].items():
         faults[str(name)] = extra_fault(name) or number_fault(value, -math.inf, math.inf, "")
     return faults
@@ -300,6 +269,8 @@ class CampaignTrial:
         motion_file: name of the table's measured motion in `Campaign.motions`; None: there is none.
         peak_tilt: largest tilt measured [rad], 0 to pi; of a trial that overturned or was caught a
             lower bound. None: unknown.
+        final_yaw: turn about the vertical that is left after the trial [rad]; None: unknown.
+        final_slip: travel of the foot on the table along the shaking, likewise [m].
         pga: peak acceleration of the table as published with the data [m/s^2]; None: not given.
         pgv_pga: PGV/PGA of the table as published with the data [s]; None: not given.
         date: of execution.
@@ -319,6 +290,8 @@ class CampaignTrial:
     overturned: bool | None = None
     motion_file: str | None = None
     peak_tilt: float | None = None
+    final_yaw: float | None = None
+    final_slip: float | None = None
     pga: float | None = None
     pgv_pga: float | None = None
     date: datetime.date | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
@@ -17,9 +18,8 @@ from vsr2.campaign.campaign import (
     Campaign,
     MeasurementNoise,
     Specimen,
-    id_fault,
-    text_fault,
 )
+from vsr2.campaign.faults import id_fault, text_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.config.problems import Problem, dotted, problems_of, shown
 from vsr2.config.section import Section
@@ -52,6 +52,15 @@ def _inside(value: str) -> str:
     return value
 
 
+def _beside(value: str) -> str:
+    if not re.fullmatch(r"\.\./[A-Za-z0-9][A-Za-z0-9._-]*", value):
+        raise ValueError(
+            f"{shown(value)} is no folder beside the campaign's, as `../motions`; name one, or "
+            "leave the key out and put the files into motions/"
+        )
+    return value
+
+
 # A block of several lines is how people write a description in YAML.
 _Paragraph = Annotated[
     str, AfterValidator(lambda value: " ".join(value.split())), _text(10_000, empty=True)
@@ -72,9 +81,12 @@ class _Noise(Section):
     displacement_m: _Error = None
     acceleration_m_s2: _Error = None
     peak_tilt_rad: _Error = None
+    peak_tilt_relative: _Error = None
     tilt_rad: _Error = None
     position_m: _Error = None
     orientation_rad: _Error = None
+    yaw_rad: _Error = None
+    slip_m: _Error = None
 
 
 class _Sampling(Section):
@@ -93,6 +105,8 @@ class _Content(Section):
     """Each specimen by its id, such as `SP1: {}`."""
     noise: _Noise | None = None
     sampling: _Sampling | None = None
+    motions: Annotated[str, AfterValidator(_beside)] | None = None
+    """Folder of the motion files, where several campaigns share one: `../motions`."""
     provenance: dict[str, Any] | None = None
 
 
@@ -108,6 +122,7 @@ class Description:
     Attributes:
         name, description, specimens, noise, provenance: as in a campaign.
         sampling: stated intervals, by key [s].
+        motions: folder of the motion files; "": the campaign's own.
     """
 
     name: str
@@ -116,6 +131,7 @@ class Description:
     noise: MeasurementNoise = field(default_factory=MeasurementNoise)
     sampling: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    motions: str = ""
 
 
 def read_description(folder: Path, problems: Problems) -> Description | None:
@@ -167,6 +183,7 @@ def _description(data: dict[str, Any], folder: Path, problems: list[Problem]) ->
         noise=MeasurementNoise(**{_NOISE_KEYS[key]: value for key, value in noise.items()}),
         sampling=sampling.model_dump(exclude_none=True),
         provenance=content.provenance or {},
+        motions=content.motions or "",
     )
 
 
@@ -178,7 +195,7 @@ def _is_file(path: Path) -> bool:
 
 
 def dump_description(
-    campaign: Campaign, sampling: Mapping[str, float], models: Mapping[str, str]
+    campaign: Campaign, sampling: Mapping[str, float], models: Mapping[str, str], motions: str
 ) -> str:
     """The text of `campaign.yaml`.
 
@@ -186,6 +203,7 @@ def dump_description(
         campaign: what to write.
         sampling: intervals to state, by key [s].
         models: of each specimen that has a model, its path within the campaign's folder.
+        motions: folder of the motion files; "": the campaign's own.
 
     Raises:
         CampaignError: the provenance is not JSON-serialisable.
@@ -213,6 +231,7 @@ def dump_description(
         "units": "SI",
         "specimens": specimens,
         "sampling": dict(sampling),
+        "motions": motions,
         "noise": {key: value for key, value in noise.items() if value is not None},
         "provenance": provenance,
     }

@@ -2,7 +2,8 @@
 
     campaign.yaml        schema, name, specimens, measurement noise, provenance
     trials.csv           one row a trial
-    motions/<file>.npz   the table's measured motion, of one trial or of several
+    motions/<file>.npz   the table's measured motion, of one trial or of several (or beside the
+                         campaign, where campaign.yaml says `motions: ../motions`)
     series/<trial>.npz   the response in time, where it was measured
     models/              meshes that campaign.yaml names
 
@@ -81,8 +82,9 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
     trials = read_trials(folder, description, problems)
     arrays = ArrayFiles(folder, problems)
     motions: dict[str, Record] = {}
+    shared = MOTIONS if description is None else description.motions or MOTIONS
     for file, row in trials.motion_files.items():
-        record = arrays.motion(file, row)
+        record = arrays.motion(file, row, shared)
         if record is not None:
             motions[file] = record
     series = {trial: arrays.series(trial) for trial in trials.ids}
@@ -120,7 +122,7 @@ def _check_sampling(
         for name, record in motions.items():
             if abs(record.sample_interval - stated) > 1e-6 * stated:
                 problems.add(
-                    f"{MOTIONS}/{name}.npz",
+                    f"{description.motions or MOTIONS}/{name}.npz",
                     f"is {record.sample_interval:.9g} s, {FILE} states {stated:.9g} s; correct one",
                     column="sample_interval_s",
                 )

@@ -18,10 +18,9 @@ from vsr2.campaign.campaign import (
     Campaign,
     CampaignTrial,
     Specimen,
-    extra_fault,
-    number_fault,
     trial_faults,
 )
+from vsr2.campaign.faults import extra_fault, number_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.table import Cells, Row, read_table

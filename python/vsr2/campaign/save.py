@@ -20,7 +20,11 @@ MODELS = "models"
 
 
 def save_campaign(
-    campaign: Campaign, folder: str | os.PathLike[str], *, overwrite: bool = False
+    campaign: Campaign,
+    folder: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    motions: str = "",
 ) -> Path:
     """Write a campaign, whole or not at all.
 
@@ -31,6 +35,8 @@ def save_campaign(
         campaign: what to write.
         folder: where; may exist if it is empty.
         overwrite: replace a campaign that is there.
+        motions: folder beside it, as `../motions`, whose files several campaigns share: those that
+            are there stay as they are, others are added; "": the campaign has its own.
 
     Returns:
         The folder.
@@ -46,7 +52,7 @@ def save_campaign(
         path.parent.mkdir(parents=True, exist_ok=True)
         temporary.mkdir()
         try:
-            _write(campaign, temporary)
+            _write(campaign, temporary, motions)
             if replaced:
                 old = path.with_name(f".{path.name}.{secrets.token_hex(6)}.old")
                 os.rename(path, old)
@@ -106,7 +112,7 @@ def _refuse_folder(path: Path, overwrite: bool) -> bool:
     return True
 
 
-def _write(campaign: Campaign, folder: Path) -> None:
+def _write(campaign: Campaign, folder: Path, motions: str) -> None:
     models: dict[str, str] = {}
     for key, specimen in campaign.specimens.items():
         if specimen.model_file is not None:
@@ -124,12 +130,14 @@ def _write(campaign: Campaign, folder: Path) -> None:
                     f"campaign {campaign.name!r}: motion {name!r} has neither displacement nor "
                     "acceleration; differentiate or integrate what it has"
                 )
-            write_arrays(folder / MOTIONS / f"{name}.npz", arrays)
+            file = folder / (motions or MOTIONS) / f"{name}.npz"
+            if not (motions and file.exists()):
+                write_arrays(file, arrays, atomic=bool(motions))
     for trial in campaign.trials:
         if trial.series is not None:
             write_arrays(folder / SERIES / f"{trial.trial}.npz", series_arrays(trial.series))
     (folder / TRIALS).write_text(trials_table(campaign), encoding="utf-8", newline="")
-    description = dump_description(campaign, _common_sampling(campaign), models)
+    description = dump_description(campaign, _common_sampling(campaign), models, motions)
     (folder / FILE).write_text(description, encoding="utf-8")
 
 

@@ -107,7 +107,7 @@ def simulate_campaign(
         raise CampaignError("give either resume or checkpoint, not both")
     if series_every < 0 or seed < 0:
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
-    noise = noise or MeasurementNoise()
+    noise = _noise(noise)
     asked, wanted = _asked(study, dict(effects or {}), series_every)
     names = [trial.motion.name for trial in asked] if motion_ids is None else motion_ids
     held = _sessions(sessions, len(asked))
@@ -226,6 +226,17 @@ def _generator(seed: int, trial: int, stream: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, stream)))
 
 
+def _noise(asked: MeasurementNoise | None) -> MeasurementNoise:
+    """What simulated measurements have noise of."""
+    noise = asked or MeasurementNoise()
+    if noise.yaw is not None or noise.slip is not None:
+        raise CampaignError(
+            "noise of yaw and slip: simulated series have orientation and position instead; give "
+            "their noise"
+        )
+    return noise
+
+
 def _digest(trials: Sequence[Trial], noise: MeasurementNoise, seed: int) -> str:
     """Of everything that decides what a trial gives."""
     from vsr2.simulation import plan_sha256
@@ -281,6 +292,8 @@ def _judged(
     peak = float(result["peak_tilt"][at])
     if noise.peak_tilt:
         peak += noise.peak_tilt * float(rng.standard_normal())
+    if noise.peak_tilt_relative:
+        peak *= float(np.exp(noise.peak_tilt_relative * rng.standard_normal()))
     return replace(
         row,
         overturned=outcome == Outcome.overturned.name,

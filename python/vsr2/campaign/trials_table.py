@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +17,10 @@ from vsr2.campaign.campaign import (
     MAX_ORDER,
     Campaign,
     Specimen,
-    extra_fault,
     trial_faults,
 )
 from vsr2.campaign.description import FILE, Description
+from vsr2.campaign.faults import extra_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
@@ -28,13 +30,22 @@ MOTIONS = "motions"
 """Folder of the files that the column `motion_file` names."""
 
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
-_OPTIONAL = ("motion_file", "peak_tilt_rad", "pga_m_s2", "pgv_pga_s", "date", "note")
+_OPTIONAL = (
+    *("motion_file", "peak_tilt_rad", "final_yaw_rad", "final_slip_m"),
+    *("pga_m_s2", "pgv_pga_s", "date", "note"),
+)
 _ATTRIBUTES = (
     *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
-    *("peak_tilt", "pga", "pgv_pga", "date", "note"),
+    *("peak_tilt", "final_yaw", "final_slip", "pga", "pgv_pga", "date", "note"),
 )
 """Of a trial, in the order of the columns that are written."""
-_NUMBERS = {"peak_tilt": "peak_tilt_rad", "pga": "pga_m_s2", "pgv_pga": "pgv_pga_s"}
+_NUMBERS = {
+    "peak_tilt": "peak_tilt_rad",
+    "final_yaw": "final_yaw_rad",
+    "final_slip": "final_slip_m",
+    "pga": "pga_m_s2",
+    "pgv_pga": "pgv_pga_s",
+}
 """Columns of numbers by the attribute of a trial."""
 
 
@@ -103,13 +114,31 @@ def _known_columns(columns: tuple[str, ...], problems: Problems) -> bool:
         if name.startswith("x_"):
             fault = extra_fault(name)
         else:
-            fault = (
-                "is no column of the form; if it holds numbers call it "
-                f"x_{ascii(name)[1:-1][:60]}, otherwise remove it"
-            )
+            fault = f"is no column of the form; {_advice(name)}"
         if fault is not None:
             problems.add(TRIALS, fault, row=1, column=name[:60])
     return len(problems.found) == before
+
+
+_MEANT = {
+    "tilt": "peak_tilt_rad",
+    "yaw": "final_yaw_rad",
+    "slip": "final_slip_m",
+    "pga": "pga_m_s2",
+    "pgv": "pgv_pga_s",
+    "fell": "overturned",
+}
+"""Columns by what people put into names of their own for them."""
+
+
+def _advice(name: str) -> str:
+    known = (*_REQUIRED, *_OPTIONAL)
+    words = re.split("[^a-z]+", name.lower())
+    meant = [column for word, column in reversed(_MEANT.items()) if word in words]
+    near = [*meant, *get_close_matches(name.lower(), known, n=1, cutoff=0.75)]
+    if near:
+        return f"did you mean {near[0]}? Call it so, or remove it"
+    return f"if it holds numbers call it x_{ascii(name)[1:-1][:60]}, otherwise remove it"
 
 
 def _trial(

@@ -3,92 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from cyclopts import App, Group, Parameter
 from cyclopts.validators import mutually_exclusive
 
-from vsr2.blind import DiagnosisOptions, PackSettings
+from vsr2.blind import PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS
-from vsr2.blind.pack_diagnoses import DRAWS
+from vsr2.blind.pack_diagnoses import BUDGET as USUAL
 from vsr2.cli import options as opt
+from vsr2.diagnosis import Budget, Execution
 
 verbs = App(name="blind")
 BUDGET = Group("Budget (one of)", validator=mutually_exclusive)
 
 
-def _count(default: object) -> Parameter:
-    shown = f"{default}, 0 with --leave-one-out"
-    return Parameter(converter=opt.whole, consume_multiple=1, show_default=shown)
+def _pack() -> Any:
+    """What a pack is made of, as options: the numbers among :class:`PackSettings`."""
+    made: list[tuple[str, Any, Any]] = []
+    for one in fields(PackSettings):
+        if one.name in KINDS:
+            shown = f"{one.default}, 0 with --leave-one-out"
+            count = Parameter(converter=opt.whole, consume_multiple=1, show_default=shown)
+            made.append((one.name, Annotated[tuple[int, ...] | None, count], None))
+        elif isinstance(one.default, (bool, float)):
+            made.append((one.name, type(one.default), one.default))
+        elif isinstance(one.default, int):
+            made.append((one.name, opt.Integer, one.default))
+    of = [(name, kind, field(default=default)) for name, kind, default in made]
+    options = make_dataclass("Pack", of, frozen=True)
+    options.__module__, options.__doc__ = __name__, PackSettings.__doc__
+    return Parameter(name="*")(options)
 
 
-@Parameter(name="*")
-@dataclass(frozen=True)
-class Pack:
-    """What a pack is made of.
+PACK: Any = _pack()()
+if TYPE_CHECKING:
+    Pack: TypeAlias = Any
+else:
+    Pack = type(PACK)
 
-    Attributes:
-        single: campaigns with one effect; for each engine, or one number for all
-        none: campaigns without any; likewise
-        pair: campaigns with two effects; likewise
-        unknown: campaigns whose effect the diagnosis may not use; likewise
-        leave_one_out: so many campaigns of kind unknown for every effect that reaches its
-            detection limit, beside what is asked for of the kinds
-        trials: trials a campaign
-        motions: ground motions a campaign
-        sessions: sessions a campaign
-        catalogue: ground motions of the pack
-        protocols: of the pack: campaigns of one share amplitudes, order and motions
-        hidden: effect classes that may be left out of the library
-        replicates: draws of nuisances with and without an effect that measure its signal
-        signal_trials: trials on which signals are measured
-        series_interval: of the series [s]; 0: none, tiers B and M alone
-        development: an open pack: scored as often as you like
+
+def _settings(made_of: Any, engines: tuple[str, ...], effects: tuple[str, ...]) -> PackSettings:
+    """What is asked for.
+
+    Raises:
+        BlindError: `vsr2 blind diagnose` would refuse campaigns of this size.
     """
+    from vsr2.diagnosis.observed.observations import OBSERVED
+    from vsr2.errors import BlindError
 
-    single: Annotated[tuple[int, ...] | None, _count(PackSettings.single)] = None
-    none: Annotated[tuple[int, ...] | None, _count(PackSettings.none)] = None
-    pair: Annotated[tuple[int, ...] | None, _count(PackSettings.pair)] = None
-    unknown: Annotated[tuple[int, ...] | None, _count(PackSettings.unknown)] = None
-    leave_one_out: opt.Integer | None = None
-    trials: opt.Integer = PackSettings.trials
-    motions: opt.Integer = PackSettings.motions
-    sessions: opt.Integer = PackSettings.sessions
-    catalogue: opt.Integer = PackSettings.catalogue
-    protocols: opt.Integer = PackSettings.protocols
-    hidden: opt.Integer = PackSettings.hidden
-    replicates: opt.Integer = PackSettings.replicates
-    signal_trials: opt.Integer = PackSettings.signal_trials
-    series_interval: float = PackSettings.series_interval
-    development: bool = False
-
-    def values(self) -> dict[str, Any]:
-        """As :class:`PackSettings` takes them.
-
-        Raises:
-            BlindError: `vsr2 blind diagnose` would refuse campaigns of this size.
-        """
-        from vsr2.diagnosis.observed.observations import OBSERVED
-        from vsr2.errors import BlindError
-
-        least_of = {"trials": OBSERVED.least_trials, "motions": OBSERVED.least_motions}
-        for name, least in least_of.items():
-            if (given := getattr(self, name)) < least:
-                raise BlindError(
-                    f"--{name} is {given}; `vsr2 blind diagnose` takes campaigns of {least} or more"
-                )
-        chosen = {name: value for name, value in asdict(self).items() if value is not None}
-        for kind in KINDS:
-            if numbers := getattr(self, kind):
-                chosen[kind] = numbers[0] if len(numbers) == 1 else numbers
-            elif self.leave_one_out is not None:
-                chosen[kind] = 0
-        return chosen
-
-
-PACK = Pack()
+    chosen = vars(made_of).copy()
+    for name, least in {"trials": OBSERVED.least_trials, "motions": OBSERVED.least_motions}.items():
+        if chosen[name] < least:
+            raise BlindError(
+                f"--{name} is {chosen[name]}; `vsr2 blind diagnose` takes campaigns of {least} or "
+                "more"
+            )
+    for kind in KINDS:
+        numbers = chosen.pop(kind)
+        if numbers:
+            chosen[kind] = numbers[0] if len(numbers) == 1 else numbers
+        elif chosen["leave_one_out"]:
+            chosen[kind] = 0
+    return PackSettings(engines=tuple(dict.fromkeys(engines)), effects=effects, **chosen)
 
 
 @verbs.command
@@ -124,9 +103,7 @@ def make(
 
     if seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
-    settings = PackSettings(
-        engines=tuple(dict.fromkeys(engine)), effects=effect, **made_of.values()
-    )
+    settings = _settings(made_of, engine, effect)
     folder = pack.resolve()
     if not folder.name:
         raise BlindError(f"{pack}: has no name that the key's folder could have; add --key")
@@ -157,16 +134,16 @@ class Effort:
         seed: of each diagnosis
     """
 
-    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = DRAWS
+    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = USUAL.draws or 0
     budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     threads: opt.Threads = None
     seed: opt.Integer = 0
 
-    def options(self) -> DiagnosisOptions:
-        """As :func:`vsr2.blind.diagnose_pack` takes them."""
+    def budget(self) -> Budget:
+        """Draws, or minutes where they are given."""
         if self.budget_minutes is None:
-            return DiagnosisOptions(draws=self.draws, threads=self.threads, seed=self.seed)
-        return DiagnosisOptions(None, self.budget_minutes, self.threads, self.seed)
+            return Budget(draws=self.draws)
+        return Budget(self.budget_minutes)
 
 
 EFFORT = Effort()
@@ -185,7 +162,8 @@ def diagnose(
 ) -> int:
     """Run the diagnosis over a pack's data folder.
 
-    Reads the data folder alone. Stopped, the same command continues.
+    Reads the data folder alone. Stopped, the same command continues; with more draws or minutes
+    than before it diagnoses all again, and simulates what is missing.
 
     Args:
         data: a pack's data folder
@@ -200,7 +178,9 @@ def diagnose(
         out,
         tiers=tier or None,
         campaigns=campaign or None,
-        options=effort.options(),
+        budget=effort.budget(),
+        execution=Execution(effort.threads, progress=not quiet),
+        seed=effort.seed,
         say=_progress(quiet),
     )
     print(f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed")

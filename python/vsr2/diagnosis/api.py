@@ -120,7 +120,7 @@ def diagnose(
             "left_out": len(given) - len(seen),
             "excluded": sorted(hypotheses.exclude),
             "unavailable": simulator.unavailable,
-            "priors": {name: list(ends) for name, ends in sorted(hypotheses.priors.items())},
+            "priors": hypotheses.ends,
             "nuisance_priors": [one.to_json() for one in simulator.nuisances],
         },
     )

@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, Protocol, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.effects.parameter import Parameter, near
+from vsr2.effects.parameter import Parameter, Prior, near
 from vsr2.errors import ConfigError
 from vsr2.motion import Motion
 from vsr2.trial import Observation, Trial
@@ -189,8 +189,8 @@ class Effect:
             f"has no parameter {name!r}; {near(name, known)}", key=f"effects.{self.name}"
         )
 
-    def with_prior(self, name: str, lower: float, upper: float) -> Self:
-        """The same effect with other ends of a parameter's prior.
+    def with_prior(self, name: str, lower: float, upper: float, shape: Prior | None = None) -> Self:
+        """The same effect with other ends, and maybe another shape, of a parameter's prior.
 
         Raises:
             ConfigError: there is no such parameter, or it cannot be simulated that far.
@@ -204,7 +204,9 @@ class Effect:
                 key=f"effects.{self.name}.{name}",
             )
         try:
-            wide = replace(old, lower=lower, upper=upper, limits=(low, high))
+            wide = replace(
+                old, lower=lower, upper=upper, limits=(low, high), prior=shape or old.prior
+            )
         except ConfigError as error:
             raise ConfigError(error.message, key=f"effects.{self.name}.{name}") from None
         made = copy(self)

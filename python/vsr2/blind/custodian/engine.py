@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco import Drawable, Response, TrialContext
+from vsr2.blind.mujoco import NOMINAL, ContactModel, Drawable, Response, TrialContext
 from vsr2.config import Study
 from vsr2.errors import BlindError
 
@@ -82,8 +82,13 @@ class Engine(Protocol):
         ...
 
 
-def build_engine(name: str, study: Study) -> Engine:
+def build_engine(name: str, study: Study, contact: ContactModel = NOMINAL) -> Engine:
     """The engine of that name for a study's scene.
+
+    Args:
+        name: mujoco or bullet.
+        study: of the nominal scene.
+        contact: of the engine mujoco.
 
     Raises:
         BlindError: it is not known, not installed, or cannot simulate the scene.
@@ -91,7 +96,7 @@ def build_engine(name: str, study: Study) -> Engine:
     if name == "mujoco":
         from vsr2.blind.custodian.mujoco_engine import MujocoEngine
 
-        return MujocoEngine(study)
+        return MujocoEngine(study, contact)
     if name == "bullet":
         from vsr2.blind.custodian.bullet_engine import BulletEngine
 

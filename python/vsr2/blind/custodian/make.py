@@ -27,7 +27,7 @@ from vsr2.blind.custodian.measurements import Measurements, Say, Steps, read_bac
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.custodian.recording import RANGE, recorded_campaign
 from vsr2.blind.form.pack_form import Axis
-from vsr2.blind.form.pack_settings import PackSettings
+from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.form.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -44,14 +44,15 @@ from vsr2.blind.form.seal import (
     set_time_stamps,
     write_json,
 )
-from vsr2.blind.mujoco import Drawable, Response
+from vsr2.blind.mujoco import ContactModel, Drawable, Response, draw_contact
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
+from vsr2.config.motion_source import Filter
 from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 6
+FORM = 7
 """Of the data, of what is drawn and of the steps kept; a pack of another form is not continued."""
 _STATE = "custodian.json"
 _STEPS = "steps.json"
@@ -113,8 +114,9 @@ def make_pack(
     engines = {name: build_engine(name, study) for name in settings.engines}
     effects = _allowed(engines, settings)
     state = _begin(study, data, key, settings, seed)
-    _prepare(study, data, key)
+    _prepare(study, settings, data, key)
     number = int(state["seed"])
+    engines, contact = _drawn_engines(study, settings, number)
     motions = catalogue(number, settings.catalogue)
     steps = Steps(key / _STEPS)
 
@@ -150,8 +152,8 @@ def make_pack(
         open_key(data, key)
         sealed = str(read_json(data / PACK_FILE)["commitment"]["sha256"])
     else:
-        _write_together(data, sorted(entries))
-        sealed = _seal(data, key, state, settings, engines, limits, entries)
+        _write_together(data, [*motion_folders(settings), *sorted(entries)])
+        sealed = _seal(data, key, state, settings, engines, limits, entries, contact)
     set_time_stamps(data)
     return Made(
         len(entries),
@@ -199,6 +201,15 @@ def _allowed(
     return out
 
 
+def _drawn_engines(
+    study: Study, settings: PackSettings, seed: int
+) -> tuple[dict[str, Engine], ContactModel]:
+    """The engines of a pack, with a contact model that no other pack of the other kind has."""
+    rng = np.random.default_rng([seed, 403])
+    contact = draw_contact(rng, development=settings.development)
+    return {name: build_engine(name, study, contact) for name in settings.engines}, contact
+
+
 def _begin(
     study: Study, data: Path, key: Path, settings: PackSettings, seed: int | None
 ) -> dict[str, Any]:
@@ -207,7 +218,7 @@ def _begin(
         "form": FORM,
         # Through JSON, so that tuples compare as the lists that a file holds.
         "settings": read_back(settings.to_json()),
-        "scene_sha256": hashlib.sha256(canonical(_scene(study))).hexdigest(),
+        "scene_sha256": hashlib.sha256(canonical(_scene(study, settings))).hexdigest(),
     }
     file = getattr(study.rock, "file", None)
     if file is not None:
@@ -246,18 +257,28 @@ def _begin(
     return state
 
 
-def _scene(study: Study) -> dict[str, Any]:
-    """The nominal scene as plain data; the motion is a mere placeholder."""
+def motion_folders(settings: PackSettings) -> list[str]:
+    """Of the motions that campaigns share, one a protocol, in the data folder."""
+    count = settings.protocols
+    return ["motions"] if count == 1 else [f"motions{i + 1}" for i in range(count)]
+
+
+def _scene(study: Study, settings: PackSettings) -> dict[str, Any]:
+    """The nominal scene as plain data, driven by the recorded motions, whose noise is filtered."""
     content = study.model_dump(mode="json", exclude_unset=True)
     content["name"] = "blind"
-    content["motion"] = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1.0}
+    content["motion"] = {
+        "mode": "all_recordings",
+        "folder": motion_folders(settings)[0],
+        "filter": Filter().model_dump(),
+    }
     content.pop("output", None)
     if "file" in content["rock"]:
         content["rock"]["file"] = f"model{Path(content['rock']['file']).suffix.lower()}"
     return content
 
 
-def _prepare(study: Study, data: Path, key: Path) -> None:
+def _prepare(study: Study, settings: PackSettings, data: Path, key: Path) -> None:
     """Remove what a killed writer left behind, and write the scene of an unfinished pack."""
     data.mkdir(parents=True, exist_ok=True)
     for left in (*data.glob(".*.tmp"), *key.glob(".*.tmp")):
@@ -267,7 +288,7 @@ def _prepare(study: Study, data: Path, key: Path) -> None:
             left.unlink()
     if (data / PACK_FILE).exists():
         return
-    (data / SCENE_FILE).write_text(dump_yaml(_scene(study)), encoding="utf-8")
+    (data / SCENE_FILE).write_text(dump_yaml(_scene(study, settings)), encoding="utf-8")
     file = getattr(study.rock, "file", None)
     if file is not None:
         shutil.copyfile(file, data / f"model{Path(file).suffix.lower()}")
@@ -298,13 +319,17 @@ def _campaign(
         ]
         acting = {effect.name: effect.values for effect in planned.effects}
         weights: list[float] = []
+        flips = None
         try:
             shaken = [replace(one, effects=acting) for one in plain]
             seen = list(engine.run(shaken, settings.series_interval or 1.0))
             if acting:
                 # The same campaign without the effect, all else equal: where the effect acts.
                 nominal = engine.run(plain, 1.0)
-                weights = [_change(a, b) for a, b in zip(seen, nominal, strict=True)]
+                pairs = list(zip(seen, nominal, strict=True))
+                weights = [_change(a, b) for a, b in pairs]
+                flipped = sum(a.overturned != b.overturned for a, b in pairs)
+                flips = round(flipped / len(pairs), 4)
             break
         except SimulationError:
             if attempt == PLACEMENTS - 1:
@@ -313,7 +338,8 @@ def _campaign(
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
-    save_campaign(campaign, folder)
+    shared = motion_folders(settings)[planned.protocol]
+    save_campaign(campaign, folder, motions=f"../{shared}")
     set_time_stamps(folder)
     return {
         "kind": planned.kind,
@@ -322,6 +348,7 @@ def _campaign(
         "exclude": list(planned.exclude),
         "protocol": planned.protocol,
         "nuisances": asdict(inputs[0].nuisances) | {"input_gain": gain},
+        "flips": flips,
         "where": {"axis": _axis(planned.effects), "weights": weights},
         "data_sha256": folder_sha256(folder),
     }
@@ -358,6 +385,7 @@ def _seal(
     engines: Mapping[str, Engine],
     limits: Limits,
     entries: dict[str, Any],
+    contact: ContactModel,
 ) -> str:
     versions = {"numpy": np.__version__, "python": platform.python_version()}
     for engine in engines.values():
@@ -366,6 +394,10 @@ def _seal(
         {
             "campaigns": entries,
             "settings": settings.to_json(),
+            "motions_sha256": {
+                name: folder_sha256(data / name) for name in motion_folders(settings)
+            },
+            "contact": asdict(contact),
             "rules": asdict(RULES),
             **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
@@ -394,6 +426,7 @@ def _seal(
                 "id": name,
                 "protocol": entries[name]["protocol"],
                 "exclude": entries[name]["exclude"],
+                **({"kind": "reference"} if entries[name]["kind"] == Kind.REFERENCE else {}),
             }
             for name in sorted(entries)
         ],

@@ -11,7 +11,9 @@ import numpy as np
 from vsr2.blind.custodian.engine import TrialInput
 from vsr2.blind.mujoco import (
     EFFECTS,
+    NOMINAL,
     Body,
+    ContactModel,
     Drawable,
     Response,
     Situation,
@@ -29,6 +31,10 @@ from vsr2.errors import BlindError
 class MujocoEngine:
     """Trials of a study's rock and friction on MuJoCo; nothing else of the study is used.
 
+    Args:
+        study: of the nominal scene.
+        contact: how MuJoCo solves contacts.
+
     Raises:
         BlindError: MuJoCo is missing; or the rock is no block and no mesh that stands as its file
             has it.
@@ -36,7 +42,8 @@ class MujocoEngine:
 
     name = "mujoco"
 
-    def __init__(self, study: Study) -> None:
+    def __init__(self, study: Study, contact: ContactModel = NOMINAL) -> None:
+        self._contact = contact
         try:
             import mujoco
         except ImportError:
@@ -69,8 +76,8 @@ class MujocoEngine:
                 f"study {study.name!r}: rock.shape is {rock.shape!r}, but the engine mujoco takes "
                 "box or mesh; give such a scene"
             )
-        contact = study.contact
-        self._friction = contact.rock.lateral_friction * contact.pedestal.lateral_friction
+        stated = study.contact
+        self._friction = stated.rock.lateral_friction * stated.pedestal.lateral_friction
 
     @property
     def versions(self) -> Mapping[str, str]:
@@ -104,6 +111,7 @@ class MujocoEngine:
                 impact_energy_ratio=nuisances.energy_ratio,
                 yaw=one.yaw,
                 offset=one.offset,
+                contact=self._contact,
             )
             acting = with_effects(situation, one.effects, one.context)
             response = run_trial(acting, series_interval=series_interval)

@@ -129,7 +129,8 @@ def check_hidden(settings: PackSettings, found: int) -> None:
     """
     counts = [settings.counts(engine) for engine in settings.engines]
     needed = 3 if any(count[Kind.PAIR] for count in counts) else 2
-    decoys = any(n for count in counts for kind, n in count.items() if kind is not Kind.UNKNOWN)
+    open_or_own = (Kind.UNKNOWN, Kind.REFERENCE)
+    decoys = any(n for count in counts for kind, n in count.items() if kind not in open_or_own)
     if decoys and any(settings.asks(engine) for engine in settings.engines) and found < needed:
         raise BlindError(
             f"{found} effect classes may be left out of the library, this pack needs {needed}, or "
@@ -217,7 +218,9 @@ def _left_out(
     """
     own = [{settings.class_of(effect.name) for effect in planned.effects} for planned in made]
     unknown = [i for i, planned in enumerate(made) if planned.kind is Kind.UNKNOWN]
-    others = sorted(set(range(len(made))) - set(unknown), key=lambda i: -len(own[i]))
+    # The kind of a reference is open.
+    told = {i for i, planned in enumerate(made) if planned.kind is Kind.REFERENCE}
+    others = sorted(set(range(len(made))) - set(unknown) - told, key=lambda i: -len(own[i]))
     counts = Counter(next(iter(own[i])) for i in unknown)
     if not unknown:
         counts = Counter(members for classes in hidden.values() for members in set(classes))
@@ -292,7 +295,7 @@ class _Deck:
             return None if one is None else (one,)
         out: list[Drawn] = []
         passed: set[str] = set()
-        while len(out) < {Kind.NONE: 0, Kind.PAIR: 2}.get(kind, 1):
+        while len(out) < {Kind.NONE: 0, Kind.REFERENCE: 0, Kind.PAIR: 2}.get(kind, 1):
             name = self._deal(passed, hidden=kind is Kind.UNKNOWN)
             one = self._draw(name, protocol)
             if one is None:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import PurePosixPath
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf, model_validator
 
 from vsr2.blind.form.pack_settings import Kind, Tolerances
-from vsr2.blind.form.reader import Count, Name, Names, Part, Sha256, check_count, misfit
+from vsr2.blind.form.reader import (
+    Count,
+    Name,
+    Names,
+    Part,
+    Probability,
+    Sha256,
+    check_count,
+    misfit,
+)
 from vsr2.campaign import Tier
-from vsr2.campaign.campaign import id_fault
+from vsr2.campaign.faults import id_fault
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.nuisances import Distribution, Nuisance, distribution
 from vsr2.effects import library
+from vsr2.errors import ConfigError, DiagnosisError
 
 TIERS: tuple[Tier, ...] = ("B", "M", "T")
 ANSWERS = ("none", "unknown")
@@ -23,6 +35,7 @@ _EFFECTS: Mapping[Kind, tuple[int, float]] = {
     Kind.SINGLE: (1, 1),
     Kind.PAIR: (2, 2),
     Kind.UNKNOWN: (1, float("inf")),
+    Kind.REFERENCE: (0, float("inf")),
 }
 """Least and greatest number of effects by kind."""
 
@@ -52,14 +65,14 @@ def _identifier(name: object) -> object:
 def _each_once(tiers: list[Tier]) -> list[Tier]:
     if len(set(tiers)) < len(tiers):
         raise ValueError("each tier should stand once")
-    return tiers
+    return sorted(tiers)
 
 
 def _distinct(classes: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ...]:
     names = [name for members in classes for name in members]
     if len(set(names)) < len(names) or set(names) & set(ANSWERS):
         raise ValueError("each name should stand once, none and unknown in no class")
-    return classes
+    return tuple(sorted(tuple(sorted(members)) for members in classes))
 
 
 Tiers = Annotated[list[Tier], Field(min_length=1), AfterValidator(_each_once)]
@@ -70,10 +83,54 @@ Classes = Annotated[
 ]
 
 
-class _Listed(Part):
+def _as(read: Callable[[Mapping[str, Any]], object]) -> BeforeValidator:
+    """What one of the diagnosis' own readers makes of a mapping."""
+
+    def made(content: object) -> object:
+        if not isinstance(content, Mapping):
+            raise ValueError("it should be a mapping")
+        try:
+            return read(content)
+        except (DiagnosisError, ConfigError) as error:
+            raise ValueError(str(error)) from None
+
+    return BeforeValidator(made)
+
+
+def _offered(priors: dict[str, Distribution]) -> dict[str, Distribution]:
+    try:
+        _ = Hypotheses(priors=priors).offered
+    except (DiagnosisError, ConfigError) as error:
+        raise ValueError(str(error)) from None
+    return priors
+
+
+Nuisances = tuple[Annotated[InstanceOf[Nuisance], _as(Nuisance.from_json)], ...]
+Priors = Annotated[
+    dict[str, Annotated[Any, _as(distribution)]],
+    AfterValidator(_offered),
+]
+
+
+class _Known(Part):
+    name: Name
+    values: dict[str, float]
+
+
+class Listed(Part):
+    """A campaign of a `pack.json`."""
+
     id: Annotated[str, BeforeValidator(_identifier)]
     protocol: Count = 0
     exclude: Names = ()
+    kind: Literal["reference"] | None = None
+    effects: tuple[_Known, ...] = Field((), strict=False)
+
+    @model_validator(mode="after")
+    def _check_open(self) -> Listed:
+        if self.effects and self.kind is None:
+            raise misfit("effects", [e.name for e in self.effects], "only references are open")
+        return self
 
 
 class _Commitment(Part):
@@ -88,7 +145,9 @@ class Pack(Part):
     tiers: Tiers
     classes: Classes = ()
     tolerances: Tolerances | None = None
-    campaigns: Annotated[list[_Listed], Field(min_length=1)]
+    nuisances: Nuisances = Field((), strict=False)
+    priors: Priors = Field(default_factory=dict)
+    campaigns: Annotated[list[Listed], Field(min_length=1)]
     commitment: _Commitment
 
     @model_validator(mode="after")
@@ -132,6 +191,7 @@ class _Entry(Part):
     exclude: Names = ()
     data_sha256: Sha256
     effects: tuple[_Effect, ...] = Field((), strict=False)
+    flips: Probability | None = None
     where: _Where
 
     @property
@@ -142,8 +202,8 @@ class _Entry(Part):
     @model_validator(mode="after")
     def _check_kind(self) -> _Entry:
         check_count(self.names, self.kind, _EFFECTS[self.kind])
-        if (self.where.axis is Axis.NONE) != (self.kind is Kind.NONE):
-            wanted = "it should be none where the kind is none, and only there"
+        if (self.where.axis is Axis.NONE) == bool(self.effects):
+            wanted = "it should be none where the kind is none, and only where nothing acts"
             raise misfit("where.axis", str(self.where.axis), wanted)
         for name in self.names:
             if name in self.exclude and self.kind is not Kind.UNKNOWN:
@@ -159,7 +219,17 @@ class _Sealed(Part):
     development: bool = False
     classes: Classes
     tiers: Tiers | None = None
+    series_interval: float | None = None
     tolerances: Tolerances | None = None
+    nuisances: Nuisances | None = Field(None, strict=False)
+    priors: Priors | None = None
+
+    @property
+    def sealed_tiers(self) -> list[Tier] | None:
+        """As stated, or as packs of `vsr2 blind make` seal them: by the series' interval."""
+        if self.tiers is None and self.series_interval is not None:
+            return ["B", "M", "T"] if self.series_interval else ["B", "M"]
+        return self.tiers
 
 
 class Key(Part):
@@ -169,6 +239,7 @@ class Key(Part):
     campaigns: dict[str, _Entry]
     scene_sha256: Sha256 | None = None
     model_sha256: Sha256 | None = None
+    motions_sha256: dict[str, Sha256] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check_classes(self) -> Key:

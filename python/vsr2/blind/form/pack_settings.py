@@ -23,6 +23,8 @@ class Kind(StrEnum):
     NONE = "none"
     PAIR = "pair"
     UNKNOWN = "unknown"
+    REFERENCE = "reference"
+    """Open: its truth, a known effect or none, is published."""
 
 
 KINDS = tuple(Kind)
@@ -40,7 +42,7 @@ _Deviation = Annotated[float, Field(ge=0)]
 
 
 class Tolerances(Part):
-    """Standard deviations of the nuisances, published with a pack.
+    """Standard deviations of the nuisances, published with a pack: short for its `nuisances`.
 
     Attributes:
         width, depth, height: relative.
@@ -90,24 +92,25 @@ class PackSettings:
 
     Attributes:
         engines: that simulate.
-        single, none, pair, unknown: numbers of campaigns by kind: one for each engine, or one that
-            holds for all of them.
-        leave_one_out: campaigns of kind unknown for each effect that reaches its detection limit,
-            beside the numbers above.
-        trials, motions, sessions: of each campaign.
-        catalogue: ground motions of the pack, of which a protocol draws its own.
-        protocols: of the pack; campaigns of one protocol have the same amplitudes, order, sessions
-            and recorded motions, so that simulations for one serve all of them.
-        series_interval: [s], up to 0.1; 0: no series, so that the pack ends at tier M.
+        single: campaigns with one effect; for each engine, or one number for all
+        none: campaigns without any; likewise
+        pair: campaigns with two effects; likewise
+        unknown: campaigns whose effect the diagnosis may not use; likewise
+        reference: open campaigns without effect; likewise
+        leave_one_out: so many campaigns of kind unknown for every effect that reaches its
+            detection limit, beside what is asked for of the kinds
+        trials: trials a campaign
+        motions: ground motions a campaign
+        sessions: sessions a campaign
+        catalogue: ground motions of the pack
+        protocols: of the pack: campaigns of one share amplitudes, order and motions
+        series_interval: of the series [s], up to 0.1; 0: none, tiers B and M alone
         effects: that may be drawn; empty: all that the engine has.
-        hidden: number of classes that may be left out of the library, of unknown effects and of
-            decoys alike; each costs the diagnosis fits of its own. At least 3 where there are
-            pairs; with `leave_one_out` all classes.
+        hidden: effect classes that may be left out of the library; at least 3 where there are pairs
         classes: equivalence classes that verdicts are judged by.
-        replicates: twins, draws of nuisances and starts with the effect and without, with which
-            the signal of each drawn effect is measured.
-        signal_trials: trials of the protocol on which it is measured.
-        development: the pack is open: it may be scored any number of times, campaign by campaign.
+        replicates: draws of nuisances with and without an effect that measure its signal
+        signal_trials: trials on which signals are measured
+        development: an open pack: scored as often as you like
         tolerances: of the nuisances.
     """
 
@@ -116,6 +119,7 @@ class PackSettings:
     none: int | tuple[int, ...] = 3
     pair: int | tuple[int, ...] = 1
     unknown: int | tuple[int, ...] = 2
+    reference: int | tuple[int, ...] = 0
     leave_one_out: int = 0
     trials: int = 150
     motions: int = 15
@@ -183,7 +187,8 @@ class PackSettings:
     def asks(self, engine: str) -> bool:
         """Whether campaigns with effects are asked of an engine."""
         counts = self.counts(engine)
-        return sum(counts.values()) - counts[Kind.NONE] + self.leave_one_out > 0
+        acting = sum(counts[kind] for kind in (Kind.SINGLE, Kind.PAIR, Kind.UNKNOWN))
+        return acting + self.leave_one_out > 0
 
     def class_of(self, effect: str) -> tuple[str, ...]:
         """The equivalence class that holds an effect."""

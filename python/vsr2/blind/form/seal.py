@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from vsr2.blind.form.pack_form import Key, Pack
+from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.reader import parsed
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
 from vsr2.results.atomic import write_atomic
 
-PACK_SCHEMA = "vsr2.blind-pack/1"
-KEY_SCHEMA = "vsr2.blind-key/1"
+PACK_SCHEMA = "vsr2.blind-pack/2"
+KEY_SCHEMA = "vsr2.blind-key/2"
+_READ = (PACK_SCHEMA, "vsr2.blind-pack/1"), (KEY_SCHEMA, "vsr2.blind-key/1")
+"""Of packs and of keys: the first form lacked nuisances, priors, references, shared motions."""
 PACK_FILE = "pack.json"
 KEY_FILE = "key.json"
 SALT_BYTES = 32
@@ -90,7 +95,7 @@ def read_json(path: Path) -> dict[str, Any]:
         BlindError: it is missing, cannot be read, or holds something else.
     """
     try:
-        content = json.loads(path.read_bytes())
+        content = json.loads(path.read_bytes(), parse_float=_finite)
     except OSError as error:
         raise BlindError(f"{path}: cannot be read ({error.strerror}); check the path") from None
     except (ValueError, RecursionError) as error:
@@ -100,13 +105,21 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
+def _finite(text: str) -> float:
+    """A number; what Python would read as infinity was meant as text, most often as an id."""
+    value = float(text)
+    if math.isinf(value):
+        raise ValueError(f"{text} is a number too great to be one; a name needs quotes")
+    return value
+
+
 def folder_around(folder: Path, file: str) -> Path | None:
     """The folder that holds a file of that name and that another one is or lies in."""
     inner = folder.resolve()
     return next((one for one in (inner, *inner.parents) if (one / file).exists()), None)
 
 
-def read_pack(data: Path) -> dict[str, Any]:
+def read_pack(data: Path) -> Pack:
     """`pack.json` of a finished pack, whoever wrote it.
 
     Raises:
@@ -119,19 +132,18 @@ def read_pack(data: Path) -> dict[str, Any]:
             "it last, so an interrupted pack has none: make it again to continue)"
         )
     pack = read_json(path)
-    if pack.get("schema") != PACK_SCHEMA:
+    if pack.get("schema") not in _READ[0]:
         raise BlindError(f"{path}: schema is {pack.get('schema')!r}, wanted is {PACK_SCHEMA!r}")
-    parsed(Pack, pack, str(path))
-    return pack
+    return parsed(Pack, pack, str(path))
 
 
 def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
     """The key of a pack, after its hash and all that it seals were found right.
 
-    Compared are the campaigns' files, what they exclude, their protocols, the scene, and of
-    `pack.json` whether the pack is open, tiers, classes and tolerances. Of these a key may seal
-    less: the files and `exclude` always, the others where it has them. A pack whose key does not
-    say that it is open is not.
+    Compared are the campaigns' files, what they exclude, their protocols, shared motions, the
+    scene, and of `pack.json` whether the pack is open, references, tiers, classes, tolerances,
+    nuisances and priors. Of these a key may seal less: files, motions, references and `exclude`
+    always, the others where it has them. A pack whose key does not say that it is open is not.
 
     Raises:
         BlindError: the key is not that of the pack, was changed or is of a wrong form, or what it
@@ -140,7 +152,7 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
     pack = read_pack(data)
     path = key_folder / KEY_FILE
     sealed = read_json(path)
-    if sealed.get("schema") != KEY_SCHEMA or not isinstance(sealed.get("key"), dict):
+    if sealed.get("schema") not in _READ[1] or not isinstance(sealed.get("key"), dict):
         raise BlindError(f"{path}: schema is {sealed.get('schema')!r}, wanted is {KEY_SCHEMA!r}")
     try:
         found = commitment(str(sealed["salt"]), sealed["key"])
@@ -151,25 +163,56 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
             f"{path}: salt is empty, so that a key can be guessed from its hash; seal with random "
             f"bytes ({SALT_BYTES}, say)"
         )
-    if found != pack["commitment"]["sha256"]:
+    if found != pack.commitment.sha256:
         raise BlindError(
-            f"{path}: its hash is {found}, published was {pack['commitment']['sha256']}: the key "
+            f"{path}: its hash is {found}, published was {pack.commitment.sha256}: the key "
             "is of another pack, or was changed; nothing is scored"
         )
     key: dict[str, Any] = sealed["key"]
-    parsed(Key, key, str(path), "key")
-    listed = {entry["id"]: entry for entry in pack["campaigns"]}
-    if set(listed) != set(key["campaigns"]):
+    read = parsed(Key, key, str(path), "key")
+    if {one.id for one in pack.campaigns} != set(read.campaigns):
         raise BlindError(f"{path}: its campaigns are not those of {data / PACK_FILE}")
-    _check_published(data / PACK_FILE, pack, key)
-    _check_scene(data, pack["scene"], key)
-    for name, entry in key["campaigns"].items():
-        if folder_sha256(data / name) != entry["data_sha256"]:
+    _check_published(data / PACK_FILE, pack, read)
+    _check_scene(data, pack.scene, read)
+    folders = {name: entry.data_sha256 for name, entry in read.campaigns.items()}
+    folders |= read.motions_sha256
+    for one in sorted(data.iterdir()):
+        if one.is_dir() and one.name not in folders and any(one.glob("*.npz")):
+            raise BlindError(
+                f"{one}: holds motions, and motions_sha256 of {path} does not seal them; seal "
+                "motions that campaigns share, or remove them"
+            )
+    for name, sha256 in folders.items():
+        if folder_sha256(data / name) != sha256:
             raise BlindError(
                 f"{data / name}: its files differ from the sealed ones (changed, missing or "
                 "added); get the published folder again; nothing is scored"
             )
     return key
+
+
+def key_slips(key: Mapping[str, Any]) -> list[str]:
+    """Names of a key that are nearly the library's: what no diagnosis can name rightly.
+
+    Args:
+        key: opened.
+    """
+    from vsr2.effects import library
+
+    out = []
+    for campaign, entry in sorted(key["campaigns"].items()):
+        for effect in entry.get("effects") or ():
+            name, known = effect["name"], library()
+            where, asked, names = "effect", [name], [*known]
+            if name in known:
+                where, asked = f"parameter of {name}", [*effect["values"]]
+                names = [parameter.name for parameter in known[name].parameters]
+            for word in asked:
+                near = get_close_matches(word, names, n=1, cutoff=0.6 if name in known else 0.8)
+                if word not in names and (near or name in known):
+                    meant = f"; {near[0]} may be meant" if near else f"; it has {', '.join(names)}"
+                    out.append(f"{campaign}: the library has no {where} {word!r}{meant}")
+    return out
 
 
 def is_open(key: Mapping[str, Any]) -> bool:
@@ -182,34 +225,36 @@ def sealed_classes(key: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(members) for members in key["settings"]["classes"])
 
 
-def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]) -> None:
+def _check_published(path: Path, pack: Pack, key: Key) -> None:
     """Compare what diagnosing and scoring take from `pack.json` with the sealed."""
-    settings = key["settings"]
-    tiers = settings.get("tiers")
-    if tiers is None and "series_interval" in settings:
-        # So the packs of `vsr2 blind make` seal them.
-        tiers = ["B", "M", "T"] if settings["series_interval"] else ["B", "M"]
+    settings = key.settings
     compared: list[tuple[str, object, object]] = [
-        ("development", bool(pack.get("development")), is_open(key))
+        ("development", pack.development, settings.development)
     ]
-    if tiers is not None and set(pack["tiers"]) != set(tiers):
-        compared.append(("tiers", pack["tiers"], tiers))
-    published, sealed = pack.get("classes"), settings["classes"]
-    if _sets(published or []) != _sets(sealed) or (published is None and sealed):
-        compared.append(("classes", published, sealed))
-    if settings.get("tolerances") is not None:
-        here, there = pack.get("tolerances") or {}, settings["tolerances"]
-        compared += [
-            (f"tolerances.{name}", here.get(name), there.get(name))
-            for name in sorted({*here, *there})
-        ]
-    for listed in pack["campaigns"]:
-        name, entry = listed["id"], key["campaigns"][listed["id"]]
-        exclude, sealed = (one.get("exclude") or [] for one in (listed, entry))
-        compared.append((f"exclude of {name}", exclude, sealed))
-        if entry.get("protocol") is not None:
-            protocol = listed.get("protocol") or 0
-            compared.append((f"protocol of {name}", protocol, entry["protocol"]))
+    sealed: dict[str, object] = {"tiers": settings.sealed_tiers, "classes": settings.classes}
+    sealed |= {"nuisances": settings.nuisances, "priors": settings.priors}
+    for name, there in sealed.items():
+        here = getattr(pack, name)
+        if there is not None and here != there:
+            compared.append((name, here if name in pack.model_fields_set else None, there))
+    if settings.tolerances is not None:
+        kept, own = (
+            {} if of is None else of.model_dump(mode="json", exclude_unset=True)
+            for of in (pack.tolerances, settings.tolerances)
+        )
+        compared += [(f"tolerances.{n}", kept.get(n), own.get(n)) for n in sorted({*kept, *own})]
+    for listed in pack.campaigns:
+        name, entry = listed.id, key.campaigns[listed.id]
+        told = entry.kind is Kind.REFERENCE
+        compared.append((f"reference {name}", listed.kind is not None, told))
+        if told:
+            acting = [
+                [(effect.name, effect.values) for effect in of.effects] for of in (listed, entry)
+            ]
+            compared.append((f"effects of {name}", acting[0], acting[1]))
+        compared.append((f"exclude of {name}", list(listed.exclude), list(entry.exclude)))
+        if "protocol" in entry.model_fields_set:
+            compared.append((f"protocol of {name}", listed.protocol, entry.protocol))
     for name, one, other in compared:
         if one is None and other is not None:
             raise BlindError(
@@ -223,13 +268,9 @@ def _check_published(path: Path, pack: Mapping[str, Any], key: Mapping[str, Any]
             )
 
 
-def _sets(classes: list[list[str]]) -> set[frozenset[str]]:
-    return {frozenset(members) for members in classes}
-
-
-def _check_scene(data: Path, scene: str, key: Mapping[str, Any]) -> None:
+def _check_scene(data: Path, scene: str, key: Key) -> None:
     """Compare the scene, and the model that it names, with the hashes in the key."""
-    sealed, model = key.get("scene_sha256"), key.get("model_sha256")
+    sealed, model = key.scene_sha256, key.model_sha256
     if sealed is None and model is None:
         return
     path = data / scene

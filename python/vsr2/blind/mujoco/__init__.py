@@ -6,6 +6,7 @@ without meeting its own equations again.
 """
 
 from vsr2.blind.mujoco.body import Body, block, read_hull
+from vsr2.blind.mujoco.contact import NOMINAL, ContactModel, draw_contact
 from vsr2.blind.mujoco.ground import GroundMotion, ground_motion
 from vsr2.blind.mujoco.mujoco_effects import (
     EFFECTS,
@@ -21,7 +22,9 @@ from vsr2.blind.mujoco.trial import Response, run_trial
 
 __all__ = [
     "EFFECTS",
+    "NOMINAL",
     "Body",
+    "ContactModel",
     "Drawable",
     "GroundMotion",
     "Parameter",
@@ -30,6 +33,7 @@ __all__ = [
     "TableMotion",
     "TrialContext",
     "block",
+    "draw_contact",
     "drive",
     "ground_motion",
     "observe",

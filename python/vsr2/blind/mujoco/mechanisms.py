@@ -15,10 +15,10 @@ from vsr2.blind.mujoco.table import Channel
 Array = NDArray[np.float64]
 Action = Callable[[int], None]
 
-_APART = 5
-"""Steps without contact after which a touch is an impact."""
-_IMPACT = 3
-"""Steps that an impact takes."""
+_APART = 0.005
+"""Time without contact after which a touch is an impact [s]."""
+_IMPACT = 1.5
+"""Time that an impact takes, over the contact's time constant."""
 _FULL = 0.7
 """Share of Housner's loss from which an impact is a full one."""
 _UPLIFTED = 1e-3
@@ -28,14 +28,14 @@ CATCH_STIFFNESS = 40.0
 
 
 def step_actions(
-    situation: Situation, model: Any, data: Any, moving: RelativeMotion, step: float
+    situation: Situation, model: Any, data: Any, moving: RelativeMotion
 ) -> list[Action]:
     """What acts around each step of a situation; called with its number before, -1 after."""
     out: list[Action] = []
     if situation.impact_energy_ratio != 1:
         out.append(_Impacts(situation, data, moving))
     if situation.rocking_damping > 0:
-        out.append(rocking_damping(situation, moving, step))
+        out.append(rocking_damping(situation, moving))
     if situation.catch_slack is not None:
         out.append(catch(situation, data, moving, situation.catch_slack))
     if situation.friction_ratio != 1:
@@ -89,10 +89,10 @@ def _rotation(pose: Array) -> Array:
 class _Impacts:
     """Scales the body's velocity after each impact.
 
-    An impact begins when a point touches that was off the table, and lasts a few steps. Where the
+    An impact begins when a point touches that was off the table, and lasts milliseconds. Where the
     body lost the share L of its kinetic energy and a full impact takes L_H (Housner's), the energy
     is then multiplied by ratio^min(1, L / (0.7 L_H)): all of the ratio for a full impact, of which
-    a part may come after these steps, next to nothing for the touch of one corner after the other.
+    a part may come after them, next to nothing for the touch of one corner after the other.
     """
 
     def __init__(self, situation: Situation, data: Any, motion: RelativeMotion) -> None:
@@ -102,6 +102,9 @@ class _Impacts:
         body = situation.body
         self._full = 1 - body.housner_ratio
         self._mass, self._inertia = body.mass, body.inertia
+        contact = situation.contact
+        self._apart = round(_APART / contact.step)
+        self._lasting = round(_IMPACT * contact.time_constant / contact.step)
         self._left: dict[int, int] = {}
         self._touching: frozenset[int] = frozenset()
         self._before = np.zeros(6)
@@ -127,12 +130,12 @@ class _Impacts:
                 fresh = touching - self._touching
                 self._touching = touching
                 if self._due is None and any(
-                    now - self._left.get(geom, now) > _APART for geom in fresh
+                    now - self._left.get(geom, now) > self._apart for geom in fresh
                 ):
                     energy = self._energy(self._before - self._motion.table())
                     # slower than 3 mm/s: at rest as far as anybody can see
                     if energy > 0.5e-5 * self._mass:
-                        self._due = (now + _IMPACT, energy)
+                        self._due = (now + self._lasting, energy)
         if self._due is not None and now >= self._due[0]:
             carried = self._motion.table()
             relative = self._motion.speed - carried
@@ -142,11 +145,11 @@ class _Impacts:
             self._due = None
 
 
-def rocking_damping(situation: Situation, moving: RelativeMotion, step: float) -> Action:
+def rocking_damping(situation: Situation, moving: RelativeMotion) -> Action:
     """Takes 2 zeta p of the relative velocity a second while the body rocks; p^2 = m g R / I_O."""
     body = situation.body
     frequency = math.sqrt(body.mass * 9.80665 * body.radius / body.pivot_inertia)
-    factor = math.exp(-2 * situation.rocking_damping * frequency * step)
+    factor = math.exp(-2 * situation.rocking_damping * frequency * situation.contact.step)
 
     def act(number: int) -> None:
         if number < 0 and moving.tilt() > _UPLIFTED:

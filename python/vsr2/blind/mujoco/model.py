@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from vsr2.blind.mujoco.situation import Situation
 
 GRAVITY = 9.80665
@@ -19,25 +21,23 @@ TABLE_HALF = 3.0
 _AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1", "pitch": "0 1 0"}
 
 
-def build_model(situation: Situation, step: float) -> Any:
+def build_model(situation: Situation) -> Any:
     """Compile the model.
 
     The table is a box on one slide a channel and a hinge for the pitch; each step sets their
     positions and velocities. The body touches it with spheres of the radius `rounding` whose
     centres lie that far inside its corners, so that it rolls on a rounded edge. Gravity stands
-    for the slope. Contacts are critically damped: the energy kept in an impact is then within a few
-    per cent of the rigid body's (Housner 1963).
+    for the slope.
 
     Args:
         situation: the trial.
-        step: time step [s].
 
     Returns:
         A `mujoco.MjModel` with geom 0 the table and body 2 the body.
     """
     import mujoco
 
-    body = situation.body
+    body, contact = situation.body, situation.contact
     about_y, about_x = situation.slope
     gx, gy = GRAVITY * math.sin(about_y), GRAVITY * math.sin(about_x)
     gz = -math.sqrt(GRAVITY**2 - gx**2 - gy**2)
@@ -66,13 +66,15 @@ def build_model(situation: Situation, step: float) -> Any:
     )
     i = body.inertia
     full = _numbers(i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
-    return mujoco.MjModel.from_xml_string(f"""
+    model = mujoco.MjModel.from_xml_string(f"""
 <mujoco>
 <compiler autolimits="true"/>
-<option timestep="{_numbers(step)}" cone="elliptic" gravity="{_numbers(gx, gy, gz)}"
- iterations="50" tolerance="1e-10" impratio="10"/>
+<option timestep="{_numbers(contact.step)}" cone="{contact.cone}" gravity="{_numbers(gx, gy, gz)}"
+ integrator="{contact.integrator}" iterations="50" tolerance="1e-10"
+ impratio="{_numbers(contact.friction_stiffness)}"/>
 <default><geom friction="{friction}" condim="{dimensions}"
- solref="{_numbers(situation.contact_time, 1)}" solimp="0.95 0.999 0.0005"/></default>
+ solref="{_numbers(contact.time_constant, contact.damping_ratio)}"
+ solimp="{_numbers(*contact.impedance, contact.width)}"/></default>
 <worldbody>
 <body gravcomp="1"><inertial pos="0 0 0" mass="{TABLE_MASS}"
  diaginertia="{TABLE_MASS} {TABLE_MASS} {TABLE_MASS}"/>{joints}
@@ -82,6 +84,9 @@ def build_model(situation: Situation, step: float) -> Any:
 <inertial pos="0 0 0" mass="{_numbers(body.mass)}" fullinertia="{full}"/>{geoms}</body>
 </worldbody>
 </mujoco>""")
+    # Of a free joint: three translations, then turns about the body's axes.
+    model.dof_damping[-6:] = contact.velocity_damping * np.array([body.mass] * 3 + list(np.diag(i)))
+    return model
 
 
 def _numbers(*values: float) -> str:

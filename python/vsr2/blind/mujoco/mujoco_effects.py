@@ -296,7 +296,7 @@ _ENTRIES = (
     _effect(
         "contact_stiffness",
         ("decades", "1", 0.0, -2.5, 0.0),
-        apply=lambda s, v, _: replace(s, contact_time=s.contact_time * 10 ** (-0.5 * v["decades"])),
+        apply=lambda s, v, _: replace(s, contact=s.contact.stiffened(v["decades"])),
     ),
     _effect(
         "restitution",

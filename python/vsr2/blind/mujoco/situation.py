@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsr2.blind.mujoco.body import Body
+from vsr2.blind.mujoco.contact import NOMINAL, ContactModel
 from vsr2.blind.mujoco.table import TableMotion
 
 
@@ -22,7 +23,7 @@ class Situation:
         rolling_resistance: the same about horizontal axes [m].
         rounding: radius of the body's edges [m].
         bumps: positions and heights under the base, rows of (x, y, height) [m].
-        contact_time: time constant of a contact [s].
+        contact: how contacts and time are solved.
         impact_energy_ratio: energy kept in an impact, relative to what the rigid body keeps [1].
         rocking_damping: damping ratio zeta of the rocking velocity, rate 2 zeta p [1].
         adhesion: tensile strength of a bond on the base that breaks once [Pa].
@@ -41,7 +42,7 @@ class Situation:
     rolling_resistance: float = 0.0
     rounding: float = 1e-4
     bumps: tuple[tuple[float, float, float], ...] = ()
-    contact_time: float = 0.002
+    contact: ContactModel = NOMINAL
     impact_energy_ratio: float = 1.0
     rocking_damping: float = 0.0
     adhesion: float = 0.0

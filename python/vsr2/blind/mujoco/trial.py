@@ -17,16 +17,16 @@ from vsr2.blind.mujoco.table import drive
 
 Array = NDArray[np.float64]
 
-STEP = 0.001
-"""[s]"""
 FALLEN = 1.2
 """Tilt from which nothing comes back [rad]."""
 _STOP = 1.3
 """Tilt from the vertical at which a trial ends [rad], so that `FALLEN` is seen to be passed."""
 TAIL = 5.0
 """Longest time after the motion [s]."""
-_SETTLING = 300
-_LOOK = 50
+_SETTLING = 0.3
+"""For which the body settles before the motion [s]."""
+_LOOK = 0.05
+"""Between two looks whether a trial has ended [s]."""
 _CALM = 5
 """Looks in a row that find the body at rest, as it may pause for one where it turns back."""
 
@@ -52,19 +52,16 @@ class Response:
     orientation: Array
 
 
-def run_trial(
-    situation: Situation, *, series_interval: float = 0.02, step: float = STEP
-) -> Response:
+def run_trial(situation: Situation, *, series_interval: float = 0.02) -> Response:
     """Simulate one trial.
 
     Args:
         situation: the body and the table's motion.
-        series_interval: of the series [s], a multiple of `step`.
-        step: time step [s].
+        series_interval: of the series [s], a multiple of the contact model's step.
     """
     import mujoco
 
-    model = build_model(situation, step)
+    model, step = build_model(situation), situation.contact.step
     data = mujoco.MjData(model)
     channels, used = situation.table.channels, list(situation.table.channels)
     driven = [drive(samples, situation.table.interval, step) for samples in channels.values()]
@@ -86,8 +83,8 @@ def run_trial(
         data.qpos[joints:] = _carried(situation, used, rest, positions[[last_held]])[0]
         data.qvel[joints:] = relative.table()
     path = (positions, velocities, accelerations * TABLE_MASS)
-    actions = step_actions(situation, model, data, relative, step)
-    last = _shake(model, data, path, rows, first, actions)
+    actions = step_actions(situation, model, data, relative)
+    last = _shake(model, data, path, rows, first, actions, round(_LOOK / step))
     return _judged(rows[:last], rest, situation, round(series_interval / step), step)
 
 
@@ -101,11 +98,11 @@ def _settle(model: Any, data: Any, situation: Situation, table: Array) -> None:
     x, y = situation.offset
     height = float(situation.body.center[2]) + lift
     data.qpos[joints:] = [x, y, height, math.cos(half), 0, 0, math.sin(half)]
-    for _ in range(_SETTLING):
+    for _ in range(round(_SETTLING / situation.contact.step)):
         mujoco.mj_step(model, data)
         data.qpos[:joints] = table
         data.qvel[:joints] = 0
-        data.qvel *= 0.95
+        data.qvel *= 0.95 ** (situation.contact.step / 0.001)
     data.qvel[:] = 0
 
 
@@ -171,6 +168,7 @@ def _shake(
     rows: Array,
     first: int,
     actions: list[Callable[[int], None]],
+    look: int,
 ) -> int:
     """Fill `rows` with the body's poses; returns how many."""
     import mujoco
@@ -197,7 +195,7 @@ def _shake(
         mujoco.mj_step(model, data)
         for action in actions:
             action(-1)
-        if i % _LOOK == 0:
+        if i % look == 0:
             # z component of the body's own vertical
             if 1 - 2 * (pose[4] ** 2 + pose[5] ** 2) < math.cos(_STOP):
                 return i + 1

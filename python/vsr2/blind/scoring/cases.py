@@ -18,6 +18,8 @@ from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
 ALL = "all"
+FLIP_BINS = ((0.0, 0.02), (0.02, 0.05), (0.05, 0.1), (0.1, 1.1))
+"""Of the share of outcomes that the effects flip."""
 BINS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf))
 """Of the magnitude over the detection limit."""
 STRONG = 2.0
@@ -37,6 +39,7 @@ class Case:
         exclude: effects the diagnosis could not use.
         relative: least magnitude over the detection limit; NaN without effects, or where none is
             sealed.
+        flips: share of outcomes that the effects flip; NaN where it is not sealed.
         where: sealed axis and weights, one a trial in the order of `trials`.
         trials: ids, in the order of the rows of `trials.csv`.
         verdict: of the diagnosis.
@@ -51,6 +54,7 @@ class Case:
     effects: tuple[Mapping[str, Any], ...]
     exclude: tuple[str, ...]
     relative: float
+    flips: float
     where: Mapping[str, Any]
     trials: tuple[str, ...]
     verdict: Verdict
@@ -101,12 +105,12 @@ def read_cases(
     """
     pack = read_pack(data)
     submission = read_json(diagnoses / "submission.json")
-    if submission.get("pack") != pack["commitment"]["sha256"]:
+    if submission.get("pack") != pack.commitment.sha256:
         raise BlindError(
             f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
         )
     if tiers is None:
-        tiers = pack["tiers"]
+        tiers = pack.tiers
         begun = {t for t in tiers if any((diagnoses / c / t).is_dir() for c in key["campaigns"])}
         missing = [t for t in tiers if t not in begun]
         if missing:
@@ -115,10 +119,10 @@ def read_cases(
                 f"{', '.join(tiers)}; run `vsr2 blind diagnose` to the end, or give the tiers that "
                 "are to be scored (--tier): a pack is scored once"
             )
-    elif set(tiers) - set(pack["tiers"]):
+    elif set(tiers) - set(pack.tiers):
         raise BlindError(
-            f"{data}: has no tier {', '.join(sorted(set(tiers) - set(pack['tiers'])))}; it has "
-            f"{', '.join(pack['tiers'])}"
+            f"{data}: has no tier {', '.join(sorted(set(tiers) - set(pack.tiers)))}; it has "
+            f"{', '.join(pack.tiers)}"
         )
     out = []
     for name in sorted(key["campaigns"]):
@@ -168,6 +172,8 @@ def case_of(
     truth = tuple(class_label(effect["name"], classes) for effect in effects)
     if entry["kind"] in (Kind.NONE, Kind.UNKNOWN):
         truth = (entry["kind"],)
+    if entry["kind"] == Kind.REFERENCE and not effects:
+        truth = (str(Kind.NONE),)
     weights = entry["where"]["weights"]
     if weights and len(weights) != len(trials):
         raise BlindError(
@@ -185,6 +191,7 @@ def case_of(
         effects=effects,
         exclude=exclude,
         relative=_relative(effects),
+        flips=math.nan if (flips := entry.get("flips")) is None else float(flips),
         where=entry["where"],
         trials=trials,
         verdict=verdict,
@@ -229,7 +236,8 @@ def _check_verdict(
 def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
     """Cases by tier and by what they have in common: engine, kind, magnitude over the limit.
 
-    Campaigns without effect have no magnitude and are in none of its groups.
+    Campaigns without effect have no magnitude and are in none of its groups. Where no magnitude
+    over the limit is sealed, campaigns go by the share of outcomes that the effects flip.
     """
     out: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
@@ -239,6 +247,9 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
                 names.append(f"limit x {low:g}" + (f"-{high:g}" if high < math.inf else "+"))
         if case.relative >= STRONG:
             names += [f"limit x {STRONG:g}+", f"engine {case.engine}, limit x {STRONG:g}+"]
+        for low, high in FLIP_BINS:
+            if math.isnan(case.relative) and low <= case.flips < high:
+                names.append(f"flips {low:g}" + (f"-{high:g}" if high < 1 else "+"))
         for name in names:
             out.setdefault((case.tier, name), []).append(case)
     return out

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import sealed_classes
 from vsr2.blind.scoring.cases import class_label
 from vsr2.blind.scoring.metadata import CAMPAIGN_FILE, metadata
@@ -61,7 +62,7 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
         data: the pack's data folder.
         key: opened.
     """
-    entries = sorted(key["campaigns"].items())
+    entries = sorted((n, e) for n, e in key["campaigns"].items() if e["kind"] != Kind.REFERENCE)
     if not all((data / name / CAMPAIGN_FILE).exists() for name, _ in entries):
         return []
     found = [metadata(load_campaign(data / name), data / name) for name, _ in entries]

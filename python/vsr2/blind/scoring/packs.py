@@ -11,6 +11,7 @@ from vsr2.blind.form.seal import (
     canonical,
     folder_sha256,
     is_open,
+    key_slips,
     make_folder,
     open_key,
     read_json,
@@ -77,11 +78,14 @@ def score_pack(
             f"diagnoses than those in {diagnoses} now; a pack is scored once: make a new one"
         )
     say(f"{key}: opened, and all that it seals found right")
+    for slip in (slips := key_slips(opened)):
+        say(slip)
     scored = judge([(data, opened, diagnoses)], training=training, tiers=tiers)
     content = scored.to_json() | {
-        "pack": read_pack(data)["commitment"]["sha256"],
+        "pack": read_pack(data).commitment.sha256,
         "submission": submission,
         "development": is_open(opened),
+        "slips": slips,
     }
     canonical(content)
     files = score_files(scored, content)
@@ -143,7 +147,7 @@ def check_apart(out: Path, *folders: Path) -> None:
 def _open_training(training: tuple[Path, Path], data: Path) -> Mapping[str, Any]:
     """The key of the pack that trains the baselines, which may be neither scored nor sealed."""
     folder, key = training
-    if read_pack(folder)["commitment"] == read_pack(data)["commitment"]:
+    if read_pack(folder).commitment == read_pack(data).commitment:
         raise BlindError(
             f"{folder}: trains the baselines and is scored; give another pack to train"
         )

@@ -33,6 +33,7 @@ SIGNIFICANT = 0.05
 ANSWER = "most probable answer, whatever the verdict (single)"
 FIRST = "most probable effect's class, whatever the verdict (single)"
 NAMED = "top-1 class (single)"
+NOT_NONE = "not called none, unresolved counted (none)"
 CALIBRATION_NOISE = "calibration error: of true probabilities"
 ERROR = "magnitude: median relative error"
 CLOSURE = "closure over oracle: median"
@@ -63,6 +64,11 @@ Scores = dict[str, Score]
 def is_alarm(case: Case) -> bool:
     """Whether the verdict says that something is missing."""
     return case.verdict.kind in NAMING or case.verdict.kind is VerdictKind.UNKNOWN
+
+
+def not_none(case: Case) -> bool:
+    """Whether the verdict is anything but no gap: a name, the unknown, or unresolved."""
+    return case.verdict.kind is not VerdictKind.NONE
 
 
 def top_one(case: Case) -> bool:
@@ -202,7 +208,7 @@ def _scores(cases: Sequence[Case]) -> Scores:
     def of(*kinds: Kind) -> list[Case]:
         return [case for case in cases if case.kind in kinds]
 
-    single, none, pair, unknown = (of(kind) for kind in KINDS)
+    single, none, pair, unknown, reference = (of(kind) for kind in KINDS)
     one = of(Kind.SINGLE, Kind.NONE, Kind.UNKNOWN)
     stated = [min(case.first[1], 1.0) for case in one]
     true = [case.first[0] in case.truth for case in one]
@@ -222,10 +228,12 @@ def _scores(cases: Sequence[Case]) -> Scores:
         "calibration error": resampled(list(zip(stated, true, strict=True)), calibration_error),
         CALIBRATION_NOISE: calibration_noise(stated),
         "false alarms (none)": _share(is_alarm, none),
+        NOT_NONE: _share(not_none, none),
         "detected (single)": _share(is_alarm, single),
         "pair found (pair)": _share(pair_found, pair),
         "one of pair first (pair)": _share(top_one, pair),
         "unknown named (unknown)": _share(lambda c: c.verdict.kind == UNKNOWN, unknown),
+        "open truth found (reference)": _share(top_one, reference),
         "failed or unresolved": _share(lambda c: c.verdict.kind == VerdictKind.UNRESOLVED, cases),
     }
     out |= _unknown_scores(unknown, of(Kind.SINGLE, Kind.NONE, Kind.PAIR))

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
-from vsr2.diagnosis.simulated.nuisances import DEFAULT_NUISANCES, Nuisance
+from vsr2.diagnosis.simulated.nuisances import (
+    DEFAULT_NUISANCES,
+    Distribution,
+    LogUniform,
+    Normal,
+    Nuisance,
+    Uniform,
+)
 from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError
@@ -18,30 +26,53 @@ class Hypotheses:
     Attributes:
         library: effects that may be the cause; None: all that are registered.
         exclude: names of effects left out.
-        priors: lower and upper end of other priors, by `effect.parameter`, in its unit.
+        priors: other priors, by `effect.parameter`: a distribution, or the lower and upper end of
+            one of the parameter's own shape, in its unit.
         nuisances: what is uncertain about the set-up.
 
     Raises:
-        DiagnosisError: an unknown name in `exclude`.
-        EffectError: an unknown effect or parameter in `priors`, or ends that it cannot have.
+        DiagnosisError: an unknown name in `exclude`, or a prior that is none of a magnitude.
+        ConfigError: an unknown effect or parameter in `priors`, or ends that it cannot have.
     """
 
     library: Mapping[str, Effect] | None = None
     exclude: Collection[str] = ()
-    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, Distribution | tuple[float, float]] = field(default_factory=dict)
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
+
+    @property
+    def ends(self) -> dict[str, list[float]]:
+        """Lower and upper end of each of the priors, by `effect.parameter`."""
+        return {key: list(_ends(key, prior)[:2]) for key, prior in sorted(self.priors.items())}
 
     @property
     def offered(self) -> dict[str, Effect]:
         """The effects, with their priors, but those left out."""
         out = dict(known_effects() if self.library is None else self.library)
-        for key, (lower, upper) in self.priors.items():
+        for key, prior in self.priors.items():
             name, _, parameter = key.partition(".")
             own = out[name] if name in out else effect(name)
-            out[name] = own.with_prior(parameter, lower, upper)
+            lower, upper, shape = _ends(key, prior)
+            out[name] = own.with_prior(parameter, lower, upper, shape)
         unknown = sorted(set(self.exclude) - set(out))
         if unknown:
             raise DiagnosisError(
                 f"exclude: there is no effect {unknown[0]!r}; there are {', '.join(out)}"
             )
         return {name: one for name, one in out.items() if name not in self.exclude}
+
+
+def _ends(
+    key: str, prior: Distribution | tuple[float, float]
+) -> tuple[float, float, Literal["uniform", "loguniform", "normal"] | None]:
+    """Ends of a prior and its shape; a normal one is cut at two standard deviations."""
+    match prior:
+        case Uniform(low, high):
+            return low, high, "uniform"
+        case LogUniform(low, high):
+            return low, high, "loguniform"
+        case Normal(sd, _, mean):
+            return mean - 2 * sd, mean + 2 * sd, "normal"
+        case (lower, upper):
+            return lower, upper, None
+    raise DiagnosisError(f"prior of {key}: {prior}; give uniform, loguniform or normal")

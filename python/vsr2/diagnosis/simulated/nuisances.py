@@ -7,16 +7,22 @@ effect may stand in it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, replace
 from enum import StrEnum
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vsr2.effects import Effect
+from vsr2.effects import Circumstances, Effect, Parameter
 from vsr2.effects import library as known_effects
+from vsr2.effects.parameter import near
 from vsr2.errors import DiagnosisError
+from vsr2.motion.processing import differentiate
+from vsr2.trial import Trial
+
+Array = NDArray[np.float64]
 
 
 class Scope(StrEnum):
@@ -24,6 +30,7 @@ class Scope(StrEnum):
 
     CAMPAIGN = "campaign"
     TRIAL = "trial"
+    MOTION = "motion"
 
 
 class Prior(Protocol):
@@ -37,25 +44,69 @@ class Prior(Protocol):
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal about 0, in the parameter's unit; values below `least` are `least`."""
+    """Normal, in the parameter's unit; values below `least` are `least`."""
 
     sd: float
     least: float = -math.inf
+    mean: float = 0.0
 
     def value(self, z: float) -> float:
-        """`sd` times the draw."""
-        return max(float(self.sd * z), self.least)
+        """Mean and `sd` times the draw."""
+        return max(float(self.mean + self.sd * z), self.least)
 
 
 @dataclass(frozen=True)
 class LogNormal:
-    """A factor whose logarithm is normal about 0."""
+    """A factor whose logarithm is normal, with standard deviation `sd`."""
 
     sd: float
+    median: float = 1.0
 
     def value(self, z: float) -> float:
-        """Exponential of `sd` times the draw."""
-        return float(np.exp(self.sd * z))
+        """The median times the exponential of `sd` times the draw."""
+        return float(self.median * np.exp(self.sd * z))
+
+
+@dataclass(frozen=True)
+class Uniform:
+    """Between two ends."""
+
+    low: float
+    high: float
+
+    @property
+    def sd(self) -> float:
+        """(high - low) / 12^(1/2)."""
+        return (self.high - self.low) / math.sqrt(12)
+
+    def value(self, z: float) -> float:
+        """The quantile at the draw's own."""
+        return self.low + (self.high - self.low) * _quantile(z)
+
+
+@dataclass(frozen=True)
+class LogUniform:
+    """Uniform in the logarithm, between two ends above 0."""
+
+    low: float
+    high: float
+
+    @property
+    def sd(self) -> float:
+        """Of the value, not of its logarithm."""
+        span = math.log(self.high / self.low)
+        if span == 0:
+            return 0.0
+        mean = (self.high - self.low) / span
+        return math.sqrt(max(0.0, (self.high**2 - self.low**2) / (2 * span) - mean**2))
+
+    def value(self, z: float) -> float:
+        """The quantile at the draw's own."""
+        return float(self.low * (self.high / self.low) ** _quantile(z))
+
+
+def _quantile(z: float) -> float:
+    return 0.5 * math.erfc(-z / math.sqrt(2))
 
 
 @dataclass(frozen=True)
@@ -74,6 +125,119 @@ class DrawnByEffect:
         return self.sd * self.reach
 
 
+Distribution = Normal | LogNormal | Uniform | LogUniform
+DISTRIBUTIONS: Mapping[str, type[Distribution]] = {
+    "normal": Normal,
+    "lognormal": LogNormal,
+    "uniform": Uniform,
+    "loguniform": LogUniform,
+}
+"""By the names that files give them."""
+DRAWN_BY_EFFECT = {"yaw": math.sqrt(3), "offset": 2.0}
+"""Parameters of `placement`, and how far its own draws reach in standard deviations."""
+
+
+def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Distribution:
+    """A distribution as files have it: its name and its numbers.
+
+    Args:
+        content: `distribution` and the numbers of its class; other keys are refused.
+        more: keys that are allowed beside them.
+
+    Raises:
+        DiagnosisError: an unknown name or key, or a number that is missing or cannot be.
+    """
+    name = content.get("distribution")
+    kind = DISTRIBUTIONS.get(name) if isinstance(name, str) else None
+    if kind is None:
+        raise DiagnosisError(f"distribution is {name!r}; {near(str(name), [*DISTRIBUTIONS])}")
+    given = {key: value for key, value in content.items() if key not in ("distribution", *more)}
+    numbers = {one.name: one.default is MISSING for one in fields(kind)}
+    for key, value in given.items():
+        if key not in numbers:
+            raise DiagnosisError(f"{key}: no number of {name}; {near(key, [*numbers, *more])}")
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (number and math.isfinite(value)):
+            raise DiagnosisError(f"{key} is {value!r}; give a finite number")
+    for key, needed in numbers.items():
+        if needed and key not in given:
+            raise DiagnosisError(f"{key} is missing; {name} has {', '.join(numbers)}")
+    made = kind(**given)
+    if isinstance(made, Uniform | LogUniform):
+        above = 0.0 if isinstance(made, LogUniform) else -math.inf
+        if not above < made.low <= made.high:
+            raise DiagnosisError(
+                f"low is {made.low:g} and high {made.high:g}; give the lower one first"
+                f"{', above 0' if above == 0 else ''}"
+            )
+    elif made.sd < 0 or (isinstance(made, LogNormal) and made.median <= 0):
+        raise DiagnosisError(f"{given}: sd should be 0 or more, median above 0")
+    return made
+
+
+def stated(prior: Prior) -> dict[str, Any]:
+    """A prior as plain data: what :func:`distribution` reads."""
+    name = next((n for n, kind in DISTRIBUTIONS.items() if type(prior) is kind), "by the effect")
+    numbers = {key: value for key, value in vars(prior).items() if math.isfinite(value)}
+    return {"distribution": name, **numbers}
+
+
+class MotionNoise(Effect):
+    """The table does not do what was recorded: noise is added to the motion.
+
+    Gaussian, of a flat spectrum of displacement up to the corner, brought in and out over a tenth
+    of the motion. It is a nuisance and no cause: the library does not have it.
+    """
+
+    name = "motion_noise"
+    meaning = "The table's motion differs from the recorded one by noise"
+    parameters = (
+        Parameter(
+            "displacement", "m", 0.0, 0.0, 0.001, "uniform", "standard deviation",
+            limits=(0.0, 0.1),
+        ),
+        Parameter(
+            "corner", "Hz", 10.0, 1.0, 25.0, "fixed", "upper end of its spectrum",
+            limits=(0.5, 100.0), secondary=True,
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    stage = "actuation"
+    rank = 9
+
+    def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
+        """With the seed of the trial's noise."""
+        return {**values, "seed": float(circumstances.rng.integers(2**31))}
+
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        """The trial with noise in its motion."""
+        motion = trial.motion
+        count, step = motion.displacement.size, motion.time_step
+        rng = np.random.default_rng(int(values["seed"]))
+        frequency = np.fft.rfftfreq(count, step)
+        within = (frequency > 0) & (frequency <= values["corner"])
+        parts = rng.standard_normal((2, frequency.size)) * within
+        noise = np.fft.irfft(parts[0] + 1j * parts[1], count)
+        noise *= values["displacement"] / max(float(noise.std()), 1e-300)
+        ends = np.minimum(np.linspace(0, 10, count), np.linspace(10, 0, count))
+        # Its third derivative vanishes where it begins and ends, so that the table starts at rest.
+        noise *= np.sin(0.5 * np.pi * np.minimum(ends, 1.0)) ** 4
+        more = differentiate(noise, step)
+        noisy = replace(
+            motion,
+            displacement=motion.displacement + more.displacement - more.displacement[0],
+            velocity=motion.velocity + more.velocity,
+            acceleration=motion.acceleration + more.acceleration,
+            source=f"{motion.source}; noise of {values['displacement']:.4g} m",
+            recorded=None,
+        )
+        return replace(trial, motion=noisy)
+
+
+OWN_EFFECTS: Mapping[str, Effect] = {MotionNoise.name: MotionNoise()}
+"""Of nuisances alone."""
+
+
 @dataclass(frozen=True)
 class Nuisance:
     """What is uncertain about a set-up.
@@ -82,15 +246,19 @@ class Nuisance:
         effect: that acts, or the name of a registered one.
         parameter: of the effect.
         prior: of the parameter.
-        scope: whether a value holds for a campaign, or each trial has a fresh one.
+        scope: whether a value holds for a campaign, or each trial or ground motion has its own.
         direction: parameter of the effect that is an azimuth [degree]: a negative value acts as
             its size in the opposite direction.
         relative: the value multiplies that of the same effect where it is a cause, or else the
             scene's own impact energy ratio.
         label: name of the nuisance; empty: the effect's.
+        group: nuisances of one group and scope are drawn together; empty: alone.
+        correlation: of its draw with that of the first of its group, -1 to 1. Two others correlate
+            by the product.
 
     Raises:
-        DiagnosisError: no such effect or parameter, or a standard deviation below 0.
+        DiagnosisError: no such effect or parameter, a standard deviation below 0, or a correlation
+            beyond -1 to 1.
     """
 
     effect: Effect | str
@@ -100,6 +268,8 @@ class Nuisance:
     direction: str = ""
     relative: bool = False
     label: str = ""
+    group: str = ""
+    correlation: float = 1.0
 
     def __post_init__(self) -> None:
         names = [parameter.name for parameter in self.acting.parameters]
@@ -109,6 +279,10 @@ class Nuisance:
                     f"nuisance {self.name!r}: effect {self.acting.name!r} has no parameter "
                     f"{name!r}; it has {', '.join(names)}"
                 )
+        if not -1 <= self.correlation <= 1:
+            raise DiagnosisError(
+                f"nuisance {self.name!r}: correlation is {self.correlation}; give -1 to 1"
+            )
         if not 0 <= self.prior.sd < math.inf:
             raise DiagnosisError(
                 f"nuisance {self.name!r}: sd is {self.prior.sd}; give a number of 0 or more"
@@ -119,10 +293,10 @@ class Nuisance:
         """The effect."""
         if isinstance(self.effect, Effect):
             return self.effect
-        known = known_effects()
+        known = {**known_effects(), **OWN_EFFECTS}
         if self.effect not in known:
             raise DiagnosisError(
-                f"nuisance: there is no effect {self.effect!r}; there are {', '.join(known)}"
+                f"nuisance: there is no effect {self.effect!r}; {near(self.effect, [*known])}"
             )
         return known[self.effect]
 
@@ -139,15 +313,80 @@ class Nuisance:
         return {self.parameter: abs(value), self.direction: 0.0 if value > 0 else 180.0}
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in the provenance of `diagnosis.json`."""
+        """As it stands in the provenance of `diagnosis.json`, and in `pack.json`."""
+        group = {"group": self.group, "correlation": self.correlation} if self.group else {}
         return {
             "name": self.name,
             "effect": self.acting.name,
             "parameter": self.parameter,
-            "prior": type(self.prior).__name__,
-            "sd": self.prior.sd,
             "scope": str(self.scope),
+            "sd": self.prior.sd,
+            **stated(self.prior),
+            **group,
         }
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Nuisance:
+        """A nuisance as a file states it.
+
+        Keys are `effect`, `parameter`, `distribution` and its numbers, and where wanted `scope`,
+        `name`, `group` and `correlation`. The energy ratio of impacts is multiplied. A parameter
+        beside an azimuth acts along the shaking, its negative values against it. Each trial's
+        placement is drawn by the effect itself, uniformly and with the standard deviation of what
+        is stated.
+
+        Raises:
+            DiagnosisError: names the key, its value and what is wanted.
+        """
+        words = ("effect", "parameter", "scope", "name", "group")
+        for key in words[:2]:
+            if key not in content:
+                raise DiagnosisError(f"{key} is missing; give it")
+        text = {key: content.get(key, "") for key in words}
+        for key, value in text.items():
+            if not isinstance(value, str):
+                raise DiagnosisError(f"{key} is {value!r}; give text")
+        scopes = [str(one) for one in Scope]
+        scope = text["scope"] or Scope.CAMPAIGN
+        if scope not in scopes:
+            raise DiagnosisError(f"scope is {scope!r}; {near(scope, scopes)}")
+        prior: Prior = distribution(content, (*words, "correlation"))
+        name, parameter = text["effect"], text["parameter"]
+        if name == "placement" and parameter in DRAWN_BY_EFFECT:
+            prior = DrawnByEffect(prior.sd, DRAWN_BY_EFFECT[parameter])
+            scope = Scope.TRIAL
+        made = cls(
+            name,
+            parameter,
+            prior,
+            Scope(scope),
+            label=text["name"],
+            group=text["group"],
+            correlation=content.get("correlation", 1.0),
+        )
+        acting = made.acting
+        beside = {one.name for one in acting.parameters if one.secondary}
+        return replace(
+            made,
+            direction="azimuth" if "azimuth" in beside and parameter not in beside else "",
+            relative=acting.name == "restitution",
+        )
+
+
+def correlated(nuisances: Sequence[Nuisance], draws: Array) -> Array:
+    """Standard normal draws of nuisances, those of a group correlated.
+
+    Args:
+        nuisances: of one scope.
+        draws: independent, shape (..., nuisances).
+    """
+    out = draws.copy()
+    first: dict[str, int] = {}
+    for i, one in enumerate(nuisances):
+        if one.group and first.setdefault(one.group, i) != i:
+            own = math.sqrt(1 - one.correlation**2)
+            out[..., i] = one.correlation * draws[..., first[one.group]] + own * draws[..., i]
+    return out
 
 
 DEFAULT_NUISANCES: tuple[Nuisance, ...] = (
@@ -193,3 +432,18 @@ def with_deviations(
         else one
         for one in nuisances
     )
+
+
+def with_stated(
+    given: Sequence[Nuisance], nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
+) -> tuple[Nuisance, ...]:
+    """The same list with those that are given.
+
+    One that is given takes the place of that of the same effect, parameter and scope.
+    """
+
+    def key(one: Nuisance) -> tuple[str, str, str]:
+        return one.acting.name, one.parameter, one.scope
+
+    taken = {key(one) for one in given}
+    return (*(one for one in nuisances if key(one) not in taken), *given)

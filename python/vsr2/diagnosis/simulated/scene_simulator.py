@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -23,7 +24,7 @@ from vsr2.diagnosis.observed.features import (
 from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope
+from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
@@ -46,11 +47,13 @@ if TYPE_CHECKING:
     from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
+_logger = logging.getLogger(__name__)
 
 JUDGED = ("ok", "tail_timeout")
 """Statuses with which an outcome is known."""
 HYPOTHESES = Hypotheses()
 """All registered effects, and the default nuisances."""
+RECORDED = SingleRecording | AllRecordings
 ROW = 0.01
 """Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
@@ -109,10 +112,21 @@ class SceneSimulator:
         interval = ROW if self._sampling is None else self._sampling.interval
         self._row = min(ROW, interval) if series else None
         self._trials = _base_trials(campaign, study, self._row)
+        moved = any(one.displacement is not None for one in campaign.motions.values())
+        if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
+            _logger.warning(
+                "study %r: its motion section is of no recordings and the campaign states noise of "
+                "the displacement: recorded displacements are band-passed (%s); a motion section "
+                "of mode all_recordings says how they drive, with `filter: {}` or without",
+                study.name,
+                Filter(),
+            )
         self._varied: dict[int, list[Trial]] = {}
         orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
         self._sessions = [trial.session for trial in campaign.trials]
+        motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))
+        self._motion = [motions.index(trial.motion) for trial in campaign.trials]
         self.unavailable: dict[str, str] = {}
         self.library: dict[str, Effect] = {}
         for name, effect in offered.items():
@@ -229,7 +243,8 @@ class SceneSimulator:
         """What acts in every trial: nuisances, then the given effects."""
         drawn: list[tuple[Nuisance, float]] = []
         if nuisance:
-            drawn += zip(self._wide, self.nuisance_draw(nuisance).tolist(), strict=True)
+            draws = correlated(self._wide, self.nuisance_draw(nuisance))
+            drawn += zip(self._wide, draws.tolist(), strict=True)
         if replicate > 0:
             own = [one for one in self.nuisances if one.scope is Scope.TRIAL]
             drawn += [(one, 0.0) for one in own if isinstance(one.prior, DrawnByEffect)]
@@ -253,37 +268,42 @@ class SceneSimulator:
 
     def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
         """Base trials with values of their own (replicates above 0), a variant or a tiny shift."""
-        if replicate == 0:
-            return self._trials
         if replicate in self.variants:
             if replicate not in self._varied:
                 study = _variant(self._study, replicate)
                 self._varied[replicate] = _base_trials(self._campaign, study, self._row)
             return self._varied[replicate]
         out = list(self._trials)
-        for i in wanted:
+        for i in wanted if replicate < 0 else ():
             trial = out[i]
-            if replicate < 0:
-                shift = 1e-6 * 10.0 ** ((PERTURBED - replicate) % 3)
-                start = trial.start or trial.scene.rock.start
-                x, y, z = start.position
-                turned = multiply(yaw_quaternion(shift), start.orientation)
-                out[i] = replace(trial, start=Pose((x + shift, y + shift, z), turned))
-            else:
-                rng = np.random.Generator(
-                    np.random.Philox(key=self._seed, counter=[1, i, nuisance, replicate])
-                )
-                for one in self.nuisances:
-                    if one.scope is Scope.TRIAL and not isinstance(one.prior, DrawnByEffect):
-                        values = one.acting.complete(one.values(float(rng.standard_normal())))
-                        (out[i],) = with_effects(
-                            [out[i]],
-                            [(one.acting, values)],
-                            orders=[self._orders[i]],
-                            sessions=[self._sessions[i]],
-                            seed=self._seed,
-                        )
+            shift = 1e-6 * 10.0 ** ((PERTURBED - replicate) % 3)
+            start = trial.start or trial.scene.rock.start
+            x, y, z = start.position
+            turned = multiply(yaw_quaternion(shift), start.orientation)
+            out[i] = replace(trial, start=Pose((x + shift, y + shift, z), turned))
+        for i in wanted if nuisance else ():
+            self._draw_own(out, i, Scope.MOTION, [3, self._motion[i], nuisance, 0])
+        for i in wanted if replicate > 0 else ():
+            self._draw_own(out, i, Scope.TRIAL, [1, i, nuisance, replicate])
         return out
+
+    def _draw_own(self, trials: list[Trial], i: int, scope: Scope, counter: list[int]) -> None:
+        """Put nuisances of a scope, drawn from a counter, into a trial."""
+        own = [
+            one
+            for one in self.nuisances
+            if one.scope is scope and not isinstance(one.prior, DrawnByEffect)
+        ]
+        rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
+        draws = correlated(own, rng.standard_normal(len(own)))
+        for one, z in zip(own, draws.tolist(), strict=True):
+            (trials[i],) = with_effects(
+                [trials[i]],
+                [(one.acting, one.acting.complete(one.values(z)))],
+                orders=[self._orders[i]],
+                sessions=[self._sessions[i]],
+                seed=int(rng.integers(2**63)),
+            )
 
 
 def _numbers(request: Request) -> tuple[int, int, int, int]:
@@ -351,9 +371,13 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
 
 
 def _driven(record: Record, study: Study, name: str, *, noisy: bool) -> Motion:
-    """As the study says of recordings; where it says nothing, as recorded, without its noise."""
+    """As the study says of recordings; where it says nothing, band-passed if that needs it.
+
+    Without a filter stated noise of the displacement, or an integrated acceleration, would drive
+    the table.
+    """
     step = study.engine.time_step
-    if isinstance(study.motion, SingleRecording | AllRecordings):
+    if isinstance(study.motion, RECORDED):
         return build_recorded_motion(
             record,
             step,
