@@ -43,6 +43,8 @@ MAX_MEASURE = 1e5
 """Of PGA [m/s^2] and PGV/PGA [s]; more is a mistaken unit."""
 MAX_NOISE = 1e5
 """Of a standard error, in the unit of its channel; more is a mistaken unit."""
+NORM_TOLERANCE = 1e-3
+"""Of a quaternion's norm, relative: three decimals are enough."""
 MAX_MASS = 1e12
 """Of a specimen [kg]."""
 
@@ -167,7 +169,7 @@ class Series:
         orientation = found["orientation"]
         if orientation is not None:
             norm = np.linalg.norm(orientation, axis=1)
-            bad = np.flatnonzero(np.abs(norm - 1) > 1e-3)
+            bad = np.flatnonzero(np.abs(norm - 1) > NORM_TOLERANCE)
             if bad.size:
                 raise CampaignError(
                     f"orientation at row {bad[0]} has the norm {norm[bad[0]]:.6g}; scale "

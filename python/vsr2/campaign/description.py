@@ -15,6 +15,7 @@ from vsr2.campaign.campaign import (
     MAX_MASS,
     MAX_NOISE,
     MAX_NOTE,
+    MAX_TIME,
     Campaign,
     MeasurementNoise,
     Specimen,
@@ -66,7 +67,7 @@ _Paragraph = Annotated[
     str, AfterValidator(lambda value: " ".join(value.split())), _text(10_000, empty=True)
 ]
 _Error = Annotated[float, Strict(), Field(ge=0, le=MAX_NOISE)] | None
-_Interval = Annotated[float, Strict(), Field(gt=0, le=1e5)] | None
+_Interval = Annotated[float, Strict(), Field(gt=0, le=MAX_TIME)] | None
 
 
 class _Specimen(Section):

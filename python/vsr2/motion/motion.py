@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 MAX_SAMPLES = 2_000_000
 """Most samples of a record or a motion (2000 s at 1 kHz): bounds memory before it is taken."""
+START_TOLERANCE = 1e-9
+"""Within which a motion starts at 0 [m] or [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ class Motion(ReadOnlyArrays):
                 f"{self.displacement.size}, {self.velocity.size} and {self.acceleration.size} "
                 "samples; they must have the same number"
             )
-        if abs(self.displacement[0]) > 1e-9:
+        if abs(self.displacement[0]) > START_TOLERANCE:
             raise MotionError(
                 f"motion {self.name!r}: starts at {self.displacement[0]:g} m; the pedestal starts "
                 "at 0, so subtract the first value"
@@ -120,7 +122,7 @@ class Motion(ReadOnlyArrays):
                 f"motion {self.name!r}: {side} has {displacement.size} and {velocity.size} "
                 f"samples, the motion along x {self.displacement.size}; they must be equal"
             )
-        if abs(displacement[0]) > 1e-9:
+        if abs(displacement[0]) > START_TOLERANCE:
             raise MotionError(
                 f"motion {self.name!r}: {side} starts at {displacement[0]:g}, not at 0; subtract "
                 "the first value"
