@@ -288,7 +288,7 @@ def test_a_table_that_is_none_is_named(folder, content, words):
             "sampling: {series_interval_s: 0.5}\nspecimens:",
             "series/A1.npz: array time_s: the rows 0 and 1 are 1 s apart",
         ),
-        ("name: sample", "name: [", "not valid YAML"),
+        ("name: sample", "name: [", "campaign.yaml: row 4: not valid YAML"),
         (YAML, "", "campaign.yaml: the file is empty"),
     ],
 )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vsr2.config.study import Output, Study
 from vsr2.effects import EffectRangeWarning, apply_effects
-from vsr2.errors import GeometryError
+from vsr2.errors import ConfigError, GeometryError
 from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
 from vsr2.results import BatchResult
 from vsr2.scene import Hull, Mechanisms, Pose, Scene, build_scene
@@ -224,3 +224,12 @@ def test_an_error_knows_the_key_of_the_study() -> None:
     assert raised.value.message.startswith("a ball of radius")
     again = pickled(raised.value)
     assert (str(again), again.key) == (str(raised.value), raised.value.key)
+
+
+def test_an_error_has_parts_and_says_those_it_has() -> None:
+    error = pickled(ConfigError("is 5; give 4", key="seed", file=Path("a.yaml"), line=3))
+    assert str(error) == "a.yaml:3: seed: is 5; give 4"
+    assert (error.file, error.line, error.key) == ("a.yaml", 3, "seed")
+    assert error.message == "is 5; give 4"
+    assert str(ConfigError("is 5", file="a.yaml")) == "a.yaml: is 5"
+    assert str(ConfigError("is 5")) == "is 5"
