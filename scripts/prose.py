@@ -74,9 +74,8 @@ def _paragraphs(markdown: str) -> list[str]:
 
 
 def pages(root: Path) -> list[Path]:
-    """`README.md` and every page of `docs/`, committed results left aside."""
-    found = sorted((root / "docs").rglob("*.md"))
-    return [root / "README.md", *(p for p in found if "results" not in p.relative_to(root).parts)]
+    """`README.md` and every page of `docs/`."""
+    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
 
 
 def main() -> int:

@@ -130,9 +130,9 @@ def main() -> None:
             cells += [f"{found.ratio:.3g}", found.feature, end]
         right = closed_forms(effect, checker.bench)
         met = sum(check.good for check in right)
-        cells += [f"{met} of {len(right)}", "no" if report.fast else "yes"]
+        cells += [f"{met} of {len(right)}", "yes" if report.fast else "no"]
         for rock in ROCKS:
-            if report.fast:
+            if not report.fast:
                 cells += [""] * 3
                 continue
             mean, error = shift(effect, rock, checker.motions(rock))

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import os
+
 
 class Vsr2Error(Exception):
     """Base of every error VSR2 raises on purpose; the command line prints no traceback for it.
 
     Args:
         message: what is wrong and the remedy.
-        key: of the study, dotted, that the text begins with; empty: none is at fault, or it is not
-            known where the error is raised.
+        key: of the study, dotted, or what of a file is at fault; empty: nothing of the kind, or it
+            is not known where the error is raised.
+        file: that is at fault; empty: none.
+        line: of the file, counted from 1; None: no line.
+
+    The text is `file:line: key: message`, without the parts that are empty.
     """
 
-    def __init__(self, message: str = "", *, key: str = "") -> None:
-        super().__init__(f"{key}: {message}" if key else message)
-        self.message = message
-        self.key = key
+    def __init__(
+        self,
+        message: str = "",
+        *,
+        key: str = "",
+        file: str | os.PathLike[str] = "",
+        line: int | None = None,
+    ) -> None:
+        self.message, self.key, self.file, self.line = message, key, os.fspath(file), line
+        where = self.file if line is None else f"{self.file}:{line}"
+        super().__init__(": ".join(part for part in (where, key, message) if part))
 
 
 class ConfigError(Vsr2Error):

@@ -139,3 +139,18 @@ def test_import_lab_reports_what_it_wrote(tmp_path, capsys):
     assert len(load_campaign(tmp_path / "c")) == 2
     with pytest.raises(CampaignError, match="already holds"):
         run("import-lab", source, tmp_path / "c")
+
+
+def test_bad_options_and_folders_are_named(tmp_path, capsys):
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY)
+    for arguments, match in {
+        ("--noise-tilt", "-1"): "--noise-tilt -1: give a standard error from 0 to 100000",
+        ("--noise-peak-tilt", "nan"): "--noise-peak-tilt nan: give a standard error",
+        ("--session-size", "0"): "--session-size 0: give 1 or more trials a session",
+    }.items():
+        with pytest.raises(CampaignError, match=f"^{match}"):
+            run("simulate", study, tmp_path / "c", *arguments)
+    assert not (tmp_path / "c").exists()
+    assert run("check", tmp_path / "nothere") == 2
+    assert f"{tmp_path / 'nothere'}: no such folder; check the path" in capsys.readouterr().out

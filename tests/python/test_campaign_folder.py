@@ -169,7 +169,7 @@ def test_any_text_and_number_survives_the_files(
         (1, "block,0", "block,yes", "row 2, column overturned: 'yes' is not 0, 1 or blank"),
         (1, "block,0", "block,1.0", "row 2, column overturned: '1.0' is not 0, 1 or blank"),
         (1, "0.01", "nan", "row 2, column peak_tilt_rad: 'nan' is no number"),
-        (1, "0.01", "57.3", "row 2, column peak_tilt_rad: is 57.3, outside from 0 to 3.14159 rad"),
+        (1, "0.01", "57.3", "row 2, column peak_tilt_rad: is 57.3, must lie from 0 to 3.14159 rad"),
         (1, "0.01", "1e999", "row 2, column peak_tilt_rad: is inf"),
         (1, "0.01", "1_0", "row 2, column peak_tilt_rad: '1_0' is no number"),
         (1, "2021-06-21", "20210621", "row 2, column date: '20210621' is no date"),
@@ -288,7 +288,7 @@ def test_a_table_that_is_none_is_named(folder, content, words):
             "sampling: {series_interval_s: 0.5}\nspecimens:",
             "series/A1.npz: array time_s: the rows 0 and 1 are 1 s apart",
         ),
-        ("name: sample", "name: [", "not valid YAML"),
+        ("name: sample", "name: [", "campaign.yaml: row 4: not valid YAML"),
         (YAML, "", "campaign.yaml: the file is empty"),
     ],
 )

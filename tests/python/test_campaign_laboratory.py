@@ -85,7 +85,7 @@ def test_sessions_order_units_and_peers(source, tmp_path):
         (1, "11,0,1", "x,0,1", "row 2, column test: 'x' is no test number"),
         (1, "11,0,1", "11,0,a", "row 2, column dem_a: 'a' is no number"),
         (2, "20210621", "2021-6-1", "row 3, column date: '2021-6-1' is no date"),
-        (2, "0.75", "-1", "row 3, column pga_g: '-1': is -1, outside from 0"),
+        (2, "0.75", "-1", "row 3, column pga_g: '-1': is -1, must lie from 0"),
         (2, "RSN16", "", "row 3, column motion: is blank"),
         (3, "120", "14", "'Test014' is there twice"),
         (0, "dem_a", "dem a", "'x_dem a' is no name of an extra column"),

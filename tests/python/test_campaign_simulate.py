@@ -1,5 +1,6 @@
 """Simulated campaigns: the form of measured ones, repeatable, with the noise that was asked for."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +13,12 @@ from vsr2.campaign import (
     load_campaign,
     save_campaign,
     simulate_campaign,
+    trial_statuses,
 )
+from vsr2.campaign.simulate import _FileNames
 from vsr2.config import study_from_mapping
 from vsr2.errors import CampaignError
-from vsr2.results import JOURNAL_FILE, prepare_folder, rotate
+from vsr2.results import JOURNAL_FILE, Status, prepare_folder, rotate
 from vsr2.simulation import run_batch, study_trials
 
 BLOCK = {
@@ -157,12 +160,21 @@ def test_an_interrupted_campaign_resumes_to_the_same(study, tmp_path):
     }
     whole = simulate_campaign(**arguments)
     cut = [
-        replace(t, overturned=None, peak_tilt=None, series=None, note="cancelled") if i % 2 else t
+        replace(t, overturned=None, peak_tilt=None, series=None, note="to people") if i % 2 else t
         for i, t in enumerate(whole.trials)
     ]
-    save_campaign(replace(whole, trials=tuple(cut)), tmp_path / "c")
+    ends = {t.trial: "cancelled" for i, t in enumerate(whole.trials) if i % 2}
+    partly = replace(whole, trials=tuple(cut), provenance={**whole.provenance, "statuses": ends})
+    save_campaign(partly, tmp_path / "c")
     resumed = simulate_campaign(**arguments, resume=load_campaign(tmp_path / "c"))
     assert_equal(replace(whole, provenance={}), replace(resumed, provenance={}))
+    assert set(trial_statuses(resumed).values()) == {Status.ok}
+    # A note is for people: it decides nothing.
+    noted = replace(whole, trials=tuple(replace(t, note="cancelled") for t in whole.trials))
+    assert_equal(noted, simulate_campaign(**arguments, resume=noted))
+    old = {key: value for key, value in whole.provenance.items() if key != "statuses"}
+    with pytest.raises(CampaignError, match="does not say how its trials ended; simulate it anew"):
+        simulate_campaign(**arguments, resume=replace(whole, provenance=old))
     assert_equal(whole, simulate_campaign(**arguments, resume=whole))
     with pytest.raises(CampaignError, match="from another study, seed or noise"):
         simulate_campaign(**arguments, seed=1, resume=whole)
@@ -216,5 +228,30 @@ def test_a_failed_trial_has_no_outcome_and_says_why(study):
     broken = study.model_copy(update={"settling": study.settling.model_copy(update=settling)})
     made = simulate_campaign(broken, threads=1, series_every=10)
     assert {t.note for t in made.trials} == {"settling_timeout"}
+    assert set(trial_statuses(made).values()) == {Status.settling_timeout}
     assert np.isnan(made.overturned).all()
     assert all(t.peak_tilt is None and t.series is None for t in made.trials)
+
+
+class CountedSet(set[str]):
+    """A set that counts how often it is asked."""
+
+    asked = 0
+
+    def __contains__(self, value: object) -> bool:
+        self.asked += 1
+        return super().__contains__(value)
+
+    def __iter__(self) -> Iterator[str]:
+        self.asked += len(self)
+        return super().__iter__()
+
+
+def test_names_of_motion_files_take_a_constant_number_of_looks_each() -> None:
+    names = _FileNames()
+    names.taken = counted = CountedSet()
+    given = [names.free(name) for name in ["a b", "A_b", "a_b-2", "", "a:b", *["pulse"] * 2000]]
+    assert given[:6] == ["a_b", "A_b-2", "a_b-2-2", "motion", "a_b-3", "pulse"]
+    assert given[-1] == "pulse-2000"
+    assert len({name.lower() for name in given}) == len(given)
+    assert counted.asked <= 3 * len(given)

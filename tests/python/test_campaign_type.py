@@ -14,12 +14,12 @@ from vsr2.campaign import (
     Series,
     Specimen,
     campaign_summary,
-    format_campaign,
     intensity_measures,
 )
 from vsr2.errors import CampaignError
 from vsr2.motion import cosine_motion
 from vsr2.motion.recording import Record
+from vsr2.report.messages.data import campaign_text
 
 BASE = {"trial": "T1", "motion": "m", "session": "1", "order": 1, "specimen": "rock"}
 
@@ -42,9 +42,9 @@ def trial(**changes):
         ({"order": 1.5}, "no whole number"),
         ({"overturned": 2}, "not True, False or None"),
         ({"motion_file": "../m"}, "is no id"),
-        ({"peak_tilt": 3.2}, "outside from 0 to 3.14159 rad; check the unit"),
+        ({"peak_tilt": 3.2}, "must lie from 0 to 3.14159 rad; check sign and unit"),
         ({"peak_tilt": math.nan}, "is nan"),
-        ({"pga": -1.0}, "check the unit"),
+        ({"pga": -1.0}, "check sign and unit"),
         ({"pgv_pga": math.inf}, "is inf"),
         ({"extra": {"peer": 1.0}}, "no name of an extra column"),
         ({"extra": {"x_peer": math.nan}}, "x_peer: is nan"),
@@ -107,7 +107,7 @@ def test_a_campaign_refuses_what_does_not_fit_together(changes, words):
 
 
 def test_specimen_and_noise_refuse_bad_numbers():
-    with pytest.raises(CampaignError, match="mass: is 0, outside above 0"):
+    with pytest.raises(CampaignError, match="mass: is 0, must lie above 0"):
         Specimen(mass=0.0)
     with pytest.raises(CampaignError, match="tilt: is -1"):
         MeasurementNoise(tilt=-1.0)
@@ -177,6 +177,6 @@ def test_the_summary_counts():
     assert summary["with_motion"] == 2
     assert summary["specimens"]["block"] == {"trials": 2, "mass_kg": 120.5, "model_file": None}
     assert summary["tier"] == "B"
-    text = format_campaign(campaign())
+    text = campaign_text(summary)
     assert "3: 1 overturned, 1 not, 1 unknown" in text
     assert "rock: 1 trials, mass unknown" in text

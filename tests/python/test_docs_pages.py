@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import importlib
 import io
 import os
 import re
@@ -80,6 +81,19 @@ def test_pages_that_the_code_names_exist():
             text = (ROOT / name).read_text(encoding="utf-8")
             for page in re.findall(r"\bdocs/[\w/-]+\.md\b", text):
                 assert (ROOT / page).exists(), f"{name}: {page}"
+
+
+def test_names_on_the_page_of_the_python_functions_exist():
+    text = (ROOT / "docs" / "reference" / "python.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| `")]
+    named = 0
+    for first, second in rows:
+        own = re.fullmatch(r" `(vsr2\.\w+)` ", first)
+        module = importlib.import_module(own[1] if own else "vsr2")
+        for name in re.findall(r"`(\w+)[`(]", second if own else first):
+            assert hasattr(module, name), f"{module.__name__}.{name}"
+            named += 1
+    assert named > 60
 
 
 def commands(page: Path) -> list[str]:

@@ -208,3 +208,9 @@ def test_an_entry_point_that_fails_is_named(
 def test_a_mesh_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["effects", "check", "catch", "--mesh", "nofile.obj"]) == 2
     assert "nofile.obj: no such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["configs/demo.yaml", "nothing/here"])
+def test_what_is_no_python_file_is_told(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["effects", "check", name]) == 2
+    assert f"{name}: is no Python file; give a .py file" in capsys.readouterr().err

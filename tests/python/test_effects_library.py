@@ -19,6 +19,7 @@ import pytest
 import vsr2.effects
 from effect_checks import engines_differ
 from effect_closed_forms import FORMS, closed_forms
+from vsr2._native import FastRefusal
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.effects.registry import BUILT_IN
 from vsr2.report.messages.commands import effect_report
@@ -155,7 +156,7 @@ def test_closed_forms_of_no_effect_and_effects_without() -> None:
 
 
 def test_the_report_says_where_the_closed_forms_of_the_library_stand() -> None:
-    report = EffectReport(library()["wear"], True, {}, {}, None, "")
+    report = EffectReport(library()["wear"], True, {}, {}, None, FastRefusal.none)
     assert "hold `wear` in studies/effect_closed_forms.py" in effect_report(report)
 
 
@@ -213,7 +214,7 @@ def test_descriptions_are_complete(effect: Effect) -> None:
 
 
 def test_none_leaves_the_domain_of_fast(checker: EffectChecker) -> None:
-    assert not any(checker.fast(effect) for effect in EFFECTS)
+    assert {checker.fast_refusal(effect) for effect in EFFECTS} == {FastRefusal.none}
 
 
 def test_the_pages_are_up_to_date(tmp_path: Path) -> None:

@@ -134,7 +134,9 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
     [
         ("  jitter: {yaw: 4.0, offset: 0.01, tilt: 0.05}\n", "",
          "without `jitter` all replicates are one and the same"),
-        ("measures: [pga_g, pgv_pga_s]", "measures: [pga]", "must be .*pga_g"),
+        ("measures: [pga_g, pgv_pga_s]", "measures: [pga]", r"^(?!.*problems).*must be .*pga_g"),
+        ("measures: [pga_g, pgv_pga_s]", "measures: []", "measures: must hold at least 1"),
+        ("azimuths: [0.0, 30.0]", "target_pga: [0.3, -1]", "target_pga: -1 is not above 0"),
         ("measures: [pga_g, pgv_pga_s]", "measures: [pga_g, pga_g]", "one is there twice"),
         ("measures: [pga_g, pgv_pga_s]", "surface: linear", "no effect with one measure"),
         ("azimuths: [0.0, 30.0]", "azimuths: [0.0, 0.0]", "azimuths: one is there twice"),

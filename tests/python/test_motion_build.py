@@ -172,7 +172,7 @@ def test_a_study_can_ask_for_the_fused_channel(tmp_path):
 @pytest.mark.parametrize("channel", ["displacement", "acceleration"])
 def test_a_missing_channel_is_refused(channel):
     fields = {"acceleration": A} if channel == "displacement" else {"displacement": X}
-    with pytest.raises(MotionError, match=f"has no {channel} channel; set motion.channel"):
+    with pytest.raises(MotionError, match=f"has no {channel} channel; choose the channel"):
         build_recorded_motion(Record("r", 1 / RATE, **fields), STEP, channel=channel)
 
 

@@ -135,3 +135,29 @@ def test_fuse_prints_the_agreement_and_writes_the_motion(tmp_path, capsys):
     write_record(Record("r", H, displacement=x), source)
     with pytest.raises(MotionError, match="fusing needs both"):
         run("fuse", source, tmp_path / "f.csv")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("--filter", 30, 10, 3), r"^--filter 30 10 3: low \(30.0 Hz\) must be below high"),
+        (("--filter", 0.1, 25, 30), r"^--filter 0.1 25 30: order: must be .*\(is 30\); give LOW"),
+    ],
+)
+def test_an_impossible_filter_is_told_without_words_of_the_library(pulse, arguments, match):
+    with pytest.raises(ConfigError, match=match) as raised:
+        run("info", pulse, *arguments)
+    assert "Value error" not in str(raised.value)
+
+
+@pytest.mark.parametrize("pga", ["-1", "0", "nan"])
+def test_an_impossible_pga_is_told_as_it_was_given(pulse, tmp_path, pga):
+    with pytest.raises(MotionError, match=f"--scale-to-pga {pga}: give a PGA above 0, in g"):
+        run("convert", pulse, tmp_path / "x.csv", f"--scale-to-pga={pga}")
+    assert not (tmp_path / "x.csv").exists()
+
+
+def test_fusing_names_no_key_of_a_study(pulse, tmp_path):
+    with pytest.raises(MotionError, match="give a recording with both") as raised:
+        run("fuse", pulse, tmp_path / "x.csv")
+    assert "motion.channel" not in str(raised.value)

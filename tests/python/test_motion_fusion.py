@@ -258,7 +258,7 @@ def test_one_channel_is_not_enough():
     for fields in ({"displacement": np.zeros(50)}, {"acceleration": np.zeros(50)}):
         record = Record("r", H, **fields)
         for use in (fuse, channel_noise, input_uncertainty):
-            with pytest.raises(MotionError, match=r"fusing needs both; set motion.channel"):
+            with pytest.raises(MotionError, match=r"fusing needs both; give a recording with both"):
                 use(record)
 
 

@@ -131,7 +131,7 @@ def test_what_does_not_apply_is_refused():
     motion = cosine_motion(0.1, 1.0, H)
     with pytest.raises(MotionError, match="a motion is measured as driven"):
         intensity_measures(motion, filter=Filter())
-    with pytest.raises(MotionError, match=r"has no velocity channel; set motion.channel"):
+    with pytest.raises(MotionError, match=r"has no velocity channel; choose the channel"):
         kinematics(Record("r", 0.01, displacement=np.zeros(20)), channel="velocity")
     with pytest.raises(MotionError, match="0 <= start < end <= 1"):
         significant_duration([1.0, 2.0], H, 0.9, 0.1)

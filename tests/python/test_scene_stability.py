@@ -12,11 +12,11 @@ import trimesh
 
 from vsr2.config.study import BoxRock, FixedStart, PrismPedestal, YawStart
 from vsr2.errors import GeometryError
+from vsr2.report.messages.data import inertia_text
 from vsr2.scene import (
     RockBody,
     build_pedestal,
     build_rock,
-    format_inertia,
     inertia_summary,
     slenderness,
     stable_poses,
@@ -34,7 +34,7 @@ def block(yaw: float = 0.0) -> RockBody:
 
 
 def report(path: Path, **options: float) -> str:
-    return format_inertia(inertia_summary(path, **options))
+    return inertia_text(inertia_summary(path, **options))
 
 
 def test_block_slenderness_and_frequency_parameter() -> None:

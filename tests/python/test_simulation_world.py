@@ -7,6 +7,8 @@ import gc
 import math
 import pickle
 import weakref
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from vsr2 import _native
 from vsr2.config.study import ORIGINAL, Contact, Study
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
-from vsr2.simulation import Simulation, native_scene, pair_values
+from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
 
 
 def study(**sections: object) -> Study:
@@ -82,6 +84,51 @@ def test_a_restored_simulation_goes_on_with_the_same_bits(mode: str) -> None:
         other = Simulation(study(engine={"mode": mode}), spawn=False)
         other.restore_state(saved)
         assert shake(other, 150, 300) == end
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda s: s.step(0.0),
+        lambda s: s.settle(),
+        lambda s: s.state,
+        lambda s: s.save_state(),
+        lambda s: s.reset(),
+        lambda s: s.spawn(),
+        lambda s: s.contacts(),
+        lambda s: s.has_rock,
+        lambda s: s.restore_state(None),
+    ],
+)
+def test_after_its_block_a_simulation_says_that_it_is_over(use: Callable[[Any], Any]) -> None:
+    with Simulation(study()) as simulation:
+        simulation.step(0.0)
+    with pytest.raises(SimulationError, match=r"is over.*new Simulation|what save_state returned"):
+        use(simulation)
+
+
+def test_values_of_another_type_are_refused_with_a_remedy() -> None:
+    simulation: Any = Simulation(study())
+    with pytest.raises(SimulationError, match="got a NoneType; give what save_state returned"):
+        simulation.restore_state(None)
+    for value in ("a", None, [0.0], 1j):
+        with pytest.raises(SimulationError, match="give numbers in m"):
+            simulation.step(value)
+        with pytest.raises(SimulationError, match="give numbers in m"):
+            simulation.step(0.0, transverse=value)
+    for steps in ("a", 1.5, 0):
+        with pytest.raises(SimulationError, match="whole number of 1 or more"):
+            simulation.step(0.0, steps=steps)
+    simulation.step(np.float32(0.001), steps=np.int64(2))
+    assert simulation.time == pytest.approx(0.002)
+    nothing: Any
+    for nothing in (5, None):
+        with pytest.raises(SimulationError, match="give a Study, the path of one, or a Scene"):
+            Simulation(nothing)
+        with pytest.raises(SimulationError, match="list of trials"):
+            run_batch(nothing)
+        with pytest.raises(SimulationError, match=r"trial 0 of the batch.*vsr2\.trial\.Trial"):
+            run_batch([nothing])
 
 
 def test_a_state_of_another_scene_or_drive_is_refused() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from vsr2.config.study import Output, Study
 from vsr2.effects import EffectRangeWarning, apply_effects
-from vsr2.errors import GeometryError
+from vsr2.errors import ConfigError, GeometryError
 from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
 from vsr2.results import BatchResult
-from vsr2.scene import Mechanisms, Scene, build_scene
+from vsr2.scene import Hull, Mechanisms, Pose, Scene, build_scene
 from vsr2.simulation import native_scene, plan_sha256, run_batch
 from vsr2.simulation import scene as module
 from vsr2.simulation.worker import _Unpickler, pack, packed_part
@@ -75,6 +76,8 @@ def trial(request: pytest.FixtureRequest) -> Trial:
 def test_a_copy_is_equal_and_runs_to_the_same_bits(trial: Trial, duplicate: Copy) -> None:
     other = duplicate(trial)
     assert other.scene is not trial.scene
+    assert (other.scene, other.motion, other) == (trial.scene, trial.motion, trial)
+    assert len({trial, other}) == len({trial.scene, other.scene}) == 1
     assert other.scene.sha256 == trial.scene.sha256
     assert other.motion.sha256 == trial.motion.sha256
     assert other.sha256 == trial.sha256
@@ -112,6 +115,59 @@ def test_a_result_is_copied_with_its_logs(trial: Trial, duplicate: Copy) -> None
     assert other.provenance == result.provenance
     with pytest.raises(ValueError, match="read-only"):
         other.log(0).state[0, 0] = 1.0
+
+
+def arrays_in(value: Any) -> Iterator[NDArray[Any]]:
+    """Arrays anywhere in dataclasses and sequences."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from arrays_in(item)
+    elif hasattr(value, "__dict__"):
+        yield from arrays_in(list(vars(value).values()))
+
+
+@pytest.mark.parametrize("duplicate", [lambda value: value, copy.deepcopy, pickled])
+def test_no_array_of_a_value_can_be_written(trial: Trial, duplicate: Copy) -> None:
+    other = duplicate(trial)
+    assert len(list(arrays_in(other.scene))) >= 4
+    assert len(list(arrays_in(other.motion))) >= 7
+    assert [array.flags.writeable for array in arrays_in(other)].count(True) == 0
+    before = other.scene.sha256
+    with pytest.raises(ValueError, match="read-only"):
+        next(arrays_in(other.scene.rock.parts))[:] *= 0.5
+    assert replace(other.scene).sha256 == before
+    result = duplicate(run_batch([trial], threads=1))
+    with pytest.raises(ValueError, match="read-only"):
+        result["peak_tilt"][0] = 0.0
+    assert not any(column.flags.writeable for column in result.trials.values())
+
+
+def test_an_array_given_to_a_scene_is_not_the_callers() -> None:
+    points, origin = np.eye(4)[:, :3].copy(), np.array([0.0, 0.0, 1.0])
+    hull = Hull(points)
+    view = points.view()
+    view.setflags(write=False)
+    seen = Hull(view)
+    pedestal = replace(scene_of(BOX).pedestal, origin=origin)
+    points[:], origin[:] = 9.0, 9.0
+    assert hull.points.max() == seen.points.max() == 1.0
+    assert pedestal.origin == (0.0, 0.0, 1.0)
+    # Nobody can write to the array of a hull, so that another shares it.
+    assert Hull(hull.points).points is hull.points
+
+
+def test_values_differ_by_start_and_name(trial: Trial) -> None:
+    moved = Pose((1.0, 0.0, 2.0), (0.0, 0.0, 0.0, 1.0))
+    scene = trial.scene
+    assert trial.with_scene(rock=replace(scene.rock, start=moved)).scene != scene
+    assert replace(trial.motion, name="other") != trial.motion
+    assert replace(trial, motion=replace(trial.motion, name="other")) != trial
+    assert replace(trial, start=moved) != trial
+    assert scene != trial
+    assert trial != scene
+    assert trial.motion != scene
 
 
 def test_all_that_acts_is_in_the_hash(trial: Trial) -> None:
@@ -168,3 +224,12 @@ def test_an_error_knows_the_key_of_the_study() -> None:
     assert raised.value.message.startswith("a ball of radius")
     again = pickled(raised.value)
     assert (str(again), again.key) == (str(raised.value), raised.value.key)
+
+
+def test_an_error_has_parts_and_says_those_it_has() -> None:
+    error = pickled(ConfigError("is 5; give 4", key="seed", file=Path("a.yaml"), line=3))
+    assert str(error) == "a.yaml:3: seed: is 5; give 4"
+    assert (error.file, error.line, error.key) == ("a.yaml", 3, "seed")
+    assert error.message == "is 5; give 4"
+    assert str(ConfigError("is 5", file="a.yaml")) == "a.yaml: is 5"
+    assert str(ConfigError("is 5")) == "is 5"

@@ -15,8 +15,8 @@ from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
 from vsr2.campaign.intensity import TrialIntensities, intensity_measures
 from vsr2.campaign.laboratory import import_lab
 from vsr2.campaign.save import save_campaign
-from vsr2.campaign.simulate import simulate_campaign
-from vsr2.campaign.summary import campaign_summary, format_campaign
+from vsr2.campaign.simulate import simulate_campaign, trial_statuses
+from vsr2.campaign.summary import campaign_summary
 
 __all__ = [
     "SCHEMA",
@@ -30,7 +30,6 @@ __all__ = [
     "TrialIntensities",
     "campaign_summary",
     "check_campaign",
-    "format_campaign",
     "grouped_folds",
     "import_lab",
     "intensity_measures",
@@ -39,4 +38,5 @@ __all__ = [
     "motion_resamples",
     "save_campaign",
     "simulate_campaign",
+    "trial_statuses",
 ]

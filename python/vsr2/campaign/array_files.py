@@ -66,18 +66,17 @@ class ArrayFiles:
         interval = self._one_number(file, arrays, "sample_interval_s")
         if interval is None:
             return None
-        path = self._folder / file
         try:
             return Record(
                 name=name,
                 sample_interval=interval,
                 displacement=arrays.get("displacement_m"),
                 acceleration=arrays.get("acceleration_m_s2"),
-                source=str(path),
+                source=str(self._folder / file),
                 sha256=hashlib.sha256(content).hexdigest(),
             )
         except MotionError as error:
-            self._problems.add(file, str(error).removeprefix(f"{path}: "))
+            self._problems.add(file, error.message)
             return None
 
     def series(self, trial: str) -> Series | None:
@@ -105,7 +104,7 @@ class ArrayFiles:
         try:
             return Series(**values)
         except CampaignError as error:
-            self._problems.add(file, str(error).removeprefix("series: "))
+            self._problems.add(file, error.message)
             return None
 
     def unclaimed_series(self, trials: Mapping[str, int]) -> None:

@@ -41,6 +41,10 @@ _CHANNELS: Mapping[str, tuple[tuple[int, ...], float, str]] = {
 """Of a series: shape beyond the rows, greatest value and its unit."""
 MAX_MEASURE = 1e5
 """Of PGA [m/s^2] and PGV/PGA [s]; more is a mistaken unit."""
+MAX_NOISE = 1e5
+"""Of a standard error, in the unit of its channel; more is a mistaken unit."""
+NORM_TOLERANCE = 1e-3
+"""Of a quaternion's norm, relative: three decimals are enough."""
 MAX_MASS = 1e12
 """Of a specimen [kg]."""
 
@@ -48,7 +52,7 @@ MAX_MASS = 1e12
 def _refuse(owner: str, faults: Mapping[str, str | None]) -> None:
     for key, fault in faults.items():
         if fault is not None:
-            raise CampaignError(f"{owner}: {key}: {fault}")
+            raise CampaignError(f"{key}: {fault}", key=owner)
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ class MeasurementNoise:
         for channel in fields(self):
             value = getattr(self, channel.name)
             if value is not None:
-                _refuse("noise", {channel.name: number_fault(value, 0, 1e5, "")})
+                _refuse("noise", {channel.name: number_fault(value, 0, MAX_NOISE, "")})
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,33 +151,35 @@ class Series:
     def __post_init__(self) -> None:
         time = self._checked("time", (), MAX_TIME, "s")
         if time is None:
-            raise CampaignError("series: time is missing")
+            raise CampaignError("time is missing", key="series")
         backwards = np.flatnonzero(np.diff(time) <= 0)
         if backwards.size:
             row = int(backwards[0]) + 1
             raise CampaignError(
-                f"series: time is {time[row]:.9g} s at row {row} after {time[row - 1]:.9g} s; it "
-                "must increase: sort the rows or remove the doubled ones"
+                f"time is {time[row]:.9g} s at row {row} after {time[row - 1]:.9g} s; it "
+                "must increase: sort the rows or remove the doubled ones",
+                key="series",
             )
         found = {name: self._checked(name, *of) for name, of in _CHANNELS.items()}
         if all(one is None for one in found.values()):
             raise CampaignError(
-                "series: has neither tilt nor position, orientation, yaw or slip; remove it, or "
-                "add one"
+                "has neither tilt nor position, orientation, yaw or slip; remove it, or add one",
+                key="series",
             )
         orientation = found["orientation"]
         if orientation is not None:
             norm = np.linalg.norm(orientation, axis=1)
-            bad = np.flatnonzero(np.abs(norm - 1) > 1e-3)
+            bad = np.flatnonzero(np.abs(norm - 1) > NORM_TOLERANCE)
             if bad.size:
                 raise CampaignError(
-                    f"series: orientation at row {bad[0]} has the norm {norm[bad[0]]:.6g}; scale "
-                    "quaternions to 1"
+                    f"orientation at row {bad[0]} has the norm {norm[bad[0]]:.6g}; scale "
+                    "quaternions to 1",
+                    key="series",
                 )
         for name in (name for name in vars(self) if name.startswith("noise_")):
             value = getattr(self, name)
             if value is not None:
-                _refuse("series", {name: number_fault(value, 0, 1e5, "")})
+                _refuse("series", {name: number_fault(value, 0, MAX_NOISE, "")})
 
     def _checked(self, name: str, last: tuple[int, ...], limit: float, unit: str) -> Array | None:
         given = getattr(self, name)
@@ -182,23 +188,28 @@ class Series:
         try:
             value = np.array(given, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise CampaignError(f"series: {name} is no array of numbers ({error})") from None
+            raise CampaignError(f"{name} is no array of numbers ({error})", key="series") from None
         rows = "n" if name == "time" else f"{self.time.size}"
         if value.ndim != 1 + len(last) or value.shape[1:] != last:
             wanted = ", ".join([rows, *map(str, last)])
-            raise CampaignError(f"series: {name} has shape {value.shape}, wanted is ({wanted})")
+            raise CampaignError(
+                f"{name} has shape {value.shape}, wanted is ({wanted})", key="series"
+            )
         if not 1 <= len(value) <= MAX_SERIES_ROWS:
             raise CampaignError(
-                f"series: {name} has {len(value)} rows; 1 to {MAX_SERIES_ROWS} are allowed"
+                f"{name} has {len(value)} rows; 1 to {MAX_SERIES_ROWS} are allowed", key="series"
             )
         if name != "time" and len(value) != self.time.size:
-            raise CampaignError(f"series: {name} has {len(value)} rows, time has {self.time.size}")
+            raise CampaignError(
+                f"{name} has {len(value)} rows, time has {self.time.size}", key="series"
+            )
         bad = np.argwhere(~(np.abs(value) <= limit))
         if bad.size:
             place = tuple(int(i) for i in bad[0])
             raise CampaignError(
-                f"series: {name} is {value[place]:g} {unit} at row {place[0]}, beyond {limit:g} "
-                f"{unit}; {len(bad)} such values; leave such rows out, or check the unit"
+                f"{name} is {value[place]:g} {unit} at row {place[0]}, beyond {limit:g} "
+                f"{unit}; {len(bad)} such values; leave such rows out, or check the unit",
+                key="series",
             )
         value.setflags(write=False)
         object.__setattr__(self, name, value)
@@ -265,7 +276,7 @@ class CampaignTrial:
         pga: peak acceleration of the table as published with the data [m/s^2]; None: not given.
         pgv_pga: PGV/PGA of the table as published with the data [s]; None: not given.
         date: of execution.
-        note: for people; of a simulated trial its status where that is not "ok".
+        note: for people.
         extra: numbers under names that start with `x_`, peers' predictions for example.
         series: response in time.
 

@@ -13,7 +13,9 @@ from pydantic import AfterValidator, Field, Strict, ValidationError
 
 from vsr2.campaign.campaign import (
     MAX_MASS,
+    MAX_NOISE,
     MAX_NOTE,
+    MAX_TIME,
     Campaign,
     MeasurementNoise,
     Specimen,
@@ -64,8 +66,8 @@ def _beside(value: str) -> str:
 _Paragraph = Annotated[
     str, AfterValidator(lambda value: " ".join(value.split())), _text(10_000, empty=True)
 ]
-_Error = Annotated[float, Strict(), Field(ge=0, le=1e5)] | None
-_Interval = Annotated[float, Strict(), Field(gt=0, le=1e5)] | None
+_Error = Annotated[float, Strict(), Field(ge=0, le=MAX_NOISE)] | None
+_Interval = Annotated[float, Strict(), Field(gt=0, le=MAX_TIME)] | None
 
 
 class _Specimen(Section):
@@ -135,12 +137,10 @@ class Description:
 
 def read_description(folder: Path, problems: Problems) -> Description | None:
     """Read `campaign.yaml`; None where `problems` got one."""
-    path = folder / FILE
     try:
-        document = read_yaml(path)
+        document = read_yaml(folder / FILE)
     except ConfigError as error:
-        # The reader names file and line in front; the file is already said.
-        problems.add(FILE, str(error).removeprefix(str(path)).lstrip(": "))
+        problems.add(FILE, error.message, row=error.line)
         return None
     found: list[Problem] = []
     description = _description(dict(document.data), folder, found)

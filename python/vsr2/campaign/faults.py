@@ -57,8 +57,6 @@ def number_fault(
         return f"is {value}; give a finite number, or leave it blank where it is unknown"
     if not (low < value if above else low <= value) or value > high:
         edge = "above" if above else "from"
-        return (
-            f"is {value:g}, outside {edge} {low:g} to {high:g}"
-            f"{f' {unit}' if unit else ''}; check the unit"
-        )
+        ends = f"{low:g} to {high:g}{f' {unit}' if unit else ''}"
+        return f"is {value:g}, must lie {edge} {ends}; check sign and unit"
     return None

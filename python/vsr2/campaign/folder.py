@@ -65,7 +65,7 @@ def _check_models(folder: Path, campaign: Campaign, problems: Problems) -> None:
             load_mesh(path, closed=False)
         except GeometryError as error:
             name = os.path.relpath(path, folder).replace(os.sep, "/")
-            problems.add(name, str(error).removeprefix(f"{path}: "))
+            problems.add(name, error.message)
 
 
 def _read(folder: Path, problems: Problems) -> Campaign | None:

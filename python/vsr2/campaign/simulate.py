@@ -26,7 +26,16 @@ from vsr2.config.study import MeshRock, Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
-from vsr2.results import JUDGED, BatchResult, TrialLog, load_trial_log, quaternion_product
+from vsr2.results import (
+    JUDGED,
+    UNFINISHED,
+    BatchResult,
+    Outcome,
+    Status,
+    TrialLog,
+    load_trial_log,
+    quaternion_product,
+)
 from vsr2.trial import rows_only
 
 if TYPE_CHECKING:
@@ -39,8 +48,6 @@ Array = NDArray[np.float64]
 SPECIMEN = "rock"
 """Id of the specimen of a simulated campaign."""
 _OUTCOME = ("overturned", "peak_tilt", "note", "series")
-UNFINISHED = ("cancelled", "not_run")
-"""Statuses of trials that an interruption left; resuming runs them."""
 
 
 class RunOptions(TypedDict, total=False):
@@ -88,7 +95,8 @@ def simulate_campaign(
             same campaign. Not together with `resume`.
 
     Returns:
-        The campaign. Failed and interrupted trials have no outcome; their note is the status.
+        The campaign. Failed and interrupted trials have no outcome; :func:`trial_statuses` tells
+        how each ended, and its note says so to people.
 
     Raises:
         CampaignError: lists of another length than the trials, or `resume` is of another call or
@@ -108,7 +116,7 @@ def simulate_campaign(
     trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
     rows, written = _unjudged(asked, names, held, noise, seed)
-    kept = _finished(resume, digest)
+    kept, statuses = _finished(resume, digest)
     pending = [i for i, row in enumerate(rows) if row.trial not in kept]
     result, series = _run(trials, pending, noise, seed, run)
     for i, row in enumerate(rows):
@@ -118,9 +126,11 @@ def simulate_campaign(
     if result is not None:
         for k, i in enumerate(pending):
             rng = _generator(seed, i, 1)
+            statuses[rows[i].trial] = Status[result["status"][k]]
             rows[i] = _judged(rows[i], result, k, noise, rng, series.get(i))
         facts = _facts(study, wanted, noise, seed, series_every)
-        provenance = {"digest": digest, **facts, **result.provenance, **facts}
+        ends = {trial: end.name for trial, end in statuses.items() if end is not Status.ok}
+        provenance = {"digest": digest, **facts, **result.provenance, **facts, "statuses": ends}
     return Campaign(
         name=study.name if isinstance(study, Study) else "simulated",
         trials=tuple(rows),
@@ -235,15 +245,36 @@ def _digest(trials: Sequence[Trial], noise: MeasurementNoise, seed: int) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _finished(resume: Campaign | None, digest: str) -> dict[str, CampaignTrial]:
+def trial_statuses(campaign: Campaign) -> dict[str, Status]:
+    """How each trial of a simulated campaign ended, by its id.
+
+    Raises:
+        CampaignError: the campaign was not simulated, or does not hold how its trials ended.
+    """
+    ends = campaign.provenance.get("statuses")
+    if not isinstance(ends, Mapping) or not set(ends.values()) <= set(Status.__members__):
+        raise CampaignError(
+            f"campaign {campaign.name!r}: its provenance does not say how its trials ended; "
+            "simulate it anew with this VSR2"
+        )
+    return {trial.trial: Status[ends.get(trial.trial, "ok")] for trial in campaign.trials}
+
+
+def _finished(
+    resume: Campaign | None, digest: str
+) -> tuple[dict[str, CampaignTrial], dict[str, Status]]:
+    """Trials that need not be run, and how they ended."""
     if resume is None:
-        return {}
+        return {}, {}
     if resume.provenance.get("digest") != digest:
         raise CampaignError(
             f"campaign {resume.name!r} was made from another study, seed or noise; simulate into a "
             "new folder, or overwrite it without resuming"
         )
-    return {trial.trial: trial for trial in resume.trials if trial.note not in UNFINISHED}
+    statuses = {
+        trial: end for trial, end in trial_statuses(resume).items() if end.name not in UNFINISHED
+    }
+    return {one.trial: one for one in resume.trials if one.trial in statuses}, statuses
 
 
 def _judged(
@@ -255,9 +286,9 @@ def _judged(
     series: Series | None,
 ) -> CampaignTrial:
     status, outcome = str(result["status"][at]), str(result["outcome"][at])
-    note = "" if status == "ok" else status
-    if status not in JUDGED or outcome == "failed":
-        return replace(row, note=note or "failed")
+    note = "" if status == Status.ok.name else status
+    if status not in JUDGED or outcome == Outcome.failed.name:
+        return replace(row, note=note or outcome)
     peak = float(result["peak_tilt"][at])
     if noise.peak_tilt:
         peak += noise.peak_tilt * float(rng.standard_normal())
@@ -265,7 +296,7 @@ def _judged(
         peak *= float(np.exp(noise.peak_tilt_relative * rng.standard_normal()))
     return replace(
         row,
-        overturned=outcome == "overturned",
+        overturned=outcome == Outcome.overturned.name,
         peak_tilt=float(np.clip(peak, 0.0, np.pi)) if np.isfinite(peak) else None,
         note=note,
         series=series,
@@ -315,11 +346,12 @@ def _unjudged(
     rows: list[CampaignTrial] = []
     files: dict[str, Record] = {}
     file_of: dict[str, str] = {}
+    names = _FileNames()
     for i, trial in enumerate(trials):
         motion, name = trial.motion, f"T{i + 1:0{digits}d}"
         file = None if noisy else file_of.get(motion.sha256)
         if file is None:
-            file = name if noisy else _file_name(motion.name, files)
+            file = name if noisy else names.free(motion.name)
             file_of[motion.sha256] = file
             files[file] = _recorded(motion, file, noise, _generator(seed, i, 0))
         rows.append(
@@ -350,14 +382,24 @@ def _recorded(
     return Record(name, motion.time_step, displacement=displacement, acceleration=acceleration)
 
 
-def _file_name(name: str, taken: dict[str, Record]) -> str:
-    plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80].strip("._-") or "motion"
-    lower = {other.lower() for other in taken}
-    file, number = plain, 1
-    while file.lower() in lower:
-        number += 1
-        file = f"{plain}-{number}"
-    return file
+class _FileNames:
+    """File names out of names of motions, each once whatever its case."""
+
+    def __init__(self) -> None:
+        self.taken: set[str] = set()
+        self._last: dict[str, int] = {}
+
+    def free(self, name: str) -> str:
+        """A name that was not given yet: plain, or with the least free number behind it."""
+        plain = re.sub(r"[^A-Za-z0-9._-]+", "_", name)[:80].strip("._-") or "motion"
+        # Numbers up to the last given one are taken, as names are never given back.
+        file, number = plain, self._last.get(plain.lower(), 1)
+        while file.lower() in self.taken:
+            number += 1
+            file = f"{plain}-{number}"
+        self._last[plain.lower()] = number
+        self.taken.add(file.lower())
+        return file
 
 
 def _model(study: Study | Sequence[Trial]) -> Path | None:

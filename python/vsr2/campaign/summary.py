@@ -1,4 +1,4 @@
-"""What a campaign holds, in words and as data."""
+"""What a campaign holds, as data."""
 
 from __future__ import annotations
 
@@ -52,37 +52,3 @@ def campaign_summary(campaign: Campaign) -> dict[str, Any]:
 def _range(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[float] | None:
     known = values[~np.isnan(values)]
     return [float(known.min()), float(known.max())] if known.size else None
-
-
-def format_campaign(campaign: Campaign) -> str:
-    """The same for a person.
-
-    Raises:
-        MotionError: as :func:`campaign_summary`.
-    """
-    summary = campaign_summary(campaign)
-    tier = {"B": "outcomes", "M": "outcomes and largest tilt", "T": "outcomes and series"}
-    lines = [
-        f"{summary['name']}: {summary['description'] or 'no description'}",
-        f"tier           {summary['tier']} ({tier[summary['tier']]})",
-        f"trials         {summary['trials']}: {summary['overturned']} overturned, "
-        f"{summary['standing']} not, {summary['outcome_unknown']} unknown",
-        f"motions        {summary['ground_motions']} ground motions, "
-        f"{summary['motion_files']} files for {summary['with_motion']} trials",
-        f"largest tilt   {summary['with_peak_tilt']} trials",
-        f"series         {summary['with_series']} trials",
-        f"sessions       {summary['sessions']}",
-    ]
-    for key, specimen in summary["specimens"].items():
-        mass = "mass unknown" if specimen["mass_kg"] is None else f"{specimen['mass_kg']:g} kg"
-        model = "no model" if specimen["model_file"] is None else "with model"
-        lines.append(f"specimen       {key}: {specimen['trials']} trials, {mass}, {model}")
-    for label, key, unit in (("PGA", "pga_m_s2", "m/s^2"), ("PGV/PGA", "pgv_pga_s", "s")):
-        span = summary[key]
-        shown = "unknown" if span is None else f"{span[0]:.4g} to {span[1]:.4g} {unit}"
-        lines.append(f"{label:<14} {shown}")
-    if summary["extra_columns"]:
-        lines.append(f"extra columns  {', '.join(summary['extra_columns'])}")
-    for note, count in summary["notes"].items():
-        lines.append(f"note           {note!r}: {count} trials")
-    return "\n".join(lines)

@@ -35,11 +35,12 @@ def inertia(
         scale: factor on the mesh's lengths
         repair: close a mesh that is open
     """
-    from vsr2.scene import format_inertia, inertia_summary
+    from vsr2.report.messages.data import inertia_text
+    from vsr2.scene import inertia_summary
 
     summary = inertia_summary(mesh, scale=scale, density=density, mass=mass, repair=repair)
     if json:
         print_json(summary)
     else:
-        print(format_inertia(summary))
+        print(inertia_text(summary))
     return 0

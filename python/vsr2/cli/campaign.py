@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from vsr2.campaign import Campaign, MeasurementNoise
+from vsr2.campaign.campaign import MAX_NOISE
 from vsr2.cli import options as opt
+from vsr2.errors import CampaignError
 
 if TYPE_CHECKING:
     from vsr2.config import Study
@@ -29,10 +31,11 @@ def import_lab(source: Path, dest: Path, /, *, overwrite: opt.Overwrite = False)
         source: folder of the laboratory's files
         dest: folder for the campaign
     """
-    from vsr2.campaign import format_campaign
+    from vsr2.campaign import campaign_summary
     from vsr2.campaign import import_lab as bring
+    from vsr2.report.messages.data import campaign_text
 
-    print(format_campaign(bring(source, dest, overwrite=overwrite)))
+    print(campaign_text(campaign_summary(bring(source, dest, overwrite=overwrite))))
     print(f"wrote {dest}")
     return 0
 
@@ -44,11 +47,12 @@ def check(folder: opt.Campaign, /) -> int:
     Names file, row, column and remedy of each problem. Exit code 0: none; 2: some.
     """
     from vsr2.campaign import check_campaign
+    from vsr2.report.messages.data import campaign_checked
 
     problems = check_campaign(folder)
     for problem in problems:
-        print(problem)
-    print(f"{folder}: {len(problems) or 'no'} problem{'s' * (len(problems) != 1)}")
+        print(problem if problem.file else f"{folder}: {problem}")
+    print(campaign_checked(folder, len(problems)))
     return 2 if problems else 0
 
 
@@ -70,13 +74,14 @@ def info(
         seed: of folds and bootstrap
     """
     from vsr2.analysis.baseline import baseline_scores
-    from vsr2.campaign import campaign_summary, format_campaign, load_campaign
+    from vsr2.campaign import campaign_summary, load_campaign
     from vsr2.report.messages.commands import baseline_table
+    from vsr2.report.messages.data import campaign_text
 
     campaign = load_campaign(folder)
     scores = baseline_scores(campaign, folds=folds, seed=seed) if baselines else []
+    summary = campaign_summary(campaign)
     if json:
-        summary = campaign_summary(campaign)
         if baselines:
             summary["baselines"] = [
                 {
@@ -89,7 +94,7 @@ def info(
             ]
         opt.print_json(summary)
         return 0
-    print(format_campaign(campaign))
+    print(campaign_text(summary))
     if baselines:
         print()
         print(baseline_table(scores))
@@ -164,9 +169,23 @@ class Simulation:
 
 
 SIMULATION = Simulation()
-NOISE = MeasurementNoise()
+
+
+class NoiseOptions(MeasurementNoise):
+    """Measurement noise that is told by options, which errors name."""
+
+    def __post_init__(self) -> None:
+        for channel, value in vars(self).items():
+            if value is not None and not 0 <= value <= MAX_NOISE:
+                raise CampaignError(
+                    f"--noise-{channel.replace('_', '-')} {value:g}: give a standard error from 0 "
+                    f"to {MAX_NOISE:g}"
+                )
+
+
+NO_NOISE = NoiseOptions()
 Noise = Annotated[
-    MeasurementNoise,
+    NoiseOptions,
     Parameter(
         name="*",
         name_transform=lambda name: f"noise-{name.replace('_', '-')}",
@@ -182,7 +201,7 @@ def simulate(
     /,
     *,
     options: Simulation = SIMULATION,
-    noise: Noise = NOISE,
+    noise: Noise = NO_NOISE,
 ) -> int:
     """Make a campaign out of a study.
 
@@ -192,12 +211,17 @@ def simulate(
     Args:
         dest: folder for the campaign
     """
-    from vsr2.campaign import format_campaign, save_campaign
+    from vsr2.campaign import campaign_summary, save_campaign, trial_statuses
     from vsr2.campaign.save import prepare_destination
     from vsr2.config import load_study
     from vsr2.effects import check_study_effects
-    from vsr2.results import remove_result
+    from vsr2.report.messages.data import campaign_text
+    from vsr2.results import Status, remove_result
 
+    if options.session_size is not None and options.session_size < 1:
+        raise CampaignError(
+            f"--session-size {options.session_size}: give 1 or more trials a session"
+        )
     loaded = load_study(study, overrides=options.set)
     check_study_effects(loaded.effects, study)
     replace = options.overwrite or options.resume
@@ -210,18 +234,17 @@ def simulate(
     if not interrupted:
         remove_result(checkpoint)
     if not options.quiet:
-        print(format_campaign(campaign))
+        print(campaign_text(campaign_summary(campaign)))
         print(f"wrote {dest}")
     if interrupted:
         return 130
-    return 0 if all(not trial.note for trial in campaign.trials) else 1
+    return 0 if set(trial_statuses(campaign).values()) <= {Status.ok} else 1
 
 
 def _simulated(
     study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: MeasurementNoise
 ) -> Campaign:
     from vsr2.campaign import load_campaign, simulate_campaign
-    from vsr2.errors import CampaignError
     from vsr2.results import has_journal, prepare_folder
 
     present = (dest / "campaign.yaml").exists()
@@ -238,7 +261,7 @@ def _simulated(
         return simulate_campaign(
             study,
             sessions=options.session_size,
-            noise=noise,
+            noise=MeasurementNoise(**dataclasses.asdict(noise)),
             seed=options.seed,
             series_every=options.series_every,
             threads=options.threads,

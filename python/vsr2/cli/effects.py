@@ -21,6 +21,7 @@ verbs = App(
 @verbs.command(name="list")
 def list_effects() -> int:
     """Print all effects in the order of application."""
+    from vsr2._native import FastRefusal
     from vsr2.effects import in_order, library
     from vsr2.report.messages.commands import table
     from vsr2.simulation.effect_checks import EffectChecker
@@ -33,7 +34,7 @@ def list_effects() -> int:
             for parameter in effect.parameters
             if parameter.prior != "fixed" and not parameter.secondary
         )
-        fast = "no" if checker.fast(effect) else "yes"
+        fast = "yes" if checker.fast_refusal(effect) is FastRefusal.none else "no"
         touches, confounded = ", ".join(effect.channels), ", ".join(effect.confounded_with)
         rows.append((effect.name, effect.stage, fast, touches, parameters, confounded))
     print(table(rows, str.ljust))
@@ -48,6 +49,7 @@ def show(name: str, /) -> int:
         name: of an effect
     """
     from vsr2.effects import effect
+    from vsr2.report.messages.commands import engine_fast
     from vsr2.simulation.effect_checks import EffectChecker
 
     one = effect(name)
@@ -63,8 +65,7 @@ def show(name: str, /) -> int:
         print(f"confounded with: {', '.join(one.confounded_with)}")
     if one.source:
         print(f"source: {one.source}")
-    violation = EffectChecker().fast(one)
-    print(f"engine fast: {'no, ' + violation if violation else 'yes'}")
+    print(engine_fast(EffectChecker().fast_refusal(one)))
     return 0
 
 
@@ -78,12 +79,12 @@ def _null(parameter: Parameter) -> str:
 
 @verbs.command
 def check(*what: str, mesh: Path | None = None) -> int:
-    """Check effects: neutral, alive, right.
+    """Check effects: neutral, continuous, alive, right.
 
-    Neutral: at the null value a trial is the same to the last bit, and 1e-8 of the prior beside
-    it responses change by no more than chance does, unless the effect declares a `jump`. Alive:
-    at the far end of the prior responses change by more than three times the noise floor, on a
-    block and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.
+    Neutral: at the null value a trial is the same to the last bit. Continuous: 1e-8 of the prior
+    beside it responses change by no more than chance does, unless the effect declares a `jump`.
+    Alive: at the far end of the prior responses change by more than three times the noise floor, on
+    a block and on a rock with the hull of a scan. Right: the closed forms of its `verify` are met.
 
     Args:
         what: modules (path of a .py file, or an importable name) with effects of one's own, or
@@ -91,7 +92,7 @@ def check(*what: str, mesh: Path | None = None) -> int:
         mesh: rock that stands for a scan (default: a made one)
     """
     from vsr2.errors import GeometryError
-    from vsr2.report.messages.commands import effect_report
+    from vsr2.report.messages.commands import effect_report, effects_passed
     from vsr2.simulation.effect_checks import EffectChecker
 
     if mesh is not None and not mesh.is_file():
@@ -103,7 +104,7 @@ def check(*what: str, mesh: Path | None = None) -> int:
         report = checker.check(one)
         failed += not report.good
         print(effect_report(report))
-    print(f"{len(effects) - failed} of {len(effects)} effects pass all three checks")
+    print(effects_passed(len(effects) - failed, len(effects)))
     return 1 if failed else 0
 
 

@@ -18,7 +18,7 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     from vsr2.fragility import load_fragility, remove_old_tables, run_fragility, save_fragility
     from vsr2.report.fragility import write_fragility_report
     from vsr2.report.messages.runs import lognormal_text
-    from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
+    from vsr2.results import BatchResult, Status, has_journal, prepare_folder, remove_journal
 
     loaded = load_fragility(study, overrides=options.set)
     folder = options.folder(loaded.study.name)
@@ -36,4 +36,4 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     if not options.quiet:
         print(lognormal_text(result))
         opt.print_written(written)
-    return 0 if set(result.batch["status"]) <= {"ok"} else 1
+    return 0 if set(result.batch["status"]) <= {Status.ok.name} else 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
@@ -69,13 +70,17 @@ def _filter(values: tuple[str, str, str]) -> Any:
     from pydantic import ValidationError
 
     from vsr2.config.motion_source import Filter
+    from vsr2.config.problems import dotted, problems_of
     from vsr2.errors import ConfigError
 
     try:
         low, high, order = values
         return Filter(low=float(low), high=float(high), order=int(order))
     except (ValueError, ValidationError) as error:
-        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+        reason = str(error)
+        if isinstance(error, ValidationError):
+            found = problems_of(error, Filter)
+            reason = ", ".join(": ".join(filter(None, (dotted(p.path), p.what))) for p in found)
         raise ConfigError(
             f"--filter {' '.join(values)}: {reason}; give LOW and HIGH [Hz] and a whole "
             "ORDER from 1 to 10, for example --filter 0.1 25 3"
@@ -142,8 +147,11 @@ def convert(
         scale_to_pga: target PGA [g]
         time_step: resample to this [s] (default: the record's own)
     """
+    from vsr2.errors import MotionError
     from vsr2.motion import STANDARD_GRAVITY, build_recorded_motion, write_record
 
+    if scale_to_pga is not None and not (math.isfinite(scale_to_pga) and scale_to_pga > 0):
+        raise MotionError(f"--scale-to-pga {scale_to_pga:g}: give a PGA above 0, in g")
     record = reading.read(source)
     if processing == UNPROCESSED and (scale, scale_to_pga, time_step) == (None, None, None):
         write_record(record, target, note=f"from {source.name}, channels as read")

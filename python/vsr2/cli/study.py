@@ -66,6 +66,7 @@ def _run_all(
     from dataclasses import replace
 
     from vsr2.report import summary_table, write_figures
+    from vsr2.report.messages.commands import study_begins
     from vsr2.results import (
         load_result,
         prepare_folder,
@@ -83,13 +84,7 @@ def _run_all(
     else:
         prepare_folder(folder, overwrite=options.overwrite, resume=options.resume)
     if not options.quiet:
-        print(
-            f"{study.name}: {len(trials)} trials, {Path(scene.rock.source).name} "
-            f"({scene.rock.mass.mass:.4g} kg) on {Path(scene.pedestal.source).name}, engine "
-            f"{native_scene(scene).engine.name}"
-        )
-        for note in scene.rock.notes:
-            print(f"note: {note}")
+        print(study_begins(study.name, trials, native_scene(scene).engine.name))
     result = run_batch(
         trials,
         threads=options.threads,
@@ -119,6 +114,7 @@ def _run_all(
 
 
 def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder: Path) -> int:
+    from vsr2.report.messages.commands import shard_done
     from vsr2.simulation import Shard, run_shard
 
     shard = Shard.parse(part)
@@ -134,12 +130,11 @@ def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder
     if result.provenance["interrupted"]:
         return opt.interrupted(result, shard.folder(folder))
     if not options.quiet:
-        print(
-            f"shard {shard}: {len(result)} trials in {shard.folder(folder)}. Once all shards are "
-            "run, --merge makes one result of them."
-        )
+        print(shard_done(shard, result, shard.folder(folder)))
     return _exit_code(result)
 
 
 def _exit_code(result: BatchResult) -> int:
-    return 0 if set(result["status"]) <= {"ok"} else 1
+    from vsr2.results import Status
+
+    return 0 if set(result["status"]) <= {Status.ok.name} else 1

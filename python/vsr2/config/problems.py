@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,7 +81,18 @@ def config_error(
 
 def problems_of(error: ValidationError, root: type[Section] = Study) -> list[Problem]:
     """Translate pydantic's report on a :class:`Study`, or on another `root` section."""
-    return [_translate(dict(entry), root) for entry in error.errors(include_url=False)]
+    return [
+        _translate(dict(entry), root)
+        for entry in error.errors(include_url=False)
+        if not _too_short_without_the_wrong(dict(entry))
+    ]
+
+
+def _too_short_without_the_wrong(entry: dict[str, Any]) -> bool:
+    """Whether a list is long enough, and pydantic counts only those of its items that are right."""
+    if entry["type"] != "too_short" or not isinstance(entry["input"], Sized):
+        return False
+    return len(entry["input"]) >= int(entry["ctx"]["min_length"])
 
 
 def _translate(entry: dict[str, Any], root: type[Section]) -> Problem:

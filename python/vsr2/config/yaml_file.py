@@ -148,27 +148,30 @@ def read_yaml(path: str | os.PathLike[str]) -> YamlDocument:
     try:
         content = read_bounded(path, MAX_BYTES, remedy=_NO_CONFIGURATION)
     except UnreadableError as error:
-        raise ConfigError(f"{label}: {error}") from None
+        raise ConfigError(str(error), file=label) from None
     return parse_yaml(content, label)
 
 
 def parse_yaml(content: bytes, label: str) -> YamlDocument:
     """As :func:`read_yaml`, for content already at hand; `label` names it in errors."""
     if len(content) > MAX_BYTES:
-        raise ConfigError(f"{label}: larger than {MAX_BYTES} bytes; {_NO_CONFIGURATION}")
+        raise ConfigError(f"larger than {MAX_BYTES} bytes; {_NO_CONFIGURATION}", file=label)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{label}: byte {content[error.start]:#04x} at offset {error.start} is not UTF-8; "
-            "give a text file saved as UTF-8"
+            f"byte {content[error.start]:#04x} at offset {error.start} is not UTF-8; "
+            "give a text file saved as UTF-8",
+            file=label,
         ) from None
     root = _composed(text, label)
     if root is None:
-        raise ConfigError(f"{label}: the file is empty; give a mapping of keys to values")
+        raise ConfigError("the file is empty; give a mapping of keys to values", file=label)
     if not isinstance(root, MappingNode):
         raise ConfigError(
-            f"{label}:{_line(root)}: the file holds no mapping; write it as `key: value` lines"
+            "the file holds no mapping; write it as `key: value` lines",
+            file=label,
+            line=_line(root),
         )
     builder = _Builder(label)
     data = builder.build(root, ())
@@ -203,22 +206,27 @@ def _composed(text: str, label: str) -> Node | None:
         return node
     except ReaderError as error:
         raise ConfigError(
-            f"{label}: character {error.position} ({error.character!r}) does not belong in a text "
-            "file; is it binary?"
+            f"character {error.position} ({error.character!r}) does not belong in a text "
+            "file; is it binary?",
+            file=label,
         ) from None
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        where = f"{label}:{mark.line + 1}" if mark else label
+        line = mark.line + 1 if mark else None
         if isinstance(error, MaxDepthExceededError):
-            raise ConfigError(f"{where}: nested deeper than {MAX_DEPTH}; flatten it") from None
+            raise ConfigError(
+                f"nested deeper than {MAX_DEPTH}; flatten it", file=label, line=line
+            ) from None
         if isinstance(error, _TooManyValuesError):
-            raise ConfigError(f"{where}: more than {MAX_VALUES} values; shorten it") from None
+            raise ConfigError(
+                f"more than {MAX_VALUES} values; shorten it", file=label, line=line
+            ) from None
         what = ", ".join(part for part in (error.context, error.problem) if part)
-        raise ConfigError(f"{where}: not valid YAML: {what}") from None
+        raise ConfigError(f"not valid YAML: {what}", file=label, line=line) from None
     except (YAMLError, ValueError, OverflowError) as error:
         # The scanner lets a few of these out, e.g. for an escape beyond Unicode.
-        where = f"{label}:{yaml.reader.line + 1}"
-        raise ConfigError(f"{where}: not valid YAML: {error}") from None
+        line = yaml.reader.line + 1
+        raise ConfigError(f"not valid YAML: {error}", file=label, line=line) from None
 
 
 def _line(node: Node) -> int:
@@ -308,7 +316,7 @@ class _Builder:
         )
 
     def _error(self, node: Node, what: str) -> ConfigError:
-        return ConfigError(f"{self._label}:{_line(node)}: {what}")
+        return ConfigError(what, file=self._label, line=_line(node))
 
 
 def _float(text: str) -> float:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from vsr2._native import Outcome
 from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.trial import Observation
@@ -53,4 +54,5 @@ class OutcomeRule(Effect):
             overturned = not overturned
         if overturned == observation.overturned:
             return observation
-        return replace(observation, outcome="overturned" if overturned else "rocked")
+        noted = Outcome.overturned if overturned else Outcome.rocked
+        return replace(observation, outcome=noted.name)

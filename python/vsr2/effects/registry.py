@@ -202,10 +202,12 @@ def _faults(own: Effect) -> Iterator[str]:
 
 
 def _load(module: str) -> ModuleType:
+    path = Path(module)
+    if path.suffix != ".py" and (path.exists() or "/" in module):
+        raise ConfigError(f"{module}: is no Python file; give a .py file or an importable name")
     try:
-        if not module.endswith(".py"):
+        if path.suffix != ".py":
             return importlib.import_module(module)
-        path = Path(module)
         spec = importlib.util.spec_from_file_location(f"vsr2_own_{path.stem}", path)
         if spec is None or spec.loader is None or not path.is_file():
             raise ConfigError(f"{module}: no such file")

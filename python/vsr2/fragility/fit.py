@@ -45,6 +45,10 @@ FALL = 0.05
 """A surface that falls by more than this as intensity rises gets a note."""
 SIGNIFICANT = 0.95
 """Curvature beyond this quantile of no curvature says that a lognormal curve does not fit."""
+FEWEST_LEVELS = 5
+"""Different intensities that tell a curvature: one more than the coefficients."""
+_ON_HULL = 1e-6
+"""Distance from the hull of the trials that counts as on it, in spreads of them."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +223,7 @@ class FragilityFit:
             return np.zeros(len(values), dtype=np.bool_)
         scaled = (values - self._center) / self._spread
         distance = scaled @ hull.equations[:, :-1].T + hull.equations[:, -1]
-        amid: NDArray[np.bool_] = distance.max(axis=1) <= 1e-6
+        amid: NDArray[np.bool_] = distance.max(axis=1) <= _ON_HULL
         return amid
 
     def grid(self, points: int) -> Array:
@@ -465,7 +469,7 @@ def _straight(
     from scipy.stats import chi2
 
     x = scaled[:, 0]
-    if np.unique(x).size < 5:
+    if np.unique(x).size < FEWEST_LEVELS:
         return True
     found = _fit(np.stack([np.ones_like(x), x, x**2, x**3], axis=1), truth, member, level)
     curved = found.mode[2:]

@@ -30,6 +30,10 @@ MEASURE_LABELS: dict[str, str] = {
 """Intensity measures as they stand on an axis."""
 
 
+MAX_PGA = 100.0
+"""Greatest PGA that recordings are scaled to [g]; more is a mistaken unit."""
+
+
 class Jitter(Section):
     """Standard deviations of the normal perturbations of each trial's start; 0: none."""
 
@@ -77,8 +81,12 @@ class FragilitySettings(Section):
             raise ValueError("surface: has no effect with one measure; name two, or remove it")
         if len(set(self.measures)) != len(self.measures):
             raise ValueError("measures: one is there twice")
-        if self.target_pga is not None and not all(0 < a <= 100 for a in self.target_pga):
-            raise ValueError("target_pga: must lie above 0 and at most at 100 g; check the unit")
+        for value in self.target_pga or ():
+            if not 0 < value <= MAX_PGA:
+                raise ValueError(
+                    f"target_pga: {value:g} is not above 0 and at most {MAX_PGA:g} g; check the "
+                    "unit"
+                )
         for key in ("target_pga", "azimuths"):
             values = getattr(self, key)
             if values is not None and len(set(values)) != len(values):

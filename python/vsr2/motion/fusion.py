@@ -440,7 +440,7 @@ def _both_channels(record: Record) -> tuple[Array, Array]:
     if record.displacement is None or record.acceleration is None:
         missing = "displacement" if record.displacement is None else "acceleration"
         raise MotionError(
-            f"{record.label}: has no {missing} channel, and fusing needs both; set motion.channel "
-            "to 'auto'"
+            f"{record.label}: has no {missing} channel, and fusing needs both; give a recording "
+            "with both, or drive by the channel 'auto'"
         )
     return record.displacement, record.acceleration

@@ -200,7 +200,7 @@ def channel_signal(record: Record, channel: str, baseline: int | None) -> Array:
     found: Array | None = getattr(record, channel)
     if found is None:
         raise MotionError(
-            f"{record.label}: has no {channel} channel; set motion.channel to "
+            f"{record.label}: has no {channel} channel; choose the channel "
             f"'{next(iter(record.channels))}' or 'auto'"
         )
     return found if baseline is None else remove_baseline(found, baseline, name=record.label)

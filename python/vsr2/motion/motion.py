@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
+from vsr2.read_only import ReadOnlyArrays, read_only
 
 if TYPE_CHECKING:
     from vsr2.motion.build import Recorded
@@ -20,11 +21,13 @@ Array = NDArray[np.float64]
 
 MAX_SAMPLES = 2_000_000
 """Most samples of a record or a motion (2000 s at 1 kHz): bounds memory before it is taken."""
+START_TOLERANCE = 1e-9
+"""Within which a motion starts at 0 [m] or [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
-class SideMotion:
-    """A motion of the pedestal beside that along x, sample for sample with it.
+class SideMotion(ReadOnlyArrays):
+    """A motion of the pedestal beside that along x, sample for sample with it; read-only.
 
     Attributes:
         displacement: shape (n,) [m], or a rotation [rad]; starts at 0.
@@ -39,7 +42,7 @@ SIDES = ("transverse", "vertical", "pitch")
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(ReadOnlyArrays):
     """A pedestal motion along x, sampled at the simulation's time step.
 
     Attributes:
@@ -60,7 +63,7 @@ class Motion:
         recorded: the record and the choices it was built from; None where the samples no longer
             follow from a record.
 
-    The arrays are copies and read-only.
+    The arrays are read-only. Motions are equal where name, kind and samples are.
 
     Raises:
         MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
@@ -92,7 +95,7 @@ class Motion:
                 f"{self.displacement.size}, {self.velocity.size} and {self.acceleration.size} "
                 "samples; they must have the same number"
             )
-        if abs(self.displacement[0]) > 1e-9:
+        if abs(self.displacement[0]) > START_TOLERANCE:
             raise MotionError(
                 f"motion {self.name!r}: starts at {self.displacement[0]:g} m; the pedestal starts "
                 "at 0, so subtract the first value"
@@ -100,14 +103,13 @@ class Motion:
         for side in SIDES:
             object.__setattr__(self, side, self._checked_side(side))
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        # Pickling and copying keep the samples but not that they are read-only.
-        self.__dict__.update(state)
-        for signal in (self, *self.sides.values()):
-            if signal is not None:
-                signal.displacement.setflags(write=False)
-                signal.velocity.setflags(write=False)
-        self.acceleration.setflags(write=False)
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Motion):
+            return NotImplemented
+        return (self.sha256, self.name, self.kind) == (other.sha256, other.name, other.kind)
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
 
     def _checked_side(self, side: str) -> SideMotion | None:
         given: SideMotion | None = getattr(self, side)
@@ -120,7 +122,7 @@ class Motion:
                 f"motion {self.name!r}: {side} has {displacement.size} and {velocity.size} "
                 f"samples, the motion along x {self.displacement.size}; they must be equal"
             )
-        if abs(displacement[0]) > 1e-9:
+        if abs(displacement[0]) > START_TOLERANCE:
             raise MotionError(
                 f"motion {self.name!r}: {side} starts at {displacement[0]:g}, not at 0; subtract "
                 "the first value"
@@ -232,26 +234,27 @@ class Motion:
             )
 
 
-def samples_of(given: Any, what: str, *, fewest: int) -> Array:
-    """A read-only copy of `given`, shape (n,).
+def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:
+    """`given` as a read-only array of shape (n,), copied where it can be written to.
 
     Args:
         given: what should be samples.
         what: names it in errors.
         fewest: samples.
+        file: that errors name.
 
     Raises:
         MotionError: no array of numbers, or not of one dimension and `fewest` to `MAX_SAMPLES`.
     """
     try:
-        value = np.array(given, dtype=np.float64)
+        value = read_only(np.asarray(given, dtype=np.float64, order="C"))
     except (TypeError, ValueError) as error:
-        raise MotionError(f"{what} is not an array of numbers ({error})") from None
-    value.setflags(write=False)
+        raise MotionError(f"{what} is not an array of numbers ({error})", file=file) from None
     if value.ndim != 1 or not fewest <= value.size <= MAX_SAMPLES:
         raise MotionError(
             f"{what} has shape {value.shape}; it needs one dimension and {fewest} to "
-            f"{MAX_SAMPLES} samples"
+            f"{MAX_SAMPLES} samples",
+            file=file,
         )
     return value
 

@@ -13,6 +13,7 @@ from vsr2.errors import MotionError
 from vsr2.motion.motion import Array, samples_of
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 from vsr2.motion.units import Quantity
+from vsr2.read_only import ReadOnlyArrays
 
 MAX_DISPLACEMENT = 1000.0
 """[m]; more is a mistaken unit."""
@@ -25,7 +26,7 @@ MIN_INTERVAL, MAX_INTERVAL = 1.0e-6, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Record:
+class Record(ReadOnlyArrays):
     """A recorded horizontal motion at its own sampling interval.
 
     Attributes:
@@ -55,8 +56,9 @@ class Record:
     def __post_init__(self) -> None:
         if not MIN_INTERVAL <= self.sample_interval <= MAX_INTERVAL:
             raise MotionError(
-                f"{self.label}: sampling interval {self.sample_interval:g} s lies outside "
-                f"{MIN_INTERVAL:g} to {MAX_INTERVAL:g} s; check the unit of time"
+                f"sampling interval {self.sample_interval:g} s lies outside "
+                f"{MIN_INTERVAL:g} to {MAX_INTERVAL:g} s; check the unit of time",
+                file=self.label,
             )
         sizes = {}
         for field, unit, limit in (
@@ -70,22 +72,22 @@ class Record:
                 sizes[field] = value.size
         if not sizes:
             raise MotionError(
-                f"{self.label}: has neither displacement nor acceleration nor velocity"
+                "has neither displacement nor acceleration nor velocity", file=self.label
             )
         if len(set(sizes.values())) > 1:
             counts = ", ".join(f"{field} has {size} samples" for field, size in sizes.items())
-            raise MotionError(f"{self.label}: {counts}; they must have the same number")
+            raise MotionError(f"{counts}; they must have the same number", file=self.label)
 
     def _checked(self, field: str, unit: str, limit: float) -> Array:
-        what = f"{self.label}: {field}"
-        value = samples_of(getattr(self, field), what, fewest=MIN_RECORD_SAMPLES)
+        value = samples_of(getattr(self, field), field, fewest=MIN_RECORD_SAMPLES, file=self.label)
         bad = np.flatnonzero(~(np.abs(value) <= limit))
         if bad.size:
             remedy = "check the unit" if np.isfinite(value[bad[0]]) else "repair or cut the record"
             raise MotionError(
-                f"{self.label}: {field} is {value[bad[0]]:g} {unit} at sample {bad[0]} "
+                f"{field} is {value[bad[0]]:g} {unit} at sample {bad[0]} "
                 f"(t = {bad[0] * self.sample_interval:g} s), beyond {limit:g} {unit}; {bad.size} "
-                f"such samples; {remedy}"
+                f"such samples; {remedy}",
+                file=self.label,
             )
         return value
 

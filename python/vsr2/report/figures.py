@@ -13,7 +13,7 @@ from vsr2.errors import ResultError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.panels import legend_below, scale_where_wide, sheet
 from vsr2.report.text import printable
-from vsr2.results import OUTCOMES, BatchResult, TrialLog
+from vsr2.results import OUTCOMES, BatchResult, Outcome, TrialLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,12 +25,12 @@ BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE, GREY = (
 )  # fmt: skip
 
 OUTCOME_STYLE: dict[str, dict[str, Any]] = {
-    "stable": {"marker": "o", "facecolor": "none", "edgecolor": GREY},
-    "rocked": {"marker": "o", "facecolor": SKY, "edgecolor": BLUE},
-    "slid": {"marker": "s", "facecolor": GREEN, "edgecolor": "white"},
-    "rotated": {"marker": "D", "facecolor": ORANGE, "edgecolor": "white"},
-    "overturned": {"marker": "^", "facecolor": VERMILION, "edgecolor": "white"},
-    "failed": {"marker": "x", "facecolor": BLACK},
+    Outcome.stable.name: {"marker": "o", "facecolor": "none", "edgecolor": GREY},
+    Outcome.rocked.name: {"marker": "o", "facecolor": SKY, "edgecolor": BLUE},
+    Outcome.slid.name: {"marker": "s", "facecolor": GREEN, "edgecolor": "white"},
+    Outcome.rotated.name: {"marker": "D", "facecolor": ORANGE, "edgecolor": "white"},
+    Outcome.overturned.name: {"marker": "^", "facecolor": VERMILION, "edgecolor": "white"},
+    Outcome.failed.name: {"marker": "x", "facecolor": BLACK},
 }
 """Marker and colour of each outcome; the shape alone tells it in print without colour."""
 
@@ -109,7 +109,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
                 ratio[chosen],
                 pga[chosen],
                 s=size,
-                linewidth=1.2 if outcome in ("stable", "failed") else 0.5,
+                linewidth=1.2 if outcome in (Outcome.stable.name, Outcome.failed.name) else 0.5,
                 label=f"{outcome} ({chosen.sum()})",
                 zorder=2.0 + 0.1 * OUTCOMES.index(outcome),
                 **OUTCOME_STYLE[outcome],

@@ -14,6 +14,7 @@ from vsr2 import _native
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.errors import ResultError
+from vsr2.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
     import xarray
@@ -88,7 +89,7 @@ def rotate(q: Array, v: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class TrialLog:
+class TrialLog(ReadOnlyArrays):
     """The logged response of one trial, measured or simulated.
 
     Attributes:
@@ -161,12 +162,6 @@ class TrialLog:
         if name not in STATE_COLUMNS:
             raise ResultError(f"no column {name!r}; known: {', '.join(STATE_COLUMNS)}")
         return self.state[:, STATE_COLUMNS.index(name)]
-
-    def __setstate__(self, state: dict[str, Array]) -> None:
-        # Pickling and copying keep the arrays but not that they are read-only.
-        self.__dict__.update(state)
-        for array in state.values():
-            array.setflags(write=False)
 
     @property
     def time(self) -> Array:
@@ -313,7 +308,7 @@ class BatchResult:
     """Outcomes, logs and provenance of a batch.
 
     Attributes:
-        trials: columns TRIAL_COLUMNS, each of shape (trials,); strings as object arrays.
+        trials: columns TRIAL_COLUMNS, each of shape (trials,), read-only; strings as object arrays.
         logs: one per trial; None where nothing was logged.
         provenance: study, versions, build facts, hashes, seeds, wall time (JSON-serialisable).
 
@@ -338,6 +333,14 @@ class BatchResult:
                     f"batch result: column {name} has shape {np.shape(column)} for "
                     f"{len(self.logs)} trials"
                 )
+        columns = {name: np.asarray(column).view() for name, column in self.trials.items()}
+        self.__setstate__({"trials": columns})
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        # numpy forgets in pickles and copies that an array is read-only.
+        self.__dict__.update(state)
+        for column in self.trials.values():
+            column.setflags(write=False)
 
     def __len__(self) -> int:
         return len(self.logs)

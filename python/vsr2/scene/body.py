@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.read_only import ReadOnlyArrays
+
 Array = NDArray[np.float64]
 
 
@@ -18,10 +20,13 @@ class Pose:
     position: tuple[float, float, float]
     orientation: tuple[float, float, float, float]
 
+    def __post_init__(self) -> None:
+        _keep_tuples(self, "position", "orientation")
+
 
 @dataclass(frozen=True, eq=False)
-class MassProperties:
-    """Mass properties of a rigid body.
+class MassProperties(ReadOnlyArrays):
+    """Mass properties of a rigid body; its arrays are read-only.
 
     Attributes:
         mass: [kg].
@@ -37,8 +42,8 @@ class MassProperties:
 
 
 @dataclass(frozen=True, eq=False)
-class Hull:
-    """One convex collision part: points in the model frame, shape (k, 3) [m]."""
+class Hull(ReadOnlyArrays):
+    """One convex collision part: points in the model frame, shape (k, 3) [m], read-only."""
 
     points: Array
 
@@ -57,10 +62,13 @@ class Box:
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
+    def __post_init__(self) -> None:
+        _keep_tuples(self, "size", "center", "orientation")
+
 
 @dataclass(frozen=True, eq=False)
-class Triangles:
-    """An exact surface: vertices (n, 3) [m] and triangles (m, 3) of vertex indices."""
+class Triangles(ReadOnlyArrays):
+    """An exact surface: vertices (n, 3) [m], triangles (m, 3) of vertex indices; read-only."""
 
     vertices: Array
     faces: NDArray[np.int32]
@@ -84,6 +92,9 @@ class RockBody:
     sha256: str = ""
     notes: tuple[str, ...] = field(default=())
     """What a repair changed, or other things the user should know."""
+
+    def __post_init__(self) -> None:
+        _keep_tuples(self, "parts", "notes")
 
 
 @dataclass(frozen=True)
@@ -135,3 +146,15 @@ class PedestalBody:
     pitch_pivot: float | None = None
     pitch_spring: PitchSpring | None = None
     slope: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        _keep_tuples(self, "parts", "origin", "base_size", "slope")
+
+
+def _keep_tuples(value: object, *names: str) -> None:
+    """Turn what was given in place of a tuple, such as an array, into one."""
+    for name in names:
+        given = getattr(value, name)
+        if not isinstance(given, tuple):
+            plain = given.tolist() if isinstance(given, np.ndarray) else given
+            object.__setattr__(value, name, tuple(plain))

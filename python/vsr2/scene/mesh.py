@@ -124,7 +124,7 @@ def load_mesh(
 def _check_scale(path: Path, scale: Scale) -> Array:
     factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
     if not (np.isfinite(factors).all() and (factors > 0).all()):
-        raise GeometryError(f"{path}: scale {scale} must be positive and finite")
+        raise GeometryError(f"scale {scale} must be positive and finite", file=path)
     return factors
 
 
@@ -133,14 +133,16 @@ def _check_vertices(path: Path, vertices: Array) -> None:
     extent = float((high - low).max())
     if not extent <= MAX_EXTENT or not max(-low.min(), high.max()) <= 1e3 * MAX_EXTENT:
         raise GeometryError(
-            f"{path}: the mesh spans {extent:.6g} m between {low.tolist()} and {high.tolist()}; "
+            f"the mesh spans {extent:.6g} m between {low.tolist()} and {high.tolist()}; "
             f"more than {MAX_EXTENT:g} m is a mistake in the unit (millimetres: `scale: 0.001`) or "
-            "in the origin (move map coordinates close to 0)"
+            "in the origin (move map coordinates close to 0)",
+            file=path,
         )
     if extent < MIN_EXTENT:
         raise GeometryError(
-            f"{path}: the mesh spans {extent:.6g} m; less than {MIN_EXTENT:g} m is a mistake in "
-            "the unit; set `scale`"
+            f"the mesh spans {extent:.6g} m; less than {MIN_EXTENT:g} m is a mistake in "
+            "the unit; set `scale`",
+            file=path,
         )
 
 

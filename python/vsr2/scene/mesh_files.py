@@ -70,21 +70,23 @@ def read_mesh_file(path: Path, data: bytes) -> MeshFile:
         raw = _read_by_trimesh(path, data)
     else:
         raise GeometryError(
-            f"{path}: meshes of type {suffix or '(no suffix)'} are not read; "
-            "convert to .obj, .stl or .ply"
+            f"meshes of type {suffix or '(no suffix)'} are not read; convert to .obj, .stl or .ply",
+            file=path,
         )
     if len(raw.faces) == 0:
         raise GeometryError(
-            f"{path}: no faces in the file ({len(raw.vertices)} vertices); a point cloud must be "
-            "meshed first (MeshLab: Screened Poisson)"
+            f"no faces in the file ({len(raw.vertices)} vertices); a point cloud must be "
+            "meshed first (MeshLab: Screened Poisson)",
+            file=path,
         )
     _check_face_count(path, len(raw.faces))
     low, high = int(raw.faces.min()), int(raw.faces.max())
     if low < 0 or high >= len(raw.vertices):
         row = int(np.flatnonzero((raw.faces < 0) | (raw.faces >= len(raw.vertices)))[0]) // 3
         raise GeometryError(
-            f"{path}: triangle {row + 1} refers to a vertex outside the "
-            f"{len(raw.vertices)} vertices of the file; the file is damaged, export it again"
+            f"triangle {row + 1} refers to a vertex outside the "
+            f"{len(raw.vertices)} vertices of the file; the file is damaged, export it again",
+            file=path,
         )
     _check_finite(path, raw.vertices)
     return raw
@@ -99,23 +101,24 @@ def bytes_of(path: Path, limit: int) -> bytes:
     try:
         data = read_bounded(path, limit, remedy="reduce it (a rock needs a few thousand faces)")
     except UnreadableError as error:
-        raise GeometryError(f"{path}: {error}") from None
+        raise GeometryError(str(error), file=path) from None
     if not data.strip():
-        raise GeometryError(f"{path}: the file is empty; export the mesh again")
+        raise GeometryError("the file is empty; export the mesh again", file=path)
     return data
 
 
 def _check_face_count(path: Path, count: int) -> None:
     if count > MAX_FACES:
         raise GeometryError(
-            f"{path}: more than {MAX_FACES / 1e6:g} million faces; reduce the mesh "
-            "(MeshLab: Quadric Edge Collapse Decimation)"
+            f"more than {MAX_FACES / 1e6:g} million faces; reduce the mesh "
+            "(MeshLab: Quadric Edge Collapse Decimation)",
+            file=path,
         )
 
 
 def _read_obj(path: Path, data: bytes) -> MeshFile:
     if b"\0" in data:
-        raise GeometryError(f"{path}: not a text file, so not an OBJ; export the mesh again")
+        raise GeometryError("not a text file, so not an OBJ; export the mesh again", file=path)
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     if b"\\\n" in data:
@@ -153,7 +156,7 @@ def _read_obj(path: Path, data: bytes) -> MeshFile:
                 starts.append(len(corners) // 3)
     except (ValueError, OverflowError) as error:
         raise GeometryError(
-            f"{path}: line {number}: {_shown(line)}: {error}; not a valid OBJ, export it again"
+            f"line {number}: {_shown(line)}: {error}; not a valid OBJ, export it again", file=path
         ) from error
     spans = pairwise([*starts, len(corners) // 3])
     return MeshFile(
@@ -185,8 +188,9 @@ def _check_stl(path: Path, data: bytes) -> None:
     text = data.lower()
     if not text.lstrip().startswith(b"solid"):
         raise GeometryError(
-            f"{path}: not a valid STL: it does not begin with 'solid', and a binary file of "
-            f"{count} facets has {84 + 50 * count} bytes, not {len(data)}; export it again"
+            f"not a valid STL: it does not begin with 'solid', and a binary file of "
+            f"{count} facets has {84 + 50 * count} bytes, not {len(data)}; export it again",
+            file=path,
         )
     *facets, rest = (len(_STL_VERTEX.findall(facet)) for facet in text.split(b"endloop"))
     wrong = next((i for i, corners in enumerate(facets, 1) if corners != 3), None)
@@ -196,19 +200,20 @@ def _check_stl(path: Path, data: bytes) -> None:
             if wrong is None
             else (f"facet {wrong} has {facets[wrong - 1]} vertices, not three")
         )
-        raise GeometryError(f"{path}: {fault}; not a valid STL, export it again")
+        raise GeometryError(f"{fault}; not a valid STL, export it again", file=path)
 
 
 def _check_ply_header(path: Path, data: bytes) -> None:
     """Refuse counts that cannot be true before a reader takes memory for them."""
     header = data[: data.find(b"end_header")] if b"end_header" in data[:100_000] else b""
     if not data.startswith(b"ply") or not header:
-        raise GeometryError(f"{path}: no PLY header; not a valid PLY, export it again")
+        raise GeometryError("no PLY header; not a valid PLY, export it again", file=path)
     for kind, count in re.findall(rb"element[ \t]+(\w+)[ \t]+(\d+)", header):
         if len(count) > 12 or int(count) > len(data):
             raise GeometryError(
-                f"{path}: the header promises {count[:20].decode()} of {kind.decode()!r}, more "
-                f"than a file of {len(data)} bytes can hold; export it again"
+                f"the header promises {count[:20].decode()} of {kind.decode()!r}, more "
+                f"than a file of {len(data)} bytes can hold; export it again",
+                file=path,
             )
         if kind == b"face":
             _check_face_count(path, int(count))
@@ -232,7 +237,7 @@ def _read_by_trimesh(path: Path, data: bytes) -> MeshFile:
     except Exception as error:  # a reader of others may raise anything on broken bytes
         reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
         raise GeometryError(
-            f"{path}: not a valid {kind.upper()} ({reason}); export it again"
+            f"not a valid {kind.upper()} ({reason}); export it again", file=path
         ) from error
     return MeshFile(vertices, faces, ((0, len(faces)),))
 
@@ -242,6 +247,7 @@ def _check_finite(path: Path, vertices: Array) -> None:
     bad = np.flatnonzero(~(np.abs(vertices) < MAX_COORDINATE).all(axis=1))
     if bad.size:
         raise GeometryError(
-            f"{path}: vertex {bad[0] + 1} is {vertices[bad[0]].tolist()}; {bad.size} of "
-            f"{len(vertices)} vertices are not finite; remove them or export the mesh again"
+            f"vertex {bad[0] + 1} is {vertices[bad[0]].tolist()}; {bad.size} of "
+            f"{len(vertices)} vertices are not finite; remove them or export the mesh again",
+            file=path,
         )

@@ -35,7 +35,7 @@ def check_faces_left(path: Path, faces: IntArray) -> None:
         GeometryError: there is none.
     """
     if len(faces) == 0:
-        raise GeometryError(f"{path}: all faces are without area; export the mesh again")
+        raise GeometryError("all faces are without area; export the mesh again", file=path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,32 +111,36 @@ def check_solid(path: Path, vertices: Array, faces: IntArray, *, repaired: bool)
     if len(edges.open) or edges.crowded:
         crowded = f" and {edges.crowded} edges of more than two faces" if edges.crowded else ""
         raise GeometryError(
-            f"{path}: not watertight: {len(edges.open)} open edges in {edges.holes} holes"
-            f"{crowded}; mass centre and inertia need a closed surface; {remedy}"
+            f"not watertight: {len(edges.open)} open edges in {edges.holes} holes"
+            f"{crowded}; mass centre and inertia need a closed surface; {remedy}",
+            file=path,
         )
     if edges.bodies > 1:
         shares = np.sort(np.bincount(edges.body))[::-1]
         raise GeometryError(
-            f"{path}: {edges.bodies} separate bodies ({', '.join(map(str, shares[:4]))} faces ...);"
+            f"{edges.bodies} separate bodies ({', '.join(map(str, shares[:4]))} faces ...);"
             " a rock is one body; keep one in a mesh editor, or export parts joined "
-            f"(`repair: true` drops parts under {FRAGMENT_AREA:.0%} of the surface)"
+            f"(`repair: true` drops parts under {FRAGMENT_AREA:.0%} of the surface)",
+            file=path,
         )
     if edges.twisted:
         raise GeometryError(
-            f"{path}: neighbouring faces disagree about outside and inside at {edges.twisted} "
-            "edges; set `repair: true`, or recompute normals (Blender: Recalculate Outside)"
+            f"neighbouring faces disagree about outside and inside at {edges.twisted} "
+            "edges; set `repair: true`, or recompute normals (Blender: Recalculate Outside)",
+            file=path,
         )
     volume = signed_volume(vertices, faces)
     # A flat surface folded on itself has a volume of rounding errors of this order.
     smallest = 1e-12 * float(np.prod(np.maximum(np.ptp(vertices, axis=0), MIN_EXTENT)))
     if abs(volume) <= smallest:
         raise GeometryError(
-            f"{path}: the volume is {volume:g} m^3; a rock needs a solid body, not a sheet"
+            f"the volume is {volume:g} m^3; a rock needs a solid body, not a sheet", file=path
         )
     if volume < 0:
         raise GeometryError(
-            f"{path}: the volume is negative ({volume:g} m^3): all faces point inwards; "
-            "set `repair: true`, or flip the normals (Blender: Mesh > Normals > Flip)"
+            f"the volume is negative ({volume:g} m^3): all faces point inwards; "
+            "set `repair: true`, or flip the normals (Blender: Mesh > Normals > Flip)",
+            file=path,
         )
 
 
@@ -192,8 +196,9 @@ def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, In
     # Counted before it is listed: a crowd within the tolerance has quadratically many pairs.
     if tree.count_neighbors(tree, tolerance) > 20 * len(vertices):
         raise GeometryError(
-            f"{path}: cannot be repaired: most vertices lie closer together than "
-            f"{tolerance:g} m; remove the far-off vertices in a mesh editor"
+            f"cannot be repaired: most vertices lie closer together than "
+            f"{tolerance:g} m; remove the far-off vertices in a mesh editor",
+            file=path,
         )
     pairs = tree.query_pairs(tolerance, output_type="ndarray")
     if len(pairs) == 0:

@@ -19,8 +19,9 @@ from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_fro
 class Scene:
     """A rock on a pedestal with its engine settings.
 
-    It is a description: it can be copied, pickled and sent to another machine. The native core's
-    own scene is built from it where trials are run.
+    It is a description: it can be copied, pickled and sent to another machine, and its arrays are
+    read-only. The native core's own scene is built from it where trials are run. Scenes are equal
+    where content and start pose are; names and sources do not count.
 
     Attributes:
         rock, pedestal: the bodies; `rock.start` is where trials begin that name no start.
@@ -34,6 +35,14 @@ class Scene:
     engine: Engine
     contact: Contact
     mechanisms: Mechanisms = field(default_factory=Mechanisms)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scene):
+            return NotImplemented
+        return (self.sha256, self.rock.start) == (other.sha256, other.rock.start)
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
 
     @cached_property
     def sha256(self) -> str:

@@ -379,68 +379,6 @@ def _upright(first: Quaternion, second: Quaternion) -> float:
     return float(matrix_from_quaternion(first)[2] @ matrix_from_quaternion(second)[2])
 
 
-def format_inertia(summary: dict[str, Any]) -> str:
-    """A summary of :func:`inertia_summary` as text for people."""
-
-    def row(values: Sequence[float], form: str = ".6g") -> str:
-        return ", ".join(format(value, form) for value in values)
-
-    lines = [
-        summary["file"],
-        f"  sha256          {summary['sha256']}",
-        f"  mesh            {summary['vertices']} vertices, {summary['faces']} faces, "
-        f"{summary['hull_vertices']} on the convex hull",
-        f"  extents         {row(summary['extents_m'])} m",
-    ]
-    if summary["volume_m3"] is not None:
-        lines += [
-            f"  volume          {summary['volume_m3']:.6g} m^3 "
-            f"({summary['volume_m3'] / summary['hull_volume_m3']:.1%} of its convex hull)",
-            f"  density         {summary['density_kg_m3']:.6g} kg/m^3"
-            + (" (assumed; give --density or --mass)" if summary["density_assumed"] else ""),
-        ]
-    lines += [
-        f"  mass            {summary['mass_kg']:.6g} kg",
-        f"  mass centre     {row(summary['mass_center_m'])} m (model frame)",
-        f"  inertia         {row(summary['principal_inertia_kg_m2'])} kg m^2 (principal, about "
-        "the mass centre)",
-        "  principal axes  (columns, in the model frame)",
-        *(f"                  {row(line, '9.6f')}" for line in summary["principal_axes"]),
-        f"  bounding box    {row(summary['bounding_box_inertia_kg_m2'])} kg m^2 "
-        "(the rule `inertia: aabb`, margins left out)",
-        *(f"  note: {note}" for note in summary["notes"]),
-        "",
-        "Stable poses on a horizontal plane, most probable first",
-        "  probability  height of mass centre [m]  smallest slenderness [rad] at [deg]  "
-        "orientation x, y, z, w",
-    ]
-    lines += [
-        f"  {pose['probability']:11.3f}  {pose['height']:25.4f}  "
-        f"{pose['min_slenderness']:26.4f} {pose['weakest_azimuth']:8.1f}  "
-        f"{row(pose['orientation'], '.6f')}"
-        for pose in summary["stable_poses"]
-    ]
-    where = (
-        "in the given orientation"
-        if summary["slenderness_as_given"]
-        else "in the stable pose nearest to upright"
-    )
-    lines += [
-        "",
-        f"Slenderness by azimuth (anticlockwise from x) {where}, orientation "
-        f"{row(summary['slenderness_orientation'], '.6f')}",
-        "  azimuth [deg]  alpha [rad]  g tan(alpha) [g]  distance [m]   R [m]  p [rad/s]",
-    ]
-    lines += [
-        f"  {item['azimuth']:13.1f}  {item['alpha']:11.4f}  {math.tan(item['alpha']):16.4f}  "
-        f"{item['distance']:12.4f}  {item['radius']:6.4f}  {item['frequency_parameter']:9.4f}"
-        for item in summary["slenderness"]
-    ]
-    if not summary["slenderness"]:
-        lines.append("  stands in none of the poses: the mass centre is outside every support")
-    return "\n".join(lines)
-
-
 def start_support(body: RockBody, *, tolerance: float = SUPPORT_TOLERANCE) -> Support:
     """Support polygon of a rock in its start orientation; see :func:`support_polygon`."""
     return support_polygon(

@@ -31,6 +31,8 @@ from vsr2.results import (
     TRIAL_COLUMNS,
     BatchResult,
     Journal,
+    Outcome,
+    Status,
     TrialLog,
     base_provenance,
     load_trial_log,
@@ -101,6 +103,11 @@ def run_batch(
     started = time.time()
     study = load_study(trials) if isinstance(trials, (str, PathLike)) else trials
     trials = study_trials(study) if isinstance(study, Study) else study
+    if not hasattr(trials, "__len__"):
+        raise SimulationError(
+            f"the batch is a {type(trials).__name__}; give a Study, the path of one, or a list of "
+            "trials"
+        )
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
     check_trials(trials)
@@ -204,7 +211,7 @@ class _Collection:
         if self._journal is None:
             if self._keep_logs:
                 self.logs[i] = log
-        elif self.columns["status"][i] != "cancelled":
+        elif self.columns["status"][i] != Status.cancelled.name:
             if log is not None:
                 save_trial_log(self._folder, i, log, npy=self._trials[i].output.npy)
             self._journal.record(
@@ -217,7 +224,7 @@ class _Collection:
 def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
     """The row of a trial as it is written down: with the effects on its outcome."""
     rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
-    if not rules or row["outcome"] == "failed":
+    if not rules or row["outcome"] == Outcome.failed.name:
         return row
     observation = Observation(**{key: row[key] for key in OBSERVED})
     for rule in rules:
@@ -235,8 +242,8 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
             columns[name] = np.zeros(count, dtype=np.int64)
         else:
             columns[name] = np.full(count, np.nan)
-    columns["status"][:] = "not_run"
-    columns["outcome"][:] = "failed"
+    columns["status"][:] = Status.not_run.name
+    columns["outcome"][:] = Outcome.failed.name
     for i, trial in enumerate(trials):
         columns["trial"][i] = i
         columns["name"][i] = trial.label

@@ -23,7 +23,7 @@ from vsr2.config.study import (
 from vsr2.effects import Bench, Effect, Response, with_effects
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
-from vsr2.results import JUDGED, TrialLog
+from vsr2.results import JUDGED, Outcome, TrialLog
 from vsr2.scene import (
     Box,
     Hull,
@@ -173,7 +173,9 @@ class EffectBench(Bench):
             tilt=tilts,
             pedestal=np.zeros(len(rows)),
             pitch=np.array(pitch),
-            observation=Observation("rocked", float(tilts.max()), float(tilts[-1]), 0.0, 0.0),
+            observation=Observation(
+                Outcome.rocked.name, float(tilts.max()), float(tilts[-1]), 0.0, 0.0
+            ),
         )
 
 

@@ -1,7 +1,8 @@
-"""Three checks of an effect: neutral, alive, right.
+"""Four checks of an effect: neutral, continuous, alive, right.
 
-- Neutral: at its null value a trial is the same as without it, to the last bit; and 1e-8 of its
-  prior beside null responses change by no more than chance does, unless it declares a jump.
+- Neutral: at its null value a trial is the same as without it, to the last bit.
+- Continuous: 1e-8 of its prior beside null responses change by no more than chance does, unless it
+  declares a jump.
 - Alive: at the far end of its prior it changes the distribution of responses by more than the noise
   floor, on a block and on a rock with the hull of a scan. The floor is what perturbing the start,
   and the points of a hull, by some micrometres does: a hull's contacts depend on the order of its
@@ -22,14 +23,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2 import _native
+from vsr2._native import FastRefusal
 from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, with_effects
 from vsr2.effects.registry import BUILT_IN
 from vsr2.effects.standing import settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
-from vsr2.results import JUDGED, BatchResult
+from vsr2.results import JUDGED, BatchResult, Outcome
 from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import run_batch
@@ -118,7 +119,7 @@ class EffectReport:
         alive: by rock.
         right: its closed forms; None: it is of the library, whose closed forms are outside the
             package.
-        fast: why the engine `fast` does not take it on the block; empty: it does.
+        fast_refusal: why the engine `fast` does not take it on the block; `none`: it does.
     """
 
     effect: Effect
@@ -126,7 +127,12 @@ class EffectReport:
     step: dict[Rock, Liveness]
     alive: dict[Rock, Liveness]
     right: tuple[Check, ...] | None
-    fast: str
+    fast_refusal: FastRefusal
+
+    @property
+    def fast(self) -> bool:
+        """Whether the engine `fast` takes it on the block."""
+        return self.fast_refusal is FastRefusal.none
 
     @property
     def is_continuous(self) -> bool:
@@ -147,7 +153,7 @@ class EffectReport:
 
     @property
     def good(self) -> bool:
-        """Passes all three."""
+        """Passes all four."""
         return self.neutral and self.is_continuous and self.is_alive and self.is_right
 
 
@@ -166,7 +172,7 @@ class EffectChecker:
         self._plain: dict[Rock, tuple[list[Trial], Array, Array]] = {}
 
     def check(self, effect: Effect) -> EffectReport:
-        """All three checks of an effect.
+        """All four checks of an effect.
 
         Raises:
             SimulationError: a hook of the effect fails; names it.
@@ -177,11 +183,11 @@ class EffectChecker:
             step = {} if effect.jump else self.step(effect)
         with _naming(effect, "at the far end of its prior"):
             alive = {rock: self.alive(effect, rock) for rock in ROCKS}
-            fast = self.fast(effect)
+            refusal = self.fast_refusal(effect)
         built_in = any(type(effect) is type(one) for one in BUILT_IN)
         with _naming(effect, "in `verify`"):
             right = None if built_in else tuple(effect.verify(self.bench))
-        return EffectReport(effect, neutral, step, alive, right, fast)
+        return EffectReport(effect, neutral, step, alive, right, refusal)
 
     def neutral(self, effect: Effect) -> bool:
         """Whether trials with the null values are the same to the last bit, on both rocks."""
@@ -216,11 +222,11 @@ class EffectChecker:
         most = int(np.argmax(ratios.max(axis=0)))
         return Liveness(float(ratios.max()), list(FEATURES)[most])
 
-    def fast(self, effect: Effect) -> str:
+    def fast_refusal(self, effect: Effect) -> FastRefusal:
         """Why `fast` does not take the block with the effect at its prior's far end."""
         trial = replace(self.bench.block(), motion=self.bench.pulse(4.0, 2.0))
         changed = with_effects([trial], [(effect, effect.extreme())], orders=[1.0])[0]
-        return _native.describe(native_scene(changed.scene).fast_refusal)
+        return native_scene(changed.scene).fast_refusal
 
     def standing(self, rock: Rock) -> Trial:
         """The block or the scan on the engine that studies get."""
@@ -344,7 +350,7 @@ def _least_overturning(trial: Trial, turn: float, lifting: float, frequency: flo
         middle = 0.5 * (low + high)
         motion = bench.pulse(math.exp(middle), frequency)
         found = run_batch([replace(first, motion=motion) for first in firsts], threads=1)
-        fell = 2 * int((found["outcome"] == "overturned").sum()) > JURY
+        fell = 2 * int((found["outcome"] == Outcome.overturned.name).sum()) > JURY
         low, high = (low, middle) if fell else (middle, high)
     return math.exp(0.5 * (low + high))
 
@@ -427,7 +433,7 @@ def _features(result: BatchResult) -> Array:
             "the rock comes to rest before the motion"
         )
     peak, yaw, slip = (result[name] for name in ("peak_tilt", "final_yaw", "final_slip"))
-    overturned = result["outcome"] == "overturned"
+    overturned = result["outcome"] == Outcome.overturned.name
     found = np.column_stack([np.log10(np.clip(peak, 1e-5, 1.4)), yaw, slip, overturned])
     # Where a rock lies after overturning tells nothing.
     found[overturned, 1:3] = np.nan

@@ -11,7 +11,7 @@ import numpy as np
 from vsr2 import _native
 from vsr2.config.study import Settling
 from vsr2.motion import Motion
-from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, TrialLog
+from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, Outcome, Status, TrialLog
 from vsr2.scene import Pose
 from vsr2.simulation.planning import log_bytes
 from vsr2.simulation.scene import native_scene
@@ -134,7 +134,7 @@ def failed_row(trial: Trial, message: str) -> dict[str, Any]:
     """The row of a trial that could not be run to an end of its own, with status `error`."""
     engine = native_scene(trial.scene).engine.name
     facts = {"message": message, "engine": engine, "hand_over": NO_HAND_OVER}
-    codes = {"status": "error", "outcome": "failed", "steps": 0}
+    codes = {"status": Status.error.name, "outcome": Outcome.failed.name, "steps": 0}
     return dict.fromkeys(FLOAT_COLUMNS, np.nan) | facts | codes
 
 

@@ -77,10 +77,17 @@ def check_trials(trials: Sequence[Trial]) -> None:
     """Refuse what cannot be run, before any trial runs.
 
     Raises:
-        SimulationError: a scene that no engine can use, a motion of another time step than its
-            scene's, a motor asked to drive a motion beside x or a pedestal that pitches on a
-            spring, a motion that pitches such a pedestal, or a log that could outgrow memory.
+        SimulationError: something that is no trial, a scene that no engine can use, a motion of
+            another time step than its scene's, a motor asked to drive a motion beside x or a
+            pedestal that pitches on a spring, a motion that pitches such a pedestal, or a log that
+            could outgrow memory.
     """
+    for i, one in enumerate(trials):
+        if not isinstance(one, Trial):
+            raise SimulationError(
+                f"trial {i} of the batch is a {type(one).__name__}; give objects of "
+                "vsr2.trial.Trial, a Study, or the path of one"
+            )
     for scene in {trial.scene.sha256: trial.scene for trial in trials}.values():
         native_scene(scene)
     for trial in trials:

@@ -18,6 +18,7 @@ from vsr2.errors import ResultError, SimulationError
 from vsr2.results import (
     BatchResult,
     Journal,
+    Status,
     adopt_trial_log,
     has_journal,
     prepare_folder,
@@ -169,7 +170,11 @@ def merge_shards(
                 if i in journal.finished:
                     continue
                 logged = adopt_trial_log(folder, i, shard.folder(folder), k)
-                if trials[i].output.log_every and found[k]["status"] == "ok" and not logged:
+                if (
+                    trials[i].output.log_every
+                    and found[k]["status"] == Status.ok.name
+                    and not logged
+                ):
                     raise ResultError(
                         f"{shard.folder(folder)}: the log of trial {i} is gone; run shard {shard} "
                         "anew with --overwrite"

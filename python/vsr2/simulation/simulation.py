@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from numbers import Integral, Real
 from os import PathLike
 from typing import Any, Self
 
@@ -73,7 +74,7 @@ class Simulation:
     """A pedestal with or without a rock, stepped from Python; the core is that of `run_batch`.
 
     `spawn`, `reset` and `delete` are the original's service `manage_model` (supplement S1.1). As a
-    context manager it lets go of its world at the end.
+    context manager it lets go of its world at the end, and refuses what needs one from then on.
 
     Args:
         study: a study, or the path of one; or a scene built before.
@@ -84,7 +85,7 @@ class Simulation:
         spawn: put the rock in place at once.
 
     Raises:
-        ConfigError, GeometryError, SimulationError: the study cannot be used.
+        ConfigError, GeometryError, SimulationError: the study cannot be used, or is none.
     """
 
     def __init__(
@@ -97,10 +98,15 @@ class Simulation:
         if isinstance(study, Scene):
             self.scene = study
             chosen: str = drive or ("prescribed_spatial" if study.pitches else "prescribed")
-        else:
+        elif isinstance(study, Study | str | PathLike):
             loaded = study if isinstance(study, Study) else load_study(study)
             self.scene = build_scene(loaded)
             chosen = drive or drive_name(loaded)
+        else:
+            raise SimulationError(
+                f"simulation: got {study!r}, a {type(study).__name__}; give a Study, the path of "
+                "one, or a Scene"
+            )
         self.drive = chosen
         if chosen not in DRIVES:
             raise SimulationError(
@@ -113,11 +119,19 @@ class Simulation:
     def _begin(self, start: Pose | None) -> None:
         """A fresh world at time 0, with the rock at a pose or without one."""
         with _refusals(f"drive {self.drive!r}"):
-            self._world = _native.World(native_scene(self.scene), self._drive)
+            self._held: _native.World | None = _native.World(native_scene(self.scene), self._drive)
         self._steps = 0
         self._command = (0.0, 0.0)
         if start is not None:
             self.spawn(start)
+
+    @property
+    def _world(self) -> _native.World:
+        if self._held is None:
+            raise SimulationError(
+                "simulation: its `with` block is over and its world is gone; build a new Simulation"
+            )
+        return self._held
 
     @property
     def time_step(self) -> float:
@@ -167,6 +181,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Back to the start, bit for bit: a fresh world at time 0, the rock where it began."""
+        _ = self._world  # refused once there is none
         self._begin(self._start)
 
     def save_state(self) -> SimulationState:
@@ -186,8 +201,12 @@ class Simulation:
         simulating that did.
 
         Raises:
-            SimulationError: the state is of another scene or drive.
+            SimulationError: not a state, or one of another scene or drive.
         """
+        if not isinstance(state, SimulationState):
+            raise SimulationError(
+                f"restore_state: got a {type(state).__name__}; give what save_state returned"
+            )
         if state.scene_sha256 != self.scene.sha256:
             raise SimulationError(
                 f"restore_state: the state is of scene {state.scene_sha256[:12]}, this is scene "
@@ -201,7 +220,7 @@ class Simulation:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        del self._world
+        self._held = None
 
     def step(
         self,
@@ -224,15 +243,16 @@ class Simulation:
             steps: number of time steps.
 
         Raises:
-            SimulationError: a set-point that is not finite, one that the drive does not follow, or
-                fewer than 1 step.
+            SimulationError: a set-point that is not a finite number, one that the drive does not
+                follow, or fewer than 1 step.
         """
-        excursion = (float(transverse), float(vertical), float(pitch))
-        if not all(abs(value) <= MAX_SET_POINT for value in (position, velocity, *excursion)):
+        world, given = self._world, (position, velocity, transverse, vertical, pitch)
+        if not all(isinstance(value, Real) and abs(value) <= MAX_SET_POINT for value in given):
             raise SimulationError(
-                f"step: the set-point {(position, velocity, *excursion)} is not finite or beyond "
-                f"{MAX_SET_POINT:g} m or m/s"
+                f"step: the set-point {given} is not of finite numbers, or beyond "
+                f"{MAX_SET_POINT:g} m or m/s; give numbers in m, m/s and rad"
             )
+        position, velocity, *excursion = map(float, given)
         if any(excursion) and self.drive != "prescribed_spatial":
             raise SimulationError(
                 f"step: the drive {self.drive} moves the pedestal along x only; use "
@@ -242,12 +262,12 @@ class Simulation:
             raise SimulationError(
                 "step: the pedestal pitches on a spring and takes no set-points of pitch"
             )
-        if steps < 1:
-            raise SimulationError(f"step: steps must be at least 1, got {steps}")
+        if not isinstance(steps, Integral) or steps < 1:
+            raise SimulationError(f"step: steps must be a whole number of 1 or more, got {steps!r}")
         for _ in range(steps):
-            self._world.step(float(position), float(velocity), *excursion)
-        self._steps += steps
-        self._command = (float(position), float(velocity))
+            world.step(position, velocity, *excursion)
+        self._steps += int(steps)
+        self._command = (position, velocity)
         if not self.has_rock:
             return None
         state = self.state

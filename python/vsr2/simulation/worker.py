@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 from vsr2 import _native
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion
-from vsr2.results import TrialLog, base_provenance
+from vsr2.results import Status, TrialLog, base_provenance
 from vsr2.scene import Hull, Scene, Triangles
 from vsr2.simulation.native_trials import run_native
 from vsr2.trial import Trial
@@ -136,7 +136,7 @@ def run_chunk(
     finished: list[tuple[int, dict[str, Any], TrialLog | None]] = []
 
     def take(k: int, row: dict[str, Any], log: TrialLog | None) -> None:
-        if row["status"] != "cancelled":
+        if row["status"] != Status.cancelled.name:
             finished.append((k, row, log))
 
     if run not in _stopped:

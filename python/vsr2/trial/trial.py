@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
+from vsr2._native import Outcome as Ending
 from vsr2.config.study import Outcome, Output, Settling
 from vsr2.motion import Motion
 from vsr2.scene import Pose, RockBody, Scene
@@ -45,7 +46,7 @@ class Observation:
     @property
     def overturned(self) -> bool:
         """Whether the trial counts as overturned."""
-        return self.outcome == "overturned"
+        return self.outcome == Ending.overturned.name
 
 
 class ActingEffect(Protocol):
@@ -85,7 +86,7 @@ class Applied:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """One run of one scene under one motion.
+    """One run of one scene under one motion; equal to another where content and names are.
 
     Attributes:
         scene: what is shaken.
@@ -111,6 +112,14 @@ class Trial:
     outcome: Outcome = field(default_factory=Outcome)
     output: Output = field(default_factory=Output)
     effects: tuple[Applied, ...] = ()
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Trial):
+            return NotImplemented
+        return self.content == other.content and self.motion == other.motion
+
+    def __hash__(self) -> int:
+        return hash(self.content)
 
     @property
     def label(self) -> str:

@@ -7,6 +7,7 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsr2._native import FastRefusal, describe
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.report.messages.runs import compatible_values
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from vsr2.results import BatchResult
     from vsr2.simulation.bench import Rock
     from vsr2.simulation.effect_checks import EffectReport, Liveness
+    from vsr2.trial import Trial
 
 
 def table(rows: Sequence[Sequence[str]], align: Callable[[str, int], str] = str.rjust) -> str:
@@ -117,8 +119,36 @@ def effect_report(report: EffectReport) -> str:
         f"expected {check.expected:.5g} +- {check.tolerance:.2g}"
         for check in report.right or ()
     ]
-    lines.append(f"  engine fast: {'no, ' + report.fast if report.fast else 'yes'}")
+    lines.append(f"  {engine_fast(report.fast_refusal)}")
     return "\n".join(lines)
+
+
+def engine_fast(refusal: FastRefusal) -> str:
+    """Whether the engine `fast` takes an effect, and why not."""
+    return f"engine fast: {'yes' if refusal is FastRefusal.none else f'no, {describe(refusal)}'}"
+
+
+def effects_passed(passed: int, checked: int) -> str:
+    """How many effects pass what was checked."""
+    return f"{passed} of {checked} effects pass all four checks"
+
+
+def study_begins(name: str, trials: Sequence[Trial], engine: str) -> str:
+    """What a run is about to do, and what was repaired: lines."""
+    rock, pedestal = trials[0].scene.rock, trials[0].scene.pedestal
+    first = (
+        f"{name}: {len(trials)} trials, {Path(rock.source).name} ({rock.mass.mass:.4g} kg) on "
+        f"{Path(pedestal.source).name}, engine {engine}"
+    )
+    return "\n".join([first, *(f"note: {note}" for note in rock.notes)])
+
+
+def shard_done(shard: object, result: BatchResult, folder: Path) -> str:
+    """What one shard of a study gave, and how to go on."""
+    return (
+        f"shard {shard}: {len(result)} trials in {folder}. Once all shards are run, --merge makes "
+        "one result of them."
+    )
 
 
 def _ratios(found: Mapping[Rock, Liveness]) -> str:
