@@ -135,7 +135,7 @@ def _trial(row: Row, extras: list[str], problems: Problems) -> CampaignTrial | N
         "specimen": SPECIMEN,
         "overturned": cells.outcome("sp1_overturned"),
         "motion_file": None,
-        "peak_tilt": None,
+        **dict.fromkeys(("peak_tilt", "final_yaw", "final_slip")),
         "pga": None if pga is None else pga * STANDARD_GRAVITY,
         "pgv_pga": pgv_pga,
         "date": date,
