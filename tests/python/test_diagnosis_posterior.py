@@ -437,7 +437,8 @@ def test_residuals_that_are_not_known_have_no_part() -> None:
     less = Parameters(
         parameters.library, parameters.residuals[:, known], parameters.rows, parameters.values
     )
-    np.testing.assert_array_equal(plain, less.sample("table_gain", own[known], 3))
+    # Sums over other strides differ in their last bits.
+    np.testing.assert_allclose(plain, less.sample("table_gain", own[known], 3), rtol=1e-9)
     assert (plain != parameters.sample("table_gain", own, 3)).any()
     assert (plain != parameters.sample("table_gain", own, 4, columns=known)).any()
 
@@ -489,8 +490,8 @@ def test_what_has_an_infinite_null_is_regressed_by_its_inverse() -> None:
     parameters = fitted(CATCH, slack[:, None], residuals)
     strong = parameters.sample("catch", 1 / 0.14 * way)[:, 0]
     assert np.median(strong) == pytest.approx(0.14, rel=0.15)
-    # As good as none: most of those alike have no tether at all.
-    assert np.isinf(parameters.sample("catch", 0.0 * way)[:, 0]).mean() > 0.8
+    # As good as none: 1 / slack scatters by 0.5 / |way| about 0, a ninth; the prior begins at 2.3.
+    assert (parameters.sample("catch", 0.0 * way)[:, 0] > 1.0).mean() > 0.95
 
 
 # --- naming --------------------------------------------------------------------------------------

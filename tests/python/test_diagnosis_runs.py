@@ -131,8 +131,8 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
     assert any("day 2" in location for location in locations)
     assert found.content["provenance"]["priors"] == {"table_gain.change": [-0.3, 0.1]}
     values = next(e for e in found.content["effects"] if e["name"] == "table_gain")["parameters"]
-    assert -0.3 <= values["change"]["ci95"][0] < -0.15
-    assert values["change"]["ci95"][1] <= 0.1
+    # The prior given reaches lower than the library's, -0.15; few campaigns leave it wide open.
+    assert -0.3 <= values["change"]["ci95"][0] < values["change"]["ci95"][1] <= 0.1
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
 from planar.library import PLANAR_LIBRARY
-from planar.simulator import PlanarSimulator
-from planted import Rehearsal, first, shaken_campaign
+from planted import first
 from vsr2.diagnosis import ProtocolCache
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import disturbed
@@ -342,29 +341,3 @@ def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path
     ]  # fmt: skip
     found = [cache.posterior(**(given | change)) for change in others]
     assert len({path, *found}) == 6
-
-
-# --- series --------------------------------------------------------------------------------------
-
-
-def test_a_noted_outcome_that_the_series_contradicts_is_proof_of_its_rule() -> None:
-    """Outcomes noted wrongly, which at tier M look like chance."""
-    campaign = shaken_campaign(8, 5, duration=2.0, pga=(0.55, 1.15))
-    names = ("table_gain", "catch", "outcome_rule")
-    library = {name: PLANAR_LIBRARY[name] for name in names}
-    own = PlanarSimulator(campaign, library=library, series=True, seed=1)
-    truth = PlanarSimulator(campaign, library=library, series=True, seed=99)
-    acts = {}
-    with quick_training():
-        rehearsal = Rehearsal(own, campaign, campaigns=200)
-        for tier in ("M", "T"):
-            sets = rehearsal.posterior(tier).sets
-            given = (("outcome_rule", (np.inf, 0.08)),)
-            found = [
-                rehearsal.infer(rehearsal.observed(truth, given, tier=tier, nuisance=n))
-                for n in range(1, 9)
-            ]
-            acts[tier] = np.array([sets.marginal(one.probability)[2] for one in found])
-    assert rehearsal.at("T").measured[2].name == "contradiction"
-    assert np.median(acts["T"]) > 2 * np.median(acts["M"]) > 0
-    assert (acts["T"] > acts["M"]).mean() > 0.8

@@ -370,7 +370,7 @@ def test_a_pair_needs_both_instruments_and_an_unknown_cause_a_look_at_what_is_le
     assert both.instruments == (Instrument.SLACK, Instrument.REPEAT_FIRST_TRIALS)
     excess = np.zeros(40)
     excess[17] = 1.0
-    places = [Location("high PGA", "conditions", OUTCOME, 1.0, p) for p in (0.01, 0.2)]
+    places = [Location("high PGA", "conditions", OUTCOME, 1.0, p, 3.0) for p in (0.01, 0.2)]
     name = forty.campaign.trials[17].trial
     for given, location in ((places, "high PGA"), (places[1:], None), ([], None)):
         found = measurement_out_of_library(forty, excess, given)

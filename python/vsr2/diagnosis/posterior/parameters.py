@@ -29,15 +29,14 @@ class ParameterConstants:
 
     Attributes:
         penalty: of the ridge regression, over the mean square of a campaign's residuals.
-        power: of the distance of a primary parameter from its null that is regressed: sizes are
-            spread over decades.
+        intercept: mean square of the column of the intercept over that of a campaign's residuals.
         nearest: campaigns that samples are made of, at least.
         share: of those in which the effect acts, at least.
         samples: of a posterior.
     """
 
     penalty: float = 0.05
-    power: float = 0.5
+    intercept: float = 100.0
     nearest: int = 30
     share: float = 0.5
     samples: int = 400
@@ -107,8 +106,8 @@ class Parameters:
     def _targets(self, name: str) -> Array:
         """What is regressed, shape (rows, targets): see `_values` for the way back.
 
-        Of a primary parameter a power of its distance from the null, signed, over the greatest; of
-        an angle a point on the circle; of others the value over their range.
+        Of a primary parameter its distance from the null, over the greatest; of an angle a point on
+        the circle; of others the value over their range.
         """
         columns = []
         for parameter, value in zip(self._free(name), self.values[name].T, strict=True):
@@ -120,7 +119,7 @@ class Parameters:
             else:
                 gap = _distance(parameter, value)
                 size = max(float(np.abs(gap).max()), 1e-12)
-                columns.append(np.sign(gap) * (np.abs(gap) / size) ** PARAMETERS.power)
+                columns.append(gap / size)
         return np.stack(columns, axis=1)
 
     def _values(self, name: str, known: Array, targets: Array) -> Array:
@@ -146,8 +145,8 @@ class Parameters:
                 columns.append(parameter.lower + target * (parameter.upper - parameter.lower))
             else:
                 size = max(float(np.abs(_distance(parameter, value)).max()), 1e-12)
-                gap = np.sign(target) * np.abs(target) ** (1 / PARAMETERS.power) * size
                 with np.errstate(divide="ignore"):
+                    gap = target * size
                     columns.append(1 / gap if np.isinf(parameter.null) else parameter.null + gap)
             k += 1
         return np.stack(columns, axis=1)
@@ -192,9 +191,12 @@ def _regressed(x: Array, y: Array, own: Array) -> tuple[Array, Array]:
     Leaving a row out of a ridge regression needs no second fit (G. H. Golub, M. Heath, G. Wahba,
     "Generalized cross-validation", Technometrics 21, 1979).
     """
-    centre = y.mean(axis=0)
     gram = x @ x.T
-    gram[np.diag_indices(len(x))] += PARAMETERS.penalty * float(np.trace(gram)) / len(x)
+    scale = float(np.trace(gram)) / len(x)
+    # The intercept is a column so large that the penalty does not reach it.
+    intercept = PARAMETERS.intercept * scale
+    gram += intercept
+    gram[np.diag_indices(len(x))] += PARAMETERS.penalty * scale
     inverse = np.linalg.inv(gram)
-    dual = inverse @ (y - centre)
-    return (own @ x.T) @ dual + centre, y - dual / np.diag(inverse)[:, None]
+    dual = inverse @ y
+    return (own @ x.T + intercept) @ dual, y - dual / np.diag(inverse)[:, None]

@@ -130,17 +130,23 @@ class Summaries:
         return self.complete(residuals, found)
 
     def complete(self, residuals: Array, discriminants: Array) -> Array:
-        """Discriminants in their deviations, then sizes of residuals, shape (n, summaries)."""
+        """Discriminants in their deviations, sizes of residuals, means of channels.
+
+        Shape (n, summaries). The mean of a channel shows what is rare in single trials and common
+        to many, such as outcomes that their series contradict.
+        """
         left = residuals - discriminants @ self.reproduction
         n, channels = self.trials, residuals.shape[1] // self.trials
         spans = [slice(0, n), slice(n, 2 * n), slice(2 * n, None)][: min(channels, 3)]
-        sizes = []
-        for span in spans:
-            sizes += [
-                np.log((part[:, span] ** 2).mean(axis=1) + 0.02) for part in (residuals, left)
-            ]
-            sizes.append(3.0 * residuals[:, span].mean(axis=1))
-        return np.concatenate([discriminants / self.deviation, np.stack(sizes, axis=1)], axis=1)
+        sizes = [
+            np.log((part[:, span] ** 2).mean(axis=1) + 0.02)
+            for span in spans
+            for part in (residuals, left)
+        ]
+        means = residuals.reshape(len(residuals), channels, n).mean(axis=2)
+        return np.concatenate(
+            [discriminants / self.deviation, np.stack(sizes, axis=1), means], axis=1
+        )
 
 
 def targets(campaigns: Campaigns, names: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:
