@@ -58,7 +58,7 @@ class Check:
 
     parts: int
     settings: PackSettings
-    draws: int
+    campaigns: int
 
 
 CHECKS = {
@@ -141,7 +141,7 @@ def main() -> int:
                 folder / "data",
                 folder / "verdicts",
                 tiers=options.tier,
-                budget=Budget(draws=check.draws),
+                budget=Budget(campaigns=check.campaigns),
                 execution=Execution(options.threads),
                 say=say,
             )
@@ -305,7 +305,7 @@ def page(
             f"{entry['engine']} {entry['kind']}" for entry in opened["campaigns"].values()
         )
         submission = read_json(verdicts / "submission.json")
-        how = f"draws {submission.get('draws')}, seed {submission['seed']}"
+        how = f"campaigns {submission.get('campaigns')}, seed {submission['seed']}"
         versions = ", ".join(
             f"{key} {value}"
             for key, value in opened["versions"].items()

@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from blind_results import SCORES, read_gz, read_parts, verdict_rows
+from vsr2.blind.form.diagnosis_form import NAMING
 from vsr2.blind.scoring.score import NOT_NONE
+from vsr2.diagnosis.verdict.statements import VerdictKind
 
 TIERS = ("B", "M", "T")
 STRONG = "engine {engine}, limit x 2+"
@@ -112,32 +114,7 @@ ROWS = (
 
 STRONG_MAGNITUDE = 2.0
 """Magnitude over the detection limit from which an effect counts as strong."""
-_ANY: tuple[str, ...] = ()
-OUTCOMES = (
-    ("effects named", ("effect", "class", "pair"), _ANY),
-    ("`none`", ("none",), _ANY),
-    ("`unknown`", ("unknown",), _ANY),
-    ("`unresolved`: the gap's interval touches zero", ("unresolved",), ("size_open",)),
-    (
-        "`unresolved`: the routes disagree",
-        ("unresolved",),
-        ("route_favours_other", "route_set_excludes"),
-    ),
-    (
-        "`unresolved`: too many effects",
-        ("unresolved",),
-        ("too_many_equivalent", "too_many_needed"),
-    ),
-    (
-        "`unresolved`: too much of the gap is left",
-        ("unresolved",),
-        ("gap_left", "gap_left_and_misfit", "pair_leaves_gap", "floor_exceeded"),
-    ),
-    ("`unresolved`: half of the draws leads elsewhere", ("unresolved",), ("halves_disagree",)),
-    ("`unresolved`: otherwise", ("unresolved",), _ANY),
-)
-"""What is counted: its label, kinds of verdict, and codes of the last reason (none: any); each
-verdict counts in the first line that it fits."""
+NAMED = "effects named"
 
 
 def main() -> None:
@@ -147,9 +124,8 @@ def main() -> None:
     results = parser.parse_args().results
     rows = verdict_rows(list(read_parts(results)))
     print(targets_table([*read_gz(results / SCORES)["scores"], *not_none(rows)]))
-    if any(row["withheld"] for row in rows):
-        print()
-        print(outcomes_table(rows))
+    print()
+    print(outcomes_table(rows))
 
 
 def outcomes_table(rows: list[dict[str, Any]]) -> str:
@@ -165,21 +141,20 @@ def outcomes_table(rows: list[dict[str, Any]]) -> str:
         **{kind: [r for r in rows if r["kind"] == kind] for kind in ("pair", "unknown", "none")},
     }
     lines = [f"| verdict | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns)]
-    for line in sorted({_outcome(row) for row in rows}):
+    for line in sorted({_outcome(row) for row in rows}, key=lambda line: (line != NAMED, line)):
         cells = [
             _counts([row for row in chosen if _outcome(row) == line]) for chosen in columns.values()
         ]
-        lines.append(f"| {OUTCOMES[line][0]} | {' | '.join(cells)} |")
+        lines.append(f"| {line} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _outcome(row: dict[str, Any]) -> int:
-    """The line of `OUTCOMES` that a verdict counts in."""
-    return next(
-        line
-        for line, (_, kinds, codes) in enumerate(OUTCOMES)
-        if row["verdict"] in kinds and (not codes or row["withheld"] in codes)
-    )
+def _outcome(row: dict[str, Any]) -> str:
+    """The kind of a verdict and, of an unresolved one, the code of its last reason."""
+    if VerdictKind(row["verdict"]) in NAMING:
+        return NAMED
+    code = f": `{row['withheld']}`" if row["withheld"] else ""
+    return f"`{row['verdict']}`{code}"
 
 
 def _counts(rows: list[dict[str, Any]]) -> str:

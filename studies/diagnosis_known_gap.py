@@ -1,6 +1,6 @@
 """The original system's own defects as a gap of known cause, against the correct scene.
 
-    python studies/diagnosis_known_gap.py [--draws N] [--campaigns N] [--out FOLDER]
+    python studies/diagnosis_known_gap.py [--simulated N] [--campaigns N] [--out FOLDER]
 
 The boulder of models/pbr_scan.obj is shaken by the native core with one defect each, and with all
 three together, each made as the original makes it and by no effect of the library:
@@ -32,6 +32,8 @@ from vsr2.campaign import Campaign, Tier
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.verdict.rules import verdict_of
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.effects import Effect
 from vsr2.effects import library as known_effects
 from vsr2.motion import Record
@@ -63,8 +65,7 @@ SCENE: dict[str, Any] = {
     "contact": {"rock": {"lateral_friction": 0.9}, "pedestal": {"lateral_friction": 0.9}},
     "outcome": {"tail": 2.0},
 }
-"""Friction well above the slenderness: near it a draw of friction decides whether the boulder rocks
-or slides, which no emulator that is quadratic in the nuisances can follow."""
+"""Friction well above the slenderness, so that the boulder rocks and does not slide."""
 MODELS = Path(__file__).resolve().parents[1] / "models"
 SAMPLED, PLAYED = 0.00125, 0.001
 """Interval between samples, and that at which the original plays them [s]."""
@@ -96,7 +97,7 @@ def recorded(motions: int, scalings: int, interval: float) -> Campaign:
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=24)
+    parser.add_argument("--simulated", type=int, default=500)
     parser.add_argument("--campaigns", type=int, default=3)
     parser.add_argument("--motions", type=int, default=12)
     parser.add_argument("--scalings", type=int, default=12)
@@ -129,10 +130,8 @@ def main() -> None:
     rehearsal = Rehearsal(
         simulator(1),
         campaign,
-        draws=options.draws,
-        screening_runs=10,
+        campaigns=options.simulated,
         noise=0.003,
-        series=True,
         cache=options.out / "simulations.jsonl",
     )
     other = 10_001
@@ -145,34 +144,36 @@ def main() -> None:
     }
     rows = []
     for tier in TIERS:
-        prepared = rehearsal.prepared(tier)
+        posterior = rehearsal.posterior(tier)
         for defect, truth in cases.items():
             for draw in range(1, options.campaigns + 1):
-                seen = rehearsal.observed(truth, nuisance=draw)
-                judged = rehearsal.judge(prepared, seen, tier)
-                content = judged.diagnosis.content
-                verdict = content["verdict"]
+                seen = rehearsal.observed(truth, tier=tier, nuisance=draw)
+                found = rehearsal.infer(seen)
+                verdict = verdict_of(found, posterior)
                 wanted = WANTED.get(defect, set())
-                best = content["effects"][0]
-                value = next(iter(best["parameters"].values()))
+                acts = posterior.sets.marginal(found.probability)
+                best = posterior.sets.names[int(acts.argmax())]
+                values = posterior.parameters.sample(best, found.residuals)[:, 0]
+                low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
                 rows.append(
                     {
                         "defect": defect,
                         "tier": tier,
                         "draw": draw,
-                        "verdict": verdict["kind"],
-                        "effects": " ".join(verdict["effects"]),
+                        "verdict": verdict.kind,
+                        "effects": " ".join(verdict.effects),
                         "right": int(
-                            bool(wanted & set(verdict["effects"]))
+                            bool(wanted & set(verdict.named))
                             if wanted
-                            else verdict["kind"] == "none"
+                            else verdict.kind == VerdictKind.NONE
                         ),
-                        "leading": best["name"],
-                        "probability": f"{best['probability']:.3f}",
-                        "value": f"{value['mean']:.3g}",
-                        "low": f"{value['ci95'][0]:.3g}",
-                        "high": f"{value['ci95'][1]:.3g}",
-                        "novelty_p": f"{content['unknown']['novelty_p']:.3f}",
+                        "leading": best,
+                        "acts": f"{acts.max():.3f}",
+                        "value": f"{middle:.3g}",
+                        "low": f"{low:.3g}",
+                        "high": f"{high:.3g}",
+                        "none": f"{found.probability[0]:.3f}",
+                        "unknown": f"{found.probability[-1]:.3f}",
                     }
                 )
                 print(rows[-1], flush=True)

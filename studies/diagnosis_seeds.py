@@ -1,12 +1,11 @@
 """Verdicts on small campaigns with a small budget, over seeds, and on outcomes dealt at random.
 
-    python studies/diagnosis_seeds.py [--seeds N] [--simulations N] [--threads N] [--out FOLDER]
+    python studies/diagnosis_seeds.py [--seeds N] [--campaigns N] [--threads N] [--out FOLDER]
 
 A block of configs/blind.yaml is shaken 60 times with 10 motions, nuisances drawn from another
 seed, tier M: without effect, with a planted one, and without, its outcomes and largest tilts dealt
 at random over the trials. Every campaign is diagnosed with seven effects and each seed; a seed's
-diagnoses share a cache, which does not change what they find. Writes `table.csv`, committed as
-docs/results/diagnosis_seeds.csv.
+diagnoses share simulations and the trained posterior. Writes `table.csv`.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ def main() -> None:
     """Diagnose every campaign with every seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--simulations", type=int, default=14_000)
+    parser.add_argument("--campaigns", type=int, default=600)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out") / "diagnosis_seeds")
     options = parser.parse_args()
@@ -69,7 +68,7 @@ def main() -> None:
                 campaign,
                 SCENE,
                 out=options.out / f"seed{seed}",
-                budget=Budget(simulations=options.simulations),
+                budget=Budget(campaigns=options.campaigns),
                 hypotheses=Hypotheses(offered),
                 execution=Execution(options.threads),
                 seed=seed,
@@ -113,12 +112,11 @@ def row(content: dict[str, Any]) -> dict[str, Any]:
         "effects": " ".join(verdict["effects"]),
         "probability": f"{verdict['probability']:.3f}",
         "first": first["name"],
-        "first_probability": f"{first['probability']:.3f}",
+        "first_acts": f"{first['acts']:.3f}",
         "none": f"{content['none_probability']:.3f}",
         "unknown": f"{content['unknown']['probability']:.3f}",
         "set": " ".join(content["conformal_set_90"]),
-        "draws": max(content["provenance"]["budget"]["draws"].values()),
-        "rounds": content["provenance"]["budget"]["rounds"],
+        "simulations": content["provenance"]["budget"]["simulations"],
     }
 
 

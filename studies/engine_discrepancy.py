@@ -1,136 +1,122 @@
-"""By how much two correct engines differ in largest tilts and series, from blind packs.
+"""By how much two correct engines differ: another engine's gap-free campaigns against our scene.
 
-    python studies/engine_discrepancy.py PART [PART ...] [--out FOLDER]
+    python studies/engine_discrepancy.py SCENE CAMPAIGN [CAMPAIGN ...] [--out FOLDER] [--threads N]
 
-PART is a folder of a scored blind check (`out/blind/validation/part1`). Of its campaigns without
-effect, residuals against the diagnosis' own model without effect are compared between campaigns,
-which share motions and nothing else: what two campaigns have in common in one trial, or in two
-trials of one motion, is a difference between the engines, over the square of the emulator's
-scatter. `DISCREPANCY` of `vsr2.diagnosis.where.discrepancy` rests on it. The part's cache
-of simulations is copied and used. Writes `table.csv`, committed as
-docs/results/engine_discrepancy.csv. Three minutes a part.
+Each campaign, a folder, has no effect and comes from another engine (or, to compare, from ours).
+Its outcomes and features are compared with the nominal simulation of each trial. What differs in
+the logarithm of the largest tilt, and in features of series, is split into what is common to a
+campaign, to the trials of a motion, and what is left to single trials. `DISCREPANCY` of
+`vsr2.diagnosis.posterior.discrepancy` and `rest_scatter` of `vsr2.diagnosis.observed.observations`
+are of that kind. Writes `table.csv`, one row a campaign and feature.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import shutil
 import sys
 from collections.abc import Sequence
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.seal import open_key, read_pack
-from vsr2.blind.pack_diagnoses import pack_nuisances
+from diagnosis_planar import write
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Hypotheses
-from vsr2.diagnosis.budget import Schedule
-from vsr2.diagnosis.likelihood.emulator import fit_emulator
-from vsr2.diagnosis.likelihood.evidence import Data, tabulate
-from vsr2.diagnosis.likelihood.score import crossfitted_none
-from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.design import screen, simulate_design
+from vsr2.diagnosis.observed.features import REST_FEATURES, TILT_FEATURES, noted_tilt_features
+from vsr2.diagnosis.observed.observations import (
+    OBSERVED,
+    Observations,
+    observe_campaign,
+    rest_logarithm,
+)
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Request, Responses
 
 Array = NDArray[np.float64]
 
-DRAWS = 24
-FARTHEST = 4.0
-"""Residuals are clipped, as the scan does."""
 
-
-def residuals(part: Path, out: Path) -> tuple[dict[str, Array], Observations, NDArray[np.int64]]:
-    """Of each engine's campaigns, shape (campaigns, trials, features), and the trials' motions."""
-    pack, key = read_pack(part / "data"), open_key(part / "data", part / "key")
-    names = {
-        name: entry["engine"] for name, entry in key["campaigns"].items() if entry["kind"] == "none"
+def nominal_features(seen: Observations, found: Responses) -> Array:
+    """What the campaign would have noted of our simulations, without noise, shape (trials, k)."""
+    standing = found.overturned < 0.5
+    columns = {
+        "largest_tilt": np.where(standing, np.log(found.peak_tilt + seen.tilt_offset), np.nan)
     }
-    seen = {name: observe_campaign(load_campaign(part / "data" / name), "T") for name in names}
-    first = next(iter(seen.values()))
-    simulator = SceneSimulator(
-        first.campaign,
-        load_study(part / "data" / pack.scene),
-        hypotheses=Hypotheses(nuisances=pack_nuisances(pack)),
-        series=True,
-        threads=1,
-        seed=0,
-    )
-    effects = simulator.library
-    copy = out / f"{part.name}.jsonl"
-    shutil.copyfile(part / "verdicts" / "simulations.jsonl", copy)
-    with SimulationCache(simulator, copy) as cache:
-        schedule = Schedule(Budget(draws=DRAWS), cache, len(first), effects)
-        screening = screen(
-            cache, first, runs=schedule.screening_runs, most=schedule.most_trials, seed=0
-        )
-        draws = dict.fromkeys(effects, DRAWS)
-        design, _ = simulate_design(cache, first, screening, effects, draws, seed=0)
-    kept = screening.kept
-    emulator = fit_emulator(effects, design)
-    none = tabulate(emulator, "")
-    scatter = np.sqrt(emulator.scatter)
-    found: dict[str, list[Array]] = {}
-    for name, engine in names.items():
-        data = Data(seen[name].overturned[None, kept], seen[name].features[None, kept])
-        centre = crossfitted_none(none, data, first.motion[kept]).centre
-        found.setdefault(engine, []).append((data.features - centre)[0] / scatter)
-    stacked = {k: np.clip(np.stack(v), -FARTHEST, FARTHEST) for k, v in found.items()}
-    return stacked, first, first.motion[kept]
-
-
-def common(z: Array, motion: NDArray[np.int64]) -> tuple[float, float]:
-    """Mean products of residuals of different campaigns: in one trial, in two of one motion."""
-    same, other = [], []
-    alike = motion[:, None] == motion[None]
-    np.fill_diagonal(alike, False)
-    for one, two in combinations(z, 2):
-        same.append(one * two)
-        other.append(np.where(alike, one[:, None] * two[None], np.nan).ravel())
-    return float(np.nanmean(same)), float(np.nanmean(other))
-
-
-def rows_of(part: Path, out: Path) -> list[dict[str, Any]]:
-    """One row an engine and feature."""
-    found, seen, motion = residuals(part, out)
-    rows = []
-    for engine, z in sorted(found.items()):
-        for k, feature in enumerate(seen.measured):
-            values = z[:, :, k]
-            trial, group = common(values, motion)
-            rows.append(
-                {
-                    "pack": part.name,
-                    "engine": engine,
-                    "feature": feature.name,
-                    "campaigns": len(z),
-                    "residuals": int(np.isfinite(values).sum()),
-                    "deviation": f"{np.nanstd(values):.3f}",
-                    "variance_by_trial": f"{trial:.3f}",
-                    "variance_by_motion": f"{group:.3f}",
-                }
+    if found.features is not None:
+        tilts = len(TILT_FEATURES)
+        noted = noted_tilt_features(found.features[:, :tilts], found.overturned)
+        columns |= {feature.name: noted[:, k] for k, feature in enumerate(TILT_FEATURES)}
+        for k, feature in enumerate(REST_FEATURES):
+            known = rest_logarithm(
+                np.abs(found.features[:, tilts + k]),
+                OBSERVED.rest_resolution[k],
+                seen.rest_noise[k],
             )
-    return rows
+            columns[feature.name] = np.where(standing, known, np.nan)
+    return np.stack([columns[feature.name] for feature in seen.measured], axis=1)
+
+
+def parts(difference: Array, motion: NDArray[np.int64]) -> tuple[float, float, float]:
+    """Mean, deviation common to a motion, of single trials: one-way analysis of variance."""
+    known = np.isfinite(difference)
+    values, group = difference[known], motion[known]
+    groups = [values[group == m] for m in np.unique(group)]
+    mean = float(values.mean()) if values.size else np.nan
+    freedom = values.size - len(groups)
+    if freedom < 1 or len(groups) < 2:
+        return mean, np.nan, np.nan
+    single = sum(float(((g - g.mean()) ** 2).sum()) for g in groups) / freedom
+    between = sum(g.size * (float(g.mean()) - mean) ** 2 for g in groups) / (len(groups) - 1)
+    size = (values.size - sum(g.size**2 for g in groups) / values.size) / (len(groups) - 1)
+    return mean, float(np.sqrt(max(between - single, 0.0) / size)), float(np.sqrt(single))
+
+
+def rows_of(scene: Path, folder: Path, threads: int) -> list[dict[str, Any]]:
+    """One row a feature."""
+    seen = observe_campaign(load_campaign(folder))
+    simulator = SceneSimulator(
+        seen.campaign, load_study(scene), series=seen.tier == "T", threads=threads
+    )
+    found = simulator.run([Request(i, (), 0, 0) for i in range(len(seen))])
+    judged = np.isfinite(found.overturned)
+    differs = float((found.overturned != seen.overturned)[judged].mean())
+    ours = nominal_features(seen, found) if seen.measured else np.zeros((len(seen), 0))
+    out = []
+    for k, feature in enumerate(seen.measured):
+        difference = seen.features[:, k] - ours[:, k]
+        campaign, motion, single = parts(difference, seen.motion)
+        out.append(
+            {
+                "campaign": folder.name,
+                "trials": len(seen),
+                "outcomes_differ": f"{differs:.3f}",
+                "feature": feature.name,
+                "pairs": int(np.isfinite(difference).sum()),
+                "mean": f"{campaign:.3f}",
+                "mean_absolute": f"{np.nanmean(np.abs(difference)):.3f}",
+                "by_motion": f"{motion:.3f}",
+                "single": f"{single:.3f}",
+            }
+        )
+    return out
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("part", type=Path, nargs="+")
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("campaign", type=Path, nargs="+")
     parser.add_argument("--out", type=Path, default=Path("out/engine_discrepancy"))
+    parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
-    rows = [row for part in options.part for row in rows_of(part, options.out)]
-    with (options.out / "table.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    rows = [
+        row
+        for folder in options.campaign
+        for row in rows_of(options.scene, folder, options.threads)
+    ]
+    write(options.out / "table.csv", rows)
     print(f"wrote {options.out / 'table.csv'}")
     return 0
 

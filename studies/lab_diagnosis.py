@@ -1,15 +1,15 @@
 """The diagnosis of the laboratory's campaign on specimen SP1.
 
     vsr2 campaign import-lab SOURCE out/lab
-    python studies/lab_diagnosis.py [--budget-minutes N | --simulations N] [--threads N]
+    python studies/lab_diagnosis.py [--budget-minutes N | --campaigns N] [--threads N]
 
 Runs `vsr2 diagnose` on the trials that have a motion, in the scene of lab_diagnosis.yaml, with all
 effects but `base_slope` (ten times as dear as the others on this specimen, and in one class with
 `com_offset`). A run that was interrupted is continued. Writes to OUT what `vsr2 diagnose` writes
 and, to OUT/committed, what may be committed (no table of trials): diagnosis.json,
 effects.csv, where.csv, the page's figures, and metrics.csv: agreement with the observed outcomes of
-the model before and after the diagnosed effects are added, each motion judged by models that were
-fitted to, and whose effect was chosen on, other motions.
+the model before and after the diagnosed effects are added, each motion judged with parameters that
+come from other motions. Trials that never lift off stand in all of these.
 """
 
 from __future__ import annotations
@@ -22,15 +22,7 @@ import numpy as np
 
 from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
-from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
-from vsr2.report.diagnosis_figures import (
-    bars_figure,
-    channels_figure,
-    map_figure,
-    order_figure,
-    posterior_figure,
-    reliability_figure,
-)
+from vsr2.report.diagnosis import diagnosis_figures, format_diagnosis, write_diagnosis_page
 from vsr2.report.panels import svg
 
 HERE = Path(__file__).resolve().parent
@@ -43,14 +35,14 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "diagnosis_lab")
     parser.add_argument("--budget-minutes", type=float, default=10.0)
-    parser.add_argument("--simulations", type=int)
+    parser.add_argument("--campaigns", type=int)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
     found = diagnose(
         options.campaign,
         options.scene,
         out=options.out,
-        budget=Budget(options.budget_minutes, options.simulations),
+        budget=Budget(options.budget_minutes, campaigns=options.campaigns),
         hypotheses=Hypotheses(exclude=["base_slope"]),
         execution=Execution(options.threads, progress=True),
     )
@@ -61,22 +53,15 @@ def main() -> None:
     (folder / "diagnosis.json").write_text(found.to_json())
     for name in ("effects.csv", "where.csv"):
         (folder / name).write_text(found.tables()[name])
-    figures = {
-        "posterior": posterior_figure(found.content),
-        "bars": bars_figure(found.content),
-        "map": map_figure(found.trials),
-        "order": order_figure(found.trials),
-        "channels": channels_figure(found.content),
-        "reliability": reliability_figure(found.trials),
-    }
-    for name, figure in figures.items():
-        (folder / f"{name}.svg").write_text(svg(figure, name) + "\n")
+    for name, (figure, meaning) in diagnosis_figures(found).items():
+        (folder / f"{name}.svg").write_text(svg(figure, meaning) + "\n")
     observed = np.array([row["overturned"] for row in found.trials]) > 0
     with (folder / "metrics.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["model", "trials", "accuracy", "precision", "recall", "mean"])
         for model in ("before", "after"):
-            predicted = np.array([row[model] for row in found.trials]) > 0.5
+            # A trial that never lifts off has no probability: it stands.
+            predicted = np.nan_to_num([row[model] for row in found.trials]) > 0.5
             scores = classification_metrics(observed, predicted)
             three = [scores.accuracy, scores.precision, scores.recall]
             writer.writerow(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +12,13 @@ from numpy.typing import NDArray
 from planar.block import GRAVITY
 from planar.simulator import PlanarSimulator
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
-from vsr2.diagnosis.conclusion import conclude
-from vsr2.diagnosis.likelihood.evidence import Data
 from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.posterior.training import Found, Posterior, train
 from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.design import Design, Screening, screen, simulate_design
-from vsr2.diagnosis.simulated.reach import reaching
+from vsr2.diagnosis.simulated.campaigns import Campaigns, plain_campaigns, simulate_campaigns
+from vsr2.diagnosis.simulated.look import look
 from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, Simulator
-from vsr2.diagnosis.verdict.compose import Evidence, compose
-from vsr2.diagnosis.verdict.document import Diagnosis
-from vsr2.diagnosis.which.amortised import TrialConditions
-from vsr2.diagnosis.which.routes import Inference, Prepared, infer, prepare
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
@@ -124,27 +119,21 @@ def observe(
     return replace(campaign, trials=tuple(trials), noise=MeasurementNoise(peak_tilt=peak_noise))
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
-    """What was concluded of one campaign."""
-
-    evidence: Evidence
-    inference: Inference
-    diagnosis: Diagnosis
-
-
 class Rehearsal:
-    """One schedule of trials, simulated and prepared once, on which many campaigns are judged.
+    """One schedule of trials, looked at, simulated and trained once, on which many are inferred.
 
     Args:
         simulator: of the diagnosis; gives series if tier T is wanted.
         campaign: the schedule; outcomes are not read.
-        draws: of every effect.
-        screening_runs: simulations a trial that tell certain trials from uncertain ones.
-        most: trials kept.
+        campaigns: simulated ones that the posterior is trained on, beside those of the look.
         noise: standard error of the largest tilt [rad].
-        series: whether the simulator gives series.
         cache: file of simulations; None: in memory.
+        seed: of look, campaigns and training.
+
+    Attributes:
+        cache: of simulations.
+        look: detection limits.
+        trials: indices of those that respond.
     """
 
     def __init__(
@@ -152,15 +141,11 @@ class Rehearsal:
         simulator: Simulator,
         campaign: Campaign,
         *,
-        draws: int = 24,
-        screening_runs: int = 20,
-        most: int = 400,
+        campaigns: int = 1000,
         noise: float = 0.003,
-        series: bool = False,
         cache: Path | None = None,
+        seed: int = 0,
     ) -> None:
-        self.simulator = simulator
-        self._noise = noise
         blank = replace(
             campaign,
             noise=MeasurementNoise(peak_tilt=noise),
@@ -168,59 +153,68 @@ class Rehearsal:
                 replace(t, overturned=False, peak_tilt=0.0, series=None) for t in campaign.trials
             ),
         )
-        # Any outcomes will do: screening reads none, and the tier decides what else counts.
-        seen = observe_campaign(blank, "M")
-        measured = (*seen.measured, *TILT_FEATURES) if series else seen.measured
-        self._seen = replace(seen, tier="T" if series else "M", measured=measured)
-        self.cache = SimulationCache(simulator, cache)
-        self.screening: Screening = screen(
-            self.cache, self._seen, runs=screening_runs, most=most, seed=0
-        )
-        self.library = reaching(self.cache, self.screening)
-        self._design, self.draws = simulate_design(
-            self.cache, self._seen, self.screening, self.library, dict.fromkeys(self.library, draws)
+        # Any outcomes will do: training reads none, and the tier decides what else counts.
+        self._seen = observe_campaign(blank, "M")
+        self._seed = seed
+        self._trained: dict[tuple[Tier, int], Posterior] = {}
+        self.cache = SimulationCache(simulator, cache, chunk=8192)
+        self.look = look(self.cache, len(campaign), seed=seed)
+        self.trials = self.look.responding
+        self._plain = plain_campaigns(self.cache, self.trials)
+        self._campaigns = simulate_campaigns(
+            self.cache, self.look, self.trials, range(campaigns), seed=seed
         )
 
+    def at(self, tier: Tier) -> Observations:
+        """The blank campaign as a tier sees it."""
+        measured = {"B": (), "M": self._seen.measured}.get(
+            tier, (*self._seen.measured, *TILT_FEATURES)
+        )
+        return replace(self._seen, tier=tier, measured=measured)
+
+    def posterior(self, tier: Tier, campaigns: int | None = None) -> Posterior:
+        """Trained for a tier, on the first so many campaigns; None: on all."""
+        count = len(self._campaigns) if campaigns is None else campaigns
+        if (tier, count) not in self._trained:
+            own = self._plain.joined(first(self._campaigns, count))
+            library = self.cache.simulator.library
+            self._trained[tier, count] = train(
+                self.at(tier), own, library, self.trials, seed=self._seed
+            )
+        return self._trained[tier, count]
+
     def observed(
-        self, truth: Simulator, effects: Effects = (), *, nuisance: int, replicate: int = 1
+        self,
+        truth: Simulator,
+        effects: Effects = (),
+        *,
+        tier: Tier,
+        nuisance: int,
+        replicate: int = 1,
     ) -> Observations:
         """What a campaign gives under a simulator whose draws the diagnosis does not know."""
         requests = [Request(i, effects, nuisance, replicate) for i in range(len(self._seen))]
-        return self.noted(truth.run(requests), seed=nuisance)
+        found: Responses = truth.run(requests)
+        blank = self.at(tier)
+        features = blank.noted(found.overturned, found.peak_tilt, found.features, 1000 + nuisance)
+        return replace(blank, overturned=found.overturned, features=features)
 
-    def noted(self, found: Responses, *, seed: int) -> Observations:
-        """Responses of all trials as a campaign notes them."""
-        features = self._seen.noted(found.overturned, found.peak_tilt, found.features, 1000 + seed)
-        return replace(self._seen, overturned=found.overturned, features=features)
+    def infer(
+        self, seen: Observations, *, campaigns: int | None = None, excluded: Collection[str] = ()
+    ) -> Found:
+        """The posterior of one campaign."""
+        posterior = self.posterior(seen.tier, campaigns)
+        kept = self.trials
+        return posterior.infer(seen.overturned[kept], seen.features[kept], excluded)
 
-    def design(self, tier: Tier) -> Design:
-        """The simulated campaigns with what a tier knows."""
-        count = {"B": 0, "M": 1}.get(tier, self._design.features.shape[2])
-        return replace(self._design, features=self._design.features[:, :, :count])
 
-    def prepared(
-        self, tier: Tier, *, without: Sequence[str] = (), design: Design | None = None
-    ) -> Prepared:
-        """Both routes for a tier, some effects left out of the library."""
-        library = {n: e for n, e in self.library.items() if n not in without}
-        simulated = self.design(tier) if design is None else design
-        rows = np.flatnonzero(~np.isin(simulated.effect, list(without)))
-        seen, kept = self._seen, self.screening.kept
-        conditions = TrialConditions(seen.order[kept], seen.log_pga[kept], seen.log_ratio[kept])
-        return prepare(
-            library, simulated.take(rows), self.draws[rows], conditions, seen.motion[kept]
-        )
-
-    def judge(self, prepared: Prepared, seen: Observations, tier: Tier) -> Judged:
-        """From observations to diagnosis."""
-        kept = self.screening.kept
-        count = {"B": 0, "M": 1}.get(tier, seen.features.shape[1])
-        part = replace(
-            seen, tier=tier, measured=seen.measured[:count], features=seen.features[:, :count]
-        )
-        observed = Data(part.overturned[None, kept], part.features[None, kept])
-        found = infer(prepared, observed)
-        evidence = conclude(self.cache, part, self.screening, prepared, found)
-        spent = {"budget": {"state": "sufficient"}}
-        diagnosis = compose(part, self.screening, prepared, found, evidence, {}, spent)
-        return Judged(evidence, found, diagnosis)
+def first(campaigns: Campaigns, count: int) -> Campaigns:
+    """The first so many campaigns."""
+    series = campaigns.features
+    return Campaigns(
+        campaigns.sets[:count],
+        campaigns.nuisances[:count],
+        campaigns.overturned[:count],
+        campaigns.peak_tilt[:count],
+        None if series is None else series[:count],
+    )

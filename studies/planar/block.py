@@ -135,7 +135,8 @@ def simulate_planar(
         over, top, tilt = _shake(blocks.take(rows), accelerations, series)
         overturned[rows], peak[rows] = over, top
         if tilt is not None:
-            found.append(tilt_features(np.arange(float(len(tilt))) * _SERIES_EVERY * STEP, tilt))
+            time = np.arange(float(len(tilt))) * _SERIES_EVERY * STEP
+            found.append(np.stack([tilt_features(time, column) for column in tilt.T]))
     return overturned, peak, np.concatenate(found) if series and found else None
 
 

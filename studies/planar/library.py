@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planar.block import GRAVITY
+from vsr2.effects import effect
 
 Array = NDArray[np.float64]
 
@@ -62,6 +63,11 @@ class PlanarEffect:
     channels: tuple[str, ...]
     stage: str
     act: Callable[[Lanes, NDArray[np.int64], Array], None]
+
+    @property
+    def confounded_with(self) -> tuple[str, ...]:
+        """As the library declares."""
+        return effect(self.name).confounded_with
 
 
 def _scale(field: str, by: Callable[[Array], Array]) -> Callable[..., None]:

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from base64 import b64decode
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,6 +38,7 @@ from vsr2.campaign import (
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
 from vsr2.diagnosis import DEFAULT_NUISANCES, Budget, with_deviations
+from vsr2.diagnosis.simulated.cache import KEY
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
@@ -93,14 +95,14 @@ def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) 
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", budget=Budget(draws=9), seed=7)
+    progress = diagnose_pack(small, tmp_path / "out", budget=Budget(campaigns=200), seed=7)
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
     for campaign, how in Stub.calls:
         assert campaign.tier == how["tier"]
         assert list(how["hypotheses"].exclude) == excluded[campaign.name]
-        assert (how["seed"], how["budget"].draws) == (7, 9)
+        assert (how["seed"], how["budget"].campaigns) == (7, 200)
         if how["tier"] == "B":
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None
@@ -160,18 +162,18 @@ def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path, monkeypat
     assert not (folder / DIAGNOSIS_FILE).exists()
 
 
-def test_draws_may_rise_and_then_all_is_diagnosed_again(small, tmp_path) -> None:
-    def diagnosed(draws):
-        budget = Budget(draws=draws)
+def test_campaigns_may_rise_and_then_all_is_diagnosed_again(small, tmp_path) -> None:
+    def diagnosed(campaigns):
+        budget = Budget(campaigns=campaigns)
         return diagnose_pack(small, tmp_path / "out", tiers=["M"], budget=budget).done
 
-    assert (diagnosed(9), diagnosed(9), len(Stub.calls)) == (4, 4, 4)
-    assert (diagnosed(24), len(Stub.calls)) == (4, 8)
-    assert {how["budget"].draws for _, how in Stub.calls[4:]} == {24}
-    assert len(list((tmp_path / "out").glob("*/M/diagnosis-9-draws.json"))) == 4
-    assert read_json(tmp_path / "out" / "submission.json")["draws"] == 24
-    with pytest.raises(BlindError, match="draws 24, not 9; continue with the same"):
-        diagnosed(9)
+    assert (diagnosed(200), diagnosed(200), len(Stub.calls)) == (4, 4, 4)
+    assert (diagnosed(300), len(Stub.calls)) == (4, 8)
+    assert {how["budget"].campaigns for _, how in Stub.calls[4:]} == {300}
+    assert len(list((tmp_path / "out").glob("*/M/diagnosis-200-campaigns.json"))) == 4
+    assert read_json(tmp_path / "out" / "submission.json")["campaigns"] == 300
+    with pytest.raises(BlindError, match="campaigns 300, not 200; continue with the same"):
+        diagnosed(200)
 
 
 def test_what_cannot_be_used_is_found_before_the_first_simulation(small, tmp_path) -> None:
@@ -311,23 +313,28 @@ except (FileNotFoundError, PermissionError):
     assert looked.pop() == "open"
 else:
     sys.exit("the key can be read")
-import vsr2.diagnosis.which.amortised, vsr2.diagnosis.budget, vsr2.diagnosis.simulated.design
 from dataclasses import replace
 import vsr2.diagnosis
 from vsr2.blind import diagnose_pack
 from vsr2.diagnosis import Budget, diagnose
+from vsr2.diagnosis.budget import SCHEDULE
+from vsr2.diagnosis.how_far.held_out import HELD_OUT
+from vsr2.diagnosis.noise_floor import NOISE_FLOOR
+from vsr2.diagnosis.posterior.network import NETWORK
+from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
-vsr2.diagnosis.simulated.design.SCREENING = replace(
-    vsr2.diagnosis.simulated.design.SCREENING, least_none=12
-)
-vsr2.diagnosis.budget.NOISE_FLOOR = replace(vsr2.diagnosis.budget.NOISE_FLOOR, most_trials=4)
-vsr2.diagnosis.which.amortised.TREES = 40
+for constants, changes in (
+    (SCHEDULE, {{"fewest": 40}}), (LOOK, {{"plain": 16, "trials": 12}}),
+    (NETWORK, {{"passes": 20}}), (HELD_OUT, {{"members": 6}}), (NOISE_FLOOR, {{"most_trials": 4}}),
+):
+    for name, value in changes.items():
+        object.__setattr__(constants, name, value)
 def rough(*given, hypotheses, **how):
     offered = {{name: library()[name] for name in {names!r}}}
     return diagnose(*given, hypotheses=replace(hypotheses, library=offered), **how)
 vsr2.diagnosis.diagnose = rough
-made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], budget=Budget(draws=6))
+made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], budget=Budget(campaigns=40))
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
 """
 
@@ -411,9 +418,9 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
         for tier in "MT"
     }
     # Campaigns of one protocol share their simulations, but for what is named of each.
-    assert sum(simulated.values()) == (
-        len((out / "simulations.jsonl").read_bytes().splitlines()) - 1
-    )
+    _, *records = (out / "simulations.jsonl").read_text().splitlines()
+    kept = sum(len(b64decode(json.loads(record)["keys"])) // KEY for record in records)
+    assert sum(simulated.values()) == kept
     assert sorted(simulated[name, "M"] for name in names)[:9] == [0] * 9
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 2

@@ -9,12 +9,17 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cyclopts import App, CycloptsError
 
 import command_line
 from vsr2.cli.main import app, main
+from vsr2.diagnosis import Budget, ProtocolCache
+from vsr2.diagnosis.api import _ProgressLines
+from vsr2.diagnosis.pipeline import Progress, Stage
+from vsr2.errors import DiagnosisError
 
 STUDY = """
 name: block
@@ -51,7 +56,14 @@ def test_all_verbs_are_there() -> None:
         *("run", "view", "inertia", "calibrate", "fragility", "diagnose"),
         *("motion", "motion info", "motion convert", "motion generate", "motion fuse"),
         *("campaign", "campaign import-lab", "campaign check", "campaign info"),
-        *("campaign simulate", "effects", "effects list", "effects show", "effects check"),
+        *(
+            "campaign simulate",
+            "campaign compare",
+            "effects",
+            "effects list",
+            "effects show",
+            "effects check",
+        ),
         *("blind", "blind make", "blind diagnose", "blind score"),
         *("config", "config check", "config import-ros2", "config reference", "config schema"),
     }
@@ -101,7 +113,10 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
         ("blind make a b --engine mujcoo", 'Did you mean "mujoco"'),
         ("blind make a b --single", "--single requires at least 1 element"),
         ("blind make a b --single 1 2.5", '"1 2.5" is no whole number'),
-        ("blind diagnose d --out o --draws 3 --budget-minutes 1", "Mutually exclusive arguments"),
+        (
+            "blind diagnose d --out o --campaigns 300 --budget-minutes 1",
+            "Mutually exclusive arguments",
+        ),
         ("motion convert a b --units furlong", "Choose from"),
         ("motion info", "FILES requires an argument"),
         ("config import-ros2", "FILES requires an argument"),
@@ -257,3 +272,42 @@ def test_the_journal_taken_up_is_logged(
 def test_errors_of_usage_reach_callers_that_want_them() -> None:
     with pytest.raises(CycloptsError, match="no whole number"):
         command_line.run("run", "study.yaml", "--threads", "x")
+
+
+def test_diagnose_hands_budget_and_cache_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def stop(campaign: Path, scene: Path, **how: Any) -> None:
+        asked.update(how)
+        raise DiagnosisError("seen enough")
+
+    monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
+    line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path), "--campaigns", "300"]
+    assert main([*line, "--cache", str(tmp_path / "shared")]) == 2
+    assert "seen enough" in capsys.readouterr().err
+    assert asked["budget"] == Budget(campaigns=300)
+    assert asked["execution"].cache == ProtocolCache(tmp_path / "shared")
+    assert main([*line, "--simulations", "9000", "--budget-minutes", "3"]) == 2
+    assert asked["budget"] == Budget(3.0, 9000, 300)
+    assert asked["execution"].cache is None
+
+
+def test_progress_of_a_diagnosis_has_the_time_left(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = iter((100.0, 130.0, 131.0, 140.0))
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    say = _ProgressLines()
+    say(Progress(Stage.LOOK, 0.0))
+    say(Progress(Stage.LOOK, 0.25))
+    say(Progress(Stage.SIMULATION, 0.5, 300.0, {"wear": 0.6, "none": 0.1}))
+    say(Progress(Stage.JUDGEMENT, 1.0))
+    lines = [line.rstrip() for line in capsys.readouterr().err.splitlines()]
+    assert lines == [
+        "vsr2 diagnose: trying effects   0%",
+        "vsr2 diagnose: trying effects  25%, 90 s left of this",
+        "vsr2 diagnose: simulating  50%, 5 min left; leading: wear 0.60, none 0.10",
+        "vsr2 diagnose: judging 100%",
+    ]

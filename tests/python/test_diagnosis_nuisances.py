@@ -98,7 +98,10 @@ def simulator(shaken, tmp_path, nuisances):
     study = study_from_mapping(BOX, base=tmp_path)
     offered = {name: library()[name] for name in ("restitution", "table_gain")}
     return SceneSimulator(
-        shaken, study, hypotheses=Hypotheses(offered, nuisances=nuisances), seed=3
+        shaken,
+        study,
+        hypotheses=Hypotheses(offered, nuisances=nuisances, contact_family=()),
+        seed=3,
     )
 
 

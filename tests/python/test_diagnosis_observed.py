@@ -7,25 +7,122 @@ import dataclasses
 import numpy as np
 import pytest
 
-from planted import shaken_campaign
+from planar.simulator import PlanarSimulator
+from planted import observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, Series
 from vsr2.diagnosis.noise_floor import _repeats
-from vsr2.diagnosis.observed.features import Sampling, rest_features, tilt_features
+from vsr2.diagnosis.observed.features import (
+    SERIES,
+    TILT_FEATURES,
+    Sampling,
+    noted_tilt_features,
+    rest_features,
+    tilt_features,
+)
 from vsr2.diagnosis.observed.observations import _reached_tier, observe_campaign, rest_logarithm
 from vsr2.diagnosis.observed.table_motion import agreement, table_residuals
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record
 
+NAMES = [feature.name for feature in TILT_FEATURES]
 
-def test_features_of_a_series() -> None:
-    time = np.arange(0, 4, 0.01)
-    tilt = np.where((time > 1) & (time < 2), 0.1 * np.sin(np.pi * (time - 1)), 0.0)
-    tilt += np.where((time > 2.1) & (time < 2.6), 0.04 * np.sin(np.pi * (time - 2.1) / 0.5), 0.0)
-    found = tilt_features(time, np.stack([tilt, np.zeros_like(tilt)], axis=1))
-    assert found[0, 0] == pytest.approx(1.04, abs=0.02)
-    np.testing.assert_allclose(np.exp(found[0, [1, 3]]), [0.1, 0.04], rtol=0.01)
-    assert found[0, 4] == pytest.approx(2.56, abs=0.02)
-    assert np.isnan(found[1]).all()
+
+def bumps(*given, end=4.0, step=0.01, noise=0.0):
+    """Sine arches by start, duration and height, noise between them."""
+    time = np.arange(0.0, end, step)
+    tilt = noise * np.abs(np.random.default_rng(0).standard_normal(time.size))
+    for start, duration, height in given:
+        phase = (time - start) / duration
+        tilt += np.where((phase > 0) & (phase < 1), height * np.sin(np.pi * phase.clip(0, 1)), 0.0)
+    return time, tilt
+
+
+def named(time, tilt):
+    return dict(zip(NAMES, tilt_features(time, tilt), strict=True))
+
+
+def test_excursions_have_a_start_a_length_and_a_height() -> None:
+    given = [(0.5, 0.8, 0.2), (1.4, 0.5, 0.1), (2.0, 0.4, 0.06), (2.5, 0.3, 0.04), (2.9, 0.2, 0.03)]
+    found = named(*bumps(*given, noise=0.001))
+    up = []
+    for word, (start, duration, height) in zip(
+        ("first", "second", "third", "fourth"), given[:4], strict=True
+    ):
+        # An arch is above the uplift for all but its feet.
+        foot = np.arcsin(SERIES.uplift / height) / np.pi * duration
+        up.append(duration - 2 * foot)
+        assert found[f"{word}_start"] == pytest.approx(start + foot, abs=0.012)
+        assert np.exp(found[f"{word}_excursion"]) == pytest.approx(height, abs=0.003)
+        assert np.exp(found[f"{word}_duration"]) == pytest.approx(up[-1], abs=0.021)
+    foot = np.arcsin(SERIES.uplift / 0.03) / np.pi * 0.2
+    up.append(0.2 - 2 * foot)
+    assert np.expm1(found["excursions"]) == pytest.approx(5)
+    assert np.exp(found["time_aloft"]) - 0.05 == pytest.approx(sum(up), abs=0.06)
+    assert found["rest_time"] == pytest.approx(3.1 - foot, abs=0.012)
+    assert np.exp(found["series_tilt"]) == pytest.approx(0.2, rel=0.01)
+    assert found["contradiction"] == 1.0
+    assert np.isnan(found["fall_time"])
+
+
+def test_what_does_not_end_is_no_excursion_and_a_fall_has_a_time() -> None:
+    time, tilt = bumps((0.5, 0.4, 0.1))
+    falling = tilt + np.where(time > 2, np.minimum((time - 2) ** 2, np.pi / 2), 0.0)
+    found = named(time, falling)
+    assert np.exp(found["first_excursion"]) == pytest.approx(0.1, rel=0.02)
+    assert np.isnan([found["second_start"], found["rest_time"]]).all()
+    assert np.expm1(found["excursions"]) == pytest.approx(2)
+    assert found["fall_time"] == pytest.approx(2 + np.sqrt(SERIES.fallen), abs=0.011)
+    assert found["contradiction"] == 0.0
+    aloft = 0.4 * (1 - 2 * np.arcsin(0.1) / np.pi) + 2 - 0.1
+    assert np.exp(found["time_aloft"]) - 0.05 == pytest.approx(aloft, abs=0.03)
+    still = tilt_features(time, np.zeros_like(time))
+    known = dict(zip(NAMES, still, strict=True))
+    assert {name for name, value in known.items() if np.isfinite(value)} == {
+        "series_tilt", "contradiction", "excursions", "time_aloft",
+    }  # fmt: skip
+    assert known["excursions"] == 0
+
+
+def test_a_noted_outcome_may_contradict_the_series() -> None:
+    """Noted as overturned, but the series comes to rest; noted as standing, but it fell."""
+    time, rocked = bumps((0.5, 0.8, 0.3))
+    fell = np.minimum(0.5 * time**2, np.pi / 2)
+    stood = [tilt_features(time, series) for series in (rocked, fell)]
+    lost = np.full(len(NAMES), np.nan)
+    found = np.array([stood[0], stood[0], stood[1], stood[1], lost])
+    noted = noted_tilt_features(found, np.array([0.0, 1.0, 0.0, 1.0, 1.0]))
+    np.testing.assert_array_equal(noted[:, 1], [0, 1, 1, 0, np.nan])
+    # The series' own largest tilt counts of rocks noted as overturned, up to where none comes back.
+    np.testing.assert_allclose(
+        np.exp(noted[:, 0]), [np.nan, 0.3, np.nan, SERIES.fallen, np.nan], rtol=1e-3
+    )
+    np.testing.assert_array_equal(noted[:, 2:], found[:, 2:])
+
+
+def test_a_campaign_with_series_shows_its_contradictions() -> None:
+    plain = shaken_campaign(5, 8, duration=1.5)
+    time, rocked = bumps((0.5, 0.8, 0.3))
+    fell = np.minimum(0.5 * time**2, np.pi / 2)
+    trials = tuple(
+        dataclasses.replace(
+            t, overturned=i % 4 > 1, peak_tilt=0.3 if i % 4 < 2 else None,
+            series=Series(time=time, tilt=fell if i % 2 else rocked),
+        )
+        for i, t in enumerate(plain.trials)
+    )  # fmt: skip
+    seen = observe_campaign(dataclasses.replace(plain, trials=trials))
+    assert seen.tier == "T"
+    names = [feature.name for feature in seen.measured]
+    assert names == ["largest_tilt", *NAMES]
+    column = seen.features[:, names.index("contradiction")]
+    np.testing.assert_array_equal(column, np.tile([0, 1, 1, 0], 10))
+    # Simulated responses are noted alike: fallen or not by the simulation's own outcome.
+    series = np.tile(tilt_features(time, rocked), (2, 40, 1))
+    down = np.stack([np.zeros(40), np.ones(40)])
+    noted = seen.noted(down, np.full((2, 40), 0.3), series, seed=0)
+    np.testing.assert_array_equal(noted[..., names.index("contradiction")], down)
+    blank = dataclasses.replace(seen, tier="M", measured=seen.measured[:1])
+    assert blank.noted(down, np.full((2, 40), 0.3), series, seed=0).shape == (2, 40, 1)
 
 
 def test_turn_and_travel_are_those_between_the_rests() -> None:
@@ -148,9 +245,8 @@ def table_campaign(*records):
 def test_the_table_s_residuals_are_those_that_its_null_expects() -> None:
     calm = table_residuals(table_campaign(*(recorded(seed=s) for s in range(5))), null=400)
     assert calm is not None
-    assert calm.residual.shape == calm.variance.shape == (4, 40)
+    assert calm.residual.shape == (4, 40)
     assert calm.null.shape == (400, 4, 40)
-    assert (calm.variance == 1).all()
     np.testing.assert_allclose(calm.null.std(axis=(0, 2)), 1.0, atol=0.12)
     # Noise far below the calibration error: all records of a null campaign err together.
     assert (calm.null.mean(axis=2).std(axis=0) > 0.85).all()
@@ -159,7 +255,7 @@ def test_the_table_s_residuals_are_those_that_its_null_expects() -> None:
     one = dataclasses.replace(recorded(), acceleration=None)
     loud = table_residuals(table_campaign(*off, one), null=400)
     assert loud is not None
-    known = loud.variance[0] > 0
+    known = loud.residual[0] != 0
     assert known.sum() == 32
     # ln(1.03) over 1 % and less noise.
     expected = np.log(1.03) / np.hypot(0.01, agreement(off[0])[0, 1])
@@ -291,3 +387,42 @@ def test_one_trial_in_ten_may_lack_what_a_tier_rests_on() -> None:
     assert reached(100, 10) == "T"
     assert reached(10, 100) == "M"
     assert reached(11, 100) == "B"
+
+
+@pytest.mark.parametrize("trials", [30, 39])
+def test_too_small_a_campaign_is_refused(trials: int) -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0)
+    observed = observe(campaign, PlanarSimulator(campaign), nuisance=1)
+    part = observed.select([i < trials for i in range(len(observed))])
+    with pytest.raises(DiagnosisError, match="needs 40 of 4 motions"):
+        observe_campaign(part)
+
+
+def test_a_few_missing_tilts_cost_no_tier() -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0, pga=(0.55, 1.15))
+    observed = observe(campaign, PlanarSimulator(campaign), nuisance=1, tier="M")
+    standing = [i for i, trial in enumerate(observed.trials) if not trial.overturned]
+
+    def without(indices):
+        trials = [
+            dataclasses.replace(trial, peak_tilt=None) if i in indices else trial
+            for i, trial in enumerate(observed.trials)
+        ]
+        return dataclasses.replace(observed, trials=tuple(trials))
+
+    overturned = set(range(len(observed))) - set(standing)
+    seen = observe_campaign(without({*overturned, standing[3]}))
+    assert seen.tier == "M"
+    assert np.isnan(seen.features[:, 0]).sum() == len(overturned) + 1
+    many = without(set(standing[: len(standing) // 5 + 1]))
+    assert observe_campaign(many).tier == "B"
+    first = observed.trials[standing[0]].trial
+    with pytest.raises(DiagnosisError, match=rf"not M: \d+ trials have no largest tilt .*{first}"):
+        observe_campaign(many, "M")
+
+
+def test_a_tier_that_was_not_measured_is_refused() -> None:
+    campaign = shaken_campaign(8, 6, duration=3.0)
+    observed = observe(campaign, PlanarSimulator(campaign), nuisance=1)
+    with pytest.raises(DiagnosisError, match="reaches tier B"):
+        observe_campaign(observed, "T")

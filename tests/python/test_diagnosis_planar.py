@@ -15,6 +15,7 @@ from planar.block import (
 from planar.library import PLANAR_LIBRARY
 from planar.simulator import PlanarSimulator
 from planted import shaken_campaign
+from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.simulated.simulator import Request
 
 B, H = 0.2, 0.5
@@ -54,7 +55,9 @@ def test_an_impact_keeps_housners_energy(ratio: float) -> None:
     pulse[: round(0.12 / STEP)] = 9.0
     _, _, features = simulate_planar(blocks(1, energy_ratio=ratio), pulse, series=True)
     assert features is not None
-    first, second = np.exp(features[0, [1, 3]])
+    names = [feature.name for feature in TILT_FEATURES]
+    places = [names.index(f"{word}_excursion") for word in ("first", "second")]
+    first, second = np.exp(features[0, places])
     height = np.cos(ALPHA - np.array([first, second])) - np.cos(ALPHA)
     housner = (1 - 1.5 * np.sin(ALPHA) ** 2) ** 2
     # The impact is placed within a step of 5 ms by linear interpolation.

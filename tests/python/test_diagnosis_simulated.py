@@ -1,51 +1,42 @@
-"""Parts of the diagnosis that simulate: the cache, draws, the library."""
+"""Parts of the diagnosis that simulate: cache, look at effects, campaigns, contact models."""
 
 from __future__ import annotations
 
 import base64
-import dataclasses
 import json
-from types import SimpleNamespace
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
+from diagnosis_samples import SCATTER, LinearSimulator
 from planar.library import PLANAR_LIBRARY
 from planted import shaken_campaign
-from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
-from vsr2.diagnosis.how_far.resimulation import RESIMULATION_RUNS
-from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS
-from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.pipeline import _settled
+from vsr2.config import study_from_mapping
+from vsr2.diagnosis import Hypotheses
 from vsr2.diagnosis.simulated.cache import SimulationCache, own_code
-from vsr2.diagnosis.simulated.design import screen
-from vsr2.diagnosis.simulated.library import basis, free_parameters, null_quantile, values_at
+from vsr2.diagnosis.simulated.campaigns import (
+    SET_PRIOR,
+    draw_acting,
+    draw_set,
+    insensitive,
+    plain_campaigns,
+    simulate_campaigns,
+)
+from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY, ContactModel
+from vsr2.diagnosis.simulated.library import free_parameters, primary_parameters, sides, values_at
+from vsr2.diagnosis.simulated.look import LOOK, Limit, look
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.effects import library as full_library
+from vsr2.effects import with_effects
 from vsr2.errors import ResultError
+from vsr2.simulation import check_trials
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}
-
-
-class Falling:
-    """Trial i overturns in the first so many of its simulations."""
-
-    library = TWO
-    nuisance_names = ("z",)
-    identity = "falling"
-
-    def __init__(self, times):
-        self.left = list(times)
-
-    def nuisance_draw(self, index):
-        return nuisance_normal(0, 1, index)
-
-    def run(self, requests):
-        overturned = np.zeros(len(requests))
-        for k, request in enumerate(requests):
-            overturned[k] = self.left[request.trial] > 0
-            self.left[request.trial] -= 1
-        return Responses(overturned, 1.5 * overturned, None)
 
 
 class Counting:
@@ -142,59 +133,17 @@ def test_a_cache_keeps_the_versions_of_an_effect_of_one_s_own_apart(tmp_path) ->
     assert simulated == [2, 1, 0, 1, 1, 0, 0, 0, 0, 0]
 
 
-def test_only_effects_in_the_race_get_twice_the_draws() -> None:
-    schedule = Schedule(Budget(simulations=100_000), SimulationCache(Counting()), 50, TWO)
-    stated = {"table_gain": 0.9, "restitution": 0.001}
-    first = dict.fromkeys(TWO, 24)
-    more = schedule.next_draws(first, stated)
-    assert more == {"table_gain": 48, "restitution": 24}
-    # Who fell behind once stays behind.
-    assert schedule.next_draws(more, dict.fromkeys(TWO, 0.5)) == {
-        "table_gain": 96,
-        "restitution": 24,
-    }
-    assert (
-        schedule.next_draws({"table_gain": SCHEDULE.most_draws, "restitution": 24}, stated) is None
-    )
-
-
-def test_what_screened_out_trials_cost_is_kept_back() -> None:
-    cache = SimulationCache(Counting())
-    schedule = Schedule(Budget(simulations=10_000), cache, 50, TWO)
-    schedule.fit(20)
-    rest = 10_000 - SCREENED_OUT_RUNS * 30 - RESIMULATION_RUNS * 20
-    assert schedule.affords(rest, cache)
-    assert not schedule.limited
-    assert not schedule.affords(rest + 1, cache)
-    assert schedule.limited
-    cache.run([Request(0, (), i, 1) for i in range(10)])
-    assert not schedule.affords(rest - 9, cache)
-    assert schedule.affords(rest - 10, cache)
-
-
-def test_an_answer_stands_on_three_rounds_with_one_class_and_one_test() -> None:
-    def one(group: list[str], p: float) -> SimpleNamespace:
-        return SimpleNamespace(leading=group, inference=SimpleNamespace(gap_p=0.5, direction_p=p))
-
-    same = [one(["catch", "table_gain"], 0.01), one(["catch"], 0.02), one(["catch"], 0.001)]
-    assert _settled(same)
-    assert not _settled(same[1:])
-    assert _settled([one(["wear"], 0.5), *same]), "of the last three"
-    assert not _settled([*same[:2], one(["wear"], 0.01)])
-    assert not _settled([*same[:2], one(["catch"], 0.03)]), "a gap, and then none"
-
-
 def test_a_cache_of_an_older_form_or_with_damaged_records_is_refused(tmp_path) -> None:
     (tmp_path / "b.sqlite").write_bytes(b"SQLite format 3")
     with pytest.raises(ResultError, match=r"b\.sqlite: is a simulation cache of an older VSR2; r"):
         SimulationCache(Counting(), tmp_path / "b.jsonl")
     requests = [Request(0, (), 0, 1), Request(1, (), 0, 1)]
     path = tmp_path / "c.jsonl"
-    with SimulationCache(Counting(), path) as cache:
+    with SimulationCache(Counting(), path, chunk=1) as cache:
         cache.run(requests)
     header, first, second = path.read_bytes().splitlines(keepends=True)
     longer = json.loads(second)
-    longer["response"] = base64.b64encode(bytes(24)).decode()
+    longer["responses"] = base64.b64encode(bytes(24)).decode()
     path.write_bytes(header + first + json.dumps(longer).encode() + b"\n")
     with (
         SimulationCache(Counting(), path) as cache,
@@ -203,40 +152,350 @@ def test_a_cache_of_an_older_form_or_with_damaged_records_is_refused(tmp_path) -
         cache.run(requests)
 
 
+WRITER = """
+import sys, time
+sys.path[:0] = {path!r}
+from test_diagnosis_simulated import Counting, REQUESTS
+from vsr2.diagnosis.simulated.cache import SimulationCache
+class Slow(Counting):
+    def run(self, requests):
+        time.sleep(0.02)
+        return super().run(requests)
+SimulationCache(Slow(), __import__("pathlib").Path({file!r}), chunk=4).run(REQUESTS)
+"""
+REQUESTS = [Request(i % 40, (), i // 40, 1) for i in range(4000)]
+
+
+def test_a_killed_cache_goes_on_and_a_torn_last_record_is_dropped(tmp_path) -> None:
+    path = tmp_path / "c.jsonl"
+    code = WRITER.format(path=[p for p in sys.path if p], file=str(path))
+    child = subprocess.Popen([sys.executable, "-c", code])
+    ends = time.monotonic() + 120
+    while not (path.exists() and path.read_bytes().count(b"\n") > 3) and time.monotonic() < ends:
+        assert child.poll() is None, "it ended before it could be killed"
+        time.sleep(0.005)
+    child.send_signal(signal.SIGKILL)
+    assert child.wait() == -signal.SIGKILL
+    kept = path.read_bytes().count(b"\n") - 1
+    # A last record of which only a part reached the disk.
+    last = path.read_bytes().splitlines(keepends=True)[-1]
+    path.write_bytes(path.read_bytes() + last[:-10])
+    simulator = Counting()
+    with SimulationCache(simulator, path, chunk=1000) as cache:
+        assert cache.size >= 4 * (kept - 1)
+        size = cache.size
+        found = cache.run(REQUESTS)
+        assert cache.simulated == simulator.runs == len(REQUESTS) - size
+        assert cache.reused == size
+    reference = SimulationCache(Counting()).run(REQUESTS)
+    np.testing.assert_array_equal(found.peak_tilt, reference.peak_tilt)
+    with SimulationCache(Counting(), path) as cache:
+        assert cache.size == len(REQUESTS)
+
+
+@pytest.mark.parametrize("change", [{"version": 1}, {"responses": "AAAA"}, {"keys": "?"}])
+def test_records_of_another_version_or_damaged_are_refused(tmp_path, change) -> None:
+    path = tmp_path / "c.jsonl"
+    with SimulationCache(Counting(), path, chunk=5) as cache:
+        cache.run(REQUESTS[:15])
+    lines = path.read_text().splitlines()
+    line = 0 if "version" in change else 1
+    lines[line] = json.dumps(json.loads(lines[line]) | change)
+    path.write_text("\n".join(lines) + "\n")
+    said = "version 1, this VSR2 has 2" if "version" in change else "jsonl:2: damaged"
+    with pytest.raises(ResultError, match=f"{said}.*remove it, and its simulations are made again"):
+        SimulationCache(Counting(), path)
+
+
+# --- library -------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("name", sorted(full_library()))
-def test_the_basis_vanishes_where_an_effect_is_absent(name: str) -> None:
-    entry = full_library()[name]
-    free = free_parameters(entry)
-    nulls = [null_quantile(p) for p in free]
-    primary = [null for p, null in zip(free, nulls, strict=True) if not p.secondary]
-    if any(null is None or not 1e-6 < null < 1 - 1e-6 for null in primary):
-        # Presence itself is one of the functions of an effect with one side.
-        assert basis(entry, np.full((1, len(free)), 0.5)).shape[1] >= len(free)
-        return
-    u = np.array([[0.3 if null is None else null for null in nulls]])
-    np.testing.assert_allclose(basis(entry, u), 0.0, atol=1e-9)
-    assert len(values_at(entry, u[0])) == len(entry.parameters)
+def test_shares_lead_from_the_null_to_the_prior_s_end(name: str) -> None:
+    effect = full_library()[name]
+    free, primary = free_parameters(effect), primary_parameters(effect)
+    place = [list(effect.parameters).index(p) for p in primary]
+    secondary = [0.3] * (len(free) - len(primary))
+    for side in sides(effect):
+        blank = values_at(effect, side, [0.0] * len(primary), secondary)
+        assert [blank[i] for i in place] == [p.null for p in primary]
+        steps = np.array(
+            [values_at(effect, side, [s] * len(primary), secondary) for s in (0.2, 0.6, 1.0)]
+        )
+        for i, parameter in zip(place, primary, strict=True):
+            end = parameter.ppf(1.0), parameter.ppf(0.0)
+            assert min(abs(steps[-1, i] - e) for e in end) < 1e-9 * max(1, abs(steps[-1, i]))
+            moved = np.diff(steps[:, i])
+            assert (moved > 0).all() or (moved < 0).all()
 
 
-def test_trials_near_the_boundary_are_kept_first() -> None:
-    """Of 12 simulations, 8 without effect: certain are those with none or all overturned."""
-    campaign = shaken_campaign(10, 4)
-    rows = tuple(dataclasses.replace(trial, overturned=False) for trial in campaign.trials)
-    seen = observe_campaign(dataclasses.replace(campaign, trials=rows), "B")
-    times = np.zeros(40, dtype=int)
-    times[:6] = 12, 1, 11, 5, 7, 2
+# --- the look at effects -------------------------------------------------------------------------
 
-    def kept(most):
-        with SimulationCache(Falling(times)) as cache:
-            return screen(cache, seen, runs=16, most=most)
 
-    every = kept(40)
-    assert set(every.kept) - set(every.guard) == {1, 2, 3, 4, 5}
-    assert every.guard.size == 4, "a tenth of 35"
-    np.testing.assert_array_equal(every.alike, np.isin(times, (0, 12)))
-    np.testing.assert_array_equal(every.uncertain_at_first, [1, 2, 3, 4, 5])
-    np.testing.assert_allclose(every.probability, (times + 0.5) / 13)
-    few = kept(4)
-    assert few.guard.size == 1
-    assert set(few.kept) - set(few.guard) == {3, 4, 5}, "nearest to one in two"
-    assert few.left_out == 2
+def limits_of(slopes, trials=40, **options):
+    """Of effects, whose trials all lift off and stand."""
+    with SimulationCache(LinearSimulator(slopes, trials=trials, **options)) as cache:
+        return look(cache, trials)
+
+
+def loss(slope):
+    """Of wear, from its null to the end of its range."""
+    return lambda values: slope * SCATTER * values[0] / 0.15
+
+
+def test_the_limit_of_a_linear_effect_is_three_deviations_of_the_campaign() -> None:
+    # At a share s each of forty trials moves by 4 s deviations: 3 = 4 s sqrt(40).
+    found = limits_of({"wear": loss(4.0)})
+    assert found.responding.tolist() == list(range(40))
+    limit = found.limits["wear", 1]
+    # Two draws each, of equal noise with and without the effect; scatters of 48 draws.
+    assert limit.share == pytest.approx(LOOK.signal / 4 / np.sqrt(40), rel=0.1)
+    assert not limit.jumps
+
+
+def test_what_a_nuisance_does_too_is_seen_the_less() -> None:
+    """A nuisance that moves all trials as the effect does, by as much as they scatter."""
+    limit = limits_of({"wear": loss(4.0)}, nuisance=SCATTER).limits["wear", 1]
+    # In units of sqrt(2) scatters the nuisance is 1 / sqrt(2) for all, known from 48 draws to a
+    # variance of 1 / 2 / 48: by the Sherman-Morrison formula 40 changes c have this signal.
+    squared = 40 - (40 / 2) * 40 / (1 + 40 / 2 * (1 + 1 / 48))
+    expected = LOOK.signal * np.sqrt(2) / 4 / np.sqrt(squared)
+    assert limit.share == pytest.approx(expected, rel=0.1)
+    # An effect of a direction of its own is not.
+    signs = np.where(np.arange(40) % 2, 1.0, -1.0)
+    other = limits_of({"wear": lambda values: signs * loss(4.0)(values)}, nuisance=SCATTER)
+    expected = LOOK.signal * np.sqrt(2) / 4 / np.sqrt(40)
+    assert other.limits["wear", 1].share == pytest.approx(expected, rel=0.15)
+
+
+def test_each_side_has_a_limit_of_its_own() -> None:
+    def gain(values):
+        share = values[0] / 0.15
+        return SCATTER * (25 * share if share > 0 else 5 * share)
+
+    limits = limits_of({"table_gain": gain}).limits
+    assert limits["table_gain", -1].share == pytest.approx(
+        5 * limits["table_gain", 1].share, rel=0.1
+    )
+
+
+def test_effects_jump_or_are_never_seen() -> None:
+    found = limits_of(
+        {
+            "wear": loss(0.01),
+            "restitution": lambda values: 30 * SCATTER,
+            "rolling_resistance": loss(0.0),
+            "edge_rounding": lambda values: SCATTER * 0.3 * values[0] / 0.015,
+        }
+    )
+    limits = found.limits
+    for side in (-1, 1):
+        assert limits["restitution", side] == Limit(LOOK.shares[-1], jumps=True)
+    # A hundredth of a deviation at its end: 3 / (0.01 sqrt(40)) times as much is wanted.
+    assert limits["wear", 1].share == pytest.approx(300 / np.sqrt(40), rel=0.1)
+    assert limits["edge_rounding", 1].share == pytest.approx(10 / np.sqrt(40), rel=0.1)
+    assert limits["rolling_resistance", 1].share > 1000
+    library = {name: PLANAR_LIBRARY[name] for name in ("wear", "restitution", "edge_rounding",
+                                                       "rolling_resistance")}  # fmt: skip
+    # An effect of which the end of its range has 0.4 limits or more is simulated.
+    assert insensitive(library, limits) == ("wear", "rolling_resistance")
+
+
+def test_overturning_counts_as_a_tilt_of_one_radian() -> None:
+    """Rocks at -1, which all fall beside the null: as a change by 1, clipped at three scatters."""
+    found = limits_of({"wear": lambda values: 5.0 if values[0] > 0.01 else 0.0}, base=(-1.0, -1.0))
+    # It sets in between a sixteenth of the range, 0.0094, and a quarter of it.
+    assert 1 / 16 < found.limits["wear", 1].share < 1 / 4
+    higher = limits_of({"wear": lambda values: 40.0 * (values[0] > 0.01)}, base=(-1.0, -1.0))
+    assert higher.limits == found.limits
+
+
+def test_trials_that_never_lift_off_do_not_respond() -> None:
+    found = limits_of({"wear": loss(4.0)}, base=(-8.0, -2.0))
+    # ln 0.01 = -4.6, of forty from -8 to -2, and some scatter.
+    edge = np.ceil((np.log(LOOK.moved) + 8) / 6 * 39)
+    assert abs(found.responding[0] - edge) <= 1
+    np.testing.assert_array_equal(np.diff(found.responding), 1)
+    assert found.responding[-1] == 39
+
+
+def test_fewer_trials_look_for_all_of_them() -> None:
+    few = LinearSimulator({"wear": loss(4.0)}, trials=40)
+    with SimulationCache(few) as cache:
+        found = look(cache, 40, most=12)
+    assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(40), rel=0.15)
+    # Two draws of twelve trials at six sizes, and those without effect.
+    assert few.runs == 2 * 12 * len(LOOK.shares) + 40 * LOOK.plain
+
+
+# --- campaigns -----------------------------------------------------------------------------------
+
+LIMITS = {
+    ("table_gain", -1): Limit(0.05, jumps=False),
+    ("table_gain", 1): Limit(0.5, jumps=False),
+    ("restitution", -1): Limit(0.001, jumps=True),
+    ("restitution", 1): Limit(4.0, jumps=False),
+    ("wear", 1): Limit(2.6, jumps=False),
+    ("catch", 1): Limit(0.02, jumps=False),
+}
+FOUR = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution", "wear", "catch")}
+
+
+def test_what_acts_has_the_shares_of_the_prior() -> None:
+    drawn = [draw_set(FOUR, LIMITS, i, 3) for i in range(3000)]
+    counts = np.bincount([len(one) for one in drawn]) / 3000
+    wanted = (SET_PRIOR.none, 1 - SET_PRIOR.none - SET_PRIOR.two, SET_PRIOR.two)
+    # Three binomial standard errors.
+    np.testing.assert_allclose(counts, wanted, atol=3 * 0.5 / np.sqrt(3000))
+    names = [acting.name for one in drawn for acting in one]
+    # What reaches 0.4 limits nowhere never acts; others in turn.
+    assert set(names) == {"table_gain", "restitution", "catch"}
+    share = np.array([names.count(n) for n in sorted(set(names))]) / len(names)
+    np.testing.assert_allclose(share, 1 / 3, atol=0.03)
+    order = list(FOUR)
+    for one in drawn:
+        place = [order.index(acting.name) for acting in one]
+        assert place == sorted(set(place))
+    assert draw_set(FOUR, LIMITS, 17, 3) == drawn[17], "any can be drawn alone"
+    assert draw_set(FOUR, LIMITS, 17, 4) != drawn[17]
+
+
+def test_sizes_are_log_uniform_in_detection_limits() -> None:
+    rng = np.random.default_rng(0)
+    gains = [draw_acting(FOUR, "table_gain", LIMITS, rng) for _ in range(2000)]
+    for side, most in ((-1, SET_PRIOR.most), (1, 2.0)):
+        log = np.log([one.size for one in gains if one.side == side])
+        low, high = np.log(SET_PRIOR.least), np.log(most)
+        assert log.min() >= low - 1e-9
+        assert log.max() <= high + 1e-9, "or the end of the range, where that comes first"
+        assert log.mean() == pytest.approx((low + high) / 2, abs=3 * (high - low) / np.sqrt(12e3))
+        assert log.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.06)
+    for one in gains:
+        limit = LIMITS["table_gain", one.side].share
+        assert one.values[0] == pytest.approx(one.side * one.size * limit * 0.15)
+    jumps = [draw_acting(FOUR, "restitution", LIMITS, rng) for _ in range(300)]
+    assert {one.side for one in jumps} == {-1}, "the other side reaches 0.4 limits nowhere"
+    shares = np.array([one.size for one in jumps]) * 0.001
+    assert SET_PRIOR.least_share <= shares.min() < 0.006
+    assert 0.7 < shares.max() <= 1.0
+
+
+def test_one_of_two_primary_parameters_may_act_alone() -> None:
+    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
+    limits = {("outcome_rule", 1): Limit(0.1, jumps=False)}
+    rng = np.random.default_rng(1)
+    values = np.array([draw_acting(rule, "outcome_rule", limits, rng).values for _ in range(1000)])
+    at_null = np.column_stack([np.isinf(values[:, 0]), values[:, 1] == 0])
+    assert not at_null.all(axis=1).any()
+    # Either carries the size half the time, and the other is then missing in so many.
+    np.testing.assert_allclose(at_null.mean(axis=0), SET_PRIOR.alone / 2, atol=0.04)
+
+
+def test_any_row_of_campaigns_is_the_same_alone() -> None:
+    simulator = LinearSimulator({"wear": loss(40.0), "table_gain": loss(40.0)})
+    with SimulationCache(simulator) as cache:
+        found = look(cache, 40)
+        every = simulate_campaigns(cache, found, found.responding, range(30), seed=2)
+        runs = cache.simulated
+        part = simulate_campaigns(cache, found, found.responding, range(12, 20), seed=2)
+        assert cache.simulated == runs
+        plain = plain_campaigns(cache, found.responding)
+        assert cache.simulated == runs, "the look has simulated them"
+    assert part.sets == every.sets[12:20]
+    np.testing.assert_array_equal(part.peak_tilt, every.peak_tilt[12:20])
+    np.testing.assert_array_equal(part.nuisances, every.nuisances[12:20])
+    both = plain.joined(part)
+    assert len(both) == LOOK.plain + 8
+    assert both.gap_free[: LOOK.plain].all()
+    np.testing.assert_array_equal(both.gap_free[LOOK.plain :], [not s for s in part.sets])
+    # Log tilts are base, nuisance and effect: the campaigns' own sets are in them.
+    for acting, tilt in zip(every.sets, every.peak_tilt, strict=True):
+        change = sum(40 * SCATTER * one.values[0] / 0.15 for one in acting)
+        mean = np.log(tilt).mean()
+        if -3 + change < -0.3:
+            assert mean == pytest.approx(-3 + change, abs=5 * SCATTER / np.sqrt(40))
+    assert len(np.unique(every.nuisances)) == 30
+
+
+# --- contact models ------------------------------------------------------------------------------
+
+BOX = {
+    "name": "box",
+    "engine": {"mode": "fast"},
+    "rock": {"shape": "box", "size": [0.4, 0.55, 0.95], "density": 2700.0},
+    "motion": {"mode": "all_recordings", "folder": "."},
+    "outcome": {"tail": 2.0},
+}
+MODEL = ContactModel()
+
+
+@pytest.fixture(scope="module")
+def scene_simulator(tmp_path_factory):
+    study = study_from_mapping(BOX, base=tmp_path_factory.mktemp("box"))
+    shaken = shaken_campaign(4, 3, duration=1.0, pga=(0.6, 0.9))
+    hypotheses = Hypotheses({"wear": full_library()["wear"]}, nuisances=())
+    return SceneSimulator(shaken, study, hypotheses=hypotheses, seed=3)
+
+
+def contact(simulator, **values):
+    given = {p.name: p.null for p in MODEL.parameters} | values
+    (trial,) = with_effects(simulator._trials[:1], [(MODEL, given)], orders=[0.0], sessions=["1"])
+    return trial
+
+
+def test_every_contact_model_of_the_family_is_one_that_simulates(scene_simulator) -> None:
+    ends = [(p.lower, p.upper) for p in MODEL.parameters]
+    rng = np.random.default_rng(0)
+    corners = rng.integers(0, 2, (24, len(ends)))
+    trials = [
+        contact(
+            scene_simulator,
+            **{p.name: e[c] for p, e, c in zip(MODEL.parameters, ends, row, strict=True)},
+        )
+        for row in corners
+    ]
+    check_trials(trials)
+    assert len({trial.scene.sha256 for trial in trials}) == len(np.unique(corners, axis=0))
+    draws = scene_simulator.run([Request(4, (), n, 1) for n in range(7)])
+    assert np.isfinite(draws.overturned).all()
+    assert len(np.unique(draws.peak_tilt)) == 7
+
+
+def test_a_contact_model_changes_what_it_says_and_nothing_else(scene_simulator) -> None:
+    before = scene_simulator._trials[0].scene
+    assert contact(scene_simulator).scene.sha256 == before.sha256, "at its null"
+    rock = before.contact.rock
+    seen = contact(
+        scene_simulator, stiffness=-1.0, damping=0.2, margin=-0.5, sweeps=0.3, substeps=0.7,
+        velocity_damping=0.03, spin_lever=0.004,
+    ).scene  # fmt: skip
+    assert seen.contact.rock.stiffness == pytest.approx(0.1 * rock.stiffness)
+    assert seen.contact.rock.damping == pytest.approx(0.1 * 10**0.2 * rock.damping)
+
+    def lever(scene):
+        """Of the pair: that of one body times the friction of the other, over both [m]."""
+        one, other = scene.contact.rock, scene.contact.pedestal
+        return (
+            one.spinning_friction * other.lateral_friction
+            + other.spinning_friction * one.lateral_friction
+        )
+
+    assert lever(seen) - lever(before) == pytest.approx(0.004)
+    engine = before.engine
+    assert seen.engine.collision_margin == pytest.approx(engine.collision_margin * 10**-0.5)
+    assert seen.engine.solver_iterations == round(engine.solver_iterations * 10**0.3)
+    assert seen.engine.substeps == 2 * engine.substeps
+    assert seen.engine.linear_damping == pytest.approx(engine.linear_damping + 0.03)
+    assert seen.engine.angular_damping == pytest.approx(engine.angular_damping + 0.03)
+    assert seen.mechanisms == before.mechanisms
+
+
+def test_contact_models_are_nuisances_within_their_ends(scene_simulator) -> None:
+    names = tuple(f"contact_{p.name}" for p in MODEL.parameters)
+    assert scene_simulator.nuisance_names == names
+    for one, parameter in zip(CONTACT_FAMILY, MODEL.parameters, strict=True):
+        drawn = [one.prior.value(z) for z in (-9.0, 0.0, 0.6744897501960817, 9.0)]
+        span = parameter.upper - parameter.lower
+        expected = parameter.lower + span * np.array([0, 0.5, 0.75, 1])
+        np.testing.assert_allclose(drawn, expected, atol=1e-9)
+        assert one.prior.sd == pytest.approx(span / np.sqrt(12))

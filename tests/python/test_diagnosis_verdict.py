@@ -1,26 +1,40 @@
-"""What may be said, and how."""
+"""What may be said, and how: verdict and reasons, limits, estimates, the next measurement."""
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.how_far.held_out import Interval, Pair
-from vsr2.diagnosis.how_far.resimulation import Resimulation
-from vsr2.diagnosis.simulated.library import NONE, free_parameters
+from planted import shaken_campaign
+from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.posterior.naming import candidates, decide
+from vsr2.diagnosis.posterior.sets import Sets, declared_alike
+from vsr2.diagnosis.simulated.library import free_parameters
+from vsr2.diagnosis.verdict.compose import _estimate, _unrolled, shown
 from vsr2.diagnosis.verdict.limits import (
+    LIMITS,
     beyond_tolerance,
     equivalents_of_a_pair,
     excluded_equivalents,
     few_sessions,
-    insensitive,
+    limits_of_the_verdict,
     open_sizes,
     repeats_scatter,
 )
-from vsr2.diagnosis.verdict.rules import Findings, Verdict, decide, disagreement, points_outside
+from vsr2.diagnosis.verdict.next_measurement import (
+    MEASUREMENT,
+    Instrument,
+    Measurement,
+    MeasurementKind,
+    Rival,
+    measurement_of_a_pair,
+    measurement_out_of_library,
+    next_measurement,
+)
+from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
 from vsr2.diagnosis.verdict.statements import (
     GapState,
     LimitCode,
@@ -28,11 +42,12 @@ from vsr2.diagnosis.verdict.statements import (
     Statement,
     VerdictKind,
 )
+from vsr2.diagnosis.where.scan import OUTCOME, Location
 from vsr2.effects import library as full_library
 
 
-def verdict_of(kind, *effects):
-    return Verdict(VerdictKind(kind), effects, 0.9, ())
+def verdict_with(kind, *effects):
+    return Verdict(VerdictKind(kind), effects, 0.9, GapState.FOUND, ())
 
 
 def test_a_statement_has_the_values_that_its_code_declares() -> None:
@@ -48,19 +63,19 @@ def test_a_statement_has_the_values_that_its_code_declares() -> None:
 
 def test_a_pair_names_what_stands_behind_its_members() -> None:
     library = full_library()
-    assert list(equivalents_of_a_pair(verdict_of("pair", "catch", "com_offset"), library)) == [
+    assert list(equivalents_of_a_pair(verdict_with("pair", "catch", "com_offset"), library)) == [
         Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=(other,))
         for name, other in (("catch", "outcome_rule"), ("com_offset", "base_slope"))
     ]
-    assert not list(equivalents_of_a_pair(verdict_of("pair", "inertia", "time_scale"), library))
-    assert not list(equivalents_of_a_pair(verdict_of("effect", "com_offset"), library))
+    assert not list(equivalents_of_a_pair(verdict_with("pair", "inertia", "time_scale"), library))
+    assert not list(equivalents_of_a_pair(verdict_with("effect", "com_offset"), library))
 
 
 def test_what_lies_beyond_its_tolerance_may_look_like_an_effect() -> None:
     nuisances = ("slenderness", "inertia", "friction")
 
     def found(kind, *effects):
-        statements = list(beyond_tolerance(verdict_of(kind, *effects), nuisances))
+        statements = list(beyond_tolerance(verdict_with(kind, *effects), nuisances))
         assert {one.code for one in statements} <= {LimitCode.BEYOND_TOLERANCE}
         return [one.values["nuisances"] for one in statements]
 
@@ -88,207 +103,15 @@ def test_few_sessions_are_stated() -> None:
     assert codes(*eight, motion=range(8)) == []
 
 
-DISAGREE = Statement.of(ReasonCode.ROUTE_FAVOURS_OTHER, route="classifier", effect="wear")
-CLEAR = Findings(
-    gap_low=0.02,
-    touches_floor=False,
-    gap_p=0.005,
-    surprise_p=1.0,
-    direction_p=0.005,
-    none_probability=0.01,
-    none_in_set=True,
-    leading=("table_gain",),
-    alike=("table_gain",),
-    alike_probability=0.9,
-    offered=20,
-    class_probability=0.9,
-    agreement=None,
-    pair_agreement=None,
-    novelty_p=0.5,
-    unknown_probability=0.9,
-    favoured="table_gain",
-    after_low=-0.01,
-    floor=0.05,
-    left=0.1,
-    left_of_all=0.1,
-    pair=None,
-    halves=(),
-)
-
-
-BOTH = Pair(("table_gain", "wear"), probability=1.0, left=0.4, closed=0.6, beyond=0.4)
-
-
-SECOND = {"pair": BOTH, "novelty_p": 0.15, "after_low": 0.01, "left": 0.5}
-
-
-MISFIT = {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}
-
-
-FAINT = {"gap_low": -0.01, "direction_p": 0.3, "none_probability": 0.06, "unknown_probability": 0.1}
-
-
-def second(**changes):
-    return {"pair": dataclasses.replace(BOTH, **changes)}
-
-
-@pytest.mark.parametrize(
-    ("changes", "kind"),
-    [
-        ({}, "effect"),
-        ({"leading": ("table_gain", "slenderness")}, "class"),
-        ({"gap_low": -0.01, "direction_p": 0.3}, "unresolved"),
-        (
-            {
-                "gap_low": -0.01,
-                "direction_p": 0.3,
-                "none_probability": 0.03,
-                "unknown_probability": 0.1,
-            },
-            "none",
-        ),
-        ({"gap_low": -0.01, "direction_p": 0.3, "none_probability": 0.03}, "unresolved"),
-        ({"gap_low": -0.01, "direction_p": 0.005}, "effect"),
-        ({"novelty_p": 0.01, "after_low": 0.01, "left": 0.5}, "unknown"),
-        (
-            {"novelty_p": 0.01, "after_low": 0.01, "left": 0.5, "unknown_probability": 0.25},
-            "unresolved",
-        ),
-        ({"novelty_p": 0.09, "after_low": 0.01, "left": 0.3}, "unresolved"),
-        ({"novelty_p": 0.11, "after_low": 0.01, "left": 0.3}, "effect"),
-        ({"novelty_p": 0.09, "after_low": -0.01, "left": 0.3}, "effect"),
-        ({"novelty_p": 0.01, "after_low": 0.01}, "effect"),
-        ({"novelty_p": 0.01}, "effect"),
-        ({"after_low": 0.01}, "effect"),
-        ({"after_low": 0.01, "left": 0.9}, "unresolved"),
-        ({"after_low": 0.01, "left_of_all": 0.9}, "unresolved"),
-        ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.004}, "effect"),
-        ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.006}, "unresolved"),
-        ({"after_low": -0.01, "left": 0.9}, "effect"),
-        ({"agreement": DISAGREE}, "unresolved"),
-        ({"halves": (("table_gain",), ("table_gain", "wear"))}, "effect"),
-        ({"after_low": 0.16}, "unresolved"),
-        ({"after_low": 0.14}, "effect"),
-        ({"resimulation": Resimulation(Interval(0.9, 0.8, 1.0), 0.9, short=False)}, "effect"),
-        ({"resimulation": Resimulation(Interval(0.3, 0.2, 0.4), 0.9, short=True)}, "unresolved"),
-        (
-            SECOND | {"resimulation": Resimulation(Interval(0.3, 0.2, 0.4), 0.9, short=True)},
-            "unresolved",
-        ),
-        ({"halves": (("table_gain",), ("wear", "catch"))}, "unresolved"),
-        ({"halves": (("wear",), ("table_gain",)), "leading": ("table_gain", "wear")}, "class"),
-        (SECOND | {"halves": (("table_gain",), ("wear", "catch"))}, "pair"),
-        # A gap whose size is open has no cause that is named, however it was found.
-        ({"touches_floor": True}, "unresolved"),
-        (SECOND | {"touches_floor": True}, "unresolved"),
-        (MISFIT | {"touches_floor": True}, "unresolved"),
-        (FAINT | {"touches_floor": True}, "none"),
-        (
-            {
-                "novelty_p": 0.01,
-                "after_low": 0.01,
-                "left": 0.5,
-                "none_probability": 0.5,
-                "unknown_probability": 0.32,
-            },
-            "unresolved",
-        ),
-        ({"leading": tuple("abcde")}, "class"),
-        ({"leading": tuple("abcdef")}, "unresolved"),
-        ({"pair": BOTH}, "effect"),
-        (SECOND, "pair"),
-        (SECOND | {"agreement": DISAGREE}, "pair"),
-        (SECOND | {"pair_agreement": DISAGREE}, "unresolved"),
-        # A pair that is not named excuses no contradiction.
-        (SECOND | second(closed=0.4) | {"agreement": DISAGREE}, "unresolved"),
-        (SECOND | {"novelty_p": 0.3}, "effect"),
-        (SECOND | {"after_low": -0.01}, "effect"),
-        (SECOND | {"left": 0.1}, "effect"),
-        (SECOND | second(closed=0.4), "effect"),
-        (SECOND | second(left=0.6), "effect"),
-        (MISFIT | second(closed=0.4), "pair"),
-        (MISFIT | second(closed=0.4, beyond=0.24), "unresolved"),
-        (SECOND | second(beyond=-0.1), "pair"),
-        # The tests find no gap, and yet none is not among the answers that hold the truth.
-        (FAINT, "none"),
-        (FAINT | {"none_in_set": False}, "unresolved"),
-        (MISFIT | second(left=0.6), "unresolved"),
-    ],
-)
-def test_the_verdict_follows_its_rules(changes, kind) -> None:
-    assert decide(dataclasses.replace(CLEAR, **changes)).kind == kind
-
-
-def test_what_is_less_probable_is_not_called_indistinguishable() -> None:
-    two = dataclasses.replace(CLEAR, leading=("table_gain", "wear"), alike_probability=0.7)
-    assert decide(two).reasons[-1] == Statement.of(
-        ReasonCode.OTHERS_FIT_WORSE, first=("table_gain",), probability=0.7, wanted=0.8
-    )
-    same = dataclasses.replace(two, alike=two.leading)
-    assert decide(same).reasons[-1].code is ReasonCode.EQUIVALENT_HERE
-    many = dataclasses.replace(two, leading=tuple("abcdef"), alike=("a", "b"))
-    last = decide(many).reasons[-1]
-    assert last.code is ReasonCode.TOO_MANY_NEEDED
-    assert (last.values["first"], last.values["count"]) == (("a", "b"), 6)
-    flat = dataclasses.replace(many, alike=many.leading)
-    assert decide(flat).reasons[-1] == Statement.of(
-        ReasonCode.TOO_MANY_EQUIVALENT, count=6, offered=20
-    )
-
-
-def test_a_gap_is_stated_by_the_tests_that_found_it() -> None:
-    calm = dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, surprise_p=0.001)
-    first = Statement.of(ReasonCode.SURPRISING_OUTCOMES, p=0.001)
-    assert decide(calm).reasons == (first,)
-    gap = Statement.of(ReasonCode.GAP, p_size=0.005, p_direction=0.005)
-    assert decide(dataclasses.replace(CLEAR, surprise_p=0.001)).reasons == (gap, first)
-
-
-def test_no_gap_with_a_favoured_effect_says_so() -> None:
-    faint = dataclasses.replace(CLEAR, gap_low=-0.01, direction_p=0.3, none_probability=0.2)
-    for unknown, outside in ((0.1, False), (0.3, True)):
-        verdict = decide(dataclasses.replace(faint, unknown_probability=unknown))
-        assert verdict.kind is VerdictKind.NONE
-        assert verdict.reasons[1] == Statement.of(
-            ReasonCode.NONE_LESS_PROBABLE, favoured="table_gain", out_of_library=outside
-        )
-    calm = dataclasses.replace(
-        CLEAR, gap_p=0.4, direction_p=0.3, none_probability=0.9, unknown_probability=0.1
-    )
-    assert decide(calm).reasons == (
-        Statement.of(ReasonCode.NO_GAP, p_size=0.4, p_direction=0.3, size_significant=False),
-    )
-
-
-@pytest.mark.parametrize(
-    ("changes", "state"),
-    [
-        ({}, GapState.FOUND),
-        ({"touches_floor": True}, GapState.SIZE_OPEN),
-        ({"gap_low": -0.01, "direction_p": 0.3}, GapState.NOT_FOUND),
-        ({"gap_low": -0.01, "direction_p": 0.3, "touches_floor": True}, GapState.NOT_FOUND),
-        ({"gap_low": -0.01, "direction_p": 0.3, "surprise_p": 0.001}, GapState.FOUND),
-    ],
-)
-def test_the_state_of_the_gap_is_data(changes, state) -> None:
-    assert dataclasses.replace(CLEAR, **changes).gap_state is state
-
-
-def test_routes_that_contradict_each_other_are_stated() -> None:
-    assert disagreement(("a",), "a", "b", ("a", "b"), ("b", "a")) is None
-    assert disagreement(("a",), "a", "b", ("a",), ("b",)) is not None
-    assert disagreement(("a",), "a", "b", ("a",), ("b", "a")) is not None
-
-
 def test_what_was_left_out_may_stand_behind_what_is_named() -> None:
-    effect = verdict_of("effect", "table_resonance")
+    effect = verdict_with("effect", "table_resonance")
     assert list(excluded_equivalents(effect, ("catch", "table_pitch"))) == [
         Statement.of(
             LimitCode.EQUIVALENT_EXCLUDED, effect="table_resonance", others=("table_pitch",)
         )
     ]
     assert not list(excluded_equivalents(effect, ("catch",)))
-    assert not list(excluded_equivalents(verdict_of("unknown"), ("table_pitch",)))
+    assert not list(excluded_equivalents(verdict_with("unknown"), ("table_pitch",)))
 
 
 def test_repeats_that_scatter_beyond_the_simulations_are_stated() -> None:
@@ -320,34 +143,235 @@ def test_a_size_is_open_that_may_be_none_or_any(effect, interval, code) -> None:
     library = full_library()
     (parameter,) = free_parameters(library[effect])
     row = {"name": effect, "parameters": {parameter.name: {"ci95": list(interval)}}}
-    found = list(open_sizes(library, verdict_of("effect", effect), [row]))
+    found = list(open_sizes(library, verdict_with("effect", effect), [row]))
     assert [one.code for one in found] == ([] if code is None else [code])
     for one in found:
         assert (one.values["low"], one.values["high"]) == interval
         assert (one.values["effect"], one.values["parameter"]) == (effect, parameter.name)
-    assert not list(open_sizes(library, verdict_of("effect", "wear"), [row]))
+    assert not list(open_sizes(library, verdict_with("effect", "wear"), [row]))
+
+
+# --- the verdict and its reasons -----------------------------------------------------------------
+
+LIBRARY = {n: full_library()[n] for n in ("com_offset", "base_slope", "wear", "catch", "friction")}
+SETS = Sets(tuple(LIBRARY))
+ALIKE = declared_alike(LIBRARY)
+LEVELS = SimpleNamespace(none_limit=0.3, least_name=0.8)
+POSTERIOR = SimpleNamespace(
+    sets=SETS, levels=LEVELS, alike=ALIKE, parameters=SimpleNamespace(library=LIBRARY)
+)
+
+
+def found(*given, outside=0.0):
+    """What is left over is none's."""
+    p = np.zeros(len(SETS))
+    for *names, value in given:
+        p[SETS.index(names)] = value
+    p[-1] = outside
+    p[0] = 1 - p.sum()
+    limits = {"none_limit": LEVELS.none_limit, "least": LEVELS.least_name, "alike": ALIKE}
+    return SimpleNamespace(probability=p, naming=decide(candidates(p, SETS, ALIKE), **limits))
 
 
 @pytest.mark.parametrize(
-    ("logit", "shift", "unseen"), [(0.2, 0.1, True), (4.0, 0.1, False), (0.2, 1.0, False)]
+    ("one", "kind", "effects", "codes"),
+    [
+        (found(("wear", 0.2)), "none", (), ["no_gap"]),
+        (found(("wear", 0.6)), "none", (), ["no_gap", "none_less_probable"]),
+        (found(outside=0.6), "none", (), ["no_gap", "none_less_probable"]),
+        (found(("wear", 0.9)), "effect", ("wear",), ["gap", "name_reached"]),
+        (
+            found(("com_offset", 0.85), ("base_slope", 0.1)),
+            "class",
+            ("com_offset", "base_slope"),
+            ["gap", "name_reached", "equivalent_here"],
+        ),
+        (
+            found(("wear", 0.5), ("catch", 0.4)),
+            "class",
+            ("wear", "catch"),
+            ["gap", "name_reached"],
+        ),
+        (
+            found(("wear", "catch", 0.7), ("wear", "friction", 0.2)),
+            "effect",
+            ("wear",),
+            ["gap", "name_reached", "second_effect_likely"],
+        ),
+        (found(("wear", "catch", 0.9)), "pair", ("wear", "catch"), ["gap", "pair_reached"]),
+        (found(("wear", 0.3), outside=0.5), "unknown", (), ["gap", "outside_outweighs"]),
+        (
+            found(*((n, 0.2) for n in ("base_slope", "wear", "catch", "friction"))),
+            "unresolved",
+            ("base_slope", "wear", "catch"),
+            ["gap", "too_many_needed"],
+        ),
+    ],
 )
-def test_an_effect_is_seen_by_outcomes_or_by_tilts(logit, shift, unseen) -> None:
-    """Of ten even odds a logit of 4 moves 4.8; as many tilts by one sigma have a chi2 of 10."""
+def test_a_verdict_says_what_was_decided_and_why(one, kind, effects, codes) -> None:
+    verdict = verdict_of(one, POSTERIOR)
+    assert verdict.kind == kind
+    assert verdict.effects == effects
+    assert [str(reason.code) for reason in verdict.reasons] == codes
+    assert verdict.gap is (GapState.NOT_FOUND if kind == "none" else GapState.FOUND)
+    assert verdict.named == (effects if kind in ("effect", "class", "pair") else ())
+    wanted = one.probability[0] if kind == "none" else one.naming.probability
+    assert verdict.probability == pytest.approx(wanted)
+    assert verdict.reasons[0].values["none"] == pytest.approx(one.probability[0])
+    if kind == "unresolved":
+        values = verdict.reasons[-1].values
+        assert values["classes"] == 3
+        assert values["probability"] < values["wanted"] == 0.8
 
-    def table(logit, shift):
-        nodes = np.array([[0.0], [1.0]]) * np.ones(10)
-        layout = SimpleNamespace(
-            logit=logit * nodes, centre=[shift * nodes], variance=[np.ones((2, 10))]
+
+def test_what_is_favoured_beside_no_gap_is_named() -> None:
+    def favoured(one):
+        return verdict_of(one, POSTERIOR).reasons[1]
+
+    for given, name in (
+        (found(("wear", 0.6)), "wear"),
+        (found(("wear", "catch", 0.6)), "wear + catch"),
+        (found(outside=0.6), "unknown"),
+    ):
+        assert favoured(given) == Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=name)
+
+
+def test_doubts_about_what_is_named_are_stated() -> None:
+    def codes(one, gain, headline):
+        how_far = SimpleNamespace(
+            names=("wear",),
+            gain=lambda: SimpleNamespace(low=gain),
+            headline=lambda: SimpleNamespace(low=headline),
         )
-        return SimpleNamespace(coarse=layout)
+        verdict = verdict_of(one, POSTERIOR)
+        row = {
+            "name": "wear",
+            "parameters": {
+                p.name: {"ci95": [p.upper / 2, p.upper / 1.5]}
+                for p in free_parameters(LIBRARY["wear"])
+            },
+        }
+        found = limits_of_the_verdict(verdict, how_far, one, POSTERIOR, [row], {})
+        return [str(limit.code) for limit in found]
 
-    prepared = SimpleNamespace(tables={NONE: table(0.0, 0.0), "wear": table(logit, shift)})
-    assert insensitive(prepared, "wear") is unseen
+    sure, unsure = found(("wear", 0.9)), found(("wear", 0.65), outside=0.2)
+    assert codes(sure, 0.1, 0.1) == []
+    assert codes(sure, 0.1, -0.1) == ["control_closes_as_much"]
+    assert codes(sure, -0.1, -0.1) == ["no_gain"]
+    assert codes(unsure, 0.1, 0.1) == ["possibly_out_of_library"]
+    assert codes(found(("wear", 0.1)), -0.1, -0.1) == [], "nothing is named"
 
 
-def test_a_cause_outside_the_library_is_pointed_to_where_it_outweighs_all_else() -> None:
-    unsure, named = (verdict_of(kind, "catch") for kind in ("unresolved", "effect"))
-    likely, unlikely = (dataclasses.replace(CLEAR, unknown_probability=p) for p in (0.51, 0.49))
-    assert points_outside(unsure, likely)
-    assert not points_outside(unsure, unlikely)
-    assert not points_outside(named, likely)
+# --- estimates -----------------------------------------------------------------------------------
+
+
+def test_angles_are_averaged_as_directions() -> None:
+    np.testing.assert_allclose(
+        _unrolled(np.array([350.0, 10.0, 10.0, 30.0]), 360.0), [-10, 10, 10, 30], atol=1e-9
+    )
+    # Beyond half a turn: about a mean of 300 degrees, 60 lies at 420.
+    found = _unrolled(np.array([*[290.0, 310.0] * 1000, 60.0]), 360.0)
+    np.testing.assert_allclose(found[[0, 1, -1]], [290, 310, 420], atol=1e-6)
+
+
+def test_estimates_are_quantiles_of_samples() -> None:
+    (gain,) = full_library()["table_gain"].parameters
+    samples = np.linspace(-0.05, 0.05, 2001)
+    seen = _estimate(gain, samples)
+    assert seen["mean"] == pytest.approx(0, abs=1e-12)
+    assert seen["ci90"] == pytest.approx([-0.045, 0.045])
+    assert seen["ci95"] == pytest.approx([-0.0475, 0.0475])
+    assert seen["unit"] == gain.unit
+    azimuth = next(p for p in full_library()["com_offset"].parameters if p.name == "azimuth")
+    east = _estimate(azimuth, np.array([355.0, 5.0] * 100))
+    assert east["mean"] % 360 == pytest.approx(0, abs=1e-6) or east["mean"] == pytest.approx(360)
+    assert np.ptp(east["ci95"]) == pytest.approx(10)
+
+
+def test_what_has_an_infinite_null_is_averaged_as_its_inverse() -> None:
+    corner, _ = free_parameters(full_library()["table_bandwidth"])
+    found = _estimate(corner, np.array([10.0, 10.0, 20.0, 20.0, np.inf]))
+    assert found["mean"] == pytest.approx(1 / (0.3 / 5))
+    assert found["median"] == pytest.approx(20.0)
+    low, high = found["ci95"]
+    assert low == pytest.approx(10.0)
+    assert high > 150
+    # No corner at all in most of them.
+    assert _estimate(corner, np.array([10.0] + [np.inf] * 99))["median"] == np.inf
+
+
+def test_no_axis_and_no_channel_is_left_out_of_the_locations_shown() -> None:
+    table = replace_feature("gain", "table")
+    many = [Location(f"condition {i}", "conditions", table, 1.0, 0.01) for i in range(40)]
+    late = [
+        Location("second half", "order", OUTCOME, 0.5, 0.2),
+        Location("last third", "order", OUTCOME, 0.4, 0.3),
+        Location("all trials", "conditions", OUTCOME, 0.1, 0.9),
+    ]
+    names = [location.name for location in shown(many + late)]
+    most = LIMITS.locations
+    assert names == [*(f"condition {i}" for i in range(most)), "second half", "all trials"]
+
+
+def replace_feature(name, channel):
+    return OUTCOME._replace(name=name, channel=channel)
+
+
+# --- what to measure next ------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def forty():
+    campaign = shaken_campaign(8, 5, duration=1.5)
+    trials = tuple(replace(t, overturned=False) for t in campaign.trials)
+    return observe_campaign(replace(campaign, trials=trials), "B")
+
+
+def test_the_trial_to_repeat_is_the_one_that_separates_most(forty) -> None:
+    trials = np.arange(5, 40)
+    expected = {name: np.zeros((2, 35)) for name in LIBRARY}
+    # Outcome and tilt of trial 12 differ by 0.6 and 0.8, of trial 30 one of them by 0.9.
+    expected["wear"][:, 7] = 0.6, 0.8
+    expected["wear"][0, 25] = 0.9
+    expected["catch"][0, 3] = 2.0
+    parameters = SimpleNamespace(
+        library=LIBRARY, expected=lambda name, residuals: expected[name].ravel()
+    )
+    posterior, seen = SimpleNamespace(parameters=parameters), SimpleNamespace(residuals=None)
+
+    def measure(*members):
+        return next_measurement(members, posterior, seen, forty, trials)
+
+    ids = [trial.trial for trial in forty.campaign.trials]
+    two = measure("wear", "friction")
+    assert two.kind is MeasurementKind.SPLIT
+    assert two.splits == ("wear", "friction")
+    assert two.repetition.trial == ids[12]
+    # Half the squared distance, in standard deviations.
+    assert two.repetition.information_per_repeat == pytest.approx(0.5)
+    assert two.repetition.repeats == np.ceil(MEASUREMENT.enough / 0.5)
+    three = measure("wear", "friction", "catch")
+    assert replace(three, others=()) == two
+    assert three.others == (Rival("catch", Instrument.SLACK, measure("wear", "catch").repetition),)
+    assert three.others[0].repetition.trial == ids[8]
+    # What theory takes for the same stays one class until it is separated five times as well.
+    alike = measure("com_offset", "base_slope").repetition
+    assert alike.repeats is None, "nothing separates them"
+    expected["base_slope"][0, 0] = 1.0
+    alike = measure("com_offset", "base_slope").repetition
+    assert alike.repeats == np.ceil(MEASUREMENT.alike * MEASUREMENT.enough / 0.5)
+    check = measure("catch")
+    assert check == Measurement(MeasurementKind.CHECK, ("catch",), (Instrument.SLACK,))
+
+
+def test_a_pair_needs_both_instruments_and_an_unknown_cause_a_look_at_what_is_left(forty) -> None:
+    both = measurement_of_a_pair(("catch", "wear"), LIBRARY)
+    assert both.kind is MeasurementKind.BOTH
+    assert both.instruments == (Instrument.SLACK, Instrument.REPEAT_FIRST_TRIALS)
+    excess = np.zeros(40)
+    excess[17] = 1.0
+    places = [Location("high PGA", "conditions", OUTCOME, 1.0, p, 3.0) for p in (0.01, 0.2)]
+    name = forty.campaign.trials[17].trial
+    for given, location in ((places, "high PGA"), (places[1:], None), ([], None)):
+        found = measurement_out_of_library(forty, excess, given)
+        assert (found.trial, found.tier, found.location) == (name, "B", location)

@@ -46,7 +46,7 @@ def test_a_cosine_pulse_has_the_measures_of_its_closed_form(amplitude, frequency
     assert measures.pga_g == pytest.approx(peak / STANDARD_GRAVITY)
 
 
-@given(rate=st.floats(0.2, 3.0), start=st.floats(0.0, 0.4), length=st.floats(0.1, 0.6))
+@given(rate=st.floats(0.2, 3.0), start=st.floats(0.0, 0.4), length=st.floats(0.1, 0.55))
 def test_significant_duration_of_an_exponential_decay(rate, start, length):
     """Of a = exp(-r t) the share s is reached at t = -ln(1 - s (1 - exp(-2 r T))) / (2 r)."""
     duration, end = 10.0, start + length

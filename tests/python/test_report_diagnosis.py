@@ -2,28 +2,37 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from typing import Any
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
+import jsonschema
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from vsr2.diagnosis.verdict.document import Diagnosis
-from vsr2.report.diagnosis import diagnosis_page
+from vsr2.diagnosis import SCHEMA, Diagnosis, schema
+from vsr2.report.diagnosis import diagnosis_page, format_diagnosis
 from vsr2.report.diagnosis_figures import (
+    GREY,
     RED,
-    bars_figure,
     channels_figure,
+    effects_figure,
+    losses_figure,
     map_figure,
     order_figure,
-    posterior_figure,
     reliability_figure,
+    sets_figure,
 )
-from vsr2.report.messages.verdicts import verdict_sentence
+from vsr2.report.messages.verdicts import (
+    closure_note,
+    sentence,
+    verdict_sentence,
+    with_sentences,
+)
 from vsr2.report.panels import svg
 
 
@@ -31,61 +40,88 @@ def estimate(value: float, half: float = 0.01) -> dict:
     return {"value": value, "ci95": [value - half, value + half]}
 
 
-def effect(name: str, probability: float, group: str, closure: float) -> dict:
-    size = {"mean": 0.11, "mode": 0.12, "ci95": [0.05, 0.17], "unit": "1"}
+def control(closure: float, loss: float) -> dict:
+    return {"closure": estimate(closure), "loss": estimate(loss)}
+
+
+def effect(name: str, probability: float, acts: float) -> dict:
+    size = {"mean": 0.11, "median": 0.12, "ci90": [0.06, 0.16], "ci95": [0.05, 0.17], "unit": "1"}
     return {
         "name": name,
         "probability": probability,
-        "class": group,
+        "acts": acts,
         "parameters": {"size": size},
-        "closure": estimate(closure),
     }
 
 
-def location(feature: str, channel: str, phase: str, size: float, p: float) -> dict:
+def location(
+    name: str, feature: str, channel: str, phase: str, size: float, p: float, **found: Any
+) -> dict:
     return {
-        "location": "all trials",
+        "location": name,
         "axis": "conditions",
         "feature": feature,
         "channel": channel,
         "phase": phase,
         "effect_size": size,
         "p_familywise": p,
+        "concentration": 1.0,
         "trials": None,
+        **found,
     }
 
 
-GAP = {"code": "gap", "values": {"p_size": 0.01, "p_direction": 0.02}}
+NONE_CAN_BE = {"value": None, "ci95": None}
+GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
+LOW_PGA = location(
+    "low PGA", "outcome", "outcome", "whole response", 0.9, 0.004,
+    concentration=2.4, trials=["A", "B"],
+)  # fmt: skip
 CONTENT = {
-    "campaign": {"name": "hand", "trials": 4, "tier": "T", "motions": 2, "sessions": 2},
+    "schema": SCHEMA,
+    "campaign": {
+        "name": "hand", "trials": 4, "tier": "T", "motions": 2, "sessions": 2,
+        "responding_trials": 4,
+    },
     "gap": {
         "state": "found",
+        "effects": ["wear"],
         "before": estimate(0.8),
         "after": estimate(0.3),
         "floor": estimate(0.2),
         "closure": estimate(0.83),
         "excess": estimate(0.6),
         "excess_after": estimate(0.1),
+        "gain": estimate(0.5),
         "headline": estimate(0.5),
-        "closure_resimulated": estimate(0.95),
-        "layers": {"numerical": 0.02, "time_step": 0.03, "solver": None, "physical": None},
+        "layers": {
+            "numerical": 0.02, "time_step": 0.03, "solver": None, "input": 0.04, "nuisance": 0.05,
+            "physical": None, "physical_expected": None, "trials": 4, "repeats": 0,
+        },
     },
     "where": [
-        location("outcome", "outcome", "whole response", 0.6, 0.01),
-        location("largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
+        LOW_PGA,
+        location("all trials", "outcome", "outcome", "whole response", 0.6, 0.01),
+        location("high PGA", "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4),
+        location("all trials", "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
     ],
     "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": [GAP]},
-    "effects": [effect("wear", 0.8, "wear", 0.83), effect("catch", 0.05, "catch", 0.33)],
+    "effects": [effect("wear", 0.76, 0.8), effect("catch", 0.09, 0.12)],
+    "sets": [
+        {"effects": ["wear"], "probability": 0.72},
+        {"effects": ["unknown"], "probability": 0.1},
+        {"effects": ["catch", "wear"], "probability": 0.08},
+        {"effects": [], "probability": 0.05},
+        {"effects": ["catch"], "probability": 0.05},
+    ],
     "none_probability": 0.05,
     "conformal_set_90": ["wear"],
-    "negative_control": {
-        "effect": "catch",
-        "closure": estimate(0.33),
-        "recalibration": estimate(0.17),
-        "loss": estimate(0.6),
-        "recalibration_loss": estimate(0.7),
+    "negative_control": {"recalibrated": control(0.17, 0.7), "dealt": control(0.33, 0.6)},
+    "unknown": {"probability": 0.1, "detection_rate": 0.4},
+    "posterior": {
+        "temperature": 1.1, "none_limit": 0.3, "least_name": 0.85, "set_level": 0.95,
+        "wrong": 0.09, "named": 0.62, "detection_rate": 0.4, "campaigns": 2000,
     },
-    "unknown": {"probability": 0.1},
     "next_measurement": {
         "kind": "split",
         "splits": ["wear", "catch"],
@@ -106,8 +142,21 @@ CONTENT = {
         "out_of_library": None,
     },
     "limits": [{"code": "one_session", "values": {}}],
-    "provenance": {},
-}
+    "provenance": {
+        "versions": {"vsr2": "1"},
+        "budget": {
+            "state": "sufficient", "simulations": 9, "allowed": 10, "cost_s": 0.1, "simulated": 9,
+            "reused": 0, "campaigns": 2000,
+        },
+        "detection_limits": {"wear +": 0.1},
+        "constants": {"look": {"trials": 40}},
+        "excluded": [],
+        "nuisances": ["friction"],
+        "simulator": "0",
+        "seed": 0,
+        "wall_time_s": 1.0,
+    },
+}  # fmt: skip
 TRIALS = (
     ("A", "s1", 1, 1.0, 0, 0.9, 0.2, 2.3, 0.22),
     ("B", "s1", 2, 1.0, 1, 0.9, 0.8, 0.1, 0.22),
@@ -151,39 +200,46 @@ def at(mark: Line2D) -> tuple[float, float]:
 
 
 def test_the_bars_are_as_high_as_the_losses() -> None:
-    figure = bars_figure(CONTENT)
+    figure = losses_figure(CONTENT)
     height = {text.split(":")[0]: bar.get_height() for text, bar in marks(figure).items()}
-    wanted = {
-        "before": 0.8,
-        "after": 0.3,
-        "negative control": 0.6,
-        "recalibrated": 0.7,
-        "floor": 0.2,
-    }
+    wanted = {"before": 0.8, "after": 0.3, "recalibrated": 0.7, "dealt": 0.6, "floor": 0.2}
     assert height == wanted
     ends = [line.get_ydata() for line in figure.axes[0].lines]
     assert ends == [pytest.approx([v - 0.01, v + 0.01]) for v in wanted.values()]
     assert figure.axes[0].get_ylabel() == "loss a trial [nat]"
 
 
-def test_the_posterior_shows_every_hypothesis_and_the_set() -> None:
-    figure = posterior_figure(CONTENT)
+def test_where_nothing_is_named_there_are_before_and_floor_alone() -> None:
+    bare = {"closure": NONE_CAN_BE, "loss": NONE_CAN_BE}
+    content = CONTENT | {
+        "gap": CONTENT["gap"] | {"after": NONE_CAN_BE},
+        "negative_control": {"recalibrated": bare, "dealt": bare},
+    }
+    assert list(marks(losses_figure(content))) == ["before: 0.800", "floor: 0.200"]
+
+
+def test_effects_are_ordered_by_whether_they_act_and_the_set_is_filled() -> None:
+    figure = effects_figure(CONTENT)
     bars = marks(figure)
-    assert list(bars) == ["wear: 0.800", "unknown: 0.100", "none: 0.050", "catch: 0.050"]
-    assert [bar.get_width() for bar in bars.values()] == [0.8, 0.1, 0.05, 0.05]
+    assert list(bars) == ["wear: 0.800", "catch: 0.120", "unknown: 0.100", "none: 0.050"]
+    assert [bar.get_width() for bar in bars.values()] == [0.8, 0.12, 0.1, 0.05]
     hollow = {text.split(":")[0] for text, bar in bars.items() if bar.get_facecolor()[3] == 0}
     assert hollow == {"unknown", "none", "catch"}
-    assert [t.get_text() for t in figure.axes[0].get_yticklabels()] == [
-        "wear", "unknown", "none", "catch",
-    ]  # fmt: skip
     top, bottom = (figure.axes[0].transData.transform((0, y))[1] for y in (0, 3))
     assert top > bottom, "the most probable is not on top"
 
 
-def test_the_bars_of_two_classes_never_share_a_colour() -> None:
-    many = [effect(f"e{i}", 0.05, f"e{i}", 0.1) for i in range(12)]
-    bars = marks(posterior_figure({**CONTENT, "effects": many}))
-    assert len({bar.get_edgecolor() for bar in bars.values()}) == len(bars) == 10
+def test_sets_are_shown_as_what_acts_together() -> None:
+    [panel] = sets_figure(CONTENT).axes
+    assert [text.get_text() for text in panel.get_yticklabels()] == [
+        "wear", "unknown", "catch + wear", "none", "catch",
+    ]  # fmt: skip
+    assert [bar.get_width() for bar in panel.patches] == [0.72, 0.1, 0.08, 0.05, 0.05]
+
+
+def test_no_more_than_ten_hypotheses_are_drawn() -> None:
+    many = [effect(f"e{i}", 0.05, 0.05) for i in range(12)]
+    assert len(marks(effects_figure({**CONTENT, "effects": many}))) == 10
 
 
 def test_the_map_fills_what_overturned_and_reddens_what_surprised() -> None:
@@ -248,77 +304,128 @@ def test_the_page_shows_the_numbers() -> None:
     page = diagnosis_page(Diagnosis(CONTENT, ROWS))
     text = " ".join(re.sub(r"<[^>]+>", " ", page).split())
     for part in (
-        "Closure 0.83 [0.82, 0.84]; negative control 0.33 [0.32, 0.34] (catch); recalibration 0.17",
-        "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "The gap is 0.60 [0.59, 0.61] nat",
-        "judged by simulations alone: closure 0.95 [0.94, 0.96].",
+        "With wear added the loss falls by 0.50 [0.49, 0.51] nat. Closure 0.83 [0.82, 0.84]",
+        "recalibration 0.17 [0.16, 0.18], the response dealt to wrong trials 0.33 [0.32, 0.34]",
+        "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "repeat trial T7, where wear and catch differ most; about 3 repeats would",
         "table gain record the table beside the specimen",
         "drives the simulation T8 4",
         "decay of rocking T9 no number",
         "starts moved by 1e-6 to 1e-4 m and rad: 2.0%",
         "half the time step: 3.0%",
+        "low PGA conditions outcome, whole response 2 +0.90 2.4 0.004",
+        "On 2000 simulated campaigns",
+        "A name needs a probability of 0.85, if the library holds the cause: 9 % of names",
+        "Of causes outside the library 40 % are said to be so",
     ):
         assert part in text, part
     assert "twice the solver's iterations" not in text
+    assert "high PGA" not in text, "significant, but holds no more than its share"
     row = re.search(r"<tr><td>wear</td>.*?</tr>", page, re.DOTALL).group()
     cells = re.findall(r"<td[^>]*>(.*?)</td>", row)
-    assert cells == [
-        "wear",
-        "0.800",
-        "wear",
-        "size 0.12, 0.11 [0.05, 0.17]",
-        "0.83 [0.82, 0.84]",
-    ]
+    assert cells == ["wear", "0.800", "0.760", "size 0.12 [0.06, 0.16]"]
+
+
+def test_verdict_losses_and_next_measurement_come_first() -> None:
+    page = diagnosis_page(Diagnosis(CONTENT, ROWS))
+    headings = re.findall(r"<h2>(.*?)</h2>", page)
+    assert headings[:2] == ["How far the gap shrinks", "What to measure next"]
+    assert page.index("wear explains the gap") < page.index(headings[0])
+
+
+def test_the_terminal_gets_the_same_in_short() -> None:
+    lines = format_diagnosis(Diagnosis(CONTENT, ROWS)).splitlines()
+    assert lines[0] == "hand: 4 trials, tier T"
+    assert lines[2].startswith("loss a trial: before 0.80 [0.79, 0.81], after 0.30")
+    assert lines[3] == (
+        "closure 0.83 [0.82, 0.84], of a recalibration 0.17 [0.16, 0.18], dealt to wrong trials "
+        "0.33 [0.32, 0.34], headline 0.50 [0.49, 0.51]"
+    )
+    assert "   0.80  wear                 size 0.12 [0.06, 0.16]" in lines
+    assert lines[-1] == f"limit: {sentence(CONTENT['limits'][0])}"
+
+
+def test_hand_made_content_has_the_form_of_the_schema() -> None:
+    validator = jsonschema.Draft202012Validator(schema())
+    validator.check_schema(schema())
+    validator.validate(json.loads(json.dumps(CONTENT)))
+    validator.validate(json.loads(json.dumps(with_sentences(CONTENT))))
+
+
+@pytest.mark.parametrize(
+    ("part", "change"),
+    [
+        ("schema", "vsr2.diagnosis/2"),
+        ("none_probability", 1.2),
+        ("verdict", CONTENT["verdict"] | {"kind": "perhaps"}),
+        ("verdict", CONTENT["verdict"] | {"reasons": [{"code": "gap", "values": {}}]}),
+        ("verdict", CONTENT["verdict"] | {"reasons": [CONTENT["limits"][0]]}),
+        ("limits", [{"code": "few_trials", "values": {"count": "three"}}]),
+        ("gap", {k: v for k, v in CONTENT["gap"].items() if k != "closure"}),
+        ("gap", CONTENT["gap"] | {"closure_resimulated": NONE_CAN_BE}),
+        ("effects", [effect("wear", 0.8, 0.8) | {"class": "wear"}]),
+        ("next_measurement", CONTENT["next_measurement"] | {"instruments": ["crystal_ball"]}),
+        ("provenance", {}),
+    ],
+)
+def test_the_schema_refuses(part, change) -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(json.loads(json.dumps(CONTENT | {part: change})), schema())
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({}, "wear explains the gap (90%): added, it closes 83% of the gap on motions"),
+        ({}, "wear explains the gap (90%): added, it closes 83% of the gap on motions not seen."),
         ({"probability": 0.9988}, "(over 99%)"),
-        ({"headline": -0.02}, "but not surely better than a wrong effect"),
-        ({"closure": 0.005}, "but not surely better than a wrong effect"),
+        ({"headline": estimate(-0.02)}, "(90%); on motions not seen it does not surely shrink"),
+        ({"closure": estimate(0.005)}, "does not surely shrink the gap more than a negative"),
+        ({"closure": NONE_CAN_BE}, "does not surely shrink the gap more than a negative"),
         (
-            {"kind": "unresolved", "state": "size_open"},
-            "There are signs of a gap, but its size is not distinguished from zero; the leading "
-            "candidate is wear.",
+            {"kind": "unresolved"},
+            "There is a gap, but its cause is not resolved; the leading candidate is wear.",
         ),
-        ({"kind": "unresolved", "state": "not_found"}, "Whether there is a gap is not resolved;"),
-        ({"kind": "unresolved"}, "There is a gap, but its cause is not resolved; the leading"),
         (
-            {"kind": "unresolved", "outside": 0.97},
-            "its cause is not resolved; most probable is a cause outside the library (97%), before "
-            "wear.",
+            {"kind": "unresolved", "names": ["wear", "catch", "friction", "inertia", "lag"]},
+            "candidates are wear, catch, friction, inertia and 1 more.",
         ),
         ({"kind": "class", "names": ["wear", "catch"]}, "does not decide between them"),
-        ({"kind": "class", "names": ["wear", "catch"], "one": True}, "cannot tell them apart"),
-        ({"kind": "unknown", "probability": 0.4}, "no effect of the library explains it (40%)"),
-        ({"kind": "none", "names": []}, "but residuals stand out: all trials (family-wise p 0.01)"),
+        ({"kind": "class", "names": ["wear", "catch"]}, "added, the first closes 83%"),
+        ({"kind": "class", "names": ["wear", "catch"], "alike": True}, "cannot tell them apart"),
+        ({"kind": "pair", "names": ["wear", "catch"]}, "Wear and catch together explain the gap"),
+        ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60%)."),
+        ({"kind": "none", "names": []}, "but residuals stand out: low PGA (family-wise p 0.004)"),
         (
-            {"kind": "none", "names": [], "where": [], "probability": 0.23},
+            {"kind": "none", "names": [], "where": CONTENT["where"][1:], "probability": 0.23},
             "gives no reason to change the model, and does not exclude what is too weak to show "
             "(none: 23%).",
         ),
     ],
 )
 def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None:
+    alike = [{"code": "equivalent_here", "values": {}}] if changes.get("alike") else []
     verdict = CONTENT["verdict"] | {
         "kind": changes.get("kind", "effect"),
         "effects": changes.get("names", ["wear"]),
         "probability": changes.get("probability", 0.9),
+        "reasons": [GAP, *alike],
     }
-    gap = CONTENT["gap"] | {"state": changes.get("state", "found")}
-    for name in ("closure", "headline"):
-        if name in changes:
-            gap[name] = estimate(changes[name])
-    effects = [dict(row) for row in CONTENT["effects"]]
-    if changes.get("one"):
-        effects[1]["class"] = "wear"
-    content = CONTENT | {"verdict": verdict, "gap": gap, "effects": effects}
-    content["where"] = changes.get("where", CONTENT["where"])
-    content["unknown"] = {"probability": changes.get("outside", 0.1)}
+    gap = CONTENT["gap"] | {k: changes[k] for k in ("closure", "headline") if k in changes}
+    where = changes.get("where", CONTENT["where"])
+    content = CONTENT | {"verdict": verdict, "gap": gap, "where": where}
     assert sentence in verdict_sentence(content)
+
+
+@pytest.mark.parametrize(
+    ("gap", "text"),
+    [
+        ({"effects": [], "closure": NONE_CAN_BE}, "Nothing is named, so that nothing was added."),
+        ({"closure": NONE_CAN_BE}, "No closure is given, because the loss before is not above"),
+    ],
+)
+def test_without_a_closure_it_is_said_why(gap, text) -> None:
+    assert text in closure_note(CONTENT | {"gap": CONTENT["gap"] | gap})
 
 
 def test_a_trial_to_repeat_with_new_instruments_separates_no_effects() -> None:
@@ -342,6 +449,14 @@ def test_trials_without_measures_are_told() -> None:
     assert [text.get_text() for text in panel.texts] == ["no trial has intensity measures"]
 
 
+def test_trials_that_never_lift_off_are_no_surprise() -> None:
+    still = {"uncertain": 0, "before": math.nan, "loss_before": math.nan, "floor": math.nan}
+    rows = [ROWS[0] | still, *ROWS[1:]]
+    by_trial = {text[0]: mark for text, mark in marks(map_figure(rows)).items()}
+    assert by_trial["A"].get_markeredgecolor() == GREY
+    assert "A" not in marks(order_figure(rows))
+
+
 def test_hostile_names_stay_text() -> None:
     bad = "<script>alert('x')</script>"
     rows = [row | {"trial": bad, "session": bad} for row in ROWS]
@@ -351,11 +466,12 @@ def test_hostile_names_stay_text() -> None:
     measure["out_of_library"] = {"trial": bad, "tier": "M", "location": bad}
     content = CONTENT | {
         "campaign": CONTENT["campaign"] | {"name": bad, "tier": bad},
+        "gap": CONTENT["gap"] | {"effects": [bad]},
         "verdict": CONTENT["verdict"] | {"effects": [bad]},
-        "effects": [effect(bad, 0.8, bad, 0.83)],
+        "effects": [effect(bad, 0.8, 0.8)],
+        "sets": [{"effects": [bad], "probability": 0.8}],
         "conformal_set_90": [bad],
-        "negative_control": CONTENT["negative_control"] | {"effect": bad},
-        "where": [location(bad, bad, bad, 0.6, 0.01)],
+        "where": [location(bad, bad, bad, bad, 0.6, 0.01, trials=[bad])],
         "next_measurement": measure,
         "provenance": {bad: bad},
     }

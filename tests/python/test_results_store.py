@@ -23,6 +23,7 @@ from vsr2.results import store as store_module
 
 
 class Journalled:
+    precision = float
     file = "journal.jsonl"
     owner = ("plan", "other trials or settings")
     odd = b'{"trial":3}\n'
@@ -38,6 +39,7 @@ class Journalled:
 
 
 class Evaluated:
+    precision = float
     file = "evaluations.jsonl"
     owner = ("campaign", "another campaign")
     odd = b'{"key":"k","plan":"p","values":{},"predicted":"1?x","seconds":1}\n'
@@ -55,6 +57,7 @@ class Evaluated:
 
 
 class Simulated:
+    precision = np.float32
     file = "simulations.jsonl"
     owner = None
     odd = b'{"key":"00","response":"","seconds":1}\n'
@@ -113,8 +116,13 @@ def held(kept):
         return one.held()
 
 
+def thirds(kept, count):
+    """What was added, to the last bit of the precision that the store keeps."""
+    return {i: float(kept.kind.precision(i / 3)) for i in range(count)}
+
+
 def test_what_was_kept_is_found_to_the_last_bit(kept) -> None:
-    assert held(kept) == {0: 0.0, 1: 1 / 3}
+    assert held(kept) == thirds(kept, 2)
 
 
 def test_a_torn_last_line_is_dropped_wherever_it_was_torn(kept) -> None:
@@ -125,7 +133,7 @@ def test_a_torn_last_line_is_dropped_wherever_it_was_torn(kept) -> None:
         one = kept.kind(kept.folder)
         with one.open:
             one.add(1)
-        assert held(kept) == {0: 0.0, 1: 1 / 3}
+        assert held(kept) == thirds(kept, 2)
     # Of a torn header nothing is left: the store is empty.
     kept.path.write_bytes(lines[0][:-1])
     assert held(kept) == {}
@@ -177,7 +185,7 @@ def test_a_store_of_something_else_or_too_large_is_refused(kept, monkeypatch) ->
 def test_a_second_writer_is_refused_until_the_first_ends(kept) -> None:
     with kept.kind(kept.folder).open, pytest.raises(ResultError, match="another process is wri"):
         kept.kind(kept.folder)
-    assert held(kept) == {0: 0.0, 1: 1 / 3}
+    assert held(kept) == thirds(kept, 2)
 
 
 def test_a_full_disk_leaves_whole_records(kept) -> None:
@@ -194,7 +202,7 @@ def test_a_full_disk_leaves_whole_records(kept) -> None:
             resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         assert kept.path.read_bytes() == before
         one.add(2)
-    assert held(kept) == {0: 0.0, 1: 1 / 3, 2: 2 / 3}
+    assert held(kept) == thirds(kept, 3)
 
 
 def test_a_missing_folder_is_stated(kept) -> None:

@@ -174,7 +174,7 @@ def test_world_steps_in_space() -> None:
     assert state is not None
     with pytest.raises(SimulationError, match="prescribed_spatial"):
         Simulation(study(BOX)).step(0.0, pitch=1e-3)
-    with pytest.raises(SimulationError, match="not finite"):
+    with pytest.raises(SimulationError, match="not of finite numbers"):
         simulation.step(0.0, vertical=math.nan)
 
 

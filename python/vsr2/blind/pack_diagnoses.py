@@ -41,9 +41,8 @@ from vsr2.diagnosis.simulated.nuisances import with_stated
 from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
 
-CACHE_FILE = "simulations.jsonl"
 SUBMISSION = "submission.json"
-BUDGET, EXECUTION = Budget(draws=48), Execution()
+BUDGET, EXECUTION = Budget(campaigns=2000), Execution()
 
 
 @dataclass(frozen=True)
@@ -125,12 +124,11 @@ def diagnose_pack(
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
-    Results go to `out/<campaign>/<tier>/`, simulations to `out/simulations.jsonl`: those for one
-    campaign serve all of its protocol, and with a fixed number of draws so do fitted models. Only
-    the data folder is read, and everything is checked before the first simulation. A campaign that
-    cannot be used, or whose diagnosis ends with an error of ours, gets a `failed.json`, and is
-    tried again by the next run. With more draws or minutes than the folder was begun with, all is
-    diagnosed again from the same cache.
+    Results go to `out/<campaign>/<tier>/`, simulations and trained posteriors to `out`: those for
+    one campaign serve all of its protocol. Only the data folder is read, and everything is checked
+    before the first simulation. A campaign that cannot be used, or whose diagnosis ends with an
+    error of ours, gets a `failed.json`, and is tried again by the next run. With more campaigns or
+    minutes than the folder was begun with, all is diagnosed again from the same cache.
 
     Args:
         data: a pack's data folder.
@@ -160,14 +158,14 @@ def diagnose_pack(
     hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
     how = _effort(budget) | {"seed": seed}
     older = _older(out, pack, how)
-    # Campaigns whose fitted models are the same are neighbours.
-    chosen.sort(key=lambda name: (listed[name].protocol, sorted(hypotheses[name].exclude)))
+    # Campaigns that share a posterior are neighbours.
+    chosen.sort(key=lambda name: listed[name].protocol)
     asked = [(tier, name) for tier in wanted for name in chosen]
     due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
     say(f"checking {len(due)} of {len(asked)} campaigns and tiers; the others are diagnosed")
     unfit = _unfit(data, asked, due)
     _begin(out, pack, how, older)
-    cache = ProtocolCache(out / CACHE_FILE, series="T" in pack.tiers)
+    cache = ProtocolCache(out, series="T" in pack.tiers)
     failed = []
     # What cannot be used is said first.
     for tier, name in sorted(due, key=lambda pair: pair not in unfit):
@@ -309,7 +307,7 @@ def _submission(pack: Pack, how: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
-    """With how much less the folder was begun, as `24-draws`; "": with the same, or not yet.
+    """With how much less the folder was begun, as `300-campaigns`; "": with the same, or not yet.
 
     Raises:
         BlindError: it was begun for another pack or otherwise, or with more.
@@ -327,7 +325,7 @@ def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
         elif before != mine:
             raise BlindError(
                 f"{path}: was begun with {key} {before!r}, not {mine!r}; continue "
-                "with the same (draws and minutes may rise), or choose another folder"
+                "with the same (campaigns and minutes may rise), or choose another folder"
             )
     return older
 

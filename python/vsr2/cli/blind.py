@@ -129,20 +129,20 @@ class Effort:
     """How each diagnosis is made.
 
     Attributes:
-        draws: simulated campaigns of every effect; campaigns of one protocol use the same ones
+        campaigns: simulated ones of each protocol, which its campaigns share
         budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
         seed: of each diagnosis
     """
 
-    draws: Annotated[opt.Integer, Parameter(group=BUDGET)] = USUAL.draws or 0
+    campaigns: Annotated[opt.Integer, Parameter(group=BUDGET)] = USUAL.campaigns or 0
     budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     threads: opt.Threads = None
     seed: opt.Integer = 0
 
     def budget(self) -> Budget:
-        """Draws, or minutes where they are given."""
+        """Campaigns, or minutes where they are given."""
         if self.budget_minutes is None:
-            return Budget(draws=self.draws)
+            return Budget(campaigns=self.campaigns)
         return Budget(self.budget_minutes)
 
 
@@ -162,7 +162,7 @@ def diagnose(
 ) -> int:
     """Run the diagnosis over a pack's data folder.
 
-    Reads the data folder alone. Stopped, the same command continues; with more draws or minutes
+    Reads the data folder alone. Stopped, the same command continues; with more campaigns or minutes
     than before it diagnoses all again, and simulates what is missing.
 
     Args:

@@ -101,6 +101,47 @@ def info(
     return 0
 
 
+@verbs.command
+def compare(
+    scene: Path,
+    folder: opt.Campaign,
+    /,
+    *,
+    nuisance: opt.Nuisances = (),
+    seed: opt.Integer = 0,
+    threads: opt.Threads = None,
+    json: opt.Json = False,
+) -> int:
+    """Check a nominal scene by a reference campaign.
+
+    A reference campaign has no effect, or the ones that the scene's study names. Prints by how much
+    outcomes, largest tilts and final turns differ from the scene's simulations, and by how much
+    these differ among themselves. Exit code 0: no more than these; 1: more.
+
+    Args:
+        scene: study of the nominal scene
+        seed: of the draws
+    """
+    from vsr2.campaign import load_campaign
+    from vsr2.config import load_study
+    from vsr2.diagnosis import Hypotheses
+    from vsr2.diagnosis.reference import compare_reference
+    from vsr2.report.messages.commands import reference_table
+
+    found = compare_reference(
+        load_campaign(folder),
+        load_study(scene),
+        hypotheses=Hypotheses(nuisances=opt.nuisances(nuisance)),
+        threads=threads,
+        seed=seed,
+    )
+    if json:
+        opt.print_json(found)
+    else:
+        print(reference_table(found))
+    return int(any(one.differs for one in found))
+
+
 @Parameter(name="*")
 @dataclass(frozen=True)
 class Simulation:

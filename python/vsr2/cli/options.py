@@ -13,6 +13,7 @@ from cyclopts import Parameter, Token
 if TYPE_CHECKING:
     import distributed
 
+    from vsr2.diagnosis import Nuisance
     from vsr2.results import BatchResult
 
 
@@ -45,6 +46,14 @@ Settings = Annotated[
     Parameter(
         name="--set",
         help="change one key of the study: KEY=VALUE, for example seed=7 (may be repeated)",
+    ),
+]
+Nuisances = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--nuisance",
+        help="standard deviation of what is uncertain of the set-up, NAME=SD, for example "
+        "friction=0.05 (may be repeated; names and defaults: docs/explanation/inference.md)",
     ),
 ]
 Threads = Annotated[
@@ -131,3 +140,26 @@ def print_written(paths: Sequence[Path]) -> None:
     print("wrote:")
     for path in paths:
         print(f"  {path}")
+
+
+def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
+    """What is uncertain of the set-up, some of it as the command line says.
+
+    Raises:
+        ConfigError: no NAME=SD, or an unknown name.
+    """
+    from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
+    from vsr2.errors import ConfigError, DiagnosisError
+
+    given: dict[str, float] = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            given[name] = float(number)
+            with_deviations({name: given[name]})
+        except (ValueError, DiagnosisError):
+            names = ", ".join(one.name for one in DEFAULT_NUISANCES)
+            raise ConfigError(
+                f"--nuisance {text}: give NAME=SD with a number of 0 or more; names are {names}"
+            ) from None
+    return with_deviations(given)

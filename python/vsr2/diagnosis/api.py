@@ -24,8 +24,6 @@ from vsr2.errors import DiagnosisError
 if TYPE_CHECKING:
     import distributed
 
-CACHE_FILE = "simulations.jsonl"
-
 
 @dataclass(frozen=True)
 class Execution:
@@ -34,9 +32,9 @@ class Execution:
     Attributes:
         threads: of the native core; None: all that this process may use.
         client: of a Dask cluster that runs the trials.
-        cache: what diagnoses of several campaigns of the same trials have in common: simulate and
-            fit once.
-        progress: write stage, share done and leading classes to standard error.
+        cache: folder that diagnoses of several campaigns of the same trials share: simulate and
+            train once.
+        progress: write stage, share done, time left and leading effects to standard error.
     """
 
     threads: int | None = None
@@ -72,10 +70,10 @@ def diagnose(
         scene: the study of the nominal scene, or its file; its own motions are not used.
         tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
             campaign shares.
-        out: folder for `diagnosis.json` (without sentences), tables and the simulation cache, which
-            later runs reuse; None: nothing is written.
-        budget: wall time, 0.85 of it for simulations and turned into their number by what the first
-            simulation of every trial cost, or that number; equal numbers give equal verdicts.
+        out: folder for `diagnosis.json` (without sentences), tables, simulations and the trained
+            posterior, which later runs reuse; None: nothing is written.
+        budget: wall time, judging included, or numbers of simulations or of simulated campaigns;
+            equal numbers of campaigns give equal verdicts.
         hypotheses: effects that may be the cause, and what is uncertain about the set-up.
         execution: threads or a cluster, a cache that several diagnoses share, progress.
         seed: of everything random.
@@ -104,21 +102,23 @@ def diagnose(
         client=execution.client,
         seed=seed,
     )
-    if not simulator.library:
+    if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     folder = None if out is None else _made(Path(out))
+    if cache is not None:
+        _made(cache.folder)
     found = diagnose_with(
         simulator,
         seen.campaign,
         tier=seen.tier,
-        cache=folder / CACHE_FILE if cache is None and folder is not None else cache,
+        cache=folder if cache is None else cache,
         budget=budget,
+        excluded=simulator.excluded,
         seed=seed,
         report=_ProgressLines() if execution.progress else None,
         provenance={
             "scene": study.name,
             "left_out": len(given) - len(seen),
-            "excluded": sorted(hypotheses.exclude),
             "unavailable": simulator.unavailable,
             "priors": hypotheses.ends,
             "nuisance_priors": [one.to_json() for one in simulator.nuisances],
@@ -145,15 +145,25 @@ class _ProgressLines:
     def __init__(self) -> None:
         self._last = 0.0
         self._stage = ""
+        self._began = 0.0
 
     def __call__(self, progress: Progress) -> None:
-        now, stage, share = time.monotonic(), progress.words, progress.share
+        now, stage, share = time.monotonic(), str(progress.stage), progress.share
         if stage == self._stage and now - self._last < 0.5 and share < 1:
             return
+        if stage != self._stage:
+            self._began = now
         self._last, self._stage = now, stage
-        best = ", ".join(
-            name if math.isnan(p) else f"{name} {p:.2f}" for name, p in progress.leading.items()
-        )
-        line = f"vsr2 diagnose: {stage} {share:4.0%}{'; leading: ' + best if best else ''}"
+        best = ", ".join(f"{name} {p:.2f}" for name, p in progress.leading.items())
+        left = ""
+        if not math.isnan(progress.left_s):
+            left = f", {_duration(progress.left_s)} left"
+        elif 0 < share < 1 and now > self._began:
+            left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
+        line = f"vsr2 diagnose: {stage} {share:4.0%}{left}{'; leading: ' + best if best else ''}"
         end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
         print(f"{line:<100}", end=end, file=sys.stderr, flush=True)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"

@@ -1,18 +1,16 @@
-"""The budget: how many simulations are run, and for which effects."""
+"""The budget: how many campaigns are simulated."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
 from dataclasses import dataclass
 
-from vsr2.diagnosis.how_far.resimulation import RESIMULATION_RUNS
-from vsr2.diagnosis.how_far.screened_out import SCREENED_OUT_RUNS
+from vsr2.diagnosis.how_far.held_out import simulations as judging
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.design import SCREENING, none_draws
 from vsr2.diagnosis.simulated.library import Library
-from vsr2.diagnosis.simulated.reach import REACH, tries
+from vsr2.diagnosis.simulated.look import LOOK, tries
 from vsr2.errors import DiagnosisError
 
 
@@ -21,29 +19,22 @@ class ScheduleConstants:
     """How a budget is spent; chosen by hand, and judged by `python studies/diagnosis_budget.py`.
 
     Attributes:
-        first_draws: of every effect, before trials beyond `enough_trials` are kept: the emulator's
-            Monte Carlo error hides a weak effect in any number of trials.
-        enough_trials: see there.
-        fewest_draws: of every effect.
-        most_draws: of every effect.
-        halving: effects whose probability by both routes is below this get no further draws.
-        screening_share: of the simulations that may go into screening.
-        fewest_trials: that are kept.
-        reach_share: of the simulations that may go into trying how far effects reach.
-        fewest_reach: trials on which they are tried.
-        time_share: of the time that goes into simulations.
+        look_share: of the simulations that may go into the look at effects.
+        plain_share: of the simulations that may go into its draws without effect.
+        chunk: campaigns simulated between two looks at the clock.
+        fewest: campaigns that are simulated, whatever the budget.
+        most: campaigns that are simulated where the budget allows more.
+        first: share of the budget after which there is a first answer.
+        training_s: of a campaign, until a first training has been timed [s].
     """
 
-    first_draws: int = 24
-    enough_trials: int = 100
-    fewest_draws: int = 6
-    most_draws: int = 192
-    halving: float = 0.002
-    screening_share: float = 0.25
-    fewest_trials: int = 12
-    reach_share: float = 0.05
-    fewest_reach: int = 6
-    time_share: float = 0.85
+    look_share: float = 0.15
+    plain_share: float = 0.1
+    chunk: int = 50
+    fewest: int = 150
+    most: int = 8000
+    first: float = 0.1
+    training_s: float = 0.03
 
 
 SCHEDULE = ScheduleConstants()
@@ -54,10 +45,10 @@ class Budget:
     """What may be spent.
 
     Attributes:
-        minutes: of wall time; turned into simulations by their measured cost.
+        minutes: of wall time, training and judging included.
         simulations: their greatest number, however long they take; None: from `minutes`.
-        draws: of every effect, in one round and whatever it costs, so that equal trials under
-            equal effects share all simulations; None: rounds within the above. At least 6.
+        campaigns: number of simulated campaigns, whatever they cost, so that all campaigns of one
+            set-up share them; None: from the above. At least 150.
 
     Raises:
         DiagnosisError: a number out of range.
@@ -65,7 +56,7 @@ class Budget:
 
     minutes: float = 10.0
     simulations: int | None = None
-    draws: int | None = None
+    campaigns: int | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.minutes < math.inf:
@@ -76,98 +67,119 @@ class Budget:
             raise DiagnosisError(
                 f"simulations is {self.simulations}; give at least 1, or a time instead"
             )
-        if self.draws is not None and self.draws < SCHEDULE.fewest_draws:
-            raise DiagnosisError(f"draws is {self.draws}; give at least {SCHEDULE.fewest_draws}")
+        if self.campaigns is not None and self.campaigns < SCHEDULE.fewest:
+            raise DiagnosisError(f"campaigns is {self.campaigns}; give at least {SCHEDULE.fewest}")
 
 
 class Schedule:
-    """Turns a budget into screening, trials, and rounds of draws.
+    """Turns a budget into a look at effects and campaigns.
 
     Args:
         budget: what may be spent.
         cache: that has run a first simulation of every trial.
         trials: of the campaign.
         library: of effects.
+        started: clock at the start of the diagnosis (`time.monotonic`) [s].
 
     Attributes:
-        allowed: simulations, those that the cache had before included.
-        screening_runs: simulations a trial for screening.
-        floor_trials: whose noise floor is measured.
-        reach_trials: on which effects are tried.
-        most_trials: that may be kept.
-        first_draws: of every effect in the first round.
-        limited: whether the budget stopped the rounds.
-        exceeded: whether the trials kept need more than the budget for the fewest draws.
+        look_trials: on which effects are tried.
+        plain: campaigns without effect that the look simulates.
     """
 
     def __init__(
-        self, budget: Budget, cache: SimulationCache, trials: int, library: Library
+        self,
+        budget: Budget,
+        cache: SimulationCache,
+        trials: int,
+        library: Library,
+        started: float,
     ) -> None:
-        effects = len(library)
-        full = SCREENING.plain + 2 * effects
-        self._fixed = budget.draws
-        if budget.draws is not None:
-            per_trial = full + NOISE_FLOOR.runs + effects * budget.draws + none_draws(budget.draws)
-            self.allowed = per_trial * trials
-        elif budget.simulations is not None:
-            self.allowed = budget.simulations
+        self._budget = budget
+        self._cache = cache
+        self._started = started
+        self._training = SCHEDULE.training_s
+        allowed = budget.simulations
+        if allowed is None:
+            allowed = int(60 * budget.minutes / max(cache.cost, 1e-6))
+        self.look_trials, self.plain = LOOK.trials, LOOK.plain
+        if budget.campaigns is None:
+            afforded = int(SCHEDULE.plain_share * allowed / max(trials, 1))
+            self.plain = max(LOOK.fewest_plain, min(LOOK.plain, afforded))
+            share = int(SCHEDULE.look_share * allowed / max(tries(library), 1))
+            self.look_trials = max(LOOK.fewest, min(LOOK.trials, share))
+
+    @property
+    def spent_s(self) -> float:
+        """Wall time since the start [s]."""
+        return time.monotonic() - self._started
+
+    def judging_s(self, trials: int) -> float:
+        """What judging will take [s]."""
+        floor = NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
+        return (judging(trials) + floor) * self._cache.cost
+
+    def trained(self, campaigns: int, seconds: float) -> None:
+        """Note what a training took."""
+        self._training = max(seconds / campaigns, 1e-4)
+
+    def next_campaigns(self, done: int, trials: int) -> int:
+        """How many campaigns to simulate next; 0: there are enough.
+
+        Args:
+            done: simulated ones.
+            trials: of a campaign that are simulated.
+        """
+        if self._budget.campaigns is not None:
+            return min(SCHEDULE.chunk, self._budget.campaigns - done)
+        most = min(SCHEDULE.chunk, SCHEDULE.most - done)
+        if done < SCHEDULE.fewest:
+            return min(most, SCHEDULE.fewest - done)
+        reserve = judging(trials) + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
+        if self._budget.simulations is not None:
+            left = self._budget.simulations - self._cache.asked - reserve
+            return max(0, min(most, left // max(trials, 1)))
+        per_campaign = trials * self._cache.cost + self._training
+        left_s = 60 * self._budget.minutes - self.spent_s - self.judging_s(trials)
+        left_s -= self._training * done
+        return max(0, min(most, int(left_s / max(per_campaign, 1e-6))))
+
+    def progress(self, done: int, trials: int) -> tuple[float, float]:
+        """Share of the campaigns that are simulated, and time left to the end [s].
+
+        Args:
+            done: simulated ones.
+            trials: of a campaign that are simulated.
+        """
+        if self._budget.campaigns is not None:
+            left = self._budget.campaigns - done
+        elif self._budget.simulations is not None:
+            left = max(self._budget.simulations - self._cache.asked, 0) // max(trials, 1)
         else:
-            left = int(SCHEDULE.time_share * 60 * budget.minutes / max(cache.cost, 1e-6))
-            self.allowed = cache.size + max(left - cache.simulated, 0)
-        share = 1.0 if self._fixed else SCHEDULE.screening_share
-        self.screening_runs = max(4, min(full, int(share * self.allowed / trials)))
-        self.floor_trials = max(
-            2, min(NOISE_FLOOR.most_trials, self.allowed // (20 * NOISE_FLOOR.runs))
-        )
-        tried = tries(library)
-        self.reach_trials = max(
-            SCHEDULE.fewest_reach,
-            min(REACH.trials, int(SCHEDULE.reach_share * self.allowed / tried)),
-        )
-        rest = self.allowed - self.screening_runs * trials - NOISE_FLOOR.runs * self.floor_trials
-        rest -= tried * self.reach_trials
-        fewest = SCHEDULE.fewest_draws * effects + none_draws(SCHEDULE.fewest_draws)
-        wanted = SCHEDULE.first_draws * effects + none_draws(SCHEDULE.first_draws)
-        enough = min(SCHEDULE.enough_trials, rest // fewest)
-        self.most_trials = max(SCHEDULE.fewest_trials, enough, rest // wanted)
-        if self._fixed is not None:
-            self.most_trials = trials
-        self.first_draws = SCHEDULE.first_draws
-        self.limited = False
-        self.exceeded = False
-        self._reserve = 0
-        self._rest = rest
-        self._trials = trials
-        self._effects = effects
+            left_s = max(60 * self._budget.minutes - self.spent_s, 0.0)
+            return min(self.spent_s / (60 * self._budget.minutes), 1.0), left_s
+        left_s = left * trials * self._cache.cost + self._training * (done + left)
+        return done / max(done + left, 1), left_s + self.judging_s(trials)
 
-    def fit(self, kept: int) -> None:
-        """Lower the first round's draws to what the budget allows for the trials kept."""
-        if self._fixed is not None:
-            self.first_draws = self._fixed
-            return
-        # All are simulated once more, under what is found.
-        self._reserve = SCREENED_OUT_RUNS * (self._trials - kept) + RESIMULATION_RUNS * kept
-        self._rest -= self._reserve
-        for draws in range(SCHEDULE.first_draws, SCHEDULE.fewest_draws - 1, -1):
-            self.first_draws = draws
-            if (draws * self._effects + none_draws(draws)) * kept <= self._rest:
-                return
-        self.exceeded = True
+    def first_answer(self, done: int) -> bool:
+        """Whether it is time for a first answer."""
+        if done < SCHEDULE.fewest:
+            return False
+        if self._budget.campaigns is not None:
+            return done >= SCHEDULE.first * self._budget.campaigns
+        if self._budget.simulations is not None:
+            return self._cache.asked >= SCHEDULE.first * self._budget.simulations
+        return self.spent_s >= SCHEDULE.first * 60 * self._budget.minutes
 
-    def affords(self, more: int, cache: SimulationCache) -> bool:
-        """Whether so many more simulations fit, beside those of the screened-out trials."""
-        fits = cache.asked + more + self._reserve <= self.allowed
-        self.limited = not fits
-        return fits
+    def exceeded(self) -> bool:
+        """Whether the least that is simulated is more than the budget allows."""
+        if self._budget.campaigns is not None:
+            return False
+        if self._budget.simulations is not None:
+            return self._cache.asked > self._budget.simulations
+        return self.spent_s > 60 * self._budget.minutes
 
-    def next_draws(
-        self, draws: Mapping[str, int], probability: Mapping[str, float]
-    ) -> dict[str, int] | None:
-        """Twice as many draws for the effects still in the race; None: there are enough."""
-        most = max(draws.values())
-        if self._fixed is not None or most >= SCHEDULE.most_draws:
-            return None
-        return {
-            name: 2 * count if count == most and probability[name] >= SCHEDULE.halving else count
-            for name, count in draws.items()
-        }
+    def allowed(self) -> int:
+        """Simulations that the budget allows, at what one costs."""
+        if self._budget.simulations is not None:
+            return self._budget.simulations
+        return int(60 * self._budget.minutes / max(self._cache.cost, 1e-6))

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.design import Screening
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 
 Array = NDArray[np.float64]
@@ -43,19 +42,19 @@ NOISE_FLOOR = NoiseFloorConstants()
 def noise_floor(
     cache: SimulationCache,
     seen: Observations,
-    screening: Screening,
+    trials: NDArray[np.int64],
+    probability: Array,
     *,
     most: int = NOISE_FLOOR.most_trials,
-    seed: int = 0,
 ) -> dict[str, float | int | None]:
     """Share of outcomes that differ from the nominal simulation's, layer by layer.
 
     Args:
         cache: of simulations.
         seen: the observed campaign.
-        screening: which trials are uncertain, and how they ended.
-        most: uncertain trials that are used, drawn at random.
-        seed: of that draw.
+        trials: indices of those that lift off.
+        probability: of overturning in campaigns without effect, of each of them.
+        most: trials that are used, the most uncertain first.
 
     Returns:
         `numerical`: under perturbations of the start by 1e-6 to 1e-4 m; `time_step`: at half the
@@ -63,21 +62,20 @@ def noise_floor(
         `input`: under fresh placement and motion noise (replicates above 0); `nuisance`: under
         fresh geometry, contact and the like; `physical`: between repeats in the campaign (of one
         motion file, or of one motion with PGA and PGV within 2 %), None without repeats;
-        `physical_expected`: the same where each repeat has the share of overturned that screening
-        found, nuisances, starts and effects drawn again: no fewer than if some of these were
+        `physical_expected`: the same where each repeat overturns with its probability in gap-free
+        campaigns, nuisances and starts drawn again: no fewer than if some of these were
         common to both; `trials` and `repeats` behind them. Shares are of the uncertain trials, but
         of repeats of all.
     """
-    rng = np.random.default_rng([seed, 3])
-    count = min(screening.kept.size, most)
-    trials = np.sort(rng.choice(screening.kept, size=count, replace=False))
+    near = trials[np.argsort(np.abs(probability - 0.5), kind="stable")]
+    used = np.sort(near[: min(trials.size, most)])
     spots = [(0, 0)]
     spots += [(0, PERTURBED - r) for r in range(NOISE_FLOOR.replicates)]
     spots += [(0, r) for r in range(1, NOISE_FLOOR.replicates + 1)]
     spots += [(n, 0) for n in range(1, NOISE_FLOOR.replicates + 1)]
     variants = [v for v in (HALF_STEP, FINE_SOLVER) if v in cache.simulator.variants]
     spots += [(0, v) for v in variants]
-    requests = [Request(int(t), (), n, r) for n, r in spots for t in trials]
+    requests = [Request(int(t), (), n, r) for n, r in spots for t in used]
     found = cache.run(requests).overturned.reshape(len(spots), -1)
     differs = np.where(
         np.isfinite(found[1:]) & np.isfinite(found[0]), found[1:] != found[0], np.nan
@@ -87,7 +85,9 @@ def noise_floor(
     varied = dict(zip(variants, differs[3 * NOISE_FLOOR.replicates :], strict=True))
     shares = {v: float(np.nanmean(row)) for v, row in varied.items()}
     pairs, unequal = _repeats(seen)
-    expected = _expected(screening)[pairs].mean() if len(pairs) else None
+    everyone = np.zeros(len(seen))
+    everyone[trials] = 2 * probability * (1 - probability)
+    expected = everyone[pairs].mean() if len(pairs) else None
     return {
         "numerical": numerical,
         "time_step": shares.get(HALF_STEP),
@@ -96,15 +96,9 @@ def noise_floor(
         "nuisance": nuisance,
         "physical": float(unequal.mean()) if len(pairs) else None,
         "physical_expected": None if expected is None else float(expected),
-        "trials": int(count),
+        "trials": int(used.size),
         "repeats": len(pairs),
     }
-
-
-def _expected(screening: Screening) -> Array:
-    """Chance that a trial and its repeat end otherwise, all drawn again, shape (trials,)."""
-    p = np.where(screening.alike, 0.0, screening.probability)
-    return np.asarray(2 * p * (1 - p), dtype=np.float64)
 
 
 def _repeats(seen: Observations) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

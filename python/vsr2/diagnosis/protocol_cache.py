@@ -3,58 +3,58 @@
 from __future__ import annotations
 
 import hashlib
-from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vsr2.diagnosis.observed.features import Sampling
-from vsr2.diagnosis.simulated.design import Design
-from vsr2.diagnosis.which.routes import Prepared
+from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
+from vsr2.diagnosis.posterior.network import NETWORK
+from vsr2.diagnosis.posterior.parameters import PARAMETERS
+from vsr2.diagnosis.posterior.summaries import SUMMARY
+from vsr2.diagnosis.posterior.training import TRAINING
+from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
 
-KEPT = 2
-"""Fitted models that are remembered."""
+SIMULATIONS = "simulations.jsonl"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class ProtocolCache:
-    """Simulations and fitted models, for diagnoses one after the other.
+    """A folder of simulations and trained posteriors.
 
     Campaigns of one protocol have the same trials: motions, order, sessions. What is simulated and
-    fitted for one serves all.
+    trained for one serves all; the second diagnosis takes seconds.
 
     Attributes:
-        file: of simulations.
+        folder: of both.
         series: simulate series too, also for diagnoses that do not use them, so that those that do
             find their simulations.
         sampling: of series, where a campaign comes without them.
     """
 
-    file: Path
+    folder: Path
     series: bool = False
     sampling: Sampling | None = None
-    _models: OrderedDict[str, Prepared] = field(default_factory=OrderedDict, repr=False)
 
-    def prepared(self, key: str, prepare: Callable[[], Prepared]) -> Prepared:
-        """The models of a key, fitted if they are not among the last few."""
-        if key not in self._models:
-            self._models[key] = prepare()
-            while len(self._models) > KEPT:
-                self._models.popitem(last=False)
-        self._models.move_to_end(key)
-        return self._models[key]
+    @property
+    def simulations(self) -> Path:
+        """File of simulations."""
+        return self.folder / SIMULATIONS
 
+    def posterior(self, identity: str, seen: Observations, campaigns: int, seed: int) -> Path:
+        """File of the posterior trained for a simulator and what a campaign measures.
 
-def fingerprint(design: Design, *parts: NDArray[np.generic] | tuple[object, ...] | int) -> str:
-    """Hash of simulated campaigns and of what else a fit depends on."""
-    digest = hashlib.blake2b(digest_size=16)
-    arrays = [design.effect, design.nuisances, design.overturned, design.features]
-    for array in [*arrays, *design.quantiles]:
-        digest.update(f"{array.dtype.str}{array.shape}".encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    for part in parts:
-        digest.update(part.tobytes() if isinstance(part, np.ndarray) else repr(part).encode())
-    return digest.hexdigest()
+        Args:
+            identity: of the simulator.
+            seen: the observed campaign, whose outcomes have no part in it.
+            campaigns: simulated.
+            seed: of the training.
+        """
+        digest = hashlib.blake2b(digest_size=8)
+        constants = (SUMMARY, DISCREPANCY, NETWORK, TRAINING, PARAMETERS, SET_PRIOR)
+        parts = (
+            identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
+            seen.tilt_noise, seen.rest_noise, campaigns, seed, [astuple(one) for one in constants],
+        )  # fmt: skip
+        digest.update(repr(parts).encode())
+        return self.folder / f"posterior-{digest.hexdigest()}.npz"

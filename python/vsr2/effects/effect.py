@@ -221,6 +221,14 @@ class Effect:
         """Values that leave a trial as it is: the null values; the trial's own where one is NaN."""
         return self.null()
 
+    def with_null(self, values: Mapping[str, float]) -> Self:
+        """The same effect with other null values."""
+        made = copy(self)
+        vars(made)["parameters"] = tuple(
+            replace(p, null=values[p.name]) if p.name in values else p for p in self.parameters
+        )
+        return made
+
     def extreme(self) -> dict[str, float]:
         """Parameters at their prior's end farther from null; secondary ones at null."""
         return {

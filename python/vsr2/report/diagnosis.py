@@ -6,17 +6,18 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis import Diagnosis
 from vsr2.diagnosis.verdict.document import PAGE_FILE, PAGE_TITLE, finite
 from vsr2.report.diagnosis_figures import (
-    bars_figure,
     channels_figure,
+    effects_figure,
+    losses_figure,
     map_figure,
     order_figure,
-    posterior_figure,
     reliability_figure,
+    sets_figure,
 )
 from vsr2.report.messages.verdicts import (
     channels_note,
@@ -26,6 +27,7 @@ from vsr2.report.messages.verdicts import (
     location,
     next_measurement,
     sentence,
+    standing_out,
     verdict_sentence,
     with_sentences,
 )
@@ -33,38 +35,46 @@ from vsr2.report.pages import render
 from vsr2.report.panels import svg
 from vsr2.results.atomic import write_text
 
-_LEVEL = 0.05
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def format_diagnosis(found: Diagnosis) -> str:
     """The verdict, the gap and the leading effects, for a terminal."""
     content = found.content
-    gap = content["gap"]
+    gap, control = content["gap"], content["negative_control"]
     lines = [
         f"{content['campaign']['name']}: {content['campaign']['trials']} trials, "
         f"tier {content['campaign']['tier']}",
         verdict_sentence(content),
         f"loss a trial: before {interval(gap['before'])}, after {interval(gap['after'])}, "
         f"floor {interval(gap['floor'])}",
-        f"closure {interval(gap['closure'])}, of a wrong effect "
-        f"{interval(content['negative_control']['closure'])}, headline "
-        f"{interval(gap['headline'])}; re-simulated {interval(gap['closure_resimulated'])}",
     ]
-    lines.append("probability, effect, its parameters: most probable, mean [95 %]")
-    for row in content["effects"][:6]:
-        values = ", ".join(_parameter(name, p) for name, p in row["parameters"].items())
-        lines.append(f"  {row['probability']:5.2f}  {row['name']:<20} {values}")
+    if gap["effects"]:
+        lines.append(
+            f"closure {interval(gap['closure'])}, of a recalibration "
+            f"{interval(control['recalibrated']['closure'])}, dealt to wrong trials "
+            f"{interval(control['dealt']['closure'])}, headline {interval(gap['headline'])}"
+        )
     if content["next_measurement"]:
         lines.append(f"next: {next_measurement(content['next_measurement'])}")
+    lines.append("probability that it acts, effect, its parameters: median [90 %]")
+    for row in _by_acts(content)[:6]:
+        values = ", ".join(_parameter(p, name) for name, p in row["parameters"].items())
+        lines.append(f"  {row['acts']:5.2f}  {row['name']:<20} {values}")
     lines += [f"limit: {sentence(limit)}" for limit in content["limits"]]
     return "\n".join(lines)
 
 
-def _parameter(name: str, found: Mapping[str, Any]) -> str:
-    """Most probable value, mean, interval."""
-    low, high = found["ci95"]
+def _by_acts(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return sorted(content["effects"], key=lambda row: -row["acts"])
+
+
+def _parameter(found: Mapping[str, Any], name: str) -> str:
+    """Median and 90 % interval, given that its effect acts."""
+    low, high = found["ci90"]
     unit = "" if found["unit"] == "1" else f" {found['unit']}"
-    return f"{name} {found['mode']:.3g}, {found['mean']:.3g} [{low:.3g}, {high:.3g}]{unit}"
+    return f"{name} {found['median']:.3g} [{low:.3g}, {high:.3g}]{unit}"
 
 
 def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
@@ -84,14 +94,6 @@ def diagnosis_page(found: Diagnosis) -> str:
     from markupsafe import Markup
 
     content = found.content
-    figures = {
-        "posterior": (posterior_figure(content), "probability of each hypothesis"),
-        "bars": (bars_figure(content), "mean loss"),
-        "map": (map_figure(found.trials), "gap over conditions"),
-        "order": (order_figure(found.trials), "residuals over the order of execution"),
-        "channels": (channels_figure(content), "gap over channels and phases"),
-        "reliability": (reliability_figure(found.trials), "predicted against observed"),
-    }
     layers, measure = content["gap"]["layers"], content["next_measurement"]
     return render(
         "diagnosis.html",
@@ -99,18 +101,21 @@ def diagnosis_page(found: Diagnosis) -> str:
             "instrument": instrument,
             "interval": interval,
             "location": location,
-            "parameter": lambda found, name: _parameter(name, found),
+            "parameter": _parameter,
             "sentence": sentence,
         },
         **{
             **content,
+            "effects": _by_acts(content),
             "title": f"{PAGE_TITLE} {content['campaign']['name']}",
             "verdict_sentence": verdict_sentence(content),
             "measure_sentence": measure and next_measurement(measure),
-            "drawings": {name: Markup(svg(*figure)) for name, figure in figures.items()},
+            "drawings": {
+                name: Markup(svg(*figure)) for name, figure in diagnosis_figures(found).items()
+            },
             "closure_note": closure_note(content),
             "channels_note": channels_note(content),
-            "found": [row for row in content["where"] if row["p_familywise"] <= _LEVEL],
+            "found": standing_out(content),
             "noise_floor": [
                 f"{words}: {layers[name]:.1%}"
                 for name, words in _LAYERS.items()
@@ -119,6 +124,20 @@ def diagnosis_page(found: Diagnosis) -> str:
             "provenance": json.dumps(finite(dict(content["provenance"])), indent=1),
         },
     )
+
+
+def diagnosis_figures(found: Diagnosis) -> dict[str, tuple[Figure, str]]:
+    """All figures of the page by name, each with what it shows."""
+    content = found.content
+    return {
+        "sets": (sets_figure(content), "probability of each set of effects"),
+        "effects": (effects_figure(content), "probability that each effect acts"),
+        "losses": (losses_figure(content), "mean loss before, after, and of controls"),
+        "map": (map_figure(found.trials), "gap over conditions"),
+        "order": (order_figure(found.trials), "residuals over the order of execution"),
+        "channels": (channels_figure(content), "gap over channels and phases"),
+        "reliability": (reliability_figure(found.trials), "predicted against observed"),
+    }
 
 
 _LAYERS = {

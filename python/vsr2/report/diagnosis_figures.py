@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from vsr2.diagnosis.where.scan import EVERYWHERE
+from vsr2.diagnosis.where.scan import EVERYWHERE, SCAN
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.verdicts import location
 from vsr2.report.pages import plain
@@ -20,69 +20,80 @@ if TYPE_CHECKING:
 Rows = Sequence[Mapping[str, Any]]
 
 BLUE, RED, GREY, INK = "#1f6f8b", "#c8553d", "#9aa5b1", "#1c2430"
-_CLASSES = (
-    BLUE, RED, "#7a5195", "#5b8c5a", "#b8860b", "#5b6675", "#d46a9f", "#2f3e75", "#4fb3a5",
-    "#8c5a3c",
-)  # fmt: skip
-"""As many as hypotheses are shown, so that no two classes share one."""
 _PHASES = (
-    "whole response", "uplift", "first impacts", "strong shaking", "free decay", "rest pose",
+    "whole response", "uplift", "impacts", "strong shaking", "free decay", "fall", "rest pose",
 )  # fmt: skip
 _SURPRISE = 0.3
 """Loss over the floor from which a trial counts as surprising [nat]."""
-_LEVEL = 0.05
+_SHOWN = 10
+"""Hypotheses in a figure."""
+_BREAK = "-\n"
+"""Of a long name under a bar."""
 _SIZE = (5.2, 3.5)
 """Of a figure that fills one column of the page [inch]."""
 
 
-def posterior_figure(content: Mapping[str, Any]) -> Figure:
-    """Probability of the leading hypotheses, coloured by class."""
-    rows = [
-        {"name": "none", "probability": content["none_probability"], "class": "none"},
+def sets_figure(content: Mapping[str, Any]) -> Figure:
+    """Probability of the most probable sets of effects."""
+    return _probabilities(
         {
-            "name": "unknown",
-            "probability": content["unknown"]["probability"],
-            "class": "unknown",
+            " + ".join(row["effects"]) or "none": row["probability"]
+            for row in content["sets"][:_SHOWN]
         },
-        *content["effects"],
-    ]
-    rows.sort(key=lambda row: -row["probability"])
-    shown = rows[: len(_CLASSES)]
-    inside = set(content["conformal_set_90"])
-    classes = list(dict.fromkeys(row["class"] for row in shown))
-    colours = [_CLASSES[classes.index(row["class"])] for row in shown]
-    filled = [row["name"] in inside for row in shown]
-    figure, panel = _panel((5.2, 1.2 + 0.25 * len(shown)))
-    bars = panel.barh(
-        [plain(row["name"]) for row in shown],
-        [row["probability"] for row in shown],
-        height=0.6,
-        color=[c if full else "none" for c, full in zip(colours, filled, strict=True)],
-        edgecolor=colours,
+        "probability of exactly this [1]",
     )
-    for bar, row in zip(bars, shown, strict=True):
-        tooltip(bar, f"{row['name']}: {row['probability']:.3f}")
-    panel.invert_yaxis()
-    panel.set_xlim(0.0, 1.0)
-    panel.set_xlabel("probability [1]")
-    _legend(figure, {"in the 90 % set": (GREY, GREY), "outside it": ("none", GREY)})
+
+
+def effects_figure(content: Mapping[str, Any]) -> Figure:
+    """Probability that each effect acts, alone or with others, and which are in the 90 % set."""
+    rows = {row["name"]: row["acts"] for row in content["effects"]}
+    rows |= {
+        "none": content["none_probability"],
+        "unknown": content["unknown"]["probability"],
+    }
+    leading = dict(sorted(rows.items(), key=lambda row: -row[1])[:_SHOWN])
+    inside = set(content["conformal_set_90"])
+    figure = _probabilities(leading, "probability that it acts [1]", inside)
+    _legend(figure, {"in the 90 % set": (BLUE, BLUE), "outside it": ("none", BLUE)})
     return figure
 
 
-def bars_figure(content: Mapping[str, Any]) -> Figure:
-    """Losses before and after, the floor, and the negative control's as far as closures tell it."""
+def _probabilities(
+    rows: Mapping[str, float], label: str, filled: Collection[str] | None = None
+) -> Figure:
+    """Bars by name, hollow where not in `filled`."""
+    figure, panel = _panel((5.2, 1.2 + 0.25 * len(rows)))
+    bars = panel.barh(
+        [plain(name) for name in rows],
+        list(rows.values()),
+        height=0.6,
+        color=[BLUE if filled is None or name in filled else "none" for name in rows],
+        edgecolor=BLUE,
+    )
+    for bar, (name, probability) in zip(bars, rows.items(), strict=True):
+        tooltip(bar, f"{name}: {probability:.3f}")
+    panel.invert_yaxis()
+    panel.set_xlim(0.0, 1.0)
+    panel.set_xlabel(label)
+    return figure
+
+
+def losses_figure(content: Mapping[str, Any]) -> Figure:
+    """Loss before and after, under both negative controls, and of gap-free campaigns."""
     gap, control = content["gap"], content["negative_control"]
     found = {
         "before": (gap["before"], RED),
         "after": (gap["after"], BLUE),
-        "negative\ncontrol": (control["loss"], "#5b6675"),
-        "recalibrated": (control["recalibration_loss"], "#5b6675"),
+        f"recali{_BREAK}brated": (control["recalibrated"]["loss"], "#5b6675"),
+        "dealt": (control["dealt"]["loss"], "#5b6675"),
         "floor": (gap["floor"], GREY),
     }
-    figure, panel = _panel()
+    figure, panel = _panel((5.2, 2.6))
     for name, (estimate, colour) in found.items():
+        if estimate["value"] is None:
+            continue
         [bar] = panel.bar(name, estimate["value"], width=0.64, color=colour)
-        tooltip(bar, f"{' '.join(name.split())}: {estimate['value']:.3f}")
+        tooltip(bar, f"{name.replace(_BREAK, '')}: {estimate['value']:.3f}")
         [interval] = panel.plot([name] * 2, estimate["ci95"], color=INK, linewidth=1.4)
     interval.set_label("95 % interval")
     panel.set_ylabel("loss a trial [nat]")
@@ -102,8 +113,8 @@ def map_figure(rows: Rows) -> Figure:
         panel.text(0.5, 0.5, "no trial has intensity measures", ha="center")
         return figure
     labels = set()
-    for row in sorted(known, key=lambda row: row["loss_before"] - row["floor"]):
-        extra = row["loss_before"] - row["floor"]
+    for row in sorted(known, key=_extra):
+        extra = _extra(row)
         colour = RED if extra > _SURPRISE else GREY
         ending = "overturned" if row["overturned"] else "stood"
         label = f"{ending}, {'a surprise' if extra > _SURPRISE else 'no surprise'}"
@@ -126,6 +137,11 @@ def map_figure(rows: Rows) -> Figure:
     return figure
 
 
+def _extra(row: Mapping[str, Any]) -> float:
+    """Loss over the floor; 0 of a trial that never lifts off."""
+    return row["loss_before"] - row["floor"] if row["uncertain"] else 0.0
+
+
 def order_figure(rows: Rows) -> Figure:
     """Residuals over the order of execution, with each session's mean."""
     figure, panel = _panel()
@@ -141,7 +157,7 @@ def order_figure(rows: Rows) -> Figure:
         first, last = members[0]["order"], members[-1]["order"]
         [line] = panel.plot([first, max(last, first + 1)], [mean] * 2, color=RED, linewidth=2.5)
     if sessions:
-        mark.set_label("uncertain trial")
+        mark.set_label("trial that lifts off")
         line.set_label("mean of a session")
         _legend(figure)
     panel.set_ylim(-1.05, 1.05)
@@ -156,7 +172,7 @@ def channels_figure(content: Mapping[str, Any]) -> Figure:
     rows.sort(key=lambda row: _PHASES.index(row["phase"]) if row["phase"] in _PHASES else 9)
     figure, panel = _panel((5.2, 1.2 + 0.32 * max(len(rows), 2)))
     for i, row in enumerate(rows):
-        found = row["p_familywise"] <= _LEVEL
+        found = row["p_familywise"] <= SCAN.significant
         colour = RED if found else GREY
         size = row["effect_size"]
         [bar] = panel.barh(i, size, 0.5, color=colour if found else "none", edgecolor=colour)

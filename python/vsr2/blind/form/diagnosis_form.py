@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from vsr2.blind.form.reader import (
     Interval,
@@ -24,8 +25,8 @@ from vsr2.config.problems import shown
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
-DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2")
-"""What is read here stands alike in both."""
+DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2", "vsr2.diagnosis/3")
+"""What is read here stands alike in all."""
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 NONE, UNKNOWN = "none", "unknown"
@@ -39,11 +40,23 @@ NAMING: Mapping[VerdictKind, tuple[int, float]] = {
 """Kinds that name effects, with the least and greatest number of them."""
 
 
+def _or_infinite(value: object) -> object:
+    """Null is infinity, as a parameter without effect may have it."""
+    if isinstance(value, list):
+        return [_or_infinite(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("it should be a finite number, or null for infinity")
+    return math.inf if value is None else value
+
+
 class Estimate(Part):
     """A number with its 95 % interval."""
 
-    mean: float
-    ci95: Interval
+    model_config = ConfigDict(allow_inf_nan=True)
+    nullable = frozenset({"mean"})
+
+    mean: Annotated[float, BeforeValidator(_or_infinite)]
+    ci95: Annotated[Interval, BeforeValidator(_or_infinite)]
 
 
 class Location(Part):

@@ -1,357 +1,340 @@
-"""HOW FAR the gap shrinks, judged on motions that neither the fit nor the choice saw.
+"""HOW FAR the gap shrinks: trials simulated again, without effect and with what is named.
 
-Motions are dealt into groups; each group is judged once by models that were fitted to, and chosen
-on, the others alone. Parameters and nuisances are averaged over their posterior; an effect is
-chosen by its evidence. Differences are bootstrapped over motions, all models on the same resamples,
-the same simulations behind all of them.
+Motions are dealt into groups. Parameters of what is named come from the trials of the other groups
+alone; then the trials of the group are simulated with them, nuisances drawn anew, and judged by
+these simulations: before and after on motions that were not seen. Differences are of equal trials
+and are bootstrapped over motions. All of it is reported; nothing is named or withheld for it.
+
+Two negative controls close a part of a gap without being its cause: a plain rescaling of the
+probabilities, fitted on the other motions, and what is named, with its response dealt to wrong
+trials of like intensity.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.likelihood.emulator import Emulator
-from vsr2.diagnosis.likelihood.equivalence import takes_for_alike
-from vsr2.diagnosis.likelihood.evidence import (
-    Data,
-    Posterior,
-    Prediction,
-    Table,
-    drawn_nodes,
-    posterior,
-    predict,
+from vsr2.diagnosis.how_far.scores import (
+    Ensemble,
+    Interval,
+    by_kind,
+    feature_scores,
+    interval,
+    outcome_loss,
+    resampled_means,
 )
-from vsr2.diagnosis.likelihood.pairs import best_pair
-from vsr2.diagnosis.likelihood.score import crossfitted, losses
-from vsr2.diagnosis.simulated.library import NONE, Library, free_parameters, values_at
-from vsr2.diagnosis.simulated.simulator import Effects, nuisance_normal
+from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.posterior.training import Posterior
+from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
+from vsr2.diagnosis.simulated.library import free_parameters
+from vsr2.diagnosis.simulated.simulator import Effects, Request
 
 Array = NDArray[np.float64]
-Draw = tuple[Effects, int]
-"""How effects act, and the number of a draw of the nuisances."""
-
-PAIR = "pair"
-_SPREAD_SEED = 4
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two effects that do better than one on motions that the choice did not see.
+class HeldOutConstants:
+    """How the gap is judged; chosen by hand.
 
     Attributes:
-        names: of both.
-        probability: of a gain over one effect.
-        left: share of the gap of the uncertain trials that both leave.
-        closed: share that the second one closes of what the best one alone leaves.
-        beyond: share of the gap that both close beyond what a rescaling of the probabilities does.
+        members: simulations of each trial, without effect and with what is named.
+        groups: of motions.
+        dealt: ways of dealing the response to wrong trials.
+        neighbours: trials of like intensity among which it is dealt.
+        nuisances: draw of the nuisances of the first simulation with what is named.
+        replicate: of starts and noise there.
     """
 
-    names: tuple[str, str]
-    probability: float
-    left: float
-    closed: float
-    beyond: float
+    members: int = 24
+    groups: int = 5
+    dealt: int = 8
+    neighbours: int = 8
+    nuisances: int = 500
+    replicate: int = 2
 
 
-@dataclass(frozen=True)
-class Interval:
-    """An estimate with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in `diagnosis.json`."""
-        return {"value": self.value, "ci95": [self.low, self.high]}
+HELD_OUT = HeldOutConstants()
+LOSSES = ("before", "after", "recalibrated", "dealt", "floor")
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOutLosses:
-    """Held-out losses of each trial.
+class HowFar:
+    """Losses of every trial that was simulated, and predictions.
 
     Attributes:
-        before: without effect.
-        after: with the effect chosen on the other motions.
-        negative_control: with the best effect of another class, so chosen.
-        recalibrated: without effect, the probabilities' logits rescaled and shifted.
-        each: with each effect.
-        pair: with the best pair; None: none was tried.
-        chosen: hypotheses by group, of `before`, `after`, `negative_control` and `pair`.
-        draws: of every hypothesis, by group: see :func:`posterior_draws`.
-        scaling: shift and slope of the logits behind `recalibrated`, by group, shape (groups, 2).
-        predicted_before, predicted_after: probabilities of overturning.
-        predicted_pair: the same with the best pair; None: none was tried.
-        group: of each trial.
-        ranked: effects by their evidence on the other motions, by group.
+        losses: by name (`LOSSES`), each (trials,); after and controls NaN where nothing is named.
+        before, after: probabilities of overturning, shape (trials,).
+        motion: of each trial, shape (trials,).
+        names: of the effects that `after` has.
     """
 
+    losses: dict[str, Array]
     before: Array
     after: Array
-    negative_control: Array
-    recalibrated: Array
-    each: dict[str, Array]
-    pair: Array | None
-    chosen: dict[str, list[str]]
-    draws: dict[str, list[list[Draw]]]
-    scaling: Array
-    predicted_before: Array
-    predicted_after: Array
-    predicted_pair: Array | None
-    group: NDArray[np.int64]
-    ranked: list[list[str]]
+    motion: NDArray[np.int64]
+    names: tuple[str, ...]
 
-    def of_pair(self, outside: Collection[str]) -> HeldOutLosses:
-        """The same with the pair as what was chosen; as it is if none was tried.
-
-        Args:
-            outside: effects that the negative control may not be.
-        """
-        if self.pair is None or self.predicted_pair is None:
-            return self
-        negative_control, names = np.zeros_like(self.before), []
-        for k, ranked in zip(np.unique(self.group), self.ranked, strict=True):
-            name = next((name for name in ranked if name not in outside), NONE)
-            losses_of = self.before if name == NONE else self.each[name]
-            negative_control[self.group == k] = losses_of[self.group == k]
-            names.append(name)
-        return replace(
-            self,
-            after=self.pair,
-            predicted_after=self.predicted_pair,
-            negative_control=negative_control,
-            chosen=self.chosen | {"after": [PAIR] * len(names), "negative_control": names},
+    def _means(self) -> tuple[dict[str, float], dict[str, Array]]:
+        values = np.stack([self.losses[name] for name in LOSSES])
+        draws = resampled_means(values, self.motion)
+        means = values.mean(axis=1)
+        return (
+            {name: float(m) for name, m in zip(LOSSES, means, strict=True)},
+            {name: draws[:, k] for k, name in enumerate(LOSSES)},
         )
+
+    def mean(self, name: str) -> Interval:
+        """Mean loss."""
+        means, draws = self._means()
+        return interval(means[name], draws[name])
+
+    def excess(self, name: str) -> Interval:
+        """Mean loss over the floor."""
+        means, draws = self._means()
+        return interval(means[name] - means["floor"], draws[name] - draws["floor"])
+
+    def gain(self) -> Interval:
+        """Mean loss before minus after, of equal trials."""
+        means, draws = self._means()
+        return interval(means["before"] - means["after"], draws["before"] - draws["after"])
+
+    def closure(self, name: str) -> Interval:
+        """(before - model) / (before - floor); none where there is no gap."""
+        means, draws = self._means()
+        gap = means["before"] - means["floor"]
+        if gap <= 0:
+            return Interval(np.nan, np.nan, np.nan)
+        gaps = np.maximum(draws["before"] - draws["floor"], 1e-9)
+        return interval(
+            (means["before"] - means[name]) / gap, (draws["before"] - draws[name]) / gaps
+        )
+
+    def headline(self) -> Interval:
+        """Closure minus that of the better control, or minus 0 where both make it worse."""
+        means, draws = self._means()
+        gap = means["before"] - means["floor"]
+        if gap <= 0 or not self.names:
+            return Interval(np.nan, np.nan, np.nan)
+        gaps = np.maximum(draws["before"] - draws["floor"], 1e-9)
+        controls = ("before", "recalibrated", "dealt")
+        best = min(means[name] for name in controls)
+        bests = np.min([draws[name] for name in controls], axis=0)
+        return interval((best - means["after"]) / gap, (bests - draws["after"]) / gaps)
+
+
+def simulations(trials: int) -> int:
+    """That judging asks for."""
+    return HELD_OUT.members * trials
 
 
 def judge(
-    library: Library,
-    emulator: Emulator,
-    tables: Mapping[str, Table],
-    observed: Data,
-    group: NDArray[np.int64],
-    chosen_class: Sequence[str],
-    nuisances: Array,
+    cache: SimulationCache,
+    seen: Observations,
+    trials: NDArray[np.int64],
+    posterior: Posterior,
+    residuals: Array,
+    names: Sequence[str],
     *,
-    pairs: bool,
-) -> HeldOutLosses:
-    """Hold every group of motions out once.
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> HowFar:
+    """Simulate the trials again and judge before and after.
 
     Args:
-        library: effects that may be chosen.
-        emulator: fitted, for pairs.
-        tables: of "none" and every effect.
-        observed: one campaign.
-        group: of each trial; no motion stands in two.
-        chosen_class: effects that the verdict does not tell apart; none is the negative control.
-        nuisances: standardised draws 1, 2, ..., shape (draws, nuisances).
-        pairs: also try pairs.
+        cache: of simulations.
+        seen: the observed campaign.
+        trials: indices of those simulated.
+        posterior: trained.
+        residuals: of the campaign, shape (columns,).
+        names: effects that are named, or lead; none: before alone is judged.
+        seed: of draws.
+        progress: called with simulations done and all.
     """
-    blank = np.zeros(observed.overturned.shape[1])
-    roles = {role: blank.copy() for role in ("before", "after", "negative_control")}
-    p_before, p_after = blank.copy(), blank.copy()
-    each = {name: blank.copy() for name in library}
-    pair, p_pair = (blank.copy(), blank.copy()) if pairs else (None, None)
-    chosen: dict[str, list[str]] = {role: [] for role in (*roles, "pair")}
-    draws: dict[str, list[list[Draw]]] = {name: [] for name in (NONE, PAIR, *library)}
-    order = []
+    members, motion = HELD_OUT.members, seen.motion[trials]
+    plain: list[Effects] = [()] * members
+    draws = range(1, members + 1)
+    before = _ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, seed)
+    outcome, features = seen.overturned[trials], seen.features[trials]
+    losses = {"before": _loss(before, before.probability, outcome, features)}
+    losses["floor"] = _floor(before)
+    blank = np.full(trials.size, np.nan)
+    if not names:
+        losses |= dict.fromkeys(("after", "recalibrated", "dealt"), blank)
+        return HowFar(losses, before.probability, blank, motion, ())
+    group = _groups(motion, outcome)
+    drawn: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
-        judged = group == k
-        seen = observed.only(~judged)
-        found = {name: posterior(table, seen) for name, table in tables.items()}
-        predicted = {name: predict(tables[name], found[name]) for name in tables}
-        loss = {name: losses(predicted[name], observed)[0] for name in tables}
-        ranked = sorted(library, key=lambda name: -found[name].evidence[0])
-        order.append(ranked)
-        best = ranked[0]
-        wrong = next((name for name in ranked if name not in chosen_class), NONE)
-        for role, name in zip(roles, (NONE, best, wrong), strict=True):
-            chosen[role].append(name)
-            roles[role][judged] = loss[name][judged]
-        p_before[judged] = predicted[NONE].probability[0, judged]
-        p_after[judged] = predicted[best].probability[0, judged]
-        for name in library:
-            each[name][judged] = loss[name][judged]
-        for name in (NONE, *library):
-            given = () if name == NONE else (name,)
-            draws[name].append(
-                posterior_draws(library, given, tables[name], found[name], nuisances)
-            )
-        if pair is not None and p_pair is not None:
-            second, table, own = best_pair(library, emulator, best, seen)
-            both = predict(table, own)
-            pair[judged] = losses(both, observed)[0][judged]
-            p_pair[judged] = both.probability[0, judged]
-            chosen["pair"].append(second)
-            draws[PAIR].append(posterior_draws(library, (best, second), table, own, nuisances))
-    recalibrated, scaling = _recalibrated(tables[NONE], observed, group)
-    return HeldOutLosses(
-        **roles,
-        recalibrated=recalibrated,
-        each=each,
-        pair=pair,
-        chosen=chosen,
-        draws=draws,
-        scaling=scaling,
-        predicted_before=p_before,
-        predicted_after=p_after,
-        predicted_pair=p_pair,
-        group=group,
-        ranked=order,
+        effects = _drawn_effects(posterior, residuals, group != k, names, seed * 100 + int(k))
+        for i in np.flatnonzero(group == k):
+            drawn[i] = effects
+    later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
+    after = _ensemble(
+        cache, seen, trials, drawn, later, HELD_OUT.replicate, seed + 1, progress=progress
     )
+    losses["after"] = _loss(after, after.probability, outcome, features)
+    scaled = _recalibrated(before.probability, outcome, group)
+    losses["recalibrated"] = _loss(before, scaled, outcome, features)
+    losses["dealt"] = _dealt(before, after, outcome, features, seen.log_pga[trials], seed)
+    return HowFar(losses, before.probability, after.probability, motion, tuple(names))
 
 
-def _recalibrated(none: Table, observed: Data, group: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Losses with rescaled probabilities, shape (trials,), and the scaling of each group."""
-    plain = crossfitted(none, observed, group)
-    out = np.zeros(group.size)
-    scaling = []
-    for k in np.unique(group):
-        judged = group == k
-        scaling.append(_scaling(plain, observed, judged))
-        scaled = replace(plain, probability=rescaled(plain.probability, scaling[-1]))
-        out[judged] = losses(scaled, observed)[0][judged]
-    return out, np.array(scaling)
+def _ensemble(
+    cache: SimulationCache,
+    seen: Observations,
+    trials: NDArray[np.int64],
+    effects: Sequence[Sequence[Effects]],
+    draws: range,
+    replicate: int,
+    seed: int,
+    *,
+    progress: Progress | None = None,
+) -> Ensemble:
+    """Each trial under its effects, one member a draw of the nuisances."""
+    requests = [
+        Request(int(trial), own[m], draw, replicate)
+        for m, draw in enumerate(draws)
+        for trial, own in zip(trials, effects, strict=True)
+    ]
+    found = cache.run(requests, progress=progress)
+    shape = (len(draws), trials.size)
+    series = None if found.features is None else found.features.reshape(*shape, -1)
+    overturned = found.overturned.reshape(shape)
+    noted = seen.noted(overturned, found.peak_tilt.reshape(shape), series, seed)
+    return Ensemble(overturned, noted)
 
 
-def posterior_draws(
-    library: Library, names: Sequence[str], table: Table, found: Posterior, nuisances: Array
-) -> list[Draw]:
-    """Effects and nuisances in `PREDICTED` draws from their posterior.
+def _loss(simulated: Ensemble, probability: Array, outcome: Array, features: Array) -> Array:
+    scores = by_kind(feature_scores(simulated.features, features))
+    return np.asarray(outcome_loss(probability, outcome) + scores)
 
-    Of the nuisances the nearest of given draws is taken, by the metric of the posterior.
 
-    Args:
-        library: effects.
-        names: those of the hypothesis, in the order of the table's columns; empty: none.
-        table: of the hypothesis.
-        found: its posterior under one campaign.
-        nuisances: draws 1, 2, ... of the standardised nuisances, shape (draws, nuisances).
+def _floor(simulated: Ensemble) -> Array:
+    """Mean loss of each simulation by the others: what a campaign without a gap loses."""
+    out = np.zeros(simulated.overturned.shape[1])
+    everyone = np.arange(len(simulated))
+    for i in everyone:
+        others = simulated.take(np.delete(everyone, i))
+        own = simulated.overturned[i], simulated.features[i]
+        out += _loss(others, others.probability, *own)
+    return out / len(simulated)
 
-    Returns:
-        How the effects act, and the number of the nuisances' draw.
-    """
-    nodes = drawn_nodes(found)[0]
-    count = nuisances.shape[1]
-    covariance = found.covariance[0, :count, :count]
-    normal = np.stack([nuisance_normal(_SPREAD_SEED, count, i + 1) for i in range(len(nodes))])
-    spread = normal @ np.linalg.cholesky(covariance).T
-    wanted = (table.weights[nodes] @ found.nuisance[0])[:, :count] + spread
-    metric = np.linalg.inv(covariance)
-    out = []
-    for quantiles, z in zip(table.fine.quantiles[nodes], wanted, strict=True):
-        effects: list[tuple[str, tuple[float, ...]]] = []
-        start = 0
-        for name in names:
-            end = start + len(free_parameters(library[name]))
-            effects.append((name, values_at(library[name], quantiles[start:end])))
-            start = end
-        gap = nuisances - z
-        nearest = int(np.argmin(np.einsum("ij,jk,ik->i", gap, metric, gap)))
-        out.append((tuple(effects), 1 + nearest))
+
+def _groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64]:
+    from vsr2.campaign.folds import grouped_folds
+
+    return grouped_folds(motion, outcome, min(HELD_OUT.groups, np.unique(motion).size), seed=0)
+
+
+def _drawn_effects(
+    posterior: Posterior, residuals: Array, known: Bools, names: Sequence[str], seed: int
+) -> list[Effects]:
+    """Effects with parameters drawn from what some trials say of them."""
+    library = posterior.parameters.library
+    columns = np.tile(known, residuals.size // known.size)
+    sampled = {
+        name: posterior.parameters.sample(name, residuals, seed, columns=columns) for name in names
+    }
+    out: list[Effects] = []
+    for m in range(HELD_OUT.members):
+        acting = []
+        for name in sorted(names, key=list(library).index):
+            free = dict(
+                zip((p.name for p in free_parameters(library[name])), sampled[name][m], strict=True)
+            )
+            values = tuple(float(free.get(p.name, p.null)) for p in library[name].parameters)
+            acting.append((name, values))
+        out.append(tuple(acting))
     return out
 
 
-def rescaled(probability: Array, scaling: Array) -> Array:
-    """Probabilities whose logits are shifted and stretched.
+def _recalibrated(probability: Array, outcome: Array, group: NDArray[np.int64]) -> Array:
+    """Platt's scaling of each group's probabilities, fitted to the others with a weak pull to none.
 
-    Args:
-        probability: any shape.
-        scaling: shift and slope.
-    """
-    from scipy.special import expit, logit
-
-    line = scaling[0] + scaling[1] * logit(probability)
-    return np.asarray(np.clip(expit(line), 1e-3, 1 - 1e-3), dtype=np.float64)
-
-
-def _scaling(prediction: Prediction, observed: Data, judged: NDArray[np.bool_]) -> Array:
-    """Platt's scaling, fitted to the trials that are not judged, with a weak pull to no change.
-
-    Each of these is predicted by a model that did not see it, as the judged ones are: predictions
-    of trials that a model was fitted to are too good to learn a scaling from.
+    J. Platt, "Probabilistic outputs for support vector machines", 1999.
     """
     from scipy.optimize import minimize
     from scipy.special import expit, logit
 
-    y = observed.overturned[0]
-    used = ~judged & np.isfinite(y)
-    x, target = logit(prediction.probability[0])[used], y[used]
+    out = probability.copy()
+    for k in np.unique(group):
+        used = (group != k) & np.isfinite(outcome)
+        x, target = logit(probability[used]), outcome[used]
 
-    def cost(theta: Array) -> tuple[float, Array]:
-        line = theta[0] + theta[1] * x
-        pull = (theta - [0.0, 1.0]) / 4.0
-        wrong = expit(line) - target
-        value = np.logaddexp(0.0, line).sum() - (target * line).sum() + 2.0 * (pull**2).sum()
-        return float(value), np.array([wrong.sum(), (wrong * x).sum()]) + pull
+        def cost(theta: Array, x: Array = x, target: Array = target) -> tuple[float, Array]:
+            line = theta[0] + theta[1] * x
+            pull = (theta - [0.0, 1.0]) / 4.0
+            wrong = expit(line) - target
+            value = np.logaddexp(0.0, line).sum() - (target * line).sum() + 2.0 * (pull**2).sum()
+            return float(value), np.array([wrong.sum(), (wrong * x).sum()]) + pull
 
-    return np.asarray(minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x)
+        shift, slope = minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x
+        line = shift + slope * logit(probability[group == k])
+        out[group == k] = np.clip(expit(line), 1e-3, 1 - 1e-3)
+    return out
 
 
-def resampled_means(
-    values: Array, motion: NDArray[np.int64], *, replicates: int = 2000, seed: int = 0
+def _dealt(
+    before: Ensemble, after: Ensemble, outcome: Array, features: Array, log_pga: Array, seed: int
 ) -> Array:
-    """Means over trials under a bootstrap of motions, values (k, trials), shape (replicates, k)."""
-    from vsr2.campaign import motion_resamples
+    """Loss where every trial gets the change of another one of like intensity."""
+    from scipy.special import expit, logit
 
-    counts = motion_resamples(motion, replicates, seed)
-    return np.asarray((counts @ values.T) / counts.sum(axis=1)[:, None], dtype=np.float64)
-
-
-def interval(value: float, draws: Array) -> Interval:
-    """The 2.5 and 97.5 % quantiles around an estimate."""
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return Interval(value, float(low), float(high))
-
-
-def found_pair(
-    held_out: HeldOutLosses, floor: Array, motion: NDArray[np.int64], seed: int
-) -> Pair | None:
-    """The pair that most groups chose, if its gain over one effect has a lower bound above zero.
-
-    Groups that chose what theory takes for about the same count.
-
-    Args:
-        held_out: of the kept trials.
-        floor: mean loss of each in campaigns without effect.
-        motion: of each.
-        seed: of resamples.
-    """
-    if held_out.pair is None:
-        return None
-    gain = held_out.after - held_out.pair
-    gains = resampled_means(gain[None], motion, seed=seed)[:, 0]
-    names = [
-        (first, second) if first < second else (second, first)
-        for first, second in zip(held_out.chosen["after"], held_out.chosen["pair"], strict=True)
-    ]
-    common = max(sorted(set(names)), key=names.count)
-    if np.quantile(gains, 0.025) <= 0 or 2 * sum(_alike(common, n) for n in names) <= len(names):
-        return None
-    before, after, left = (
-        float((losses - floor).mean())
-        for losses in (held_out.before, held_out.after, held_out.pair)
-    )
-    return Pair(
-        common,
-        probability=float((gains > 0).mean()),
-        left=left / max(before, 1e-9),
-        closed=float(gain.mean()) / max(after, 1e-9),
-        beyond=float((held_out.recalibrated - held_out.pair).mean()) / max(before, 1e-9),
-    )
+    rng = np.random.default_rng([seed, 51])
+    start = logit(before.probability)
+    change = logit(after.probability) - start
+    with np.errstate(invalid="ignore"):
+        moved = _mean(after.features) - _mean(before.features)
+    order = np.argsort(log_pga, kind="stable")
+    out = np.zeros(outcome.size)
+    for _ in range(HELD_OUT.dealt):
+        partner = np.empty(outcome.size, dtype=np.int64)
+        for first in range(0, outcome.size, HELD_OUT.neighbours):
+            block = order[first : first + HELD_OUT.neighbours]
+            mixed = block[rng.permutation(block.size)]
+            partner[mixed] = np.roll(mixed, 1)
+        shifted = before.features + np.nan_to_num(moved[partner])
+        probability = np.clip(expit(start + change[partner]), 1e-3, 1 - 1e-3)
+        out += _loss(Ensemble(before.overturned, shifted), probability, outcome, features)
+    return out / HELD_OUT.dealt
 
 
-def _alike(one: tuple[str, str], other: tuple[str, str]) -> bool:
-    """Whether two pairs are the same but for what theory takes for about the same."""
-    alike = takes_for_alike()
+def _mean(values: Array) -> Array:
+    known = np.isfinite(values)
+    total = np.where(known, values, 0.0).sum(axis=0)
+    return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
 
-    def same(a: str, b: str) -> bool:
-        return a == b or alike(a, b)
 
-    straight = same(one[0], other[0]) and same(one[1], other[1])
-    return straight or (same(one[0], other[1]) and same(one[1], other[0]))
+def rows(how_far: HowFar, seen: Observations, trials: NDArray[np.int64]) -> list[dict[str, Any]]:
+    """One row a trial of the campaign; nothing is known of those that never lift off."""
+    place = {int(t): i for i, t in enumerate(trials)}
+    out = []
+    for i, trial in enumerate(seen.campaign.trials):
+        k = place.get(i)
+
+        def at(values: Array, k: int | None = k) -> float:
+            return float("nan") if k is None else float(values[k])
+
+        out.append(
+            {
+                "trial": trial.trial,
+                "motion": trial.motion,
+                "session": trial.session,
+                "order": trial.order,
+                "log_pga": float(seen.log_pga[i]),
+                "log_ratio": float(seen.log_ratio[i]),
+                "overturned": int(seen.overturned[i]),
+                "uncertain": int(k is not None),
+                "before": at(how_far.before),
+                "after": at(how_far.after),
+                "loss_before": at(how_far.losses["before"]),
+                "loss_after": at(how_far.losses["after"]),
+                "floor": at(how_far.losses["floor"]),
+            }
+        )
+    return out

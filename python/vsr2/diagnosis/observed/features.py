@@ -1,8 +1,8 @@
 """Numbers drawn from the response in time, the same for measured and simulated ones.
 
-Series are compared in time up to the divergence horizon only, which is the first two excursions;
-beyond it only through what does not need them to agree in time: the time to rest, the final turn
-about the vertical and the final travel.
+An excursion is what lies between lift-off and the next return to the base. Two correct simulators
+agree on the first ones alone. What is chaotic scatters as much in campaigns without effect, by
+which all is standardised, so that it weighs nothing there.
 """
 
 from __future__ import annotations
@@ -31,16 +31,31 @@ class Feature(NamedTuple):
 
 
 LARGEST_TILT = Feature("largest_tilt", "tilt", "strong shaking")
-"""Logarithm of the largest tilt [rad]: all that tier M knows."""
+"""Logarithm of the largest tilt [rad] of a rock that stood: all that tier M knows."""
+SERIES_TILT = Feature("series_tilt", "tilt", "strong shaking")
+"""Logarithm of the series' own largest tilt [rad], of rocks noted as overturned."""
+CONTRADICTION = Feature("contradiction", "label", "whole response")
+"""1 where the noted outcome contradicts the series, else 0."""
+EXCURSIONS = 4
+"""That are described one by one."""
+_NUMBERS = ("first", "second", "third", "fourth")
 TILT_FEATURES = (
-    Feature("uplift_time", "tilt", "uplift"),
-    Feature("first_excursion", "tilt", "first impacts"),
-    Feature("first_duration", "tilt", "first impacts"),
-    Feature("second_excursion", "tilt", "first impacts"),
+    SERIES_TILT,
+    CONTRADICTION,
+    *(
+        Feature(f"{number}_{what}", "tilt", "uplift" if what == "start" else "impacts")
+        for number in _NUMBERS
+        for what in ("start", "excursion", "duration")
+    ),
+    Feature("excursions", "tilt", "strong shaking"),
+    Feature("time_aloft", "tilt", "strong shaking"),
     Feature("rest_time", "tilt", "free decay"),
+    Feature("fall_time", "tilt", "fall"),
 )
-"""Time of the first uplift [s], logarithm of the first excursion's largest tilt [rad] and of its
-duration [s], the same tilt of the second excursion, time of the last uplift [s]."""
+"""Of each of the first four excursions its start [s] and the logarithms of its largest tilt [rad]
+and of its duration [s]; the logarithms of one more than the number of excursions, and of the time
+spent
+in them [s]; the end of the last one [s]; the time at which the rock fell [s]."""
 REST_FEATURES = (
     Feature("final_yaw", "yaw", "rest pose"),
     Feature("final_travel", "slip", "rest pose"),
@@ -55,11 +70,13 @@ class SeriesConstants:
 
     Attributes:
         uplift: tilt above which a rock has lifted off [rad].
+        fallen: tilt from which nothing comes back [rad].
         last: rows of the end whose median is the rest.
         rest_noise: standard error of that median over that of a row: sqrt(pi / 2 / 10).
     """
 
     uplift: float = 0.01
+    fallen: float = 1.0
     last: int = 10
     rest_noise: float = 0.4
 
@@ -96,45 +113,59 @@ class Sampling:
         return grid, tilt
 
 
-def tilt_features(time: Array, tilt: Array, uplift: float = SERIES.uplift) -> Array:
-    """Features of many series on one time axis.
-
-    An excursion lasts while the tilt stays above `uplift`.
+def tilt_features(time: Array, tilt: Array) -> Array:
+    """Features of one series, in the order of `TILT_FEATURES`.
 
     Args:
         time: shape (t,) [s].
-        tilt: magnitudes, shape (t, n) [rad].
-        uplift: threshold [rad].
+        tilt: magnitudes, shape (t,) [rad].
 
     Returns:
-        Shape (n, 5), NaN where there is no such excursion, or where it does not end within the
-        series (duration, second excursion, time of rest).
+        Shape (18,); NaN where there is no such excursion, or where it does not end within the
+        series. The largest tilt is that of any rock, and the contradiction is 1 where the series
+        ends without a fall: :func:`noted_tilt_features` has both as they count.
     """
-    rows, count = tilt.shape
-    out = np.full((count, len(TILT_FEATURES)), np.nan)
-    up = tilt > uplift
-    lifted = up.any(axis=0)
-    first = np.argmax(up, axis=0)
-    index = np.arange(rows)[:, None]
-    ended = ~up & (index > first)
-    returns = ended.any(axis=0) & lifted
-    end = np.where(returns, np.argmax(ended, axis=0), rows)
-    again = up & (index > end)
-    second = again.any(axis=0) & returns
-    start2 = np.argmax(again, axis=0)
-    ended2 = ~up & (index > start2)
-    end2 = np.where(ended2.any(axis=0), np.argmax(ended2, axis=0), rows)
-    inside = up & (index >= first) & (index < end)
-    inside2 = up & (index >= start2) & (index < end2)
-    last = rows - 1 - np.argmax(up[::-1], axis=0)
-    with np.errstate(divide="ignore"):
-        out[lifted, 0] = time[first[lifted]]
-        out[returns, 1] = np.log(np.where(inside, tilt, 0.0).max(axis=0))[returns]
-        out[returns, 2] = np.log(time[np.minimum(end, rows - 1)] - time[first] + 1e-3)[returns]
-        done2 = second & ended2.any(axis=0)
-        out[done2, 3] = np.log(np.where(inside2, tilt, 0.0).max(axis=0))[done2]
-    rests = lifted & ~up[-1]
-    out[rests, 4] = time[last[rests]]
+    out = np.full(len(TILT_FEATURES), np.nan)
+    out[0] = np.log(max(float(tilt.max()), 1e-4))
+    fell = tilt >= SERIES.fallen
+    out[1] = float(not fell.any())
+    if fell.any():
+        out[-1] = time[int(np.argmax(fell))]
+    up = np.concatenate([[False], tilt > SERIES.uplift, [False]])
+    starts, ends = np.flatnonzero(up[1:] & ~up[:-1]), np.flatnonzero(up[:-1] & ~up[1:])
+    complete = ends < tilt.size
+    for k, (start, end) in enumerate(
+        zip(starts[complete][:EXCURSIONS], ends[complete][:EXCURSIONS], strict=True)
+    ):
+        duration = np.log(time[end] - time[start] + 1e-3)
+        out[2 + 3 * k : 5 + 3 * k] = time[start], np.log(tilt[start:end].max()), duration
+    last = 2 + 3 * EXCURSIONS
+    step = float(time[1] - time[0]) if time.size > 1 else 1.0
+    out[last] = np.log1p(starts.size)
+    out[last + 1] = np.log((ends - starts).sum() * step + 0.05)
+    if starts.size and complete[-1]:
+        out[last + 2] = time[ends[-1]]
+    return out
+
+
+def noted_tilt_features(found: Array, overturned: Array) -> Array:
+    """Features beside noted outcomes: what counts of them.
+
+    Args:
+        found: of :func:`tilt_features`, shape (..., 18).
+        overturned: noted outcomes, 1 or 0, shape (...).
+
+    Returns:
+        Shape (..., 18): the series' largest tilt of rocks noted as overturned alone, and 1 where
+        outcome and series contradict each other.
+    """
+    out = np.array(found, dtype=np.float64)
+    # How far a fall is seen is a matter of the camera, or of when a simulation stops.
+    capped = np.minimum(out[..., 0], np.log(SERIES.fallen))
+    out[..., 0] = np.where(overturned > 0.5, capped, np.nan)
+    # A series says that its rock stood, the outcome that it fell, or the other way round.
+    same = (overturned > 0.5) == (out[..., 1] > 0.5)
+    out[..., 1] = np.where(np.isnan(out[..., 1]), np.nan, same)
     return out
 
 

@@ -15,6 +15,7 @@ from vsr2.diagnosis.observed.features import (
     TILT_FEATURES,
     Feature,
     Sampling,
+    noted_tilt_features,
     rest_features,
     tilt_features,
 )
@@ -116,7 +117,7 @@ class Observations:
         if self.tier != "T" or series is None:
             return out
         tilts = len(TILT_FEATURES)
-        out[..., 1 : 1 + tilts] = series[..., :tilts]
+        out[..., 1 : 1 + tilts] = noted_tilt_features(series[..., :tilts], overturned)
         for k, feature in enumerate(REST_FEATURES[: series.shape[-1] - tilts]):
             noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
             if feature in self.measured:
@@ -176,7 +177,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         measured.append(LARGEST_TILT)
     if tier == "T":
         found = np.stack([_tilt_features(trial) for trial in used.trials])
-        columns.extend(found.T)
+        columns.extend(noted_tilt_features(found, overturned).T)
         measured.extend(TILT_FEATURES)
         rest = np.stack([_rest_features(trial, used.record(trial)) for trial in used.trials])
         for k, feature in enumerate(REST_FEATURES):
@@ -274,8 +275,7 @@ def _tilt_features(trial: CampaignTrial) -> Array:
     series = trial.series
     if series is None or series.tilt is None:
         return np.full(len(TILT_FEATURES), np.nan)
-    found = tilt_features(series.time, np.abs(series.tilt)[:, None])
-    return np.asarray(found[0], dtype=np.float64)
+    return tilt_features(series.time, np.abs(series.tilt))
 
 
 def _rest_features(trial: CampaignTrial, record: Record | None) -> Array:

@@ -142,20 +142,13 @@ class TableResiduals:
     """Residuals of the table's own channel.
 
     Attributes:
-        residual: shape (4, trials); trials that share a record share it.
-        variance: shape (4, trials), 0 where the record lacks a channel.
+        residual: shape (4, trials), 0 where the record lacks a channel; trials that share a record
+            share it.
         null: what instruments in order would make of it, shape (campaigns, 4, trials).
     """
 
     residual: Array
-    variance: Array
     null: Array
-
-    def beside(self, other: Residuals, rows: slice | None) -> Residuals:
-        """Other channels with these behind them: the observed ones (None), or some of the null."""
-        own = self.residual[None] if rows is None else self.null[rows]
-        variance = np.broadcast_to(self.variance, own.shape)
-        return np.concatenate([other[0], own], 1), np.concatenate([other[1], variance], 1)
 
 
 def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableResiduals | None:
@@ -179,7 +172,6 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
     drawn += TABLE.calibration * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
     return TableResiduals(
         _clipped(value / error)[index].T,
-        np.isfinite(value).astype(np.float64)[index].T,
         _clipped(drawn / error)[:, index].swapaxes(1, 2),
     )
 

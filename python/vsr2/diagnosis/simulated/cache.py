@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
 from vsr2.errors import ResultError
@@ -25,9 +26,12 @@ Progress = Callable[[int, int], None]
 """Called with simulations done and all."""
 CHUNK = 512
 """Simulations between two writes."""
+KEY = 16
+"""Length of a key [byte]."""
+Table = NDArray[np.float32]
 _KIND = StoreKind(
     format="vsr2 simulations",
-    version=1,
+    version=2,
     foreign="is no simulation cache of this form; remove it, and its simulations are made again",
     damaged="remove it, and its simulations are made again",
 )
@@ -36,10 +40,11 @@ _KIND = StoreKind(
 class SimulationCache:
     """Simulations of one simulator, kept in a store.
 
-    A record's key is the hash of the simulator's identity, the trial's index, effects with their
-    values (and the code of those that are not this package's), the nuisances' values, and the
-    replicate. Records are written chunk by chunk, so that an interruption loses at most the chunk
-    that was running. Several scenes may share a file. All of it is in memory while it is open.
+    A simulation's key is the hash of the simulator's identity, the trial's index, effects with
+    their values (and the code of those that are not this package's), the nuisances' values, and the
+    replicate. A record holds a chunk of them, in single precision, so that an interruption loses at
+    most the chunk that was running. Several scenes may share a file. All of it is in memory while
+    it is open.
 
     Args:
         simulator: makes what is missing.
@@ -61,8 +66,10 @@ class SimulationCache:
         self._asked: set[bytes] = set()
         self._chunk = chunk
         self._codes: dict[str, str] = {}
+        self._draws: dict[int, bytes] = {}
         self._path = path
-        self._known: dict[bytes, bytes] = {}
+        self._place: dict[bytes, tuple[int, int]] = {}
+        self._tables: list[Table] = []
         self._seconds = 0.0
         if path is not None:
             old = path.with_suffix(".sqlite")
@@ -71,11 +78,15 @@ class SimulationCache:
         self._store = None if path is None else Store(path, _KIND, {}, self._take)
 
     def _take(self, record: dict[str, Any]) -> None:
-        key, response = bytes.fromhex(record["key"]), b64decode(record["response"], validate=True)
-        if len(key) != 16 or len(response) < 16 or len(response) % 8:
-            raise ValueError("key or response")
-        self._known[key] = response
+        keys = b64decode(record["keys"], validate=True)
+        rows = np.frombuffer(b64decode(record["responses"], validate=True), dtype="<f4")
+        count = len(keys) // KEY
+        if not count or len(keys) % KEY or rows.size % count or rows.size < 2 * count:
+            raise ValueError("keys or responses")
+        self._tables.append(rows.reshape(count, -1))
         self._seconds += float(record["seconds"])
+        for i in range(count):
+            self._place[keys[KEY * i : KEY * (i + 1)]] = (len(self._tables) - 1, i)
 
     @property
     def asked(self) -> int:
@@ -85,12 +96,12 @@ class SimulationCache:
     @property
     def size(self) -> int:
         """Simulations in it."""
-        return len(self._known)
+        return len(self._place)
 
     @property
     def cost(self) -> float:
         """Mean wall time of a simulation over the file's life [s]; 0 before the first."""
-        return self._seconds / len(self._known) if self._known else 0.0
+        return self._seconds / self.size if self.size else 0.0
 
     @property
     def reused(self) -> int:
@@ -119,7 +130,7 @@ class SimulationCache:
             ResultError: the file is damaged, or can no longer be written.
         """
         keys = [self._key(request) for request in requests]
-        missing = [i for i, key in enumerate(keys) if key not in self._known]
+        missing = [i for i, key in enumerate(keys) if key not in self._place]
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
         self._asked.update(keys)
@@ -128,40 +139,38 @@ class SimulationCache:
             part = pending[start : start + self._chunk]
             started = time.monotonic()
             found = self.simulator.run([requests[i] for i in part])
-            seconds = (time.monotonic() - started) / len(part)
             columns = [found.overturned, found.peak_tilt]
             if found.features is not None:
                 columns.extend(found.features.T)
-            rows = np.column_stack(columns).astype("<f8")
-            records = [
-                {
-                    "key": keys[i].hex(),
-                    "response": b64encode(row.tobytes()).decode(),
-                    "seconds": seconds,
-                }
-                for i, row in zip(part, rows, strict=True)
-            ]
+            record = {
+                "keys": b64encode(b"".join(keys[i] for i in part)).decode(),
+                "responses": b64encode(np.column_stack(columns).astype("<f4").tobytes()).decode(),
+                "seconds": time.monotonic() - started,
+            }
             if self._store is not None:
-                self._store.add(*records)
-            for record in records:
-                self._take(record)
+                self._store.add(record)
+            self._take(record)
             self.simulated += len(part)
             if progress is not None:
                 progress(len(requests) - len(pending) + start + len(part), len(requests))
-        content = b"".join(self._known[key] for key in keys)
-        if len({len(self._known[key]) for key in keys}) > 1:
+        places = [self._place[key] for key in keys]
+        if len({self._tables[t].shape[1] for t, _ in places}) > 1:
             raise ResultError(
                 f"{self._path}: damaged (simulations of different lengths); {_KIND.damaged}"
             )
-        table = np.frombuffer(content, dtype="<f8").reshape(len(requests), -1)
+        rows = [self._tables[t][i] for t, i in places]
+        table = np.array(rows, dtype=np.float64).reshape(len(requests), -1)
         features = table[:, 2:].copy() if table.shape[1] > 2 else None
         return Responses(table[:, 0].copy(), table[:, 1].copy(), features)
 
     def _key(self, request: Request) -> bytes:
-        nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
+        nuisances = self._draws.get(request.nuisance)
+        if nuisances is None:
+            nuisances = self.simulator.nuisance_draw(request.nuisance).tobytes()
+            self._draws[request.nuisance] = nuisances
         text = f"{self.simulator.identity}|{request.trial}|{request.effects!r}|{request.nuisance}"
         text += "".join(self._code(name) for name, _ in request.effects)
-        digest = hashlib.blake2b(text.encode(), digest_size=16)
+        digest = hashlib.blake2b(text.encode(), digest_size=KEY)
         digest.update(nuisances + struct.pack("<q", request.replicate))
         return digest.digest()
 

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
 from vsr2.diagnosis.simulated.nuisances import (
     DEFAULT_NUISANCES,
     Distribution,
@@ -25,10 +26,12 @@ class Hypotheses:
 
     Attributes:
         library: effects that may be the cause; None: all that are registered.
-        exclude: names of effects left out.
+        exclude: names of effects that are not looked for. They are simulated all the same, so that
+            diagnoses of several campaigns share simulations whatever each leaves out.
         priors: other priors, by `effect.parameter`: a distribution, or the lower and upper end of
             one of the parameter's own shape, in its unit.
         nuisances: what is uncertain about the set-up.
+        contact_family: by what two correct simulators of the scene differ: drawn as nuisances are.
 
     Raises:
         DiagnosisError: an unknown name in `exclude`, or a prior that is none of a magnitude.
@@ -39,6 +42,7 @@ class Hypotheses:
     exclude: Collection[str] = ()
     priors: Mapping[str, Distribution | tuple[float, float]] = field(default_factory=dict)
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
+    contact_family: Sequence[Nuisance] = CONTACT_FAMILY
 
     @property
     def ends(self) -> dict[str, list[float]]:
@@ -47,7 +51,7 @@ class Hypotheses:
 
     @property
     def offered(self) -> dict[str, Effect]:
-        """The effects, with their priors, but those left out."""
+        """The effects, with their priors, those left out among them."""
         out = dict(known_effects() if self.library is None else self.library)
         for key, prior in self.priors.items():
             name, _, parameter = key.partition(".")
@@ -59,7 +63,7 @@ class Hypotheses:
             raise DiagnosisError(
                 f"exclude: there is no effect {unknown[0]!r}; there are {', '.join(out)}"
             )
-        return {name: one for name, one in out.items() if name not in self.exclude}
+        return out
 
 
 def _ends(

@@ -74,6 +74,7 @@ class SceneSimulator:
 
     Attributes:
         library: effects that this scene can have.
+        excluded: those that are not looked for.
         unavailable: those that it cannot have, with the reason.
         nuisances: that are drawn.
         nuisance_names: of those drawn once a campaign.
@@ -98,7 +99,7 @@ class SceneSimulator:
         seed: int = 0,
     ) -> None:
         offered = hypotheses.offered
-        self.nuisances = tuple(hypotheses.nuisances)
+        self.nuisances = (*hypotheses.nuisances, *hypotheses.contact_family)
         self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
         self.nuisance_names = tuple(one.name for one in self._wide)
         self.variants = (HALF_STEP, FINE_SOLVER)
@@ -125,16 +126,17 @@ class SceneSimulator:
         orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
         self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
         self._sessions = [trial.session for trial in campaign.trials]
+        self.excluded = tuple(sorted(hypotheses.exclude))
         motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))
         self._motion = [motions.index(trial.motion) for trial in campaign.trials]
         self.unavailable: dict[str, str] = {}
         self.library: dict[str, Effect] = {}
-        for name, effect in offered.items():
+        for effect in in_order(offered):
             reason = self._refusal(effect)
             if reason is None:
-                self.library[name] = effect
+                self.library[effect.name] = effect.with_null(effect.nominal(self._trials[0]))
             else:
-                self.unavailable[name] = reason
+                self.unavailable[effect.name] = reason
         self.identity = self._digest(study)
 
     def _digest(self, study: Study) -> str:
@@ -322,7 +324,7 @@ def _features(
     time = log.time[rows]
     if sampling is not None:
         time, tilt = sampling.measured(time, tilt, rng)
-    return np.concatenate([tilt_features(time, tilt[:, None])[0], rest])
+    return np.concatenate([tilt_features(time, tilt), rest])
 
 
 def _variant(study: Study, replicate: int) -> Study:

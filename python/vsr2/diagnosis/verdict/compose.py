@@ -10,25 +10,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.campaign_loss import NOT_GIVEN, CampaignLoss
-from vsr2.diagnosis.how_far.held_out import HeldOutLosses
+from vsr2.diagnosis.how_far.held_out import HowFar, rows
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.design import Screening
-from vsr2.diagnosis.simulated.library import (
-    NONE,
-    free_parameters,
-    is_angle,
-    positions,
-)
+from vsr2.diagnosis.posterior.training import Found, Posterior, label_set
+from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
 from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis
 from vsr2.diagnosis.verdict.limits import LIMITS, limits_of_the_data, limits_of_the_verdict
-from vsr2.diagnosis.verdict.next_measurement import Measurement
-from vsr2.diagnosis.verdict.rules import Findings, Verdict
+from vsr2.diagnosis.verdict.next_measurement import (
+    Measurement,
+    MeasurementKind,
+    measurement_of_a_pair,
+    measurement_out_of_library,
+    next_measurement,
+)
+from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.diagnosis.where.scan import Location
-from vsr2.diagnosis.which.routes import Inference, Prepared
+from vsr2.effects import Parameter
 
 Array = NDArray[np.float64]
+SETS_SHOWN = 10
+"""Most probable sets that are written down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,55 +39,37 @@ class Evidence:
 
     Attributes:
         verdict: what is said.
-        findings: what it rests on.
+        found: inference on the campaign.
+        posterior: trained.
+        how_far: before and after, and the controls.
         where: locations, the most significant first.
-        held_out: held-out losses of the kept trials.
-        losses: of all trials, with what the verdict says.
-        next_measurement: what would decide what is left open.
+        trials: indices of those that were simulated as campaigns.
+        insensitive: effects to which the campaign does not respond.
+        layers: of the noise floor.
     """
 
     verdict: Verdict
-    findings: Findings
-    where: list[Location]
-    held_out: HeldOutLosses
-    losses: CampaignLoss
-    next_measurement: Measurement | None
+    found: Found
+    posterior: Posterior
+    how_far: HowFar
+    where: Sequence[Location]
+    trials: NDArray[np.int64]
+    insensitive: Sequence[str]
+    layers: Mapping[str, Any]
 
 
-def compose(
-    seen: Observations,
-    screening: Screening,
-    prepared: Prepared,
-    found: Inference,
-    evidence: Evidence,
-    layers: Mapping[str, Any],
-    provenance: Mapping[str, Any],
-) -> Diagnosis:
+def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any]) -> Diagnosis:
     """The diagnosis as data."""
-    losses, verdict, findings = evidence.losses, evidence.verdict, evidence.findings
-    unknown = findings.unknown_probability
-    probability = {
-        name: float(p) * (1 - unknown)
-        for name, p in zip(found.labels, found.probability, strict=True)
-    }
-    class_of = {name: group[0] for group in found.classes for name in group}
-    effects = [
-        {
-            "name": name,
-            "probability": probability[name],
-            "class": class_of[name],
-            "parameters": _parameters(prepared, found, name),
-            "closure": losses.closure(name),
-        }
-        for name in sorted(class_of, key=lambda name: -probability[name])
-    ]
-    conformal = found.conformal["both"]
-    # A pair lies outside the library of single effects, as the unknown does.
-    outside = verdict.kind in (VerdictKind.UNKNOWN, VerdictKind.PAIR)
-    limits = limits_of_the_verdict(
-        verdict, findings, losses.headline(), conformal, prepared, effects, provenance
+    verdict, found, posterior = evidence.verdict, evidence.found, evidence.posterior
+    how_far, sets = evidence.how_far, posterior.sets
+    effects = _effects(evidence, set(provenance.get("excluded", ())))
+    limits = limits_of_the_verdict(verdict, how_far, found, posterior, effects, provenance)
+    limits += limits_of_the_data(
+        seen, evidence.trials, posterior, evidence.insensitive, evidence.layers, provenance
     )
-    limits += limits_of_the_data(seen, screening, prepared, losses.changed, layers, provenance)
+    labels = (NONE, *sets.names, UNKNOWN)
+    table = rows(how_far, seen, evidence.trials)
+    measure = _measurement(evidence, seen, table)
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "campaign": {
@@ -94,66 +78,133 @@ def compose(
             "tier": seen.tier,
             "motions": int(seen.motion.max() + 1),
             "sessions": int(seen.session.max() + 1),
-            "uncertain_trials": int(screening.kept.size - screening.guard.size),
-            "guard_trials": int(screening.guard.size),
+            "responding_trials": int(evidence.trials.size),
         },
-        "gap": _gap(losses, findings) | {"layers": dict(layers)},
-        "where": [_location(one, seen, screening.kept) for one in shown(evidence.where)],
+        "gap": _gap(evidence),
+        "where": [_location(one, seen, evidence.trials) for one in shown(evidence.where)],
         "verdict": {
             "kind": str(verdict.kind),
             "effects": list(verdict.effects),
-            "probability": float(verdict.probability) * (1 if outside else 1 - unknown),
+            "probability": verdict.probability,
             "reasons": [reason.to_json() for reason in verdict.reasons],
         },
         "effects": effects,
-        "none_probability": probability[NONE],
-        "conformal_set_90": list(conformal),
-        "negative_control": _negative_control(losses),
+        "sets": _sets(found, posterior),
+        "none_probability": float(found.probability[0]),
         "unknown": {
-            "novelty_p": findings.novelty_p,
-            "excess_after_low": findings.after_low * screening.kept.size / len(seen),
-            "probability": unknown,
-            "detection_rate": prepared.calibration.out_of_library.detection_rate,
+            "probability": float(found.probability[-1]),
+            "detection_rate": posterior.levels.detection_rate,
         },
-        "routes": {
-            "likelihood": _top(found.labels, np.exp(found.likelihood)),
-            "classifier": _top(found.labels, np.exp(found.classifier)),
-            "combination": {
-                **asdict(prepared.calibration.combination),
-                "pairwise": prepared.calibration.pairwise,
-            },
+        "conformal_set_90": [
+            labels[i] for i in label_set(found.probability, sets, posterior.levels.set_level)
+        ],
+        "negative_control": {
+            name: {
+                "closure": how_far.closure(name).to_json(),
+                "loss": how_far.mean(name).to_json(),
+            }
+            for name in ("recalibrated", "dealt")
         },
-        "next_measurement": evidence.next_measurement and evidence.next_measurement.to_json(),
+        "posterior": asdict(posterior.levels) | {"campaigns": posterior.campaigns},
+        "next_measurement": measure and measure.to_json(),
         "limits": [limit.to_json() for limit in limits],
-        "provenance": {
-            "versions": _versions(),
-            **provenance,
-            "calibration_campaigns": int(prepared.calibration.truth.size),
-        },
+        "provenance": {"versions": _versions(), **provenance},
     }
-    return Diagnosis(content, tuple(losses.rows()))
+    return Diagnosis(content, tuple(table))
 
 
-def _gap(losses: CampaignLoss, findings: Findings) -> dict[str, Any]:
+def _gap(evidence: Evidence) -> dict[str, Any]:
+    how_far = evidence.how_far
     return {
-        "state": str(findings.gap_state),
-        "before": losses.mean("before"),
-        "floor": losses.mean("floor"),
-        "after": losses.mean("after"),
-        "closure": losses.closure("after"),
-        "excess": losses.excess("before"),
-        "excess_after": losses.excess("after"),
-        "headline": losses.headline(),
-        "closure_resimulated": findings.resimulation.closure.to_json()
-        if findings.resimulation
-        else dict(NOT_GIVEN),
-        "p_size": findings.gap_p,
-        "p_direction": findings.direction_p,
+        "state": str(evidence.verdict.gap),
+        "effects": list(how_far.names),
+        **{name: how_far.mean(name).to_json() for name in ("before", "after", "floor")},
+        "excess": how_far.excess("before").to_json(),
+        "excess_after": how_far.excess("after").to_json(),
+        "gain": how_far.gain().to_json(),
+        "closure": how_far.closure("after").to_json(),
+        "headline": how_far.headline().to_json(),
+        "layers": dict(evidence.layers),
     }
 
 
-def _location(one: Location, seen: Observations, kept: NDArray[np.int64]) -> dict[str, Any]:
-    trials = [seen.campaign.trials[int(kept[i])].trial for i in one.trials]
+def _effects(evidence: Evidence, excluded: set[str]) -> list[dict[str, Any]]:
+    """One row an effect, the most probable first."""
+    found, posterior = evidence.found, evidence.posterior
+    shares = posterior.sets.shares(found.probability)
+    acts = posterior.sets.marginal(found.probability)
+    out = [
+        {
+            "name": name,
+            "probability": float(shares[k]),
+            "acts": float(acts[k]),
+            "parameters": _parameters(evidence, name),
+        }
+        for k, name in enumerate(posterior.sets.names)
+        if name not in excluded
+    ]
+    return sorted(out, key=lambda row: -row["probability"])
+
+
+def _parameters(evidence: Evidence, name: str) -> dict[str, Any]:
+    """Mean, mode and central intervals of the posterior given that the effect acts."""
+    parameters = evidence.posterior.parameters
+    if name not in parameters.rows:
+        return {}
+    samples = parameters.sample(name, evidence.found.residuals)
+    return {
+        parameter.name: _estimate(parameter, values)
+        for parameter, values in zip(
+            free_parameters(parameters.library[name]), samples.T, strict=True
+        )
+    }
+
+
+def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
+    """Of samples; an infinite null is taken as its inverse."""
+    inverse = bool(np.isinf(parameter.null))
+    known = 1 / values if inverse else values
+    if is_angle(parameter):
+        known = _unrolled(known, parameter.upper - parameter.lower)
+    low, least, middle, most, high = np.quantile(known, [0.025, 0.05, 0.5, 0.95, 0.975])
+    found = {"mean": float(known.mean()), "median": float(middle)}
+    ends = {"ci90": [float(least), float(most)], "ci95": [float(low), float(high)]}
+    if inverse:
+        with np.errstate(divide="ignore"):
+            found = {key: float(1 / np.float64(value)) for key, value in found.items()}
+            ends = {
+                key: [float(1 / np.float64(value)) for value in reversed(pair)]
+                for key, pair in ends.items()
+            }
+    return {**found, **ends, "unit": parameter.unit}
+
+
+def _unrolled(values: Array, turn: float) -> Array:
+    """Angles as they lie about their mean direction, half a turn to either side of it.
+
+    The direction is that of the mean unit vector (K. V. Mardia and P. E. Jupp, "Directional
+    Statistics", 2000), within 0 and a turn.
+    """
+    mean = np.angle(np.exp(2j * np.pi * values / turn).mean()) * turn / (2 * np.pi) % turn
+    return np.asarray(mean + (values - mean + turn / 2) % turn - turn / 2, dtype=np.float64)
+
+
+def _sets(found: Found, posterior: Posterior) -> list[dict[str, Any]]:
+    """The most probable hypotheses: none, sets of effects, and a cause outside the library."""
+    sets = posterior.sets
+    out = []
+    for k in np.argsort(-found.probability, kind="stable")[:SETS_SHOWN]:
+        if found.probability[k] == 0:
+            break  # What holds an excluded effect is no hypothesis.
+        names = [name for name, held in zip(sets.names, sets.members[k], strict=True) if held]
+        if k == sets.outside:
+            names = [UNKNOWN]
+        out.append({"effects": names, "probability": float(found.probability[k])})
+    return out
+
+
+def _location(one: Location, seen: Observations, trials: NDArray[np.int64]) -> dict[str, Any]:
+    inside = [seen.campaign.trials[int(trials[i])].trial for i in one.trials]
     return {
         "location": one.name,
         "axis": one.axis,
@@ -162,18 +213,8 @@ def _location(one: Location, seen: Observations, kept: NDArray[np.int64]) -> dic
         "phase": one.feature.phase,
         "effect_size": one.effect_size,
         "p_familywise": one.p_familywise,
-        "trials": trials if one.is_significant else None,
-    }
-
-
-def _negative_control(losses: CampaignLoss) -> dict[str, Any]:
-    chosen = losses.negative_controls
-    return {
-        "effect": max(set(chosen), key=chosen.count) if chosen else None,
-        "closure": losses.closure("negative_control"),
-        "recalibration": losses.closure("recalibrated"),
-        "loss": losses.mean("negative_control"),
-        "recalibration_loss": losses.mean("recalibrated"),
+        "concentration": one.concentration,
+        "trials": inside if one.stands_out else None,
     }
 
 
@@ -187,62 +228,26 @@ def shown(locations: Sequence[Location]) -> list[Location]:
     ]
 
 
-def _parameters(prepared: Prepared, found: Inference, name: str) -> dict[str, Any]:
-    """Posterior means, modes and central 95 % intervals.
-
-    The mode is that of all parameters together, as the likelihood has it: closures are about it.
-    The mean is of the tempered posterior. The interval is of both temperings, because the wider
-    one lies nearer to the prior's middle, and reaches to the mode.
-    """
-    entry = prepared.library[name]
-    nodes = positions(entry, prepared.tables[name].fine.quantiles)
-    own = found.posteriors[name].nodes[0]
-    weights = []
-    for tempering in prepared.calibration.sharpness:
-        log = float(tempering.weight(found.likelihood)) * own
-        weight = np.exp(log - log.max())
-        weights.append(weight / weight.sum())
-    out = {}
-    for j, parameter in enumerate(free_parameters(entry)):
-        values = np.array([parameter.ppf(float(u)) for u in nodes[:, j]])
-        if is_angle(parameter):
-            values = _unrolled(values, weights[0], parameter.upper - parameter.lower)
-        order = np.argsort(values)
-        # The middle of each node's own weight, so that the median of one node is the node.
-        totals = [np.cumsum(weight[order]) - 0.5 * weight[order] for weight in weights]
-        lows, highs = (
-            [float(np.interp(q, total, values[order])) for total in totals] for q in (0.025, 0.975)
-        )
-        # A node at a null of zero is off it by rounding.
-        values[np.abs(values) < 1e-12 * (parameter.upper - parameter.lower)] = 0.0
-        peak = float(values[np.argmax(own)])
-        out[parameter.name] = {
-            "mean": float(weights[0] @ values),
-            "mode": peak,
-            "ci95": [min(*lows, peak), max(*highs, peak)],
-            "unit": parameter.unit,
-        }
-    return out
-
-
-def _unrolled(values: Array, weight: Array, turn: float) -> Array:
-    """Angles as they lie about their mean direction, half a turn to either side of it.
-
-    The direction is that of the mean unit vector (K. V. Mardia and P. E. Jupp, "Directional
-    Statistics", 2000), within 0 and a turn.
-    """
-    mean = np.angle(weight @ np.exp(2j * np.pi * values / turn)) * turn / (2 * np.pi) % turn
-    return np.asarray(mean + (values - mean + turn / 2) % turn - turn / 2, dtype=np.float64)
-
-
-def _top(labels: tuple[str, ...], probability: Array) -> dict[str, float]:
-    order = np.argsort(-probability)[:5]
-    return {labels[i]: float(probability[i]) for i in order}
+def _measurement(
+    evidence: Evidence, seen: Observations, table: Sequence[Mapping[str, Any]]
+) -> Measurement | None:
+    """What to measure next; None where nothing is to be explained."""
+    verdict, posterior = evidence.verdict, evidence.posterior
+    if verdict.kind is VerdictKind.NONE:
+        return None
+    library = posterior.parameters.library
+    if verdict.kind is VerdictKind.PAIR:
+        return measurement_of_a_pair(verdict.effects, library)
+    if verdict.kind is VerdictKind.UNKNOWN or not verdict.effects:
+        excess = np.array([row["loss_before"] - row["floor"] for row in table])
+        outside = measurement_out_of_library(seen, np.nan_to_num(excess), evidence.where)
+        return Measurement(MeasurementKind.OUT_OF_LIBRARY, out_of_library=outside)
+    members = [name for name in verdict.effects if name in posterior.parameters.rows]
+    return next_measurement(members, posterior, evidence.found, seen, evidence.trials)
 
 
 def _versions() -> dict[str, str]:
     import scipy
-    import sklearn
 
     from vsr2 import _native
 
@@ -253,5 +258,4 @@ def _versions() -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "scikit-learn": sklearn.__version__,
     }

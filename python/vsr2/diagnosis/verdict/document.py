@@ -1,4 +1,4 @@
-"""What a diagnosis returns: `diagnosis.json`, its schema, and tables."""
+"""What a diagnosis returns: `diagnosis.json` and tables."""
 
 from __future__ import annotations
 
@@ -6,27 +6,15 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from vsr2.results.atomic import csv_text, write_text
 
-SCHEMA = "vsr2.diagnosis/2"
+SCHEMA = "vsr2.diagnosis/3"
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
 PAGE_TITLE = "Diagnosis of"
-
-
-def schema() -> dict[str, Any]:
-    """The JSON Schema of `diagnosis.json`."""
-    text = (
-        files("vsr2.diagnosis.verdict")
-        .joinpath("diagnosis.schema.json")
-        .read_text(encoding="utf-8")
-    )
-    found: dict[str, Any] = json.loads(text)
-    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +50,7 @@ class Diagnosis:
             {
                 "effect": row["name"],
                 "probability": row["probability"],
-                "class": row["class"],
-                "closure": row["closure"]["value"],
+                "acts": row["acts"],
                 "parameters": "; ".join(
                     f"{name} {p['mean']:.4g} [{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}] {p['unit']}"
                     for name, p in row["parameters"].items()

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.likelihood.equivalence import takes_for_alike
+from vsr2.diagnosis.how_far.held_out import HowFar
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.design import Screening
-from vsr2.diagnosis.simulated.library import NONE, Library, free_parameters
-from vsr2.diagnosis.verdict.rules import LEAST_UNKNOWN, Findings, Verdict
+from vsr2.diagnosis.posterior.sets import are_alike
+from vsr2.diagnosis.posterior.training import TRAINING, Found, Posterior
+from vsr2.diagnosis.simulated.library import Library, free_parameters
+from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode, Statement, VerdictKind
 from vsr2.diagnosis.where.scan import SCAN, interleaved
-from vsr2.diagnosis.which.novelty import PRIOR
-from vsr2.diagnosis.which.routes import Prepared
+from vsr2.effects import effect as effect_of
 
 
 @dataclass(frozen=True)
@@ -28,23 +28,21 @@ class LimitConstants:
     Attributes:
         few_trials: fewer are called few; about what an experiment of one day has.
         few_motions: fewer are called few.
-        few_uncertain: uncertain trials; fewer are called few.
+        few_responding: trials that lift off; fewer are called few.
+        few_campaigns: simulated ones for each effect; fewer are called few.
         low_detection_rate: of causes outside the library.
         all_of_prior: share of a prior's range beyond which an interval determines no size.
         scatter: standard deviations by which repeats must differ more than expected.
-        moved_outcomes: outcomes that an effect must move for a campaign to respond to it.
-        moved_features: the same for a feature, as a sum of squares in standard deviations.
         locations: the most significant that are written down, beside those of all trials.
     """
 
     few_trials: int = 100
     few_motions: int = 10
-    few_uncertain: int = 20
+    few_responding: int = 20
+    few_campaigns: int = 60
     low_detection_rate: float = 0.5
     all_of_prior: float = 0.85
     scatter: float = 3.0
-    moved_outcomes: float = 2.0
-    moved_features: float = 4.0
     locations: int = 20
 
 
@@ -53,10 +51,9 @@ LIMITS = LimitConstants()
 
 def limits_of_the_verdict(
     verdict: Verdict,
-    findings: Findings,
-    headline: Mapping[str, Any],
-    conformal_set: Sequence[str],
-    prepared: Prepared,
+    how_far: HowFar,
+    found: Found,
+    posterior: Posterior,
     effects: Sequence[Mapping[str, Any]],
     provenance: Mapping[str, Any],
 ) -> list[Statement]:
@@ -64,28 +61,27 @@ def limits_of_the_verdict(
 
     Args:
         verdict: what is said.
-        findings: what it rests on.
-        headline: closure over the better negative control's.
-        conformal_set: the 90 % set.
-        prepared: effects and their tables.
+        how_far: before and after.
+        found: inference on the campaign.
+        posterior: trained.
         effects: of the document.
         provenance: of the document.
     """
+    library = posterior.parameters.library
     return [
-        *_doubts(verdict, headline, findings),
-        *_not_in_set(verdict, conformal_set),
-        *equivalents_of_a_pair(verdict, prepared.library),
+        *_doubts(verdict, how_far, float(found.probability[-1])),
+        *equivalents_of_a_pair(verdict, library),
         *excluded_equivalents(verdict, provenance.get("excluded", ())),
         *beyond_tolerance(verdict, provenance.get("nuisances", ())),
-        *open_sizes(prepared.library, verdict, effects),
+        *open_sizes(library, verdict, effects),
     ]
 
 
 def limits_of_the_data(
     seen: Observations,
-    screening: Screening,
-    prepared: Prepared,
-    changed: int,
+    trials: NDArray[np.int64],
+    posterior: Posterior,
+    insensitive: Sequence[str],
     layers: Mapping[str, Any],
     provenance: Mapping[str, Any],
 ) -> list[Statement]:
@@ -93,23 +89,21 @@ def limits_of_the_data(
 
     Args:
         seen: the observed campaign.
-        screening: which trials were kept.
-        prepared: effects and their tables.
-        changed: trials that do otherwise with the chosen effect, and only with it.
+        trials: indices of those that lift off in simulations.
+        posterior: trained.
+        insensitive: effects to which the campaign does not respond.
         layers: of the noise floor.
         provenance: of the document.
     """
-    session, motion = seen.session[screening.kept], seen.motion[screening.kept]
     return [
         *_left_out(seen, provenance),
         *_scarce(seen),
         *_unused(seen),
         *_one_outcome(seen),
-        *_detection(prepared),
-        *few_sessions(session, motion),
-        *_sensitivity(screening, prepared),
-        *([Statement.of(LimitCode.CERTAIN_TRIALS_CHANGE, count=changed)] if changed else ()),
-        *_budget(provenance["budget"]),
+        *_detection(posterior.levels.detection_rate),
+        *few_sessions(seen.session[trials], seen.motion[trials]),
+        *_sensitivity(trials, insensitive),
+        *_budget(provenance["budget"], posterior),
         *repeats_scatter(layers),
         *(
             [Statement.of(LimitCode.MEASURES_LACKING)]
@@ -119,47 +113,36 @@ def limits_of_the_data(
     ]
 
 
-def _doubts(
-    verdict: Verdict, headline: Mapping[str, Any], findings: Findings
-) -> Iterator[Statement]:
+def _doubts(verdict: Verdict, how_far: HowFar, outside: float) -> Iterator[Statement]:
     if not verdict.named:
         return
-    if findings.unknown_probability > LEAST_UNKNOWN:
+    if outside > TRAINING.outside:
         yield Statement.of(
-            LimitCode.POSSIBLY_OUT_OF_LIBRARY,
-            worse_than=1 - findings.novelty_p,
-            probability=findings.unknown_probability,
-            prior=PRIOR,
+            LimitCode.POSSIBLY_OUT_OF_LIBRARY, probability=outside, prior=TRAINING.outside
         )
-    if not findings.halves:
-        yield Statement.of(LimitCode.HALVES_TOO_SMALL)
-    if headline["ci95"] is not None and headline["ci95"][0] <= 0:
+    if how_far.gain().low <= 0:
+        yield Statement.of(LimitCode.NO_GAIN, effects=how_far.names)
+    elif how_far.headline().low <= 0:
         yield Statement.of(LimitCode.CONTROL_CLOSES_AS_MUCH)
-
-
-def _not_in_set(verdict: Verdict, inside: Sequence[str]) -> Iterator[Statement]:
-    """Members of a class that the 90 % set does not hold."""
-    outside = tuple(name for name in verdict.effects if name not in inside)
-    if verdict.kind is VerdictKind.CLASS and outside:
-        yield Statement.of(LimitCode.NOT_IN_SET, effects=outside, leading=verdict.effects[0])
 
 
 def equivalents_of_a_pair(verdict: Verdict, library: Library) -> Iterator[Statement]:
     """Effects that theory takes for about the same as one of a pair."""
     if verdict.kind is not VerdictKind.PAIR:
         return
-    alike = takes_for_alike()
     for name in verdict.effects:
-        others = tuple(o for o in library if o not in verdict.effects and alike(name, o))
+        own = library[name]
+        others = tuple(
+            o for o in library if o not in verdict.effects and are_alike(own, library[o])
+        )
         if others:
             yield Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=others)
 
 
 def excluded_equivalents(verdict: Verdict, excluded: Sequence[str]) -> Iterator[Statement]:
     """What was excluded and theory takes for about the same as what is named."""
-    alike = takes_for_alike()
     for name in verdict.named:
-        others = tuple(other for other in excluded if alike(name, other))
+        others = tuple(o for o in excluded if are_alike(effect_of(name), effect_of(o)))
         if others:
             yield Statement.of(LimitCode.EQUIVALENT_EXCLUDED, effect=name, others=others)
 
@@ -170,8 +153,10 @@ def beyond_tolerance(verdict: Verdict, nuisances: Sequence[str]) -> Iterator[Sta
     They are integrated over within their tolerances. A set-up that lies further off than these say
     is a gap, and effects that act alike are all that can be named for it.
     """
-    alike = takes_for_alike()
-    same = tuple(n for n in nuisances if any(n == name or alike(n, name) for name in verdict.named))
+    named = [effect_of(name) for name in verdict.named]
+    same = tuple(
+        n for n in nuisances if any(n == one.name or n in one.confounded_with for one in named)
+    )
     if same:
         yield Statement.of(LimitCode.BEYOND_TOLERANCE, nuisances=same)
 
@@ -244,9 +229,8 @@ def _one_outcome(seen: Observations) -> Iterator[Statement]:
         yield Statement.of(LimitCode.ALL_OVERTURNED if alike == {1.0} else LimitCode.ALL_STOOD)
 
 
-def _detection(prepared: Prepared) -> Iterator[Statement]:
-    rate = prepared.calibration.out_of_library.detection_rate
-    if rate is None:
+def _detection(rate: float) -> Iterator[Statement]:
+    if rate <= 0:
         yield Statement.of(LimitCode.NO_DETECTION_RATE)
     elif rate < LIMITS.low_detection_rate:
         yield Statement.of(LimitCode.LOW_DETECTION_RATE, rate=rate)
@@ -268,42 +252,22 @@ def few_sessions(session: NDArray[np.int64], motion: NDArray[np.int64]) -> Itera
         yield Statement.of(LimitCode.INTERLEAVED_MOTIONS)
 
 
-def _sensitivity(screening: Screening, prepared: Prepared) -> Iterator[Statement]:
-    uncertain = int(screening.kept.size - screening.guard.size)
-    if uncertain < LIMITS.few_uncertain and not screening.left_out:
-        yield Statement.of(LimitCode.FEW_UNCERTAIN, count=uncertain)
-    names = tuple(n for n in prepared.tables if n != NONE and insensitive(prepared, n))
-    if names:
-        yield Statement.of(LimitCode.INSENSITIVE, effects=names)
-    if screening.left_out:
-        yield Statement.of(LimitCode.TRIALS_BEYOND_BUDGET, count=screening.left_out)
+def _sensitivity(trials: NDArray[np.int64], insensitive: Sequence[str]) -> Iterator[Statement]:
+    if trials.size < LIMITS.few_responding:
+        yield Statement.of(LimitCode.FEW_UNCERTAIN, count=int(trials.size))
+    if insensitive:
+        yield Statement.of(LimitCode.INSENSITIVE, effects=tuple(insensitive))
 
 
-def insensitive(prepared: Prepared, name: str) -> bool:
-    """Whether even large values of an effect move no more than two outcomes, nor any feature."""
-    table, plain = prepared.tables[name], prepared.tables[NONE]
-    p = 1 / (1 + np.exp(-table.coarse.logit))
-    q = 1 / (1 + np.exp(-plain.coarse.logit))
-    moved = np.abs(p - q).sum(axis=1).max()
-    tilts = [
-        np.abs(centre - own) / np.sqrt(variance)
-        for centre, own, variance in zip(
-            table.coarse.centre, plain.coarse.centre, table.coarse.variance, strict=True
-        )
-    ]
-    shifted = max((float((t**2).sum(axis=1).max()) for t in tilts), default=0.0)
-    return bool(moved < LIMITS.moved_outcomes and shifted < LIMITS.moved_features)
-
-
-def _budget(budget: Mapping[str, Any]) -> Iterator[Statement]:
+def _budget(budget: Mapping[str, Any], posterior: Posterior) -> Iterator[Statement]:
     if budget["state"] == BudgetState.EXCEEDED:
         yield Statement.of(
             LimitCode.BUDGET_EXCEEDED,
             simulations=budget["simulations"],
             allowed=budget["allowed"],
         )
-    if budget["state"] != BudgetState.SUFFICIENT:
-        yield Statement.of(LimitCode.BUDGET_ENDED_EARLY)
+    if posterior.campaigns < LIMITS.few_campaigns * len(posterior.sets.names):
+        yield Statement.of(LimitCode.FEW_CAMPAIGNS, count=posterior.campaigns)
 
 
 def repeats_scatter(layers: Mapping[str, Any]) -> Iterator[Statement]:

@@ -11,17 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Tier
-from vsr2.diagnosis.likelihood.equivalence import (
-    CONFOUNDED,
-    INSEPARABLE,
-    expected_campaign,
-    takes_for_alike,
-)
-from vsr2.diagnosis.likelihood.evidence import log_likelihood, mode, posterior
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.simulated.library import Entry, Library
+from vsr2.diagnosis.posterior.sets import are_alike
+from vsr2.diagnosis.posterior.training import Found, Posterior
+from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.where.scan import Location
-from vsr2.diagnosis.which.routes import Inference, Prepared
+from vsr2.effects import Effect
 from vsr2.effects.effect import Stage
 
 
@@ -76,8 +71,27 @@ BY_EFFECT: dict[str, Instrument] = {
     "vertical_motion": Instrument.VERTICAL_RECORD,
 }
 """Of effects for which a stage's instrument says too little."""
-MOST_SPLIT = 7
-"""Members of a class for which a measurement is stated: the most that a verdict names."""
+
+
+@dataclass(frozen=True)
+class MeasurementConstants:
+    """How repeats are counted; chosen by hand.
+
+    Attributes:
+        enough: information at which the better of two effects is picked wrongly one time in ten:
+            d^2 / 2 with d = 2 * 1.28 [nat].
+        alike: times as much is asked for where two are declared alike.
+        negligible: share of `enough` below which no number of repeats is stated.
+        members: of a class for which a measurement is stated at most.
+    """
+
+    enough: float = 3.28
+    alike: float = 5.0
+    negligible: float = 1e-3
+    members: int = 7
+
+
+MEASUREMENT = MeasurementConstants()
 
 
 @dataclass(frozen=True)
@@ -86,7 +100,7 @@ class Repetition:
 
     Attributes:
         trial: id.
-        information_per_repeat: expected log likelihood ratio, as much of it as counts [nat].
+        information_per_repeat: expected log likelihood ratio [nat].
         repeats: after which the two no longer count as one class; None: no number of them.
     """
 
@@ -111,7 +125,7 @@ class OutOfLibrary:
     Attributes:
         trial: id of the trial that the best effect explains least.
         tier: that the campaign has, beyond which instruments are needed.
-        location: where residuals are significant; None: nowhere.
+        location: the most significant that stands out; None: none.
     """
 
     trial: str
@@ -146,50 +160,42 @@ class Measurement:
 
 def next_measurement(
     members: Sequence[str],
-    prepared: Prepared,
-    found: Inference,
+    posterior: Posterior,
+    found: Found,
     seen: Observations,
-    kept: NDArray[np.int64],
+    trials: NDArray[np.int64],
 ) -> Measurement:
     """What to measure next.
 
     For a class, the instruments that look directly at its first two members, and the trial of the
-    campaign whose repetition separates these two most, each at its own best parameters and
-    nuisances. After the repeats stated the better one is picked wrongly less than one time in ten;
-    where theory takes the two for the same, five times that separation is asked for. The same for
-    the leader against each further member, up to `MOST_SPLIT`.
+    campaign whose repetition separates these two most, each as in the simulated campaigns that are
+    nearest to the observed one. The same for the leader against each further member.
 
     Args:
         members: effects of the class, the leader first; one alone is checked directly.
-        prepared: effects and their tables.
+        posterior: trained.
         found: inference on the campaign.
         seen: the whole campaign.
-        kept: indices of the trials that the tables are of.
+        trials: indices of those simulated.
     """
-    library, tables = prepared.library, prepared.tables
-    leader, *rivals = members[:MOST_SPLIT]
+    library = posterior.parameters.library
+    leader, *rivals = members[: MEASUREMENT.members]
     first = tuple(members[:2])
     ways = tuple(dict.fromkeys(instrument(library[name]) for name in first))
     if not rivals:
         return Measurement(MeasurementKind.CHECK, first, ways)
-    expected, _ = expected_campaign(tables[leader], found.posteriors[leader])
-
-    def likelihood(name: str) -> NDArray[np.float64]:
-        node, z = mode(tables[name], posterior(tables[name], expected))
-        at = tables[name].fine.at(node)
-        values = log_likelihood(tables[name], at, expected, z[None, None])
-        return np.asarray(values[0, 0], dtype=np.float64)
-
-    own, alike = likelihood(leader), takes_for_alike()
+    own = posterior.parameters.expected(leader, found.residuals)
 
     def split(rival: str) -> Repetition:
-        gain = own - likelihood(rival)
+        gap = own - posterior.parameters.expected(rival, found.residuals)
+        gain = 0.5 * (gap**2).reshape(-1, trials.size).sum(axis=0)
         best = int(np.argmax(gain))
-        information = found.exponent * float(max(gain[best], 0.0))
-        enough = INSEPARABLE * (CONFOUNDED if alike(leader, rival) else 1.0)
-        few = information < enough / 1000
+        alike = are_alike(library[leader], library[rival])
+        enough = MEASUREMENT.enough * (MEASUREMENT.alike if alike else 1.0)
+        information = float(gain[best])
+        few = information < enough * MEASUREMENT.negligible
         return Repetition(
-            seen.campaign.trials[int(kept[best])].trial,
+            seen.campaign.trials[int(trials[best])].trial,
             information,
             None if few else int(np.ceil(enough / information)),
         )
@@ -216,10 +222,10 @@ def measurement_out_of_library(
 
     Args:
         seen: the whole campaign.
-        excess: loss of each trial over the floor under the best effect, shape (trials,).
+        excess: loss of each trial over the floor under the best effect, shape (all trials,).
         locations: found by the scan, most significant first.
     """
-    found = locations[:1] if locations and locations[0].is_significant else ()
+    found = [one for one in locations if one.stands_out]
     return OutOfLibrary(
         seen.campaign.trials[int(np.argmax(excess))].trial,
         seen.tier,
@@ -227,6 +233,6 @@ def measurement_out_of_library(
     )
 
 
-def instrument(effect: Entry) -> Instrument:
+def instrument(effect: Effect) -> Instrument:
     """That looks directly at an effect: its own, or that of its stage."""
     return BY_EFFECT.get(effect.name) or BY_STAGE[effect.stage]

@@ -10,34 +10,24 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Self
 
+# The rule of a name, by which training calibrates, decides on the kind.
+from vsr2.diagnosis.posterior.naming import VerdictKind as VerdictKind
+
 NAMES: type = tuple
 """Type of a value that lists names."""
 
 
-class VerdictKind(StrEnum):
-    """What a verdict says; `PAIR` names two effects that act together."""
-
-    NONE = "none"
-    EFFECT = "effect"
-    CLASS = "class"
-    PAIR = "pair"
-    UNKNOWN = "unknown"
-    UNRESOLVED = "unresolved"
-
-
 class GapState(StrEnum):
-    """Whether there is a gap, and whether the interval of its size lies above zero."""
+    """Whether there is a gap."""
 
     NOT_FOUND = "not_found"
-    SIZE_OPEN = "size_open"
     FOUND = "found"
 
 
 class BudgetState(StrEnum):
-    """Whether the budget sufficed, ended the rounds early, or is less than the trials need."""
+    """Whether the budget sufficed, or is less than the least needs."""
 
     SUFFICIENT = "sufficient"
-    ENDED_EARLY = "ended_early"
     EXCEEDED = "exceeded"
 
 
@@ -57,48 +47,27 @@ class Code(StrEnum):
 class ReasonCode(Code):
     """Why a verdict is what it is. Shares and probabilities are in [0, 1]."""
 
-    NO_GAP = "no_gap", {"p_size": float, "p_direction": float, "size_significant": bool}
-    NONE_IMPROBABLE = "none_improbable", {"none": float, "favoured": str}
-    NONE_NOT_IN_SET = "none_not_in_set", {"none": float, "favoured": str}
-    NONE_LESS_PROBABLE = "none_less_probable", {"favoured": str, "out_of_library": bool}
-    GAP = "gap", {"p_size": float, "p_direction": float}
-    SIGNS_OF_GAP = "signs_of_gap", {"p_size": float, "p_direction": float}
-    SURPRISING_OUTCOMES = "surprising_outcomes", {"p": float}
-    SIZE_OPEN = "size_open", {"leading": str}
-    ROUTE_SET_EXCLUDES = "route_set_excludes", {"route": str, "effects": NAMES}
-    ROUTE_FAVOURS_OTHER = "route_favours_other", {"route": str, "effect": str}
-    HALVES_DISAGREE = "halves_disagree"
-    TOO_MANY_EQUIVALENT = "too_many_equivalent", {"count": int, "offered": int}
+    NO_GAP = "no_gap", {"none": float, "limit": float}
+    NONE_LESS_PROBABLE = "none_less_probable", {"favoured": str}
+    GAP = "gap", {"none": float, "limit": float}
+    NAME_REACHED = "name_reached", {"probability": float, "wanted": float}
+    PAIR_REACHED = "pair_reached", {"probability": float, "wanted": float}
+    SECOND_EFFECT_LIKELY = "second_effect_likely", {"probability": float}
+    EQUIVALENT_HERE = "equivalent_here"
+    OUTSIDE_OUTWEIGHS = "outside_outweighs", {"probability": float}
     TOO_MANY_NEEDED = (
         "too_many_needed",
-        {"first": NAMES, "probability": float, "wanted": float, "count": int, "offered": int},
+        {"effects": NAMES, "probability": float, "wanted": float, "classes": int},
     )
-    GAP_LEFT = "gap_left", {"left": float}
-    GAP_LEFT_AND_MISFIT = "gap_left_and_misfit", {"left": float, "worse_than": float}
-    FLOOR_EXCEEDED = "floor_exceeded", {"times": float}
-    RESIMULATION_SHORT = "resimulation_short", {"closure": float, "predicted": float}
-    NONE_BEATS_OUT_OF_LIBRARY = (
-        "none_beats_out_of_library",
-        {"none": float, "out_of_library": float},
-    )
-    MISFIT = "misfit", {"worse_than": float}
-    PAIR_LEAVES_GAP = "pair_leaves_gap", {"effects": NAMES, "left": float}
-    PART_OF_THE_CAUSE = "part_of_the_cause", {"effect": str, "closed": float}
-    SECOND_EFFECT_HELPS = "second_effect_helps"
-    EQUIVALENT_HERE = "equivalent_here"
-    OTHERS_FIT_WORSE = "others_fit_worse", {"first": NAMES, "probability": float, "wanted": float}
 
 
 class LimitCode(Code):
     """What the data, or the budget, cannot support. Shares and probabilities are in [0, 1]."""
 
-    POSSIBLY_OUT_OF_LIBRARY = (
-        "possibly_out_of_library",
-        {"worse_than": float, "probability": float, "prior": float},
-    )
-    HALVES_TOO_SMALL = "halves_too_small"
+    POSSIBLY_OUT_OF_LIBRARY = "possibly_out_of_library", {"probability": float, "prior": float}
+    NO_GAIN = "no_gain", {"effects": NAMES}
     CONTROL_CLOSES_AS_MUCH = "control_closes_as_much"
-    NOT_IN_SET = "not_in_set", {"effects": NAMES, "leading": str}
+    FEW_CAMPAIGNS = "few_campaigns", {"count": int}
     EQUIVALENT_TO_MEMBER = "equivalent_to_member", {"effect": str, "others": NAMES}
     EQUIVALENT_EXCLUDED = "equivalent_excluded", {"effect": str, "others": NAMES}
     BEYOND_TOLERANCE = "beyond_tolerance", {"nuisances": NAMES}
@@ -131,10 +100,7 @@ class LimitCode(Code):
     FEW_SESSIONS = "few_sessions", {"orders": int, "p": float}
     FEW_UNCERTAIN = "few_uncertain", {"count": int}
     INSENSITIVE = "insensitive", {"effects": NAMES}
-    TRIALS_BEYOND_BUDGET = "trials_beyond_budget", {"count": int}
-    CERTAIN_TRIALS_CHANGE = "certain_trials_change", {"count": int}
     BUDGET_EXCEEDED = "budget_exceeded", {"simulations": int, "allowed": int}
-    BUDGET_ENDED_EARLY = "budget_ended_early"
     NO_REPEATS = "no_repeats"
     REPEATS_SCATTER = "repeats_scatter", {"pairs": int, "share": float, "expected": float}
     MEASURES_LACKING = "measures_lacking"

@@ -1,21 +1,21 @@
 """WHERE: locations in which residuals are too large, with control over their whole family.
 
-The score of a location is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the residual of a trial against
-the cross-fitted model without effects, v its variance, w its weights (1 inside, 0 outside; a
-centred trend; a step). The nulls are
+The score of a location is z = sum r_i w_i / sqrt(sum v_i w_i^2), r the standardised residual of a
+trial, v 1 where it is known, w its weights (1 inside, 0 outside; a centred trend; a step). The
+nulls are
 
-- for every location: campaigns simulated without effect, nuisances drawn. The engine's own are few:
-  n of them can show p = 1 / (n + 1) at best. Where none of them reaches a score, 999 campaigns are
-  drawn from the model of no effect that was fitted to them; else the larger p counts;
+- for every location: campaigns simulated without effect, nuisances and contact models drawn, and
+  disturbed as two correct simulators differ;
 - for those over the order of execution besides: permutations of the observed residuals in which
   complete sessions are permuted (in a campaign of one session, and for sessions themselves:
   complete motions). Residuals that hang together within a session look like a trend; permuting
   less than sessions would take that for significant. The larger p value counts. Where sessions, or
   motions, come back again and again, no complete one can be permuted, and nothing is found.
 
-Each score is divided by its null deviation, a drawn campaign's by that of the drawn ones, so that
-the drawn ones tell only how locations and channels hang together; the family's p value is that of
-the largest score (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993).
+Each score is divided by its null deviation; the family's p value is that of the largest score
+(P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993). A location stands out
+if it is significant and holds at least twice its share of the effect: of what the squares of all
+residuals exceed those of campaigns without effect.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.likelihood.evidence import Data, Prediction
 from vsr2.diagnosis.observed.features import Feature
 
 Array = NDArray[np.float64]
@@ -40,12 +39,14 @@ class ScanConstants:
         tie: relative difference of two scores up to which they are one, but for rounding.
         most_runs: runs of a session or motion, on average, up to which they are taken for complete.
         significant: family-wise p value up to which a location counts as found.
+        concentration: share of the effect over share of the trials from which it stands out.
     """
 
     permutations: int = 999
     tie: float = 1e-9
     most_runs: int = 2
     significant: float = 0.05
+    concentration: float = 2.0
 
 
 SCAN = ScanConstants()
@@ -63,6 +64,7 @@ class Location:
         feature: of the response: which channel and which phase.
         effect_size: mean residual inside over its noise, in standard deviations of one trial.
         p_familywise: of the largest score of the family.
+        concentration: share of the effect inside, over the share of trials.
         trials: inside, of those scanned.
     """
 
@@ -71,6 +73,7 @@ class Location:
     feature: Feature
     effect_size: float
     p_familywise: float
+    concentration: float = 1.0
     trials: tuple[int, ...] = ()
 
     @property
@@ -87,6 +90,11 @@ class Location:
     def is_significant(self) -> bool:
         """Once all locations are accounted for."""
         return self.p_familywise <= SCAN.significant
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether it is significant and holds more than its share of the effect."""
+        return self.is_significant and self.concentration >= SCAN.concentration
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,37 +118,21 @@ class Conditions:
     specimens: tuple[str, ...]
 
 
-def residuals(prediction: Prediction, data: Data) -> tuple[Array, Array]:
-    """Residuals and variances of outcomes and features, shape (campaigns, channels, trials)."""
-    p, y = prediction.probability, data.overturned
-    known = np.isfinite(y)
-    parts = [np.where(known, y - p, 0.0)]
-    variances = [np.where(known, p * (1 - p), 0.0)]
-    for k in range(data.features.shape[-1]):
-        gap = (data.features[..., k] - prediction.centre[..., k]) / prediction.deviation[..., k]
-        seen = np.isfinite(gap)
-        parts.append(np.clip(np.where(seen, gap, 0.0), -4, 4))
-        variances.append(seen.astype(np.float64))
-    return np.stack(parts, axis=1), np.stack(variances, axis=1)
-
-
 def scan(
-    observed: tuple[Array, Array],
-    null: tuple[Array, Array],
+    observed: Array,
+    null: Array,
     conditions: Conditions,
     features: tuple[Feature, ...],
     *,
-    drawn: tuple[Array, Array] | None = None,
     seed: int = 0,
 ) -> list[Location]:
     """Scan all locations.
 
     Args:
-        observed: residuals and variances, shape (1, channels, trials).
+        observed: standardised residuals, 0 where nothing is known, shape (channels, trials).
         null: the same of campaigns simulated without effect, shape (campaigns, channels, trials).
         conditions: of the trials.
         features: of the residuals' channels, `OUTCOME` first.
-        drawn: the same as `null`, of campaigns drawn from the fitted model of no effect.
         seed: of permutations.
 
     Returns:
@@ -149,15 +141,10 @@ def scan(
     names, axes, weights = _family(conditions)
     by_order = np.array([axis == "order" for axis in axes])
     by_session = np.array([axis == "session" for axis in axes])
-    residual, variance = observed[0][0], observed[1][0]
     rng = np.random.default_rng([seed, 5])
-    score = _scores(residual[None], variance[None], weights)[0]
-    simulated = _scores(null[0], null[1], weights)
-    p_value = _family_p(score, simulated)
-    if drawn is not None:
-        finer = _family_p(score, _scores(drawn[0], drawn[1], weights), simulated)
-        reached = p_value > 1 / (len(simulated) + 1)
-        p_value = np.where(reached, np.maximum(p_value, finer), finer)
+    known = (observed != 0).astype(np.float64)
+    score = _scores(observed[None], known[None], weights)[0]
+    p_value = _family_p(score, _scores(null, (null != 0).astype(np.float64), weights))
     # One session has no order of sessions: then that of its motions is permuted.
     ordered = conditions.session if conditions.session.max() > 0 else conditions.motion
     for inside, runs in ((by_session, conditions.motion), (by_order, ordered)):
@@ -166,20 +153,29 @@ def scan(
         elif inside.any():
             orders = np.stack([_permutation(runs, rng) for _ in range(SCAN.permutations)])
             moved = _scores(
-                residual[:, orders].swapaxes(0, 1),
-                variance[:, orders].swapaxes(0, 1),
-                weights[inside],
+                observed[:, orders].swapaxes(0, 1), known[:, orders].swapaxes(0, 1), weights[inside]
             )
             p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
+    # What the squares exceed those of gap-free campaigns is the effect's.
+    excess = observed**2 - (null**2).mean(axis=0)
     out = []
     for c, feature in enumerate(features):
+        whole = float(excess[c].sum())
         for j, name in enumerate(names):
-            inside = np.abs(weights[j]) > 0
-            count = max(int(np.count_nonzero(variance[c] * inside)), 1)
+            count = max(int(np.count_nonzero(known[c] * (weights[j] != 0))), 1)
             size = float(score[c, j] / np.sqrt(count))
             # Of a trend, the later half; of a step, what follows it.
-            members = tuple(int(i) for i in np.flatnonzero(weights[j] > 0))
-            out.append(Location(name, axes[j], feature, size, float(p_value[c, j]), members))
+            members = np.flatnonzero(weights[j] > 0)
+            share = members.size / weights.shape[1]
+            concentration = 0.0
+            if whole > 0 and members.size:
+                concentration = float(excess[c, members].sum()) / whole / share
+            out.append(
+                Location(
+                    name, axes[j], feature, size, float(p_value[c, j]), concentration,
+                    tuple(members.tolist()),
+                )
+            )  # fmt: skip
     return sorted(out, key=lambda one: (one.p_familywise, -abs(one.effect_size)))
 
 
@@ -228,21 +224,16 @@ def _family(conditions: Conditions) -> tuple[list[str], list[str], Array]:
     return names, axes, np.stack(weights)
 
 
-def _family_p(score: Array, null: Array, reference: Array | None = None) -> Array:
+def _family_p(score: Array, null: Array) -> Array:
     """P value of each score among the largest of the family, shape (channels, locations).
 
     What lies within rounding of the score counts as reaching it: a permutation that leaves all as
-    it was. The score is divided by the deviation of `reference`; None: of the null scores
-    themselves.
+    it was.
     """
-    largest = np.abs(null / _deviation(null)).reshape(len(null), -1).max(axis=1)
-    own = np.abs(score / _deviation(null if reference is None else reference))
-    above = (largest[:, None, None] >= (1 - SCAN.tie) * own[None]).sum(axis=0)
-    return np.asarray((1 + above) / (len(null) + 1), dtype=np.float64)
-
-
-def _deviation(null: Array) -> Array:
-    return np.asarray(np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5), dtype=np.float64)
+    deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5)
+    largest = np.sort(np.abs(null / deviation).reshape(len(null), -1).max(axis=1))
+    below = np.searchsorted(largest, (1 - SCAN.tie) * np.abs(score / deviation))
+    return np.asarray((1 + len(null) - below) / (len(null) + 1), dtype=np.float64)
 
 
 def interleaved(label: NDArray[np.int64]) -> bool:

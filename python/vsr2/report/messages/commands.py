@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
     from vsr2.blind.custodian.make import Made
     from vsr2.calibration import CalibrationResult
+    from vsr2.diagnosis.reference import Agreement
     from vsr2.results import BatchResult
     from vsr2.simulation.bench import Rock
     from vsr2.simulation.effect_checks import EffectReport, Liveness
@@ -53,6 +55,41 @@ def baseline_table(scores: Sequence[BaselineScore]) -> str:
         for one in scores
     ]
     return table([header, *rows], str.ljust)
+
+
+_MEASURES = {
+    "outcomes": ("outcomes that differ", 100.0, "%"),
+    "tilt_mean": ("ln largest tilt, mean difference", 1.0, "1"),
+    "tilt_size": ("ln largest tilt, mean absolute difference", 1.0, "1"),
+    "turn_mean": ("final turn, mean difference", 180 / pi, "degree"),
+    "turn_size": ("final turn, mean absolute difference", 180 / pi, "degree"),
+}
+"""Words, factor and unit by measure of `Agreement`."""
+
+
+def reference_table(found: Sequence[Agreement]) -> str:
+    """A reference campaign against the nominal scene, with the noise floor beside it."""
+    header = ["measure", "unit", "trials", "campaign", "starts moved", "fresh draws, 90 %", "p"]
+    rows = []
+    for one in found:
+        words, factor, unit = _MEASURES[one.measure]
+        campaign, starts, low, high = (
+            f"{factor * value:.3g}" for value in (one.campaign, one.starts, one.low, one.high)
+        )
+        rows.append(
+            [
+                words, unit, str(one.trials), campaign, starts, f"{low} to {high}",
+                f"{one.p_value:.2g}",
+            ]
+        )  # fmt: skip
+    apart = [_MEASURES[one.measure][0] for one in found if one.differs]
+    said = (
+        f"differs by more than nuisances, contact models and starts explain: {'; '.join(apart)}. "
+        "The nominal scene lacks something, or its tolerances are too narrow."
+        if apart
+        else "agrees within what nuisances, contact models and starts leave open"
+    )
+    return f"{table([header, *rows], str.ljust)}\n{said}"
 
 
 def effect_report(report: EffectReport) -> str:

@@ -13,8 +13,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.verdict.next_measurement import MeasurementKind
-from vsr2.diagnosis.verdict.statements import VerdictKind
-from vsr2.diagnosis.where.scan import SCAN
+from vsr2.diagnosis.verdict.statements import ReasonCode, VerdictKind
 from vsr2.report.pages import environment, listed, plain
 
 if TYPE_CHECKING:
@@ -28,7 +27,6 @@ def _templates() -> dict[tuple[str, str], Template]:
     made = environment(
         {
             "candidates": _candidates,
-            "class_of": _class_of,
             "interval": interval,
             "location": location,
             "number": format,
@@ -73,6 +71,11 @@ def location(row: Mapping[str, Any]) -> str:
     return feature + str(row["location"])
 
 
+def standing_out(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Locations that hold more than their share of the effect: the only ones to be named."""
+    return [row for row in content["where"] if row["trials"] is not None]
+
+
 def verdict_sentence(content: Mapping[str, Any]) -> str:
     """The verdict in one sentence."""
     verdict, gap = content["verdict"], content["gap"]
@@ -82,15 +85,16 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         verdict["kind"],
         names=[plain(name) for name in named],
         chance=f"{verdict['probability']:.0%}" if verdict["probability"] < 0.995 else "over 99%",
-        several_classes=len({r["class"] for r in content["effects"] if r["name"] in named}) != 1,
-        significant=[row for row in content["where"] if row["p_familywise"] <= SCAN.significant],
+        alike=ReasonCode.EQUIVALENT_HERE in [reason["code"] for reason in verdict["reasons"]],
+        found=standing_out(content),
         **content,
     )
     if verdict["kind"] not in (VerdictKind.EFFECT, VerdictKind.CLASS, VerdictKind.PAIR):
         return said
-    sure = gap["headline"]["ci95"][0] > 0 and gap["closure"]["ci95"][0] > 0
     closed = gap["closure"]["value"]
-    return _say("closing", "sure" if sure else "unsure", said=said, closed=closed)
+    sure = closed is not None and min(gap[k]["ci95"][0] for k in ("headline", "closure")) > 0
+    kind = verdict["kind"]
+    return _say("closing", "sure" if sure else "unsure", said=said, kind=kind, closed=closed)
 
 
 def closure_note(content: Mapping[str, Any]) -> str:
@@ -128,11 +132,6 @@ def interval(estimate: Mapping[str, Any]) -> str:
     if value is None or not math.isfinite(value):
         return "not given"
     return f"{value:.2f} [{bounds[0]:.2f}, {bounds[1]:.2f}]"
-
-
-def _class_of(names: Sequence[str]) -> str:
-    """The first effect, with those that are equivalent to it."""
-    return names[0] if len(names) == 1 else f"the class of {names[0]}"
 
 
 def _candidates(names: Sequence[str]) -> str:

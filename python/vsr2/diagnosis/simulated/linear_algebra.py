@@ -27,19 +27,19 @@ def one_blas_thread() -> Iterator[None]:
         yield
 
 
-def singular_values(matrix: Array) -> tuple[Array, Array, Array]:
-    """Thin singular value decomposition U, s, V' of a finite matrix.
-
-    LAPACK's divide and conquer (gesdd, NumPy's) now and then does not converge where singular
-    values vanish; its QR iteration (gesvd), several times as slow, then takes its place.
+def ridge(x: Array, y: Array, penalty: float) -> Array:
+    """Coefficients b that minimise |x b - y|^2 + penalty |b|^2, shape (columns, targets).
 
     Args:
-        matrix: shape (rows, columns).
+        x: shape (rows, columns).
+        y: shape (rows, targets).
+        penalty: above 0.
     """
-    try:
-        left, size, right = np.linalg.svd(matrix, full_matrices=False)
-    except np.linalg.LinAlgError:
-        from scipy.linalg import svd
-
-        left, size, right = svd(matrix, full_matrices=False, lapack_driver="gesvd")
-    return left, size, right
+    rows, columns = x.shape
+    if columns <= rows:
+        gram = x.T @ x
+        gram[np.diag_indices(columns)] += penalty
+        return np.asarray(np.linalg.solve(gram, x.T @ y))
+    gram = x @ x.T
+    gram[np.diag_indices(rows)] += penalty
+    return np.asarray(x.T @ np.linalg.solve(gram, y))

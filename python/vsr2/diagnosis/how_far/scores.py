@@ -1,0 +1,114 @@
+"""Losses of trials by an ensemble of simulations.
+
+The loss of a trial is the logarithmic loss of its outcome plus, from tier M on, the continuous
+ranked probability score of the logarithm of its largest tilt and, at tier T, the mean score of its
+series' features (T. Gneiting and A. E. Raftery, "Strictly proper scoring rules, prediction, and
+estimation", JASA 102, 2007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """Simulations of the trials of a campaign.
+
+    Attributes:
+        overturned: 1 or 0, NaN where unknown, shape (members, trials).
+        features: as observed, shape (members, trials, k).
+    """
+
+    overturned: Array
+    features: Array
+
+    def __len__(self) -> int:
+        return len(self.overturned)
+
+    @property
+    def probability(self) -> Array:
+        """Share that overturned, half a count on each side, shape (trials,)."""
+        ones, known = np.nansum(self.overturned, axis=0), np.isfinite(self.overturned).sum(axis=0)
+        return np.asarray((ones + 0.5) / (known + 1))
+
+    def take(self, members: Sequence[int] | NDArray[np.int64]) -> Ensemble:
+        """Some of the simulations."""
+        return Ensemble(self.overturned[members], self.features[members])
+
+
+def outcome_loss(probability: Array, overturned: Array) -> Array:
+    """Logarithmic loss of outcomes, shape (trials,); 0 where nothing is known."""
+    loss = -np.where(overturned > 0.5, np.log(probability), np.log1p(-probability))
+    return np.where(np.isfinite(overturned), loss, 0.0)
+
+
+def feature_scores(simulated: Array, observed: Array) -> Array:
+    """Fair CRPS of each feature by an ensemble, NaN where it is not known, shape (trials, k).
+
+    What a few members would lose against many is taken off (C. A. T. Ferro, "Fair scores for
+    ensemble forecasts", Q. J. R. Meteorol. Soc. 140, 2014).
+
+    Args:
+        simulated: shape (members, trials, k).
+        observed: shape (trials, k).
+    """
+    count = np.isfinite(simulated).sum(axis=0)
+    members = len(simulated)
+    # Pairs of members by their order: O(n log n), and no array of all pairs.
+    ordered = np.sort(simulated, axis=0)
+    rank = np.arange(members)[:, None, None]
+    pairs = np.nansum(np.where(np.isfinite(ordered), (2 * rank - count + 1) * ordered, 0.0), axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        score = np.nansum(np.abs(simulated - observed), axis=0) / count
+        score = score - pairs / (count * (count - 1))
+    return np.where(np.isfinite(observed) & (count > 1), score, np.nan)
+
+
+def by_kind(scores: Array) -> Array:
+    """The largest tilt's score plus the mean of the others, unknown ones 0, shape (trials,)."""
+    known = np.nan_to_num(scores)
+    if known.shape[-1] == 0:
+        return np.zeros(known.shape[:-1])
+    out = known[..., 0]
+    if known.shape[-1] > 1:
+        out = out + known[..., 1:].mean(axis=-1)
+    return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate with its 95 % interval; NaN where it does not exist."""
+
+    value: float
+    low: float
+    high: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        if not np.isfinite(self.value):
+            return {"value": None, "ci95": None}
+        return {"value": self.value, "ci95": [self.low, self.high]}
+
+
+def interval(value: float, draws: Array) -> Interval:
+    """The 2.5 and 97.5 % quantiles about an estimate."""
+    low, high = np.quantile(draws, [0.025, 0.975])
+    return Interval(float(value), float(low), float(high))
+
+
+def resampled_means(
+    values: Array, motion: NDArray[np.int64], *, replicates: int = 2000, seed: int = 0
+) -> Array:
+    """Means over trials under a bootstrap of motions, values (k, trials), shape (replicates, k)."""
+    from vsr2.campaign import motion_resamples
+
+    counts = motion_resamples(motion, replicates, seed)
+    return np.asarray((counts @ values.T) / counts.sum(axis=1)[:, None])

@@ -1,0 +1,1 @@
+"""WHICH: one learned posterior over sets of effects."""

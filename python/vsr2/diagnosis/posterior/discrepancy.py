@@ -1,0 +1,101 @@
+"""By how much two correct simulators differ beyond their contact models.
+
+A campaign never comes from the diagnosis' own engine: at best from nature, in blind packs from
+another engine that solves the same mechanics. Contact models are drawn for each simulated campaign
+(:mod:`vsr2.diagnosis.simulated.contact_family`). What differs beyond them is a disturbance that a
+campaign, the trials of a motion, and single trials have in common; its size is drawn for each
+campaign, so that it is a nuisance like others (M. C. Kennedy and A. O'Hagan, "Bayesian calibration
+of computer models", J. R. Stat. Soc. B 63, 2001, call it model discrepancy).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DiscrepancyConstants:
+    """Size of the disturbance.
+
+    Attributes:
+        parts: of the logarithm of the largest tilt, common to a campaign, to the trials of a
+        motion,
+            and of single trials: as measured between Bullet and MuJoCo on a block.
+        least, most: ends of a factor on them, log-uniform.
+        outcome: disturbance of an outcome, in standard deviations of what decides it, over that of
+            the logarithm of the tilt; one in fourteen outcomes then differs at a factor of 1.
+        series: deviation of other features over their scatter, at a factor of 1: of a block in
+            MuJoCo their mean squares exceed those in Bullet by a third to a half.
+        common: correlation of a feature's disturbance with that of the tilt.
+    """
+
+    parts: tuple[float, float, float] = (0.02, 0.05, 0.08)
+    least: float = 0.25
+    most: float = 2.0
+    outcome: float = 5.2
+    series: float = 0.7
+    common: float = 0.7
+
+
+DISCREPANCY = DiscrepancyConstants()
+
+
+def disturbed(
+    overturned: Array,
+    features: Array,
+    probability: Array,
+    scatter: Array,
+    motion: NDArray[np.int64],
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Campaigns as another correct simulator would have them.
+
+    An outcome is 1 where a standard normal variable exceeds a threshold that follows from the
+    trial's probability; the disturbance shifts that variable. What an outcome that turns had of
+    features is not known any more.
+
+    Args:
+        overturned: 1, 0, or NaN where unknown, shape (n, trials).
+        features: shape (n, trials, k), the first the logarithm of the largest tilt; k may be 0.
+        probability: of overturning in campaigns without effect, shape (trials,).
+        scatter: standard deviations of features there, shape (trials, k).
+        motion: index of each trial's ground motion, shape (trials,).
+        rng: of the differences.
+
+    Returns:
+        Outcomes and features.
+    """
+    from scipy.special import ndtri
+
+    count, trials = overturned.shape
+    low, high = np.log(DISCREPANCY.least), np.log(DISCREPANCY.most)
+    factor = np.exp(rng.uniform(low, high, (count, 1)))
+
+    def drawn() -> Array:
+        campaign, by_motion, single = DISCREPANCY.parts
+        out = campaign * rng.standard_normal((count, 1))
+        out = out + by_motion * rng.standard_normal((count, int(motion.max()) + 1))[:, motion]
+        return np.asarray(factor * (out + single * rng.standard_normal((count, trials))))
+
+    shift = drawn()
+    p = np.clip(probability, 0.003, 0.997)
+    u = rng.uniform(1e-6, 1 - 1e-6, (count, trials))
+    latent = ndtri(np.where(overturned > 0.5, 1 - p * u, (1 - p) * u))
+    turned = latent + DISCREPANCY.outcome * shift > ndtri(1 - p)
+    outcome = np.where(np.isnan(overturned), np.nan, turned)
+    out = np.array(features)
+    unit = np.linalg.norm(DISCREPANCY.parts)
+    for k in range(features.shape[-1]):
+        if k == 0:
+            out[..., k] += shift
+            continue
+        own = np.sqrt(1 - DISCREPANCY.common**2)
+        mixed = (DISCREPANCY.common * shift + own * drawn()) / unit
+        out[..., k] += DISCREPANCY.series * scatter[:, k] * mixed
+    out[(outcome != overturned) & ~np.isnan(overturned)] = np.nan
+    return outcome, out

@@ -1,0 +1,203 @@
+"""A small network from summaries to the probability of every set of effects.
+
+Its outputs are a score for every effect alone, one for every effect as a part of a pair, and three
+more: none, a pair, outside. The logit of a pair is the sum of its parts and that of `a pair`, so
+that a pair needs no campaigns of its own. Trained by the logarithmic score on simulated campaigns,
+its probabilities are those of the hypotheses given the summaries (P. Pudlo et al., "Reliable ABC
+model choice via random forests", Bioinformatics 32, 2016; S. T. Radev et al., "Amortized Bayesian
+model comparison with evidential deep learning", IEEE Trans. Neural Netw. Learn. Syst. 34, 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.posterior.sets import Sets
+
+Array = NDArray[np.float64]
+FORBIDDEN = -1e9
+
+
+@dataclass(frozen=True)
+class NetworkConstants:
+    """The network and its training; chosen by hand, judged by `studies/diagnosis_posterior.py`.
+
+    Attributes:
+        hidden: widths of the layers.
+        rate: of Adam, falling linearly to a twentieth.
+        decay: of weights.
+        dropout: share of units that a step leaves out.
+        batch: campaigns a step.
+        passes: over the training campaigns.
+        least_passes: before the best weights are looked for.
+    """
+
+    hidden: tuple[int, ...] = (128, 96)
+    rate: float = 2e-3
+    decay: float = 3e-4
+    dropout: float = 0.1
+    batch: int = 256
+    passes: int = 120
+    least_passes: int = 16
+
+
+NETWORK = NetworkConstants()
+
+
+@dataclass(eq=False)
+class Network:
+    """Weights, and what they make of summaries.
+
+    Attributes:
+        sets: the hypotheses.
+        weights, biases: of each layer.
+    """
+
+    sets: Sets
+    weights: list[Array] = field(default_factory=list)
+    biases: list[Array] = field(default_factory=list)
+
+    @classmethod
+    def drawn(cls, sets: Sets, inputs: int, rng: np.random.Generator) -> Network:
+        """With the weights that training starts from (He initialisation)."""
+        sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 3]
+        weights = [rng.standard_normal((a, b)) * np.sqrt(2 / a) for a, b in pairwise(sizes)]
+        weights[-1] *= 0.1
+        return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
+
+    def log_probability(self, inputs: Array, allowed: NDArray[np.bool_]) -> Array:
+        """Of every set, shape (n, sets).
+
+        Args:
+            inputs: shape (n, inputs).
+            allowed: effects that the hypotheses may hold, shape (n, effects).
+        """
+        return _log_softmax(self._logits(self._layers(inputs, None)[0][-1], allowed))
+
+    def _layers(
+        self, inputs: Array, rng: np.random.Generator | None
+    ) -> tuple[list[Array], list[Array]]:
+        """Values of every layer, and which units are kept (all without `rng`)."""
+        values, kept = [inputs], []
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            value = np.maximum(values[-1] @ weight + bias, 0.0)
+            keep = np.ones(1)
+            if rng is not None:
+                keep = (rng.random(value.shape) > NETWORK.dropout) / (1 - NETWORK.dropout)
+            values.append(value * keep)
+            kept.append(keep)
+        return [*values, values[-1] @ self.weights[-1] + self.biases[-1]], kept
+
+    def _logits(self, outputs: Array, allowed: NDArray[np.bool_]) -> Array:
+        count = len(self.sets.names)
+        first, second = self.sets.pairs
+        alone, part = outputs[:, :count], outputs[:, count : 2 * count]
+        none, pair, outside = (outputs[:, [2 * count + k]] for k in range(3))
+        logits = np.concatenate(
+            [none, alone, pair + part[:, first] + part[:, second], outside], axis=1
+        )
+        return np.where(self.sets.allowed(allowed), logits, FORBIDDEN)
+
+    def step(
+        self,
+        inputs: Array,
+        allowed: NDArray[np.bool_],
+        truth: NDArray[np.int64],
+        weight: Array,
+        rng: np.random.Generator,
+    ) -> list[Array]:
+        """Gradients of the weighted logarithmic score: of weights, then of biases."""
+        values, kept = self._layers(inputs, rng)
+        slope = np.exp(_log_softmax(self._logits(values[-1], allowed)))
+        slope[np.arange(len(truth)), truth] -= 1
+        slope *= (weight / weight.sum())[:, None]
+        count = len(self.sets.names)
+        pairs = slope[:, 1 + count : -1]
+        parts = pairs @ self.sets.members[1 + count : -1]
+        back = np.concatenate(
+            [
+                slope[:, 1 : 1 + count],
+                parts,
+                slope[:, :1],
+                pairs.sum(axis=1, keepdims=True),
+                slope[:, -1:],
+            ],
+            axis=1,
+        )
+        weights: list[Array] = []
+        biases: list[Array] = []
+        for layer in range(len(self.weights) - 1, -1, -1):
+            weights.insert(0, values[layer].T @ back + NETWORK.decay * self.weights[layer])
+            biases.insert(0, back.sum(axis=0))
+            if layer:
+                back = (back @ self.weights[layer].T) * kept[layer - 1] * (values[layer] > 0)
+        return [*weights, *biases]
+
+
+Batches = Callable[[np.random.Generator], tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array]]
+"""One pass of training campaigns: inputs, allowed effects, true sets, weights."""
+
+
+def train_network(
+    sets: Sets,
+    batches: Batches,
+    held_out: tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array],
+    seed: int,
+) -> Network:
+    """Train by Adam, and keep the weights that are best on held-out campaigns.
+
+    D. P. Kingma and J. Ba, "Adam: a method for stochastic optimization", 2015.
+
+    Args:
+        sets: the hypotheses.
+        batches: makes one pass of training campaigns.
+        held_out: campaigns by which training is stopped.
+        seed: of weights, order and dropout.
+    """
+    rng = np.random.default_rng([seed, 31])
+    first = batches(rng)
+    network = Network.drawn(sets, first[0].shape[1], rng)
+    parameters = [*network.weights, *network.biases]
+    mean = [np.zeros_like(one) for one in parameters]
+    square = [np.zeros_like(one) for one in parameters]
+    best, kept, count = np.inf, [one.copy() for one in parameters], 0
+    for number in range(NETWORK.passes):
+        rate = NETWORK.rate * max(1 - number / NETWORK.passes, 0.05)
+        inputs, allowed, truth, weight = batches(rng)
+        for start in range(0, len(truth), NETWORK.batch):
+            part = slice(start, start + NETWORK.batch)
+            count += 1
+            slopes = network.step(inputs[part], allowed[part], truth[part], weight[part], rng)
+            for k, (one, slope) in enumerate(zip(parameters, slopes, strict=True)):
+                mean[k] = 0.9 * mean[k] + 0.1 * slope
+                square[k] = 0.999 * square[k] + 0.001 * slope**2
+                step = mean[k] / (1 - 0.9**count)
+                one -= rate * step / (np.sqrt(square[k] / (1 - 0.999**count)) + 1e-8)
+        if number + 1 >= NETWORK.least_passes:
+            score = log_score(network, *held_out)
+            if score < best:
+                best, kept = score, [one.copy() for one in parameters]
+    layers = len(network.weights)
+    return Network(sets, kept[:layers], kept[layers:])
+
+
+def log_score(
+    network: Network,
+    inputs: Array,
+    allowed: NDArray[np.bool_],
+    truth: NDArray[np.int64],
+    weight: Array,
+) -> float:
+    """Weighted mean of minus the log probability of the true set [nat]."""
+    found = network.log_probability(inputs, allowed)[np.arange(len(truth)), truth]
+    return float(-(weight * found).sum() / weight.sum())
+
+
+def _log_softmax(logits: Array) -> Array:
+    shifted = logits - logits.max(axis=1, keepdims=True)
+    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))

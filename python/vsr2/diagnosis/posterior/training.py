@@ -1,0 +1,411 @@
+"""Training of the posterior on simulated campaigns, and its calibration on those held out."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.posterior.discrepancy import disturbed
+from vsr2.diagnosis.posterior.naming import Naming, candidates, decide, is_wrong
+from vsr2.diagnosis.posterior.network import Network, train_network
+from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
+from vsr2.diagnosis.posterior.sets import Sets, declared_alike
+from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
+from vsr2.diagnosis.simulated.campaigns import Campaigns
+from vsr2.diagnosis.simulated.library import Library
+from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
+
+_logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TrainingConstants:
+    """What the posterior is trained for; chosen by hand.
+
+    Attributes:
+        none, one, two, outside: prior probability of the hypotheses.
+        copies: disturbed copies of each campaign.
+        passed: copies of each campaign in one pass of training.
+        left_out: share of training campaigns whose own effect the library lacks.
+        decoy: share of those that lack a class which does not act.
+        false_alarms: share of gap-free campaigns of which none is not said.
+        wrong: share of names that may be wrong.
+        coverage: of the sets of hypotheses.
+        names: probabilities that a name may be asked to have, of which the least that keeps `wrong`
+            is used.
+    """
+
+    none: float = 0.2
+    one: float = 0.5
+    two: float = 0.15
+    outside: float = 0.15
+    copies: int = 4
+    passed: int = 2
+    left_out: float = 0.15
+    decoy: float = 0.4
+    false_alarms: float = 0.05
+    wrong: float = 0.10
+    coverage: float = 0.90
+    names: tuple[float, ...] = (
+        0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.925, 0.95, 0.97, 0.98, 0.99,
+    )  # fmt: skip
+
+
+TRAINING = TrainingConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What calibration on held-out campaigns sets.
+
+    Attributes:
+        temperature: by which log probabilities are divided.
+        none_limit: 5 % point of the probability of none over gap-free campaigns.
+        least_name: probability, given a gap, that a name must have.
+        set_level: probability before a label up to which the 90 % sets hold it.
+        wrong, named: shares of held-out campaigns with a gap that are named wrongly, and named.
+        detection_rate: share of causes outside the library that are said to be so.
+    """
+
+    temperature: float
+    none_limit: float
+    least_name: float
+    set_level: float
+    wrong: float
+    named: float
+    detection_rate: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Inference on one campaign.
+
+    Attributes:
+        probability: of every set, shape (sets,).
+        residuals: standardised, shape (columns,).
+        summaries: shape (summaries,).
+        naming: what is said.
+    """
+
+    probability: Array
+    residuals: Array
+    summaries: Array
+    naming: Naming
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The trained posterior of one protocol at one tier.
+
+    Attributes:
+        sets: hypotheses.
+        standard, summaries: from campaigns to summaries.
+        centre, scale: of summaries, shape (summaries,).
+        networks: one a fold.
+        levels: calibrated.
+        parameters: of effects.
+        alike: which effects are declared alike, shape (effects, effects).
+        gap_free: residuals of campaigns without effect, disturbed, shape (n, columns).
+        campaigns: number that it was trained on.
+    """
+
+    sets: Sets
+    standard: Standard
+    summaries: Summaries
+    centre: Array
+    scale: Array
+    networks: tuple[Network, ...]
+    levels: Levels
+    parameters: Parameters
+    alike: Bools
+    gap_free: Array
+    campaigns: int
+
+    @one_blas_thread()
+    def infer(self, overturned: Array, features: Array, excluded: Collection[str] = ()) -> Found:
+        """Probability of every set, and what is said.
+
+        Args:
+            overturned: outcomes of the trials that were simulated, shape (trials,).
+            features: shape (trials, k).
+            excluded: effects that the library lacks for this campaign.
+        """
+        residuals = self.standard.residuals(overturned[None], features[None])
+        summaries = self.summaries(residuals)
+        allowed = ~np.isin(self.sets.names, list(excluded))[None]
+        inputs = network_inputs(self, summaries, allowed)
+        logs = [one.log_probability(inputs, allowed)[0] for one in self.networks]
+        probability = np.mean([tempered(log, self.levels.temperature) for log in logs], axis=0)
+        said = decide(
+            candidates(probability, self.sets, self.alike),
+            none_limit=self.levels.none_limit,
+            least=self.levels.least_name,
+            alike=self.alike,
+        )
+        return Found(probability, residuals[0], summaries[0], said)
+
+
+def tempered(log_probability: Array, temperature: float) -> Array:
+    """Probabilities whose logarithms are divided by a temperature, shape (..., sets)."""
+    scaled = log_probability / temperature
+    out = np.exp(scaled - scaled.max(axis=-1, keepdims=True))
+    return np.asarray(out / out.sum(axis=-1, keepdims=True))
+
+
+def network_inputs(posterior: Posterior | _Scaled, summaries: Array, allowed: Bools) -> Array:
+    """Standardised summaries, those of excluded effects 0, and which effects are excluded."""
+    scaled = (summaries - posterior.centre) / posterior.scale
+    effect = posterior.summaries.effect
+    own = np.flatnonzero(effect >= 0)
+    scaled[:, own] *= allowed[:, effect[own]]
+    return np.concatenate([scaled, ~allowed], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """What network inputs need of a posterior."""
+
+    summaries: Summaries
+    centre: Array
+    scale: Array
+
+
+@one_blas_thread()
+def train(
+    seen: Observations,
+    campaigns: Campaigns,
+    library: Library,
+    trials: NDArray[np.int64],
+    *,
+    seed: int = 0,
+) -> Posterior:
+    """Train on simulated campaigns.
+
+    Args:
+        seen: the observed campaign, for what its tier measures and with which noise.
+        campaigns: simulated, of the same trials.
+        library: effects, in the order of the hypotheses.
+        trials: indices of those simulated.
+        seed: of everything random.
+    """
+    sets = Sets(tuple(library))
+    motion = seen.motion[trials]
+    overturned = campaigns.overturned
+    features = seen.noted(overturned, campaigns.peak_tilt, campaigns.features, seed)
+    plain = campaigns.gap_free
+    first = Standard.of(overturned, features, plain)
+    rng = np.random.default_rng([seed, 32])
+    copies = [(overturned, features)] + [
+        disturbed(overturned, features, first.probability, first.scatter, motion, rng)
+        for _ in range(TRAINING.copies)
+    ]
+    standard = Standard.of(
+        np.concatenate([one for one, _ in copies]),
+        np.concatenate([one for _, one in copies]),
+        np.concatenate([plain] * len(copies)),
+    )
+    residuals = [standard.residuals(*one) for one in copies]
+    fold = rng.permutation(len(campaigns)) % SUMMARY.folds
+    summaries, found = fit_summaries(residuals, campaigns, sets.names, fold, len(trials))
+    everything = np.concatenate(found)
+    scaled = _Scaled(summaries, everything.mean(axis=0), everything.std(axis=0) + 1e-6)
+    truth = _Truth.of(campaigns, sets, library)
+    networks, logs = _networks(scaled, found, truth, fold, seed)
+    levels = _levels(logs, truth)
+    _logger.info("trained on %d campaigns: %s", len(campaigns), levels)
+    disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
+    return Posterior(
+        sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,
+        fit_parameters(library, campaigns, residuals[1]),
+        truth.alike, disturbed_plain, len(campaigns),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Truth:
+    """What acts in each training campaign.
+
+    Attributes:
+        sets: hypotheses.
+        index: of the true set, shape (n,).
+        acting: shape (n, effects).
+        weight: of each campaign, so that kinds count as the prior has them, shape (n,).
+        alike: effects declared alike, shape (effects, effects).
+    """
+
+    sets: Sets
+    index: NDArray[np.int64]
+    acting: Bools
+    weight: Array
+    alike: Bools
+
+    @classmethod
+    def of(cls, campaigns: Campaigns, sets: Sets, library: Library) -> _Truth:
+        names = [[one.name for one in acting] for acting in campaigns.sets]
+        acting = np.array([np.isin(sets.names, own) for own in names]).reshape(len(names), -1)
+        index = np.array([sets.index(own) for own in names], dtype=np.int64)
+        count = acting.sum(axis=1)
+        shares = np.array([max(float((count == k).mean()), 1e-9) for k in range(3)])
+        wanted = np.array([TRAINING.none, TRAINING.one, TRAINING.two])
+        return cls(sets, index, acting, (wanted / shares)[count], declared_alike(library))
+
+    def without(self, rng: np.random.Generator, rows: NDArray[np.int64]) -> tuple[Bools, Bools]:
+        """Effects that the library has for each campaign, and whether it lacks the cause.
+
+        What is left out is an effect that acts, or one that does not, and each effect that is
+        declared alike with an even chance.
+        """
+        acting = self.acting[rows]
+        kind = rng.random(rows.size)
+        outside = (kind < TRAINING.left_out) & acting.any(axis=1)
+        decoy = (kind > 1 - TRAINING.decoy) & ~outside
+        among = np.where(outside[:, None], acting, ~acting)
+        left_out = (rng.random(acting.shape) * among).argmax(axis=1)
+        lacking = self.lacking(rng, left_out)
+        lacking &= np.where(outside[:, None], True, ~acting) & (outside | decoy)[:, None]
+        return ~lacking, outside
+
+    def lacking(self, rng: np.random.Generator, left_out: NDArray[np.int64]) -> Bools:
+        """Effects that are left out with one of each campaign, itself among them."""
+        mates = self.alike[left_out] & (rng.random((left_out.size, self.alike.shape[0])) < 0.5)
+        mates[np.arange(left_out.size), left_out] = True
+        return mates
+
+
+Logs = tuple[Array, Array, Array]
+"""Log probabilities of held-out campaigns: undisturbed, disturbed, and without their own effect."""
+
+
+def _networks(
+    scaled: _Scaled, found: Sequence[Array], truth: _Truth, fold: NDArray[np.int64], seed: int
+) -> tuple[tuple[Network, ...], Logs]:
+    """One network a fold, and what each makes of the campaigns that it did not see."""
+    count, effects = truth.acting.shape
+    everything = np.ones((count, effects), dtype=bool)
+    rng = np.random.default_rng([seed, 33])
+    lacking = _own_left_out(truth, rng)
+    out = tuple(np.zeros((count, len(truth.sets))) for _ in range(3))
+    networks = []
+    for k in range(SUMMARY.folds):
+        train_rows, held = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+
+        def batches(
+            draw: np.random.Generator, rows: NDArray[np.int64] = train_rows
+        ) -> tuple[Array, Bools, NDArray[np.int64], Array]:
+            chosen = draw.permutation(np.concatenate([rows] * TRAINING.passed))
+            copy = draw.integers(0, len(found), chosen.size)
+            summaries = np.stack(found)[copy, chosen]
+            allowed, outside = truth.without(draw, chosen)
+            index = np.where(outside, truth.sets.outside, truth.index[chosen])
+            share = outside.mean() / max(1 - outside.mean(), 1e-9)
+            odds = TRAINING.outside / (1 - TRAINING.outside) / max(share, 1e-9)
+            weight = np.where(outside, odds, 1.0) * truth.weight[chosen]
+            return network_inputs(scaled, summaries, allowed), allowed, index, weight
+
+        inputs = network_inputs(scaled, found[1][held], everything[held])
+        judged = (inputs, everything[held], truth.index[held], truth.weight[held])
+        network = train_network(truth.sets, batches, judged, seed * 101 + k)
+        networks.append(network)
+        for target, summaries, allowed in zip(
+            out, (found[0], found[-1], found[-1]), (everything, everything, lacking), strict=True
+        ):
+            own = network_inputs(scaled, summaries[held], allowed[held])
+            target[held] = network.log_probability(own, allowed[held])
+    return tuple(networks), (out[0], out[1], out[2])
+
+
+def _own_left_out(truth: _Truth, rng: np.random.Generator) -> Bools:
+    """Effects of a library that lacks one that acts, shape (n, effects)."""
+    pick = (rng.random(truth.acting.shape) * truth.acting).argmax(axis=1)
+    plain: Bools = np.asarray(~truth.acting.any(axis=1))
+    return ~truth.lacking(rng, pick) | plain[:, None]
+
+
+def _levels(logs: Logs, truth: _Truth) -> Levels:
+    """Temperature, and the limits of the rule, from campaigns that no network saw."""
+    from scipy.optimize import minimize_scalar
+
+    acting = truth.acting.any(axis=1)
+    outside = np.full(int(acting.sum()), truth.sets.outside)
+    stranger = truth.weight[acting] * TRAINING.outside / (1 - TRAINING.outside)
+    stranger *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
+    log = np.concatenate([logs[1], logs[2][acting]])
+    index = np.concatenate([truth.index, outside])
+    weight = np.concatenate([truth.weight, stranger])
+    rows = np.arange(index.size)
+
+    def score(log_temperature: float) -> float:
+        p = tempered(log, float(np.exp(log_temperature)))[rows, index]
+        return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
+
+    temperature = float(np.exp(minimize_scalar(score, bounds=(-0.7, 1.5), method="bounded").x))
+    probability = tempered(log, temperature)
+    plain = probability[: len(truth.index)][~acting, 0]
+    none_limit = float(np.quantile(plain, TRAINING.false_alarms)) if plain.size else 0.5
+    found = [candidates(p, truth.sets, truth.alike) for p in probability]
+    owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
+        acting.sum()
+    )
+    for least in TRAINING.names:
+        said = [decide(f, none_limit=none_limit, least=least, alike=truth.alike) for f in found]
+        named = np.array([bool(s.effects) and s.kind != "unresolved" for s in said])
+        wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
+        share = float((weight * wrong).sum() / max((weight * named).sum(), 1e-9))
+        if share <= TRAINING.wrong:
+            break
+    return Levels(
+        temperature=temperature,
+        none_limit=none_limit,
+        least_name=least,
+        set_level=_set_level(probability, index, weight, truth.sets),
+        wrong=share,
+        named=float((weight * named).sum() / weight.sum()),
+        detection_rate=float(
+            np.mean([s.kind == "unknown" for s in said[len(truth.index) :]]) if acting.any() else 0
+        ),
+    )
+
+
+def label_probability(probability: Array, sets: Sets) -> Array:
+    """Of none, every effect (a pair's halved) and outside, shape (..., effects + 2)."""
+    shares = sets.shares(probability)
+    return np.concatenate([probability[..., :1], shares, probability[..., -1:]], axis=-1)
+
+
+def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
+    """Probability down to which sets of labels must reach to hold nine of ten truths.
+
+    Conformal: of each held-out campaign, the probability held by the labels before the true one (Y.
+    Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage", 2020; there the
+    true one counts in part, by chance). Of a pair, before the second of its two.
+    """
+    labels = label_probability(probability, sets)
+    order = np.argsort(-labels, axis=1, kind="stable")
+    ordered = np.take_along_axis(labels, order, axis=1)
+    before = np.cumsum(ordered, axis=1) - ordered
+    rank = np.argsort(order, axis=1)
+    count = len(sets.names)
+    true = np.zeros((len(index), count + 2), dtype=bool)
+    true[:, 1:-1] = sets.members[index]
+    true[index == 0, 0] = True
+    true[index == sets.outside, -1] = True
+    last = np.where(true, rank, -1).max(axis=1)
+    score = before[np.arange(len(index)), last]
+    sequence = np.argsort(score)
+    total = np.cumsum(weight[sequence]) / weight.sum()
+    return float(score[sequence][np.searchsorted(total, TRAINING.coverage)])
+
+
+def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:
+    """Labels of the 90 % set, most probable first: 0 none, 1 to n effects, n + 1 outside."""
+    labels = label_probability(probability, sets)
+    order = np.argsort(-labels, kind="stable")
+    before = np.cumsum(labels[order]) - labels[order]
+    return tuple(int(i) for i in order[before <= level + 1e-12])

@@ -1,0 +1,185 @@
+"""A look at each effect: from which size on a campaign shows it.
+
+A prior's end is a matter of what is conceivable, not of what a campaign shows: a table that pitches
+by a fiftieth of its prior's end is plain to see. Campaigns are therefore simulated at sizes that
+are drawn in detection limits, and each effect's limit is found first, on a few trials.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.observed.observations import OBSERVED
+from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
+from vsr2.diagnosis.simulated.library import (
+    Library,
+    Side,
+    free_parameters,
+    primary_parameters,
+    sides,
+    values_at,
+)
+from vsr2.diagnosis.simulated.linear_algebra import ridge
+from vsr2.diagnosis.simulated.simulator import Request, Responses
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LookConstants:
+    """How effects are tried; chosen by hand.
+
+    Attributes:
+        shares: of the range on one side of the null at which an effect is tried.
+        trials: on which effects are tried at most.
+        fewest: such trials, however small the budget.
+        plain: draws of nuisances without effect, from which the scatter of each trial is taken, at
+            most.
+        fewest_plain: such draws, however small the budget.
+        draws: of nuisances that the trials take in turn, twice as many in all.
+        signal: of a campaign at the detection limit: standard deviations of what nuisances and
+            chance leave, over all trials.
+        most: standard deviations that one trial counts for at most.
+        least_scatter: of a trial, over the median of all.
+        moved: largest tilt above which a trial is one that responds [rad].
+        jump: signal over that at the limit, at the smallest share, from which an effect jumps.
+    """
+
+    shares: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625, 0.00390625, 0.0009765625)
+    trials: int = 40
+    fewest: int = 12
+    plain: int = 48
+    fewest_plain: int = 24
+    draws: int = 8
+    signal: float = 3.0
+    most: float = 3.0
+    least_scatter: float = 0.3
+    moved: float = 0.01
+    jump: float = 1.0
+
+
+LOOK = LookConstants()
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Of one side of an effect's null.
+
+    Attributes:
+        share: of the range at which the campaign shows the effect; above 1: not within the range.
+        jumps: whether responses jump beside the null.
+    """
+
+    share: float
+    jumps: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What the look found.
+
+    Attributes:
+        limits: by effect and side.
+        responding: indices of the trials that lift off in some draw, rising.
+    """
+
+    limits: Mapping[tuple[str, Side], Limit]
+    responding: NDArray[np.int64]
+
+
+def tries(library: Library) -> int:
+    """Simulations under effects of each trial on which they are tried."""
+    return 2 * len(LOOK.shares) * sum(len(sides(effect)) for effect in library.values())
+
+
+def look(
+    cache: SimulationCache,
+    trials: int,
+    *,
+    most: int = LOOK.trials,
+    plain: int = LOOK.plain,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Look:
+    """Try every effect at a few sizes.
+
+    The response is the logarithm of the largest tilt, 1 rad for a rock that overturns, whatever the
+    tier, so that all tiers share their simulations. Each trial is tried under two draws of
+    nuisances, and the signal is that of the product of the two changes: chance has no part in it.
+    Its metric is the covariance that nuisances leave, by linear regression on them.
+
+    Args:
+        cache: of simulations.
+        trials: of the campaign.
+        most: trials on which effects are tried.
+        plain: draws of nuisances without effect.
+        seed: of the secondary parameters.
+        progress: called with simulations done and all.
+    """
+    library, simulator = cache.simulator.library, cache.simulator
+    requests = [Request(i, (), m, 1) for m in range(1, plain + 1) for i in range(trials)]
+    bare = _severity(cache.run(requests)).reshape(plain, trials)
+    responding = np.flatnonzero(np.nanmax(bare, axis=0) > np.log(LOOK.moved))
+    chosen = responding if responding.size else np.arange(trials)
+    chosen = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).astype(int)]
+    ladders = [(name, side) for name, effect in library.items() for side in sides(effect)]
+    rng = np.random.default_rng([seed, 21])
+    requests = []
+    for name, side in ladders:
+        effect = library[name]
+        count = len(primary_parameters(effect))
+        for share in LOOK.shares:
+            for i, trial in enumerate(chosen):
+                secondary = rng.random(len(free_parameters(effect)) - count).tolist()
+                acting = ((name, values_at(effect, side, [share] * count, secondary)),)
+                requests += [Request(int(trial), acting, m, 1) for m in _draws(i)]
+    found = _severity(cache.run(requests, progress=progress))
+    scatter = np.nanstd(bare[:, chosen], axis=0)
+    scatter = np.maximum(scatter, max(LOOK.least_scatter * float(np.median(scatter)), 1e-3))
+    own = np.array([[bare[m - 1, t] for m in _draws(i)] for i, t in enumerate(chosen)])
+    moved = found.reshape(len(ladders), len(LOOK.shares), chosen.size, 2)
+    change = np.nan_to_num((moved - own) / scatter[:, None])
+    change = np.clip(change, -LOOK.most, LOOK.most)
+    nuisances = np.stack([simulator.nuisance_draw(m) for m in range(1, plain + 1)])
+    known = np.nan_to_num((bare[:, chosen] - np.nanmean(bare[:, chosen], axis=0)) / scatter)
+    response = ridge(nuisances, known, 1.0)
+    metric = np.linalg.inv(np.eye(chosen.size) + response.T @ response)
+    signal = np.einsum("lsi,ij,lsj->ls", change[..., 0], metric, change[..., 1])
+    signal *= max(responding.size, 1) / chosen.size
+    return Look(
+        {ladder: _limit(row) for ladder, row in zip(ladders, signal, strict=True)}, responding
+    )
+
+
+def _draws(i: int) -> tuple[int, int]:
+    """The two draws of nuisances of the i-th trial."""
+    return 1 + i % LOOK.draws, 1 + LOOK.draws + i % LOOK.draws
+
+
+def _severity(found: Responses) -> Array:
+    """Logarithm of the largest tilt [rad], 1 rad for a rock that overturned."""
+    tilt = np.where(found.overturned > 0.5, 1.0, np.clip(found.peak_tilt, OBSERVED.least_tilt, 1.0))
+    return np.where(np.isfinite(found.overturned), np.log(tilt), np.nan)
+
+
+def _limit(squared: Array) -> Limit:
+    """Share at which the signal reaches the limit, by interpolation of logarithms.
+
+    Args:
+        squared: signals at `LOOK.shares`, squared.
+    """
+    rising = np.maximum.accumulate(np.maximum(squared[::-1], 1e-6))
+    shares, wanted = np.log(LOOK.shares[::-1]), LOOK.signal**2
+    jumps = bool(rising[0] > LOOK.jump**2 * wanted)
+    if rising[-1] < wanted:
+        return Limit(float(np.sqrt(wanted / rising[-1])), jumps)
+    k = int(np.argmax(rising >= wanted))
+    if k == 0:
+        return Limit(float(np.exp(shares[0])), jumps)
+    low, high = np.log(max(rising[k - 1], 1e-2 * wanted)), np.log(rising[k])
+    part = (np.log(wanted) - low) / max(high - low, 1e-9)
+    return Limit(float(np.exp(shares[k - 1] + part * (shares[k] - shares[k - 1]))), jumps)

@@ -1,0 +1,260 @@
+"""The form of `diagnosis.json`, from which its JSON Schema is generated."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
+
+from vsr2.campaign import Tier
+from vsr2.diagnosis.verdict.document import SCHEMA
+from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
+from vsr2.diagnosis.verdict.statements import (
+    NAMES,
+    BudgetState,
+    Code,
+    GapState,
+    LimitCode,
+    ReasonCode,
+    VerdictKind,
+)
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+Ends = tuple[float | None, float | None]
+_VALUES: dict[type, dict[str, Any]] = {
+    float: {"type": ["number", "null"]},
+    int: {"type": "integer"},
+    str: {"type": "string"},
+    NAMES: {"type": "array", "items": {"type": "string"}},
+}
+
+
+def _statements(codes: type[Code]) -> dict[str, Any]:
+    """Of a list of statements: each code with its values, and a sentence where one was added."""
+    one_of = []
+    for code in codes:
+        values = {name: _VALUES[kind] for name, kind in code.types.items()}
+        properties = {
+            "code": {"const": str(code)},
+            "values": _closed(values, list(values)),
+            "text": {"type": "string"},
+        }
+        one_of.append(_closed(properties, ["code", "values"]))
+    return {"type": "array", "items": {"oneOf": one_of}}
+
+
+def _closed(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": False,
+    }
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _Campaign(_Part):
+    name: str
+    trials: Count
+    tier: Tier
+    motions: Count
+    sessions: Count
+    responding_trials: Count
+
+
+class _Estimate(_Part):
+    """With its 95 % interval; null: there is none."""
+
+    value: float | None
+    ci95: Ends | None
+
+
+class _Layers(_Part):
+    """Shares of outcomes that change although nothing of substance does."""
+
+    numerical: Share | None
+    time_step: Share | None
+    solver: Share | None
+    input: Share | None
+    nuisance: Share | None
+    physical: Share | None
+    physical_expected: Share | None
+    trials: Count
+    repeats: Count
+
+
+class _Gap(_Part):
+    """Losses a trial [nat], and what they say together."""
+
+    state: GapState
+    effects: list[str]
+    before: _Estimate
+    after: _Estimate
+    floor: _Estimate
+    excess: _Estimate
+    excess_after: _Estimate
+    gain: _Estimate
+    closure: _Estimate
+    headline: _Estimate
+    layers: _Layers
+
+
+class _Location(_Part):
+    """A location that was scanned; `trials` of those that stand out alone."""
+
+    location: str
+    axis: Literal["conditions", "order", "session", "specimen"]
+    feature: str
+    channel: str
+    phase: str
+    effect_size: float
+    p_familywise: Share
+    concentration: float
+    trials: list[str] | None
+
+
+class _Verdict(_Part):
+    kind: VerdictKind
+    effects: list[str]
+    probability: Share
+    reasons: Annotated[list[Any], WithJsonSchema(_statements(ReasonCode))]
+    text: str = ""
+
+
+class _Parameter(_Part):
+    """Given that the effect acts; null: infinite."""
+
+    mean: float | None
+    median: float | None
+    ci90: Ends
+    ci95: Ends
+    unit: str
+
+
+class _Effect(_Part):
+    """`probability` sums to 1 with none and unknown; `acts` counts every set that holds it."""
+
+    name: str
+    probability: Share
+    acts: Share
+    parameters: dict[str, _Parameter]
+
+
+class _Set(_Part):
+    effects: list[str]
+    probability: Share
+
+
+class _Unknown(_Part):
+    probability: Share
+    detection_rate: Share
+
+
+class _Control(_Part):
+    closure: _Estimate
+    loss: _Estimate
+
+
+class _Controls(_Part):
+    recalibrated: _Control
+    dealt: _Control
+
+
+class _Posterior(_Part):
+    """What calibration on held-out campaigns set."""
+
+    temperature: float
+    none_limit: Share
+    least_name: Share
+    set_level: Share
+    wrong: Share
+    named: Share
+    detection_rate: Share
+    campaigns: Count
+
+
+class _Repetition(_Part):
+    trial: str
+    information_per_repeat: float
+    repeats: Count | None
+
+
+class _Rival(_Part):
+    name: str
+    instrument: Instrument
+    repetition: _Repetition
+
+
+class _OutOfLibrary(_Part):
+    trial: str
+    tier: Tier
+    location: str | None
+
+
+class _Measurement(_Part):
+    kind: MeasurementKind
+    splits: list[str]
+    instruments: list[Instrument]
+    repetition: _Repetition | None
+    others: list[_Rival]
+    out_of_library: _OutOfLibrary | None
+    text: str = ""
+
+
+class _Budget(_Part):
+    state: BudgetState
+    simulations: Count
+    allowed: Count
+    cost_s: float
+    simulated: Count
+    reused: Count
+    campaigns: Count
+
+
+class _Provenance(_Part):
+    """Versions, budget, constants and whatever else a simulator notes."""
+
+    model_config = ConfigDict(extra="allow")
+
+    versions: dict[str, str]
+    budget: _Budget
+    detection_limits: dict[str, float]
+    constants: dict[str, dict[str, Any]]
+    excluded: list[str]
+    nuisances: list[str]
+    simulator: str
+    seed: Count
+    wall_time_s: float
+
+
+class _Diagnosis(_Part):
+    """Diagnosis of the sim-to-real gap."""
+
+    form: Literal["vsr2.diagnosis/3"] = Field(alias="schema")
+    campaign: _Campaign
+    gap: _Gap
+    where: list[_Location]
+    verdict: _Verdict
+    effects: list[_Effect]
+    sets: list[_Set]
+    none_probability: Share
+    unknown: _Unknown
+    conformal_set_90: list[str]
+    negative_control: _Controls
+    posterior: _Posterior
+    next_measurement: _Measurement | None
+    limits: Annotated[list[Any], WithJsonSchema(_statements(LimitCode))]
+    provenance: _Provenance
+
+
+def schema() -> dict[str, Any]:
+    """The JSON Schema of `diagnosis.json`."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": SCHEMA,
+        **_Diagnosis.model_json_schema(),
+    }

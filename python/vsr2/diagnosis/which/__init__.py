@@ -1,1 +1,0 @@
-"""WHICH effect causes it: both routes together, calibrated, and what is unknown."""

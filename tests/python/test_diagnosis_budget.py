@@ -1,0 +1,149 @@
+"""The budget: how many campaigns are simulated, whatever it is counted in."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis import Budget, Execution
+from vsr2.diagnosis import budget as module
+from vsr2.diagnosis import diagnose as api
+from vsr2.diagnosis.budget import SCHEDULE, Schedule
+from vsr2.diagnosis.how_far.held_out import simulations
+from vsr2.diagnosis.noise_floor import NOISE_FLOOR
+from vsr2.diagnosis.simulated.look import LOOK, tries
+from vsr2.errors import DiagnosisError
+
+COST = 0.01
+"""Of a simulation [s]."""
+TRIALS = 60
+
+
+class Clock:
+    """Time passes by simulating and by training; nothing else takes any."""
+
+    def __init__(self, budget, monkeypatch, training=0.0, trials=TRIALS):
+        self.now, self.trials, self.training = 1000.0, trials, training
+        self.cache = SimpleNamespace(cost=COST, asked=0)
+        monkeypatch.setattr(module.time, "monotonic", lambda: self.now)
+        self.schedule = Schedule(budget, self.cache, trials, PLANAR_LIBRARY, self.now)
+        self.done = 0
+        self.first = None
+
+    def simulate(self, count):
+        self.cache.asked += count
+        self.now += COST * count
+
+    def train(self, campaigns):
+        self.now += self.training * campaigns
+        self.schedule.trained(campaigns, self.training * campaigns)
+
+    def run(self):
+        """A diagnosis from look to judgement."""
+        self.simulate(self.schedule.plain * self.trials)
+        self.simulate(tries(PLANAR_LIBRARY) * self.schedule.look_trials)
+        while count := self.schedule.next_campaigns(self.done, self.trials):
+            assert count > 0
+            self.simulate(count * self.trials)
+            self.done += count
+            if self.first is None and self.schedule.first_answer(self.done):
+                self.train(self.done)
+                self.first = self.now - 1000.0
+        self.train(self.done)
+        runs = NOISE_FLOOR.runs * min(self.trials, NOISE_FLOOR.most_trials)
+        self.simulate(simulations(self.trials) + runs)
+        return self.now - 1000.0
+
+
+@pytest.mark.parametrize("minutes", [10.0, 30.0])
+@pytest.mark.parametrize("training", [0.0, 0.02, 0.3])
+def test_minutes_bound_everything_judging_included(monkeypatch, minutes, training) -> None:
+    clock = Clock(Budget(minutes=minutes), monkeypatch, training)
+    spent = clock.run()
+    assert spent <= 60 * minutes
+    assert not clock.schedule.exceeded()
+    # And most of it is used.
+    assert spent > 0.9 * 60 * minutes
+    # A first answer after a tenth of it, and what a training of so many takes.
+    first = clock.first - 0.1 * 60 * minutes
+    least = COST * TRIALS * (SCHEDULE.fewest + LOOK.plain)
+    least += COST * tries(PLANAR_LIBRARY) * LOOK.fewest
+    assert clock.first <= 60 * minutes
+    assert first <= max(0.05 * 60 * minutes, least) + training * SCHEDULE.most
+
+
+def test_simulations_bound_what_is_asked_for(monkeypatch) -> None:
+    clock = Clock(Budget(simulations=50_000), monkeypatch)
+    clock.run()
+    assert 50_000 - SCHEDULE.chunk * TRIALS < clock.cache.asked <= 50_000
+    assert clock.first is not None
+    assert clock.schedule.allowed() == 50_000
+    assert not clock.schedule.exceeded()
+
+
+def test_campaigns_are_counted_whatever_they_cost(monkeypatch) -> None:
+    clock = Clock(Budget(minutes=0.001, campaigns=320), monkeypatch)
+    clock.run()
+    assert clock.done == 320
+    assert (clock.schedule.look_trials, clock.schedule.plain) == (LOOK.trials, LOOK.plain)
+    assert not clock.schedule.exceeded()
+
+
+def test_the_least_is_simulated_whatever_the_budget_and_no_more_than_the_most(monkeypatch) -> None:
+    clock = Clock(Budget(simulations=10), monkeypatch)
+    clock.run()
+    assert clock.done == SCHEDULE.fewest
+    assert (clock.schedule.look_trials, clock.schedule.plain) == (LOOK.fewest, LOOK.fewest_plain)
+    assert clock.schedule.exceeded()
+    ample = Clock(Budget(simulations=10**8), monkeypatch)
+    ample.run()
+    assert ample.done == SCHEDULE.most
+    assert ample.schedule.look_trials == LOOK.trials
+
+
+@pytest.mark.parametrize(
+    "budget", [Budget(minutes=5.0), Budget(simulations=40_000), Budget(campaigns=400)]
+)
+def test_progress_rises_to_all_and_what_is_left_falls(monkeypatch, budget) -> None:
+    clock = Clock(budget, monkeypatch)
+    shares, left = [], []
+    while count := clock.schedule.next_campaigns(clock.done, TRIALS):
+        clock.simulate(count * TRIALS)
+        clock.done += count
+        share, seconds = clock.schedule.progress(clock.done, TRIALS)
+        shares.append(share)
+        left.append(seconds)
+    assert (np.diff(shares) > 0).all()
+    assert 0 < shares[0] < 0.6
+    assert 0.75 < shares[-1] <= 1
+    assert (np.diff(left) < 0).all()
+    # What is left at the end is judging, and what time there is beside it.
+    assert left[-1] >= clock.schedule.judging_s(TRIALS) - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"minutes": 0.0}, "budget_minutes is 0.0; give a finite number of minutes above 0"),
+        ({"minutes": float("nan")}, "budget_minutes is nan"),
+        ({"simulations": 0}, "simulations is 0; give at least 1"),
+        ({"campaigns": 149}, "campaigns is 149; give at least 150"),
+    ],
+)
+def test_a_budget_that_cannot_be_is_refused(options, message) -> None:
+    with pytest.raises(DiagnosisError, match=message):
+        Budget(**options)
+
+
+@pytest.mark.parametrize("threads", [0, -3])
+def test_no_threads_are_refused(threads) -> None:
+    with pytest.raises(DiagnosisError, match=f"threads is {threads}; give at least 1"):
+        Execution(threads=threads)
+
+
+def test_a_seed_below_zero_is_refused() -> None:
+    with pytest.raises(DiagnosisError, match="seed is -1; give 0 or more"):
+        api("nowhere", "nothing", seed=-1)

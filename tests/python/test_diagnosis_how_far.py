@@ -1,0 +1,344 @@
+"""HOW FAR: losses of ensembles, before and after on held-out motions, controls, the noise floor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from diagnosis_samples import linear, linear_rehearsal, quick_training
+from planar.library import PLANAR_LIBRARY
+from planted import shaken_campaign
+from vsr2.diagnosis.how_far import held_out as module
+from vsr2.diagnosis.how_far.held_out import HELD_OUT, LOSSES, HowFar, judge, rows, simulations
+from vsr2.diagnosis.how_far.scores import (
+    Ensemble,
+    Interval,
+    by_kind,
+    feature_scores,
+    outcome_loss,
+    resampled_means,
+)
+from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
+from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.simulator import Responses
+
+# --- losses --------------------------------------------------------------------------------------
+
+
+def test_outcomes_are_judged_by_the_share_of_simulations() -> None:
+    simulated = Ensemble(np.array([[1, 0, 1], [1, 0, 0], [1, 0, np.nan]]), np.zeros((3, 3, 0)))
+    # (3 + 1/2) of 4, (0 + 1/2) of 4, (1 + 1/2) of 3.
+    np.testing.assert_allclose(simulated.probability, [3.5 / 4, 0.5 / 4, 1.5 / 3])
+    found = outcome_loss(simulated.probability, np.array([1, 1, np.nan]))
+    np.testing.assert_allclose(found, [-np.log(3.5 / 4), -np.log(0.5 / 4), 0.0])
+    assert len(simulated.take([0, 2])) == 2
+
+
+@pytest.mark.parametrize("members", [3, 24])
+def test_the_ensemble_s_score_is_that_of_its_distribution(members) -> None:
+    """CRPS of a standard normal at 0.5 is 0.3314 whatever the number of members, on average."""
+    x = np.random.default_rng(1).standard_normal((members, 40_000, 1))
+    score = feature_scores(x, np.full((40_000, 1), 0.5))
+    # phi(0.5) = 0.3521, Phi(0.5) = 0.6915: 0.5 (2 Phi - 1) + 2 phi - 1 / sqrt(pi).
+    assert score.mean() == pytest.approx(0.3314, abs=4 * score.std() / 200)
+
+
+def test_a_feature_needs_two_simulations_and_an_observation() -> None:
+    x = np.array([[1.0, 1.0, 1.0], [np.nan, 2.0, 2.0], [np.nan, np.nan, 3.0]])[..., None]
+    score = feature_scores(x, np.array([[1.0], [1.0], [np.nan]]))
+    assert np.isnan(score[[0, 2], 0]).all()
+    # Members 1 and 2 about 1: a mean distance of 1/2, less half the mean distance of two.
+    assert score[1, 0] == pytest.approx(0.5 - 0.5)
+    three = feature_scores(np.array([[0.0], [1.0], [5.0]])[:, None], np.array([[2.0]]))
+    # (2 + 1 + 3) / 3 less half the mean distance of pairs, (1 + 5 + 4) / 3.
+    assert three[0, 0] == pytest.approx(2 - 5 / 3)
+
+
+def test_the_tilt_counts_once_and_what_the_series_tells_by_its_mean() -> None:
+    scores = np.array([[1.0, 2.0, np.nan, 4.0], [np.nan, 3.0, 3.0, 3.0]])
+    np.testing.assert_allclose(by_kind(scores), [1 + 6 / 3, 3.0])
+    np.testing.assert_allclose(by_kind(scores[:, :1]), [1.0, 0.0])
+    np.testing.assert_array_equal(by_kind(np.zeros((2, 0))), 0.0)
+
+
+def test_means_are_resampled_by_complete_motions() -> None:
+    motion = np.array([0, 0, 0, 1, 1])
+    draws = resampled_means(np.array([[1.0, 1, 1, 0, 0]]), motion, replicates=4000)[:, 0]
+    # Both motions, or one of them twice: 3/5, 1 or 0 in half, a quarter and a quarter.
+    values, counts = np.unique(np.round(draws, 9), return_counts=True)
+    np.testing.assert_allclose(values, [0.0, 0.6, 1.0])
+    np.testing.assert_allclose(counts / 4000, [0.25, 0.5, 0.25], atol=0.03)
+
+
+# --- what is made of losses ----------------------------------------------------------------------
+
+
+def losses_of(names=("wear",), **given):
+    values = {name: np.array(given[name], dtype=float) for name in LOSSES}
+    count = values["before"].size
+    blank = np.full(count, 0.5)
+    return HowFar(values, blank, blank, np.arange(count) % 2, names)
+
+
+GIVEN = {
+    "before": [1.0, 1.0, 1.0, 1.0],
+    "after": [0.2, 0.6, 0.2, 0.6],
+    "recalibrated": [0.8] * 4,
+    "dealt": [1.1] * 4,
+    "floor": [0.1] * 4,
+}
+
+
+def test_closure_s_interval_is_over_motions() -> None:
+    """A quarter of the resamples of two motions holds either one twice."""
+    found = losses_of(**GIVEN)
+    closure = found.closure("after")
+    assert closure.value == pytest.approx(0.6 / 0.9)
+    assert (closure.low, closure.high) == pytest.approx((0.4 / 0.9, 0.8 / 0.9))
+    assert found.closure("recalibrated").value == pytest.approx(0.2 / 0.9)
+    assert found.closure("dealt").value == pytest.approx(-0.1 / 0.9)
+    assert found.gain() == Interval(*(pytest.approx(v) for v in (0.6, 0.4, 0.8)))
+    assert found.excess("after") == Interval(*(pytest.approx(v) for v in (0.3, 0.1, 0.5)))
+    assert found.mean("floor").to_json() == {"value": pytest.approx(0.1), "ci95": [0.1, 0.1]}
+
+
+@pytest.mark.parametrize(
+    ("controls", "spared"),
+    [
+        ({}, 0.2),
+        ({"dealt": [0.5] * 4}, 0.5),
+        # Controls that make it worse add nothing.
+        ({"dealt": [1.2] * 4, "recalibrated": [1.4] * 4}, 0.0),
+    ],
+)
+def test_the_headline_is_closure_minus_the_better_control_s(controls, spared) -> None:
+    headline = losses_of(**(GIVEN | controls)).headline()
+    assert headline.value == pytest.approx((0.6 - spared) / 0.9)
+    assert headline.low == pytest.approx((0.4 - spared) / 0.9)
+
+
+def test_there_is_no_closure_where_there_is_no_gap() -> None:
+    calm = losses_of(**(GIVEN | {"floor": [1.0] * 4}))
+    for found in (calm.closure("after"), calm.headline()):
+        assert found.to_json() == {"value": None, "ci95": None}
+    nothing = losses_of((), **(GIVEN | {n: [np.nan] * 4 for n in ("after", "dealt")}))
+    assert nothing.headline().to_json()["value"] is None
+    assert nothing.closure("after").to_json()["value"] is None
+    assert nothing.excess("before").value == pytest.approx(0.9)
+
+
+# --- trials simulated again ----------------------------------------------------------------------
+
+
+class Judged:
+    """A linear simulator, a trained posterior, and campaigns planted by another seed."""
+
+    def __init__(self):
+        self.rehearsal = linear_rehearsal(400)
+        self.posterior = self.rehearsal.posterior("M")
+        self.truth = linear(seed=1000)
+
+    def seen(self, *effects, nuisance=3):
+        return self.rehearsal.observed(self.truth, effects, tier="M", nuisance=nuisance)
+
+    def judge(self, seen, *names, store=None):
+        found = self.rehearsal.infer(seen)
+        return judge(
+            store or self.rehearsal.cache, seen, self.rehearsal.trials, self.posterior,
+            found.residuals, names,
+        )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def judged():
+    with quick_training():
+        yield Judged()
+
+
+def test_a_gap_free_campaign_loses_the_floor(judged) -> None:
+    excess, floor = [], []
+    for nuisance in range(1, 21):
+        found = judged.judge(judged.seen(nuisance=nuisance))
+        assert np.isnan(found.after).all()
+        assert np.isfinite(found.before).all()
+        excess.append(found.excess("before").value)
+        floor.append(found.mean("floor").value)
+    assert np.mean(floor) > 0.05
+    # Campaigns share the nuisance: the error is that of twenty.
+    assert np.mean(excess) == pytest.approx(0, abs=3.5 * np.std(excess) / np.sqrt(20))
+    assert np.std(excess) < 0.5 * np.mean(floor)
+
+
+STRONG = ("wear", (0.12,))
+
+
+def test_the_true_effect_closes_the_gap_and_its_response_dealt_to_others_does_not(judged) -> None:
+    closure, dealt, wrong, scaled = [], [], [], []
+    for nuisance in (3, 4, 5):
+        seen = judged.seen(STRONG, nuisance=nuisance)
+        found = judged.judge(seen, "wear")
+        closure.append(found.closure("after").value)
+        dealt.append(found.closure("dealt").value)
+        scaled.append(found.closure("recalibrated").value)
+        assert found.headline().low > 0
+        assert found.headline().value <= found.closure("after").value + 1e-12
+        wrong.append(judged.judge(seen, "inertia").closure("after").value)
+    # Parameters are those of other motions, nuisances fresh, and sizes known to a factor or so.
+    assert np.mean(closure) > 0.55
+    assert np.mean(dealt) < 0.25
+    assert np.mean(scaled) < 0.4
+    assert np.mean(wrong) < 0.3
+
+
+def test_a_group_s_own_trials_have_no_part_in_the_parameters_it_is_judged_with(
+    judged, monkeypatch
+) -> None:
+    calls, requests = [], []
+    draw = module._drawn_effects
+
+    def noting(posterior, residuals, known, names, seed):
+        effects = draw(posterior, residuals, known, names, seed)
+        blank = np.where(np.tile(known, residuals.size // known.size), residuals, 9.9)
+        assert draw(posterior, blank, known, names, seed) == effects
+        other = np.where(np.tile(known, residuals.size // known.size), -residuals, residuals)
+        assert draw(posterior, other, known, names, seed) != effects
+        calls.append((known, effects))
+        return effects
+
+    class Noting(SimulationCache):
+        def run(self, wanted, **options):
+            requests.extend(wanted)
+            return super().run(wanted, **options)
+
+    monkeypatch.setattr(module, "_drawn_effects", noting)
+    seen = judged.seen(STRONG)
+    with Noting(linear()) as store:
+        judged.judge(seen, "wear", store=store)
+    kept = judged.rehearsal.trials
+    motion = seen.motion[kept]
+    assert len(calls) == HELD_OUT.groups
+    np.testing.assert_array_equal(np.sum([~known for known, _ in calls], axis=0), 1)
+    later = [r for r in requests if r.replicate == HELD_OUT.replicate]
+    assert len(later) == simulations(kept.size) == HELD_OUT.members * kept.size
+    for known, effects in calls:
+        # Complete motions are held out.
+        assert not set(motion[known]) & set(motion[~known])
+        for trial in kept[~known]:
+            own = [r for r in later if r.trial == trial]
+            assert [r.effects for r in own] == effects
+            draws = [r.nuisance for r in own]
+            assert draws == list(range(HELD_OUT.nuisances, HELD_OUT.nuisances + HELD_OUT.members))
+
+
+def test_a_group_is_rescaled_by_the_others_alone() -> None:
+    rng = np.random.default_rng(0)
+    group = np.repeat(np.arange(4), 50)
+    p = rng.uniform(0.05, 0.95, 200)
+    # Odds that are three times as high, and logits that are half as steep.
+    from scipy.special import expit, logit
+
+    outcome = (rng.random(200) < expit(np.log(3) + 0.5 * logit(p))).astype(float)
+    found = module._recalibrated(p, outcome, group)
+    flipped = np.where(group == 1, 1 - outcome, outcome)
+    again = module._recalibrated(p, flipped, group)
+    np.testing.assert_array_equal(again[group == 1], found[group == 1])
+    assert np.abs(again - found)[group != 1].mean() > 0.02
+    line = np.polyfit(logit(p[group == 2]), logit(found[group == 2]), 1)
+    assert line == pytest.approx([0.5, np.log(3)], abs=0.45)
+    unknown = np.where(np.arange(200) % 2, outcome, np.nan)
+    assert np.isfinite(module._recalibrated(p, unknown, group)).all()
+
+
+def test_a_pair_is_simulated_with_both_effects(judged) -> None:
+    effects = (("wear", (0.1,)), ("table_gain", (0.1,)))
+    seen = judged.seen(*effects[::-1])
+    both = judged.judge(seen, "table_gain", "wear")
+    one = judged.judge(seen, "wear")
+    assert both.names == ("table_gain", "wear")
+    assert both.mean("after").value < one.mean("after").value < one.mean("before").value
+    assert both.closure("after").value > 0.7
+
+
+def test_rows_are_those_of_all_trials(judged) -> None:
+    seen = judged.seen(STRONG)
+    found = judged.judge(seen, "wear")
+    kept = judged.rehearsal.trials
+    part = replace(
+        found,
+        losses={name: values[1:] for name, values in found.losses.items()},
+        before=found.before[1:], after=found.after[1:], motion=found.motion[1:],
+    )  # fmt: skip
+    table = rows(part, seen, kept[1:])
+    assert [row["trial"] for row in table] == [t.trial for t in seen.campaign.trials]
+    assert [row["uncertain"] for row in table] == [int(i in kept[1:]) for i in range(len(seen))]
+    i = int(kept[5])
+    assert table[i]["after"] == found.after[5]
+    assert table[i]["loss_before"] == found.losses["before"][5]
+    assert table[i]["floor"] == found.losses["floor"][5]
+    assert table[i]["overturned"] == seen.overturned[i]
+    assert np.isnan(table[int(kept[0])]["before"])
+
+
+# --- the noise floor -----------------------------------------------------------------------------
+
+
+class Jittery:
+    """Trials 0 to 9 of forty fall if perturbed, 10 to 14 with other placement, all by nuisances."""
+
+    library = PLANAR_LIBRARY
+    identity = "jittery"
+    variants = ()
+    nuisance_names = ("a",)
+
+    def nuisance_draw(self, index):
+        return np.array([0.1 * index])
+
+    def run(self, requests):
+        down = [
+            r.nuisance > 0
+            or (r.trial < 10 if r.replicate < 0 else r.replicate > 0 and 10 <= r.trial < 15)
+            for r in requests
+        ]
+        return Responses(np.array(down, dtype=float), np.zeros(len(down)), None)
+
+
+def standing(**changes):
+    campaign = shaken_campaign(10, 4, duration=1.5)
+    trials = [replace(t, overturned=False) for t in campaign.trials]
+    for i, change in changes.items():
+        trials[int(i[1:])] = replace(trials[int(i[1:])], **change(trials))
+    return observe_campaign(replace(campaign, trials=tuple(trials)), "B")
+
+
+def test_the_noise_floor_s_layers_are_kept_apart() -> None:
+    with SimulationCache(Jittery()) as store:
+        layers = noise_floor(store, standing(), np.arange(40), np.full(40, 0.5))
+        assert store.asked == (1 + 3 * NOISE_FLOOR.replicates) * 40
+    assert (layers["numerical"], layers["input"], layers["nuisance"]) == (0.25, 0.125, 1.0)
+    assert layers["time_step"] is layers["solver"] is None
+    assert layers["trials"] == 40
+    assert layers["physical"] is layers["physical_expected"] is None
+    # The most uncertain ones first: nearest to one in two.
+    odds = np.where(np.arange(40) < 20, 0.5, 0.01)
+    with SimulationCache(Jittery()) as store:
+        few = noise_floor(store, standing(), np.arange(40), odds, most=20)
+    assert (few["trials"], few["numerical"], few["input"]) == (20, 0.5, 0.25)
+
+
+def test_repeats_are_expected_to_differ_as_often_as_gap_free_campaigns_say() -> None:
+    def again(of):
+        return lambda trials: {
+            "motion_file": trials[of].motion_file, "motion": trials[of].motion, "overturned": True,
+        }  # fmt: skip
+
+    seen = standing(t20=again(2), t30=again(5))
+    trials = np.array([i for i in range(40) if i != 5])
+    probability = np.where(trials == 2, 0.3, 0.01)
+    with SimulationCache(Jittery()) as store:
+        layers = noise_floor(store, seen, trials, probability)
+    assert (layers["repeats"], layers["physical"]) == (2, 1.0)
+    # Of trial 2 one in 0.42, of trial 5, which never lifts off, none.
+    assert layers["physical_expected"] == pytest.approx(0.21)

@@ -1,0 +1,587 @@
+"""Parts of the learned posterior: sets, network, summaries, discrepancy, parameters, naming."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planar.library import PLANAR_LIBRARY
+from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY, disturbed
+from vsr2.diagnosis.posterior.naming import NAMING, Naming, candidates, decide, is_wrong
+from vsr2.diagnosis.posterior.network import NETWORK, Network, log_score, train_network
+from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
+from vsr2.diagnosis.posterior.sets import Sets, are_alike, classes, declared_alike
+from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, fit_summaries, targets
+from vsr2.diagnosis.posterior.training import label_probability
+from vsr2.diagnosis.simulated.campaigns import Acting, Campaigns
+from vsr2.diagnosis.simulated.linear_algebra import ridge
+from vsr2.diagnosis.verdict.statements import VerdictKind
+from vsr2.effects import library as full_library
+
+SETS = Sets(("a", "b", "c", "d"))
+DISTINCT = np.eye(4, dtype=bool)
+
+
+def campaigns_of(sets, nuisances=None, trials=1):
+    """Campaigns of which only what acts in them matters."""
+    blank = np.zeros((len(sets), trials))
+    drawn = np.zeros((len(sets), 1)) if nuisances is None else nuisances
+    return Campaigns(tuple(sets), drawn, blank, blank, None)
+
+
+# --- sets ----------------------------------------------------------------------------------------
+
+
+def test_sets_are_none_every_effect_every_pair_and_outside() -> None:
+    assert len(SETS) == len(SETS.members) == 12
+    wanted = [
+        (),
+        *((name,) for name in SETS.names),
+        *itertools.combinations(SETS.names, 2),
+        (),
+    ]
+    named = [tuple(np.array(SETS.names)[row]) for row in SETS.members]
+    assert named == wanted
+    assert [SETS.index(names) for names in wanted[:-1]] == list(range(11))
+    assert SETS.index(("d", "b")) == SETS.index(("b", "d")) == 9
+    assert SETS.outside == 11
+    assert len(Sets(("a",))) == 3
+
+
+def test_labels_share_the_whole_probability() -> None:
+    p = np.random.default_rng(0).dirichlet(np.ones(12), 5)
+    labels = label_probability(p, SETS)
+    np.testing.assert_allclose(labels.sum(axis=1), 1.0, rtol=1e-12)
+    a = p[:, 1] + p[:, 5:8].sum(axis=1)
+    np.testing.assert_allclose(SETS.marginal(p)[:, 0], a)
+    np.testing.assert_allclose(labels[:, 1], p[:, 1] + p[:, 5:8].sum(axis=1) / 2)
+    np.testing.assert_array_equal(labels[:, [0, -1]], p[:, [0, 11]])
+
+
+def test_sets_that_hold_a_missing_effect_are_not_allowed() -> None:
+    lacking_b = np.array([[True, False, True, True], [True] * 4])
+    found = SETS.allowed(lacking_b)
+    np.testing.assert_array_equal(found[0], [i not in (2, 5, 8, 9) for i in range(12)])
+    assert found[1].all()
+
+
+def test_effects_are_one_class_where_those_among_them_are_linked() -> None:
+    alike = DISTINCT.copy()
+    for i, j in ((0, 1), (1, 2)):
+        alike[i, j] = alike[j, i] = True
+    assert classes([0, 1, 2], alike) == 1
+    assert classes([0, 2], alike) == 2
+    assert classes([2, 3, 1, 0], alike) == 2
+    assert classes([], alike) == 0
+    library = full_library()
+    declared = declared_alike(library)
+    np.testing.assert_array_equal(declared, declared.T)
+    names = list(library)
+    assert declared[names.index("com_offset"), names.index("base_slope")]
+    assert are_alike(library["base_slope"], library["com_offset"])
+    assert not declared[names.index("com_offset"), names.index("wear")]
+
+
+# --- network -------------------------------------------------------------------------------------
+
+
+def test_gradients_are_those_of_differences(monkeypatch) -> None:
+    small = replace(NETWORK, hidden=(5, 4), dropout=0.3, decay=0.01)
+    monkeypatch.setattr("vsr2.diagnosis.posterior.network.NETWORK", small)
+    rng = np.random.default_rng(0)
+    network = Network.drawn(SETS, 6, rng)
+    for bias in network.biases:
+        bias += 0.1 * rng.standard_normal(bias.shape)
+    inputs, weight = rng.standard_normal((9, 6)), rng.uniform(0.5, 2.0, 9)
+    allowed = rng.random((9, 4)) > 0.2
+    truth = np.array([int(np.flatnonzero(row)[-1 - i % 2]) for i, row in
+                      enumerate(SETS.allowed(allowed))])  # fmt: skip
+
+    def loss() -> float:
+        # The same units are left out as in the step.
+        values, _ = network._layers(inputs, np.random.default_rng(5))
+        logits = network._logits(values[-1], allowed)
+        log = logits - np.log(np.exp(logits - logits.max(1, keepdims=True)).sum(1, keepdims=True))
+        log -= logits.max(1, keepdims=True)
+        own = log[np.arange(9), truth]
+        decay = 0.5 * small.decay * sum(float((w**2).sum()) for w in network.weights)
+        return float(-(weight * own).sum() / weight.sum()) + decay
+
+    slopes = network.step(inputs, allowed, truth, weight, np.random.default_rng(5))
+    for parameter, slope in zip([*network.weights, *network.biases], slopes, strict=True):
+        for index in rng.integers(0, parameter.size, 6):
+            place = np.unravel_index(index, parameter.shape)
+            kept, sides = parameter[place], []
+            for step in (1e-6, -1e-6):
+                parameter[place] = kept + step
+                sides.append(loss())
+            parameter[place] = kept
+            assert slope[place] == pytest.approx((sides[0] - sides[1]) / 2e-6, abs=1e-7)
+
+
+TWO = Sets(("a", "b"))
+MEANS = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0], [-2.0, -2.0]])
+PRIOR = np.array([0.3, 0.25, 0.2, 0.15, 0.1])
+
+
+def gaussian_batches(draw):
+    """None, a, b, both and outside as normal distributions, whose posterior is known."""
+    truth = draw.choice(5, 2000, p=PRIOR)
+    x = MEANS[truth] + draw.standard_normal((2000, 2))
+    return x, np.ones((2000, 2), dtype=bool), truth, np.ones(2000)
+
+
+def exact(x):
+    log = np.log(PRIOR) - 0.5 * ((x[:, None] - MEANS) ** 2).sum(axis=2)
+    return log - np.log(np.exp(log).sum(axis=1, keepdims=True))
+
+
+@pytest.fixture(scope="module")
+def learnt():
+    return gaussian_training(120, 3)
+
+
+def gaussian_training(passes, seed):
+    held_out = gaussian_batches(np.random.default_rng(100))
+    with pytest.MonkeyPatch.context() as patch:
+        few = replace(NETWORK, hidden=(24, 16), passes=passes, dropout=0.0, least_passes=4)
+        patch.setattr("vsr2.diagnosis.posterior.network.NETWORK", few)
+        return train_network(TWO, gaussian_batches, held_out, seed)
+
+
+def test_a_posterior_that_is_known_is_learnt(learnt) -> None:
+    x, allowed, truth, weight = gaussian_batches(np.random.default_rng(200))
+    found, wanted = learnt.log_probability(x, allowed), exact(x)
+    # Divergence of the learned posterior from the exact one [nat].
+    divergence = (np.exp(wanted) * (wanted - found)).sum(axis=1).mean()
+    assert 0 <= divergence < 0.02
+    own = -wanted[np.arange(2000), truth].mean()
+    assert log_score(learnt, x, allowed, truth, weight) < own + 0.03
+    # Of a library that lacks b the rest keeps its odds, and nothing names b.
+    lacking = learnt.log_probability(x, np.tile([True, False], (2000, 1)))
+    assert np.exp(lacking[:, [2, 3]]).max() == 0
+    np.testing.assert_allclose(lacking[:, 1] - lacking[:, 0], found[:, 1] - found[:, 0], atol=1e-9)
+
+
+def test_equal_seeds_train_equal_networks() -> None:
+    one, again, other = (gaussian_training(6, seed) for seed in (3, 3, 4))
+    for weight, same in zip(one.weights, again.weights, strict=True):
+        np.testing.assert_array_equal(weight, same)
+    assert (one.weights[0] != other.weights[0]).all()
+
+
+def test_the_best_weights_of_the_passes_are_kept(monkeypatch) -> None:
+    held_out = gaussian_batches(np.random.default_rng(100))
+    scores = []
+
+    def noting(network, *rest):
+        scores.append(log_score(network, *rest))
+        return scores[-1] if len(scores) == 5 else 9.0 + len(scores)
+
+    monkeypatch.setattr("vsr2.diagnosis.posterior.network.log_score", noting)
+    kept = gaussian_training(9, 3)
+    assert len(scores) == 9 - 4 + 1
+    assert log_score(kept, *held_out) == scores[4] != scores[-1]
+
+
+# --- summaries -----------------------------------------------------------------------------------
+
+
+def test_residuals_are_standardised_by_campaigns_without_effect() -> None:
+    overturned = np.array([[1.0], [0.0], [1.0], [1.0], [1.0]])
+    plain = np.array([True, True, True, False, False])
+    values = np.array([[1.0, 1.0], [3.0, 3.0], [5.0, np.nan], [50.0, 8.0], [60.0, np.nan]])
+    features = np.repeat(values[:, None, :1], 1, axis=1)
+    standard = Standard.of(overturned, features, plain)
+    assert standard.probability[0] == pytest.approx(2.5 / 4)
+    # Three known without effect count for 3 / (3 + 5) of the mean and of the variance.
+    share = 3 / (3 + SUMMARY.own)
+    of_all = values[:, 0]
+    assert standard.centre[0, 0] == pytest.approx(share * 3.0 + (1 - share) * of_all.mean())
+    variance = share * 8 / 3 + (1 - share) * of_all.var()
+    assert standard.scatter[0, 0] == pytest.approx(np.sqrt(variance))
+    seen = np.array([[1.0], [0.0], [np.nan]])
+    noted = np.array([[[standard.centre[0, 0] + 2 * np.sqrt(variance)]], [[1e9]], [[np.nan]]])
+    found = standard.residuals(seen, noted)
+    p = 2.5 / 4
+    unit = np.sqrt(p * (1 - p) + SUMMARY.chance)
+    np.testing.assert_allclose(found, [[(1 - p) / unit, 2.0], [-p / unit, SUMMARY.most], [0, 0]])
+
+
+def test_a_feature_scatters_in_no_trial_by_less_than_a_share_of_the_median() -> None:
+    rng = np.random.default_rng(0)
+    features = rng.standard_normal((2000, 3, 1)) * np.array([0.001, 1.0, 1.0])[:, None]
+    standard = Standard.of(np.zeros((2000, 3)), features, np.ones(2000, dtype=bool))
+    expected = [SUMMARY.least_scatter, 1.0, 1.0]
+    np.testing.assert_allclose(standard.scatter[:, 0], expected, rtol=0.05)
+
+
+@pytest.fixture(scope="module")
+def planted_directions():
+    """400 campaigns of 30 trials; an effect on both sides, one on one side, and a nuisance."""
+    rng = np.random.default_rng(1)
+    sets, moved = [], np.zeros((400, 3))
+    for i in range(400):
+        acting = []
+        if i % 4 in (1, 3):
+            side, size = rng.choice([-1, 1]), rng.uniform(1, 8)
+            acting.append(Acting("a", int(side), size, (0.0,)))
+            moved[i, 0] = side * size**SUMMARY.power
+        if i % 4 in (2, 3):
+            size = rng.uniform(1, 8)
+            acting.append(Acting("b", 1, size, (0.0,)))
+            moved[i, 1] = size**SUMMARY.power
+        sets.append(tuple(acting))
+    moved[:, 2] = rng.standard_normal(400)
+    ways = rng.standard_normal((3, 30)) / np.sqrt(30)
+    plain = moved @ ways + 0.3 * rng.standard_normal((400, 30))
+    copies = [plain, plain + 0.1 * rng.standard_normal((400, 30))]
+    campaigns = campaigns_of(sets, moved[:, 2:])
+    fold = np.arange(400) % SUMMARY.folds
+    summaries, found = fit_summaries(copies, campaigns, ("a", "b"), fold, 30)
+    return campaigns, moved, ways, copies, fold, summaries, found
+
+
+def test_a_campaign_is_summarised_by_regressions_that_did_not_see_it(planted_directions) -> None:
+    campaigns, _, _, copies, fold, summaries, found = planted_directions
+    wanted, effect = targets(campaigns, ("a", "b"))
+    # Both sides of a are regressed on as its size besides.
+    assert effect.tolist() == [0, 1, 0, -1]
+    np.testing.assert_allclose(wanted.mean(axis=0), 0, atol=1e-12)
+    fitted = []
+    for k in range(SUMMARY.folds):
+        x = np.concatenate([copy[fold != k] for copy in copies])
+        y = np.concatenate([wanted[fold != k]] * 2)
+        ways = [ridge(x, y, penalty * 30) for penalty in SUMMARY.penalties]
+        fitted.append(min(ways, key=lambda one: np.abs(one - summaries.coefficients[k]).max()))
+        np.testing.assert_allclose(fitted[-1], summaries.coefficients[k], rtol=1e-9, atol=1e-12)
+        for copy, summary in zip(copies, found, strict=True):
+            own = (copy @ fitted[-1] / summaries.deviation)[fold == k]
+            np.testing.assert_allclose(summary[fold == k, :4], own, rtol=1e-9, atol=1e-12)
+    # A new campaign by the mean of all of them.
+    new = copies[0][:3]
+    mean = new @ np.mean(fitted, axis=0) / summaries.deviation
+    np.testing.assert_allclose(summaries(new)[:, :4], mean, rtol=1e-9)
+    assert np.abs(summaries(new)[:, :4] - found[0][:3, :4]).max() > 1e-3
+
+
+def test_discriminants_find_the_directions_of_what_acts(planted_directions) -> None:
+    _, moved, _, _, _, _, found = planted_directions
+    for k, column in ((0, 0), (1, 1), (2, 3)):
+        r = np.corrcoef(found[0][:, column], moved[:, k])[0, 1]
+        # Signal to noise of a direction of unit length is that of the size over 0.3.
+        assert r > 0.93
+        others = [np.corrcoef(found[0][:, column], moved[:, j])[0, 1] for j in {0, 1, 2} - {k}]
+        assert np.abs(others).max() < 0.35
+    assert found[0].shape[1] == 4 + 3, "and mean square, what is left of it, and mean"
+
+
+def test_what_no_discriminant_reproduces_shows_in_what_is_left(planted_directions) -> None:
+    _, _, ways, copies, _, summaries, _ = planted_directions
+    rng = np.random.default_rng(3)
+    strange = rng.standard_normal(30)
+    strange -= ways.T @ np.linalg.lstsq(ways.T, strange, rcond=None)[0]
+    inside, outside = 4 * ways[0], 4 * strange / np.linalg.norm(strange)
+    size = summaries(np.stack([copies[0][0] * 0 + inside, outside]))[:, 4:6]
+    # Alike in size within a factor; what is left of the known one is far less.
+    assert abs(size[0, 0] - size[1, 0]) < 0.5
+    assert size[1, 1] > size[0, 1] + 1.0
+
+
+# --- discrepancy ---------------------------------------------------------------------------------
+
+MOTION = np.repeat(np.arange(20), 10)
+UNIT = float(np.linalg.norm(DISCREPANCY.parts))
+
+
+def at_factor(monkeypatch, factor):
+    fixed = replace(DISCREPANCY, least=factor, most=factor)
+    monkeypatch.setattr("vsr2.diagnosis.posterior.discrepancy.DISCREPANCY", fixed)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0])
+def test_outcomes_turn_as_often_as_a_shifted_normal_variable_changes_side(
+    monkeypatch, factor
+) -> None:
+    from scipy.stats import multivariate_normal, norm
+
+    at_factor(monkeypatch, factor)
+    rng = np.random.default_rng(0)
+    shift = factor * DISCREPANCY.outcome * UNIT
+    turned = []
+    for p in (0.5, 0.1):
+        outcome = (rng.random((1000, 200)) < p).astype(float)
+        blank = np.zeros((1000, 200, 0))
+        probability, scatter = np.full(200, p), np.zeros((200, 0))
+        found, _ = disturbed(outcome, blank, probability, scatter, MOTION, rng)
+        turned.append(float((found != outcome).mean()))
+    # At even odds arccos(r) / pi, r the correlation of the variable before and after.
+    r = 1 / np.sqrt(1 + shift**2)
+    assert turned[0] == pytest.approx(np.arccos(r) / np.pi, rel=0.05)
+    limit = norm.ppf(0.9)
+    both = multivariate_normal([0, 0], [[1, 1], [1, 1 + shift**2]]).cdf
+    turns = 0.9 + norm.cdf(limit, scale=np.sqrt(1 + shift**2)) - 2 * both([limit, limit])
+    assert turned[1] == pytest.approx(turns, rel=0.08)
+
+
+def test_disturbances_have_the_moments_that_are_stated(monkeypatch) -> None:
+    at_factor(monkeypatch, 1.0)
+    rng = np.random.default_rng(1)
+    features = np.zeros((1500, 200, 2))
+    unknown = np.full((1500, 200), np.nan)
+    scatter = np.full((200, 2), [9.0, 0.5])
+    outcome, found = disturbed(unknown, features, np.full(200, 0.5), scatter, MOTION, rng)
+    assert np.isnan(outcome).all(), "what is unknown stays so"
+    tilt, other = found[..., 0], found[..., 1]
+    campaign, motion, single = DISCREPANCY.parts
+    assert tilt.std() == pytest.approx(UNIT, rel=0.02)
+    same, apart = (tilt[:, 0] * tilt[:, 1]).mean(), (tilt[:, 0] * tilt[:, 15]).mean()
+    error = 4 * UNIT**2 / np.sqrt(1500)
+    assert same == pytest.approx(campaign**2 + motion**2, abs=error)
+    assert apart == pytest.approx(campaign**2, abs=error)
+    # Means of motions, ten trials each, and of campaigns.
+    means = tilt.reshape(1500, 20, 10).mean(axis=2)
+    variance = campaign**2 + motion**2 + single**2 / 10
+    assert means.var() == pytest.approx(variance, rel=0.05)
+    assert tilt.mean(axis=1).var() == pytest.approx(
+        campaign**2 + motion**2 / 20 + single**2 / 200, rel=0.15
+    )
+    assert other.std() == pytest.approx(DISCREPANCY.series * 0.5, rel=0.02)
+    r = np.corrcoef(tilt.ravel(), other.ravel())[0, 1]
+    assert r == pytest.approx(DISCREPANCY.common, abs=0.02)
+
+
+def test_sizes_are_drawn_for_each_campaign() -> None:
+    rng = np.random.default_rng(2)
+    unknown, features = np.full((600, 200), np.nan), np.zeros((600, 200, 1))
+    _, found = disturbed(unknown, features, np.full(200, 0.5), np.ones((200, 1)), MOTION, rng)
+    factor = found[..., 0].std(axis=1) / UNIT
+    assert np.median(factor) == pytest.approx(np.sqrt(0.5), rel=0.15)
+    assert 0.15 < factor.min() < 0.35
+    assert 1.4 < factor.max() < 2.6
+
+
+def test_what_turns_loses_its_features_and_what_was_unknown_stays_so() -> None:
+    rng = np.random.default_rng(3)
+    overturned = (rng.random((400, 200)) < 0.4).astype(float)
+    overturned[:, 7] = np.nan
+    features = np.where(overturned[..., None] < 0.5, 1.0, np.nan)
+    features[:, 3] = np.nan
+    found, noted = disturbed(
+        overturned, features, np.full(200, 0.4), np.ones((200, 1)), MOTION, rng
+    )
+    turned = (found != overturned) & np.isfinite(overturned)
+    assert turned.any(axis=0).sum() == 199
+    assert np.isnan(found[:, 7]).all()
+    assert set(np.unique(found[:, :7])) == {0.0, 1.0}
+    np.testing.assert_array_equal(
+        np.isfinite(noted[..., 0]), ~turned & (overturned == 0) & (np.arange(200) != 3)
+    )
+
+
+# --- parameters ----------------------------------------------------------------------------------
+
+GAIN, OFFSET = (full_library()[name] for name in ("table_gain", "com_offset"))
+CATCH = PLANAR_LIBRARY["catch"]
+"""Its null is infinite."""
+
+
+def fitted(effect, values, residuals):
+    sets = tuple((Acting(effect.name, 1, 1.0, tuple(row)),) for row in values)
+    # Campaigns without effect have no part in it.
+    rows = np.concatenate([residuals, 1e6 * np.ones((5, residuals.shape[1]))])
+    return fit_parameters({effect.name: effect}, campaigns_of([*sets, *[()] * 5]), rows)
+
+
+@pytest.mark.parametrize(("noise", "most"), [(0.03, 1.0), (0.15, 0.97)])
+def test_intervals_hold_what_they_state(noise, most) -> None:
+    """A value is seen through forty residuals, with an error that is known."""
+    rng = np.random.default_rng(0)
+    low, high = GAIN.parameters[0].lower, GAIN.parameters[0].upper
+    way = rng.standard_normal(40)
+    way /= np.linalg.norm(way)
+
+    def seen(values):
+        unit = values[:, None] / (high - low) / noise
+        return unit * way + rng.standard_normal((values.size, 40))
+
+    values, truth = rng.uniform(low, high, 300), rng.uniform(low, high, 250)
+    parameters = fitted(GAIN, values[:, None], seen(values))
+    covered, width = [], []
+    for one, residuals in zip(truth, seen(truth), strict=True):
+        samples = parameters.sample("table_gain", residuals)[:, 0]
+        assert samples.shape == (400,)
+        ends = np.quantile(samples, [0.05, 0.95])
+        covered.append(ends[0] <= one <= ends[1])
+        width.append(np.ptp(ends))
+    # Binomial, with a standard error of 0.02.
+    assert 0.85 <= np.mean(covered) <= most
+    # No wider than twice the exact ones, or the nearest fifth of the range.
+    least = 2 * 1.645 * noise * (high - low)
+    assert np.mean(width) < max(1.7 * least, 0.3 * (high - low))
+
+
+def test_residuals_that_are_not_known_have_no_part() -> None:
+    rng = np.random.default_rng(2)
+    values = rng.uniform(-0.15, 0.15, 200)
+    residuals = 20 * values[:, None] * np.ones(12) + rng.standard_normal((200, 12))
+    parameters = fitted(GAIN, values[:, None], residuals)
+    known = np.arange(12) < 8
+    own = 20 * 0.1 + rng.standard_normal(12)
+    other = np.where(known, own, 1e3)
+    plain = parameters.sample("table_gain", own, 3, columns=known)
+    np.testing.assert_array_equal(plain, parameters.sample("table_gain", other, 3, columns=known))
+    less = Parameters(
+        parameters.library, parameters.residuals[:, known], parameters.rows, parameters.values
+    )
+    # Sums over other strides differ in their last bits.
+    np.testing.assert_allclose(plain, less.sample("table_gain", own[known], 3), rtol=1e-9)
+    assert (plain != parameters.sample("table_gain", own, 3)).any()
+    assert (plain != parameters.sample("table_gain", own, 4, columns=known)).any()
+
+
+def test_expected_residuals_are_those_of_campaigns_alike() -> None:
+    rng = np.random.default_rng(4)
+    values = rng.uniform(-0.15, 0.15, 500)
+    way = rng.standard_normal(30)
+    residuals = 30 * values[:, None] * way + rng.standard_normal((500, 30))
+    parameters = fitted(GAIN, values[:, None], residuals)
+    found = np.mean(
+        [
+            parameters.expected("table_gain", 30 * 0.08 * way + rng.standard_normal(30))
+            for _ in range(12)
+        ],
+        axis=0,
+    )
+    # The nearest fifth of a range of 0.3, about 0.08; one campaign is placed to 1 / |way|.
+    slope = found @ way / (way @ way)
+    assert slope == pytest.approx(30 * 0.08, rel=0.1)
+    assert np.std(found - slope * way) < 0.2
+
+
+def test_angles_are_regressed_on_a_circle() -> None:
+    rng = np.random.default_rng(5)
+    azimuth = rng.uniform(0, 360, 400)
+    turn = np.radians(azimuth)
+    ways = rng.standard_normal((2, 20))
+    residuals = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ ways
+    residuals += 0.2 * rng.standard_normal(residuals.shape)
+    names = [p.name for p in OFFSET.parameters]
+    values = np.zeros((400, len(names)))
+    values[:, names.index("azimuth")] = azimuth
+    values[:, names.index("distance")] = 0.01
+    parameters = fitted(OFFSET, values, residuals)
+    # Due east: samples lie on both sides of 0, none opposite.
+    found = parameters.sample("com_offset", ways[0])[:, names.index("azimuth")]
+    apart = np.abs((found + 180) % 360 - 180)
+    assert apart.max() < 60
+    assert (found < 90).any()
+    assert (found > 270).any()
+
+
+def test_what_has_an_infinite_null_is_regressed_by_its_inverse() -> None:
+    rng = np.random.default_rng(6)
+    slack = np.where(rng.random(300) < 0.3, np.inf, rng.uniform(0.09, 0.44, 300))
+    way = rng.standard_normal(20)
+    residuals = 1 / slack[:, None] * way + 0.5 * rng.standard_normal((300, 20))
+    parameters = fitted(CATCH, slack[:, None], residuals)
+    strong = parameters.sample("catch", 1 / 0.14 * way)[:, 0]
+    assert np.median(strong) == pytest.approx(0.14, rel=0.15)
+    # As good as none: 1 / slack scatters by 0.5 / |way| about 0, a ninth; the prior begins at 2.3.
+    assert (parameters.sample("catch", 0.0 * way)[:, 0] > 1.0).mean() > 0.95
+
+
+# --- naming --------------------------------------------------------------------------------------
+
+TWINS = DISTINCT.copy()
+TWINS[0, 1] = TWINS[1, 0] = True
+
+
+def probabilities(**given):
+    """Of sets by their effects; what is left over is none's."""
+    out = np.zeros(12)
+    for names, value in given.items():
+        out[SETS.outside if names == "outside" else SETS.index(names)] = value
+    out[0] = 1 - out.sum()
+    return out
+
+
+def said(alike=DISTINCT, none_limit=0.3, least=0.8, **given):
+    found = candidates(probabilities(**given), SETS, alike)
+    naming = decide(found, none_limit=none_limit, least=least, alike=alike)
+    return str(naming.kind), tuple(SETS.names[e] for e in naming.effects), naming
+
+
+def test_candidates_cover_the_sets_that_hold_one_of_them() -> None:
+    p = probabilities(a=0.3, b=0.2, ab=0.1, bc=0.15, outside=0.05)
+    found = candidates(p, SETS, DISTINCT)
+    assert found.none == pytest.approx(0.2)
+    assert found.outside == pytest.approx(0.05 / 0.8)
+    # b first, as 0.45 lie in its sets; then a adds 0.3 alone.
+    assert found.effects[:2] == (1, 0)
+    np.testing.assert_allclose(found.covered[:2], [0.45 / 0.75, 1.0])
+    assert found.pair == (1, 2)
+    assert found.pair_probability == pytest.approx(0.15 / 0.75), "of a cause inside the library"
+
+
+@pytest.mark.parametrize(
+    ("given", "kind", "effects"),
+    [
+        ({"a": 0.69}, "none", ()),
+        ({"a": 0.71}, "effect", ("a",)),
+        # Given a gap: 0.6 of 0.71 are more than 0.8.
+        ({"a": 0.6, "c": 0.11}, "effect", ("a",)),
+        ({"a": 0.5, "c": 0.3}, "class", ("a", "c")),
+        ({"a": 0.3, "c": 0.3, "d": 0.3}, "class", ("a", "c", "d")),
+        ({"a": 0.25, "b": 0.25, "c": 0.25, "d": 0.25}, "unresolved", ("a", "b", "c")),
+        ({"a": 0.3, "outside": 0.5}, "unknown", ()),
+        # Inside the library a alone is left.
+        ({"a": 0.5, "outside": 0.3}, "effect", ("a",)),
+        ({"bd": 0.85, "b": 0.1}, "pair", ("b", "d")),
+        ({"bd": 0.6, "b": 0.3}, "effect", ("b",)),
+    ],
+)
+def test_one_rule_makes_every_kind_of_statement(given, kind, effects) -> None:
+    found_kind, found, naming = said(**given)
+    assert found_kind == kind
+    assert found == effects
+    if kind in ("effect", "class"):
+        assert naming.probability >= 0.8
+        assert naming.classes == len(effects)
+        assert not naming.alike
+
+
+def test_twins_are_named_together_and_count_as_one_class() -> None:
+    kind, effects, naming = said(TWINS, a=0.85, b=0.1)
+    assert (kind, effects, naming.alike) == ("class", ("a", "b"), True)
+    assert naming.probability == pytest.approx(1.0)
+    # Not where another comes next, nor where they are not declared alike.
+    assert said(TWINS, a=0.85, c=0.1)[:2] == ("effect", ("a",))
+    assert said(DISTINCT, a=0.85, b=0.1)[:2] == ("effect", ("a",))
+    kind, effects, naming = said(TWINS, a=0.25, b=0.25, c=0.25, d=0.25, least=0.9)
+    assert (kind, len(effects), naming.classes) == ("class", 4, NAMING.classes)
+    assert not naming.alike
+
+
+def test_an_effect_of_no_probability_is_never_put_forward() -> None:
+    """What was excluded has none: it must neither lead nor stand beside its twin."""
+    for given in ({"a": 0.5, "outside": 0.4}, {"a": 0.95}, {"a": 0.5, "c": 0.45}):
+        for least in (0.8, 1.1):
+            _, effects, _ = said(TWINS, least=least, **given)
+            assert set(effects) == set(given) - {"outside"}
+
+
+def test_a_name_is_wrong_where_none_of_it_acts() -> None:
+    def one(kind, *effects):
+        return Naming(VerdictKind(kind), effects, 0.9)
+
+    assert not is_wrong(one("class", 0, 2), (2, 3))
+    assert is_wrong(one("class", 0, 2), (1,))
+    assert is_wrong(one("effect", 0), ())
+    assert not is_wrong(one("pair", 0, 2), (2, 0))
+    assert is_wrong(one("pair", 0, 2), (0,))
+    for kind in ("none", "unknown", "unresolved"):
+        assert not is_wrong(one(kind, 1), (0,))
