@@ -102,15 +102,7 @@ def run_batch(
     """
     started = time.time()
     study = load_study(trials) if isinstance(trials, (str, PathLike)) else trials
-    trials = study_trials(study) if isinstance(study, Study) else study
-    if not hasattr(trials, "__len__"):
-        raise SimulationError(
-            f"the batch is a {type(trials).__name__}; give a Study, the path of one, or a list of "
-            "trials"
-        )
-    if len(trials) == 0:
-        raise SimulationError("the batch is empty: give at least one trial")
-    check_trials(trials)
+    trials = _checked(study_trials(study) if isinstance(study, Study) else study)
     facts: dict[str, Any] = {"threads": _threads(threads, client)}
     collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
     with contextlib.ExitStack() as stack:
@@ -142,6 +134,19 @@ def run_batch(
         "effects": _effects_given(trials),
     }
     return BatchResult(collection.columns, tuple(collection.logs), provenance)
+
+
+def _checked(trials: Sequence[Trial]) -> Sequence[Trial]:
+    """The same trials, if they can be run."""
+    if not hasattr(trials, "__len__"):
+        raise SimulationError(
+            f"the batch is a {type(trials).__name__}; give a Study, the path of one, or a list of "
+            "trials"
+        )
+    if len(trials) == 0:
+        raise SimulationError("the batch is empty: give at least one trial")
+    check_trials(trials)
+    return trials
 
 
 def _threads(threads: int | None, client: distributed.Client | None) -> int:
