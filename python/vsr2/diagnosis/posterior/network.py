@@ -25,7 +25,7 @@ FORBIDDEN = -1e9
 
 @dataclass(frozen=True)
 class NetworkConstants:
-    """The network and its training; chosen by hand, judged by `studies/diagnosis_posterior.py`.
+    """The network and its training; chosen by hand, judged by `python studies/diagnosis_planar.py`.
 
     Attributes:
         hidden: widths of the layers.
