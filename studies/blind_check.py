@@ -47,7 +47,6 @@ from vsr2.errors import BlindError
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")
-DRAWS = 48
 COMMITS = "commits.json"
 """In a part's folder: which commits made and diagnosed it."""
 
@@ -72,19 +71,25 @@ CHECKS = {
             pair=(6, 1),
             development=True,
         ),
-        DRAWS,
+        1000,
     ),
     "validation": Check(
-        2,
+        1,
         PackSettings(
-            engines=ENGINES, single=(30, 10), none=(16, 4), unknown=(10, 4), pair=(10, 2), hidden=5
+            engines=ENGINES,
+            single=(60, 20),
+            none=(32, 8),
+            unknown=(20, 8),
+            pair=(20, 4),
+            reference=(2, 4),
+            hidden=5,
         ),
-        DRAWS,
+        4000,
     ),
     "leave-one-out": Check(
         1,
         PackSettings(engines=("bullet",), single=0, none=10, unknown=0, pair=0, leave_one_out=1),
-        DRAWS,
+        1000,
     ),
 }
 
