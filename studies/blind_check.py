@@ -83,6 +83,8 @@ CHECKS = {
             pair=(20, 4),
             reference=(2, 4),
             hidden=5,
+            replicates=8,
+            signal_trials=32,
         ),
         4000,
     ),

@@ -185,7 +185,7 @@ class SignalMeter:
         own = scale * np.maximum(own, (changes.mean(axis=0) / RULES.most_deviations) ** 2)
         return math.sqrt(max(0.0, squared_signal(changes, common + np.diag(own))))
 
-    def limit(self, effect: Drawable, sign: int) -> float:
+    def limit(self, effect: Drawable, sign: int, near: float = math.inf) -> float:
         """Magnitude at which signal over noise is about 3, by a search over simulated ones.
 
         It is the distance of the strength from its null on one side, in the strength's scale;
@@ -195,6 +195,11 @@ class SignalMeter:
         magnitude, which gives the next one to try, within what is known to be above and below. What
         begins at the null and is detected at a thousandth of its range jumps there: it has no
         detection limit.
+
+        Args:
+            effect: of the engine.
+            sign: side of its null.
+            near: magnitude to try first, such as another engine's limit; infinity: not known.
         """
         low, high = effect.strength.reach()[sign]
         least = max(low, 0.001 * high)
@@ -211,7 +216,7 @@ class SignalMeter:
         below, above = 0.0, math.inf
         if low < least and ratio_at(least) >= 1:
             return math.inf
-        magnitude = max(least, 0.3 * high)
+        magnitude = max(least, min(near, high) if math.isfinite(near) else 0.3 * high)
         for _ in range(RULES.search_steps):
             ratio = ratio_at(magnitude)
             if ratio >= 1:

@@ -52,7 +52,7 @@ from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
-FORM = 7
+FORM = 8
 """Of the data, of what is drawn and of the steps kept; a pack of another form is not continued."""
 _STATE = "custodian.json"
 _STEPS = "steps.json"
@@ -130,12 +130,7 @@ def make_pack(
         for i in range(settings.protocols)
     ]
     measured = Measurements(steps, engines, protocols, settings, number, say)
-    limits = {
-        (engine, name, sign): measured.limit(engine, effect, sign)
-        for engine, known in effects.items()
-        for name, effect in known.items()
-        for sign in effect.strength.reach()
-    }
+    limits = _limits(effects, measured)
     plan = draw_plan(number, settings, effects, limits, measured.relative)
     entries = {}
     for done, planned in enumerate(plan.campaigns, 1):
@@ -208,6 +203,24 @@ def _drawn_engines(
     rng = np.random.default_rng([seed, 403])
     contact = draw_contact(rng, development=settings.development)
     return {name: build_engine(name, study, contact) for name in settings.engines}, contact
+
+
+def _limits(
+    effects: Mapping[str, Mapping[str, Drawable]], measured: Measurements
+) -> dict[tuple[str, str, int], float]:
+    """Detection limits by engine, effect and sign.
+
+    A quick engine goes first: where it finds a limit, the search of the next begins.
+    """
+    out: dict[tuple[str, str, int], float] = {}
+    for engine, known in effects.items():
+        for name, effect in known.items():
+            for sign in effect.strength.reach():
+                near = min(
+                    (v for (_, *key), v in out.items() if key == [name, sign]), default=math.inf
+                )
+                out[engine, name, sign] = measured.limit(engine, effect, sign, near)
+    return out
 
 
 def _begin(

@@ -68,12 +68,15 @@ class Measurements:
             )
         )
 
-    def limit(self, engine: str, effect: Drawable, sign: int) -> float:
-        """Of an effect on one side of its null, on the first protocol; infinity: there is none."""
+    def limit(self, engine: str, effect: Drawable, sign: int, near: float = math.inf) -> float:
+        """Of an effect on one side of its null, on the first protocol; infinity: there is none.
+
+        `near`: magnitude to try first.
+        """
         label = f"{engine} {effect.name} {sign:+d}"
 
         def measured() -> float | None:
-            found = self._meter(engine, 0).limit(effect, sign)
+            found = self._meter(engine, 0).limit(effect, sign, near)
             self._say(f"detection limit of {label}: {found:.3g}")
             return found if math.isfinite(found) else None
 
