@@ -22,6 +22,7 @@ from vsr2.diagnosis import (
     Execution,
     Hypotheses,
     ProtocolCache,
+    Question,
     diagnose,
     diagnose_with,
     schema,
@@ -33,6 +34,7 @@ from vsr2.diagnosis.pipeline import Stage
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.effects import library as full_library
+from vsr2.errors import DiagnosisError
 from vsr2.simulation import run_batch
 
 NAMES = ("table_gain", "com_offset", "wear", "catch")
@@ -54,9 +56,11 @@ class Protocol:
         return observe(self.campaign, self.truth, effects, nuisance=nuisance, tier="M",
                        seed=nuisance)  # fmt: skip
 
-    def diagnose(self, *effects, nuisance=2, **options):
-        given = {"cache": self.cache, "budget": Budget(campaigns=CAMPAIGNS)} | options
-        return diagnose_with(self.simulator, self.observed(*effects, nuisance=nuisance), **given)
+    def diagnose(self, *effects, nuisance=2, budget=None, **asked):
+        return diagnose_with(
+            self.simulator, self.observed(*effects, nuisance=nuisance), Question(**asked),
+            cache=self.cache, budget=budget or Budget(campaigns=CAMPAIGNS),
+        )  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -115,6 +119,51 @@ def test_a_campaign_without_gap_says_none(protocol) -> None:
     assert kinds.count("none") >= 7
     # The loss is the floor's on average.
     assert abs(np.mean(excess)) < 4 * np.std(excess) / np.sqrt(9)
+
+
+def test_a_reference_says_how_little_none_may_have_without_an_effect(protocol) -> None:
+    alone = protocol.diagnose(CATCH, budget=Budget(campaigns=CAMPAIGNS, held_out=False)).content
+    assert alone["verdict"]["effects"]
+    limit, none = alone["posterior"]["none_limit"], alone["none_probability"]
+    clean = protocol.observed(nuisance=11)
+    same = replace(protocol.observed(CATCH, nuisance=2), name="same")
+
+    def with_references(*references):
+        return protocol.diagnose(
+            CATCH, references=references, budget=Budget(campaigns=CAMPAIGNS, held_out=False)
+        ).content
+
+    calm = with_references(clean)
+    assert calm["provenance"]["references"][clean.name] > limit
+    assert calm["verdict"] == alone["verdict"]
+    codes = [one["code"] for one in calm["limits"]]
+    assert "reference_differs" not in codes
+    # The campaign itself, were it known to have no effect, forbids to call a gap.
+    told = with_references(clean, same)
+    assert told["verdict"]["kind"] == "none"
+    assert told["posterior"]["none_limit"] == none < limit
+    (said,) = [one for one in told["limits"] if one["code"] == "reference_differs"]
+    assert said["values"] == {"reference": "same", "none": none}
+
+
+def test_a_reference_of_other_trials_is_refused(protocol) -> None:
+    clean = protocol.observed(nuisance=11)
+    fewer = clean.select(np.arange(len(clean)) > 0)
+    swapped = replace(clean, trials=(*clean.trials[1:], clean.trials[0]))
+    for reference in (fewer, swapped):
+        with pytest.raises(DiagnosisError, match="references of the same trials in the same order"):
+            protocol.diagnose(CATCH, references=(reference,))
+
+
+def test_without_how_far_the_verdict_is_the_same(protocol, found) -> None:
+    quick = protocol.diagnose(CATCH, budget=Budget(campaigns=CAMPAIGNS, held_out=False)).content
+    for part in ("verdict", "sets", "effects", "where", "conformal_set_90"):
+        assert quick[part] == found.content[part]
+    assert quick["gap"]["before"] == found.content["gap"]["before"]
+    assert np.isnan(quick["gap"]["closure"]["value"])
+    assert "not_held_out" in [one["code"] for one in quick["limits"]]
+    assert "not_held_out" not in [one["code"] for one in found.content["limits"]]
+    assert quick["provenance"]["held_out"] is False
 
 
 def test_an_effect_that_is_left_out_is_not_named_and_nothing_else_is(protocol) -> None:
@@ -228,8 +277,9 @@ def small(cache=None, report=None, seed=0):
     simulator = PlanarSimulator(seen, library=library, seed=1)
     with quick_training():
         return diagnose_with(
-            simulator, seen, budget=Budget(campaigns=150), cache=cache, report=report, seed=seed
-        )
+            simulator, seen, Question(seed=seed), budget=Budget(campaigns=150), cache=cache,
+            report=report,
+        )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -128,7 +128,8 @@ def diagnose_pack(
     one campaign serve all of its protocol. Only the data folder is read, and everything is checked
     before the first simulation. A campaign that cannot be used, or whose diagnosis ends with an
     error of ours, gets a `failed.json`, and is tried again by the next run. With more campaigns or
-    minutes than the folder was begun with, all is diagnosed again from the same cache.
+    minutes than the folder was begun with, all is diagnosed again from the same cache. References
+    of the pack that have no effect serve the other campaigns of their protocol.
 
     Args:
         data: a pack's data folder.
@@ -155,6 +156,7 @@ def diagnose_pack(
     wanted = _wanted(data, pack.tiers, tiers)
     load_study(scene := data / pack.scene)
     _check_folder(out, data)
+    references = _references(data, pack)
     hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
     how = _effort(budget) | {"seed": seed}
     older = _older(out, pack, how)
@@ -176,12 +178,17 @@ def diagnose_pack(
             campaign = load_campaign(data / name)
             # Without series too, simulate them as this campaign measured them.
             sampled = replace(cache, sampling=series_sampling(campaign))
+            known = [
+                at_tier(one, tier)
+                for one in references.get(listed[name].protocol, ())
+                if one.name != campaign.name
+            ]
             return diagnose(
                 at_tier(campaign, tier),
                 scene,
                 tier=tier,
                 budget=budget,
-                hypotheses=hypotheses[name],
+                hypotheses=replace(hypotheses[name], references=known),
                 execution=replace(execution, cache=sampled),
                 seed=seed,
             )
@@ -195,14 +202,23 @@ def diagnose_pack(
 def _effort(budget: Budget) -> dict[str, float]:
     """What of a budget decides a diagnosis: its numbers, or else the minutes."""
     given = {name: value for name, value in vars(budget).items() if value is not None}
-    minutes = given.pop("minutes")
-    return given or {"budget_minutes": minutes}
+    minutes, held_out = given.pop("minutes"), given.pop("held_out")
+    return (given or {"budget_minutes": minutes}) | {"held_out": held_out}
 
 
 def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Callable[[str], None]) -> Hypotheses:
     """What a campaign is diagnosed against."""
     excluded = _excluded(data, entry, say)
     return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
+
+
+def _references(data: Path, pack: Pack) -> dict[int, list[Campaign]]:
+    """Campaigns that are known to have no effect, by protocol."""
+    out: dict[int, list[Campaign]] = {}
+    for one in pack.campaigns:
+        if one.kind is not None and not one.effects:
+            out.setdefault(one.protocol, []).append(load_campaign(data / one.id))
+    return out
 
 
 def _unfit(

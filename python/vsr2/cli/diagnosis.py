@@ -20,6 +20,8 @@ class Question:
         exclude: leave this effect out (may be repeated)
         prior: other ends of a prior, EFFECT.PARAMETER=LOW:HIGH, for example
             time_scale.change=-0.3:0.1 (may be repeated)
+        reference: folder of a campaign of the same trials that is known to have no effect (may be
+            repeated)
         seed: of everything random
     """
 
@@ -27,6 +29,7 @@ class Question:
     exclude: tuple[str, ...] = ()
     prior: tuple[str, ...] = ()
     nuisance: opt.Nuisances = ()
+    reference: tuple[Path, ...] = ()
     seed: opt.Integer = 0
 
 
@@ -40,6 +43,7 @@ class Effort:
         simulations: so many at most instead of a time; more where the trials need more
         campaigns: so many simulated campaigns, whatever they cost: equal numbers give equal
             verdicts, and campaigns of one set-up share them
+        how_far: simulate again what is named, to say how far the gap shrinks
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
         client: address of a Dask scheduler that runs trials
@@ -48,6 +52,7 @@ class Effort:
     budget_minutes: float = 10.0
     simulations: opt.Integer | None = None
     campaigns: opt.Integer | None = None
+    how_far: bool = True
     cache: Path | None = None
     threads: opt.Threads = None
     client: str | None = None
@@ -76,6 +81,7 @@ def diagnose(
         scene: study of the nominal scene
         out: folder for the results
     """
+    from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache
     from vsr2.diagnosis import diagnose as find
     from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
@@ -86,11 +92,14 @@ def diagnose(
             scene,
             tier=question.tier,
             out=out,
-            budget=Budget(effort.budget_minutes, effort.simulations, effort.campaigns),
+            budget=Budget(
+                effort.budget_minutes, effort.simulations, effort.campaigns, effort.how_far
+            ),
             hypotheses=Hypotheses(
                 exclude=question.exclude,
                 priors=dict(_prior(text) for text in question.prior),
                 nuisances=opt.nuisances(question.nuisance),
+                references=[load_campaign(folder) for folder in question.reference],
             ),
             execution=Execution(
                 effort.threads,

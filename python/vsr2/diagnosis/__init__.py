@@ -2,7 +2,7 @@
 
 from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
-from vsr2.diagnosis.pipeline import diagnose_with
+from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisances import (
@@ -30,6 +30,7 @@ __all__ = [
     "Normal",
     "Nuisance",
     "ProtocolCache",
+    "Question",
     "Request",
     "Responses",
     "Scope",

@@ -14,7 +14,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.pipeline import Progress, diagnose_with
+from vsr2.diagnosis.pipeline import Progress, Question, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
@@ -110,11 +110,9 @@ def diagnose(
     found = diagnose_with(
         simulator,
         seen.campaign,
-        tier=seen.tier,
+        Question(seen.tier, simulator.excluded, tuple(hypotheses.references), seed),
         cache=folder if cache is None else cache,
         budget=budget,
-        excluded=simulator.excluded,
-        seed=seed,
         report=_ProgressLines() if execution.progress else None,
         provenance={
             "scene": study.name,

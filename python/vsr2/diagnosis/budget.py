@@ -49,6 +49,8 @@ class Budget:
         simulations: their greatest number, however long they take; None: from `minutes`.
         campaigns: number of simulated campaigns, whatever they cost, so that all campaigns of one
             set-up share them; None: from the above. At least 150.
+        held_out: simulate again what is named, on motions that were not seen; without it a
+            diagnosis does not say how far the gap shrinks.
 
     Raises:
         DiagnosisError: a number out of range.
@@ -57,6 +59,7 @@ class Budget:
     minutes: float = 10.0
     simulations: int | None = None
     campaigns: int | None = None
+    held_out: bool = True
 
     def __post_init__(self) -> None:
         if not 0 < self.minutes < math.inf:
@@ -109,14 +112,23 @@ class Schedule:
             self.look_trials = max(LOOK.fewest, min(LOOK.trials, share))
 
     @property
+    def held_out(self) -> bool:
+        """Whether what is named is simulated again."""
+        return self._budget.held_out
+
+    @property
     def spent_s(self) -> float:
         """Wall time since the start [s]."""
         return time.monotonic() - self._started
 
     def judging_s(self, trials: int) -> float:
         """What judging will take [s]."""
-        floor = NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
-        return (judging(trials) + floor) * self._cache.cost
+        return self._judging(trials) * self._cache.cost
+
+    def _judging(self, trials: int) -> int:
+        """Simulations that judging asks for."""
+        again = judging(trials) if self.held_out else 0
+        return again + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
 
     def trained(self, campaigns: int, seconds: float) -> None:
         """Note what a training took."""
@@ -134,9 +146,8 @@ class Schedule:
         most = min(SCHEDULE.chunk, SCHEDULE.most - done)
         if done < SCHEDULE.fewest:
             return min(most, SCHEDULE.fewest - done)
-        reserve = judging(trials) + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
         if self._budget.simulations is not None:
-            left = self._budget.simulations - self._cache.asked - reserve
+            left = self._budget.simulations - self._cache.asked - self._judging(trials)
             return max(0, min(most, left // max(trials, 1)))
         per_campaign = trials * self._cache.cost + self._training
         left_s = 60 * self._budget.minutes - self.spent_s - self.judging_s(trials)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ from vsr2.diagnosis.verdict.rules import verdict_of
 from vsr2.diagnosis.verdict.statements import BudgetState, VerdictKind
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import SCAN
+from vsr2.errors import DiagnosisError
 
 _logger = logging.getLogger(__name__)
 
@@ -83,16 +85,34 @@ LEADING = 3
 """Hypotheses that are reported while a diagnosis runs."""
 
 
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a campaign.
+
+    Attributes:
+        tier: information to use; None: all that enough of its trials have.
+        excluded: effects that are not looked for.
+        references: campaigns of the same trials that are known to have no effect.
+        seed: of all draws.
+    """
+
+    tier: Tier | None = None
+    excluded: tuple[str, ...] = ()
+    references: tuple[Campaign, ...] = ()
+    seed: int = 0
+
+
+QUESTION = Question()
+
+
 @one_blas_thread()
 def diagnose_with(
     simulator: Simulator,
     campaign: Campaign,
+    question: Question = QUESTION,
     *,
-    tier: Tier | None = None,
     cache: Path | ProtocolCache | None = None,
     budget: Budget | None = None,
-    excluded: Collection[str] = (),
-    seed: int = 0,
     report: Report | None = None,
     provenance: Mapping[str, Any] | None = None,
 ) -> Diagnosis:
@@ -101,11 +121,9 @@ def diagnose_with(
     Args:
         simulator: of the campaign's trials with motion and outcome, in order of execution.
         campaign: the same trials.
-        tier: information to use; None: all that enough of its trials have.
+        question: what is asked of it.
         cache: folder of simulations and posteriors; None: in memory.
         budget: of simulated campaigns.
-        excluded: effects that are not looked for.
-        seed: of all draws.
         report: called with progress.
         provenance: of campaign and simulator, to go into the diagnosis.
 
@@ -113,11 +131,13 @@ def diagnose_with(
         The diagnosis; equal campaign, simulator, seed and number of campaigns give an equal one.
 
     Raises:
-        DiagnosisError: the campaign holds too little.
+        DiagnosisError: the campaign holds too little, or a reference has other trials.
         ResultError: the cache cannot be used.
     """
     started = time.monotonic()
-    seen = observe_campaign(campaign, tier)
+    excluded, seed = question.excluded, question.seed
+    seen = observe_campaign(campaign, question.tier)
+    references = [_reference(one, seen) for one in question.references]
     shared = ProtocolCache(cache) if isinstance(cache, Path) else cache
     with SimulationCache(simulator, None if shared is None else shared.simulations) as store:
         # One simulation of every trial tells what they cost.
@@ -125,16 +145,21 @@ def diagnose_with(
         schedule = Schedule(
             Budget() if budget is None else budget, store, len(seen), simulator.library, started
         )
-        work = _Work(store, seen, schedule, shared, tuple(excluded), seed, report)
+        work = _Work(store, seen, schedule, shared, excluded, seed, report)
         seen_look = work.look()
-        posterior = work.posterior(seen_look)
         trials = seen_look.responding
+        posterior = work.posterior(seen_look)
+        none = [
+            float(posterior.infer(one.overturned[trials], one.features[trials]).probability[0])
+            for one in references
+        ]
+        posterior = posterior.with_references(none)
         found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
         work.tell(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
-        names = verdict.effects if verdict.kind is not VerdictKind.NONE else ()
-        if verdict.kind is not VerdictKind.PAIR:
-            names = names[:1]
+        names = verdict.effects[: 2 if verdict.kind is VerdictKind.PAIR else 1]
+        if not schedule.held_out:
+            names = ()
         how_far = judge(
             store, seen, trials, posterior, found.residuals,
             [name for name in names if name in posterior.parameters.rows], seed=seed,
@@ -147,6 +172,8 @@ def diagnose_with(
     noted = {
         **({} if provenance is None else provenance),
         "excluded": sorted(excluded),
+        "references": dict(zip((one.name for one in question.references), none, strict=True)),
+        "held_out": schedule.held_out,
         "budget": spent,
         "detection_limits": {
             f"{name} {'+' if side > 0 else '-'}": limit.share
@@ -163,6 +190,24 @@ def diagnose_with(
         insensitive(simulator.library, seen_look.limits), layers,
     )  # fmt: skip
     return compose(seen, evidence, noted)
+
+
+def _reference(campaign: Campaign, seen: Observations) -> Observations:
+    """A reference as the observed campaign is seen.
+
+    Raises:
+        DiagnosisError: it has other trials, or does not reach the tier.
+    """
+    out = observe_campaign(campaign, seen.tier)
+    for one, other in zip_longest(out.campaign.trials, seen.campaign.trials):
+        if one is None or other is None or (one.motion, one.pga) != (other.motion, other.pga):
+            named = "none" if one is None else repr(one.trial)
+            raise DiagnosisError(
+                f"reference {campaign.name!r}: where campaign {seen.campaign.name!r} has trial "
+                f"{'none' if other is None else repr(other.trial)} it has {named}, of another "
+                "motion or PGA; give references of the same trials in the same order"
+            )
+    return out
 
 
 @dataclass(eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,6 +150,18 @@ class Posterior:
             alike=self.alike,
         )
         return Found(probability, residuals[0], summaries[0], said)
+
+    def with_references(self, none: Sequence[float]) -> Posterior:
+        """The same, where campaigns that have no effect are known.
+
+        None is said of whatever has at least the probability of none that one of them has: so
+        little comes without an effect.
+
+        Args:
+            none: probability of none that each of them has.
+        """
+        limit = min([self.levels.none_limit, *none])
+        return replace(self, levels=replace(self.levels, none_limit=limit))
 
 
 def tempered(log_probability: Array, temperature: float) -> Array:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from vsr2.campaign import Campaign
 from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
 from vsr2.diagnosis.simulated.nuisances import (
     DEFAULT_NUISANCES,
@@ -32,6 +33,7 @@ class Hypotheses:
             one of the parameter's own shape, in its unit.
         nuisances: what is uncertain about the set-up.
         contact_family: by what two correct simulators of the scene differ: drawn as nuisances are.
+        references: campaigns of the same trials that are known to have no effect.
 
     Raises:
         DiagnosisError: an unknown name in `exclude`, or a prior that is none of a magnitude.
@@ -43,6 +45,7 @@ class Hypotheses:
     priors: Mapping[str, Distribution | tuple[float, float]] = field(default_factory=dict)
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
     contact_family: Sequence[Nuisance] = CONTACT_FAMILY
+    references: Sequence[Campaign] = ()
 
     @property
     def ends(self) -> dict[str, list[float]]:

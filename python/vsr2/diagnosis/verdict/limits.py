@@ -104,6 +104,8 @@ def limits_of_the_data(
         *few_sessions(seen.session[trials], seen.motion[trials]),
         *_sensitivity(trials, insensitive),
         *_budget(provenance["budget"], posterior),
+        *_references(provenance["references"], posterior.levels.none_limit),
+        *([] if provenance["held_out"] else [Statement.of(LimitCode.NOT_HELD_OUT)]),
         *repeats_scatter(layers),
         *(
             [Statement.of(LimitCode.MEASURES_LACKING)]
@@ -268,6 +270,13 @@ def _budget(budget: Mapping[str, Any], posterior: Posterior) -> Iterator[Stateme
         )
     if posterior.campaigns < LIMITS.few_campaigns * len(posterior.sets.names):
         yield Statement.of(LimitCode.FEW_CAMPAIGNS, count=posterior.campaigns)
+
+
+def _references(none: Mapping[str, float], limit: float) -> Iterator[Statement]:
+    """Which campaigns that have no effect made the limit of none what it is."""
+    lowest = min(none, key=lambda name: none[name], default=None)
+    if lowest is not None and none[lowest] <= limit:
+        yield Statement.of(LimitCode.REFERENCE_DIFFERS, reference=lowest, none=none[lowest])
 
 
 def repeats_scatter(layers: Mapping[str, Any]) -> Iterator[Statement]:

@@ -225,6 +225,8 @@ class _Provenance(_Part):
     detection_limits: dict[str, float]
     constants: dict[str, dict[str, Any]]
     excluded: list[str]
+    references: dict[str, Share]
+    held_out: bool
     nuisances: list[str]
     simulator: str
     seed: Count
