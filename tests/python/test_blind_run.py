@@ -432,6 +432,8 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none"):
         assert f"### {group}\n" in told
     assert ", limits " in told
+    # What a diagnosis calls its estimates and intervals is what scoring reads.
+    assert "| magnitude: 90 % interval holds the truth (single) |" in told
     for name in ("scores.json", "scores.md", "reliability.png"):
         assert (tmp_path / "s" / name).exists()
 

@@ -11,6 +11,7 @@ import pytest
 
 from blind_check import pool_packs
 from blind_samples import diagnosis, effect, hand_made, same_folders
+from test_report_diagnosis import CONTENT
 from vsr2.blind import score_pack
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
@@ -562,6 +563,22 @@ def test_diagnoses_of_another_pack_are_refused(pack, tmp_path) -> None:
 def test_a_wrong_diagnosis_is_named(change, message, tmp_path) -> None:
     with pytest.raises(BlindError, match=message):
         verdict_of(VERDICTS["a"] | change, "diagnosis.json")
+
+
+def test_scoring_reads_what_a_diagnosis_writes() -> None:
+    verdict = verdict_of(CONTENT, "diagnosis.json")
+    assert (verdict.kind, verdict.effects) == (VerdictKind.EFFECT, ("wear",))
+    assert verdict.probabilities == {"wear": 0.76, "catch": 0.09, "none": 0.05, "unknown": 0.1}
+    assert verdict.conformal == ("wear",)
+    assert verdict.parameters["catch"]["size"].mean == 0.11
+    assert verdict.parameters["catch"]["size"].ci90 == (0.06, 0.16)
+    assert (verdict.closure, verdict.headline, verdict.gain) == (0.83, 0.5, (0.49, 0.51))
+    # Others are significant, and do not stand out.
+    assert [one.trials for one in verdict.where] == [{"A", "B"}]
+    nothing = {"value": None, "ci95": None}
+    gap = CONTENT["gap"] | {"closure": nothing, "headline": nothing, "gain": nothing}
+    none = verdict_of(CONTENT | {"gap": gap, "where": []}, "diagnosis.json")
+    assert (none.closure, none.headline, none.gain, none.where) == (None, None, None, ())
 
 
 def test_a_bare_verdict_is_enough() -> None:
