@@ -5,8 +5,8 @@ r"""The blind check of the diagnosis: makes, diagnoses and scores packs, in part
     python studies/blind_check.py validation --part 2          # beside one of another part
     python studies/blind_check.py validation --score           # diagnoses may not change then
     python studies/blind_check.py leave-one-out
-    python studies/blind_check.py validation --recompute --results FOLDER \
-        --tables out/scores5                                   # all tables from what is committed
+    python studies/blind_check.py validation --results docs/results/blind_validation_5 \
+        --recompute out/scores5                                # all tables from what is committed
 
 Each check consists of parts, packs of their own with a seed, a protocol and a key each, under
 `out/blind/CHECK/PART/`. A run continues where the last one stopped. `--score` scores the parts that
@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from blind_results import SCORES, committed_verdicts, recompute, write_gz
+from blind_results import RECORD, committed_verdicts, recompute, record_of, write_gz
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
 from vsr2.blind.form.seal import (
     folder_sha256,
@@ -38,12 +38,15 @@ from vsr2.blind.form.seal import (
     open_key,
     read_json,
     read_pack,
+    write_json,
 )
-from vsr2.blind.scoring.packs import RECEIPT, check_apart, judge, read_receipt
-from vsr2.blind.scoring.tables import Scored, score_files, write_files
+from vsr2.blind.scoring.cases import read_cases
+from vsr2.blind.scoring.packs import RECEIPT, SCORES, check_apart, judge, read_receipt
+from vsr2.blind.scoring.scored import Scored
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Execution
 from vsr2.errors import BlindError
+from vsr2.report.blind import write_scores
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")
@@ -115,9 +118,8 @@ def main() -> int:
     parser.add_argument("--score", action="store_true", help="score finished parts")
     parser.add_argument("--results", type=Path, help="of --score (default: docs/results/...)")
     parser.add_argument(
-        "--recompute", action="store_true", help="compare scores with those from what is committed"
+        "--recompute", type=Path, metavar="FOLDER", help="gets all tables from what is committed"
     )
-    parser.add_argument("--tables", type=Path, help="of --recompute: folder that gets all tables")
     options = parser.parse_args()
     check = CHECKS[options.check]
     numbers = options.part or range(1, check.parts + 1)
@@ -126,7 +128,8 @@ def main() -> int:
     folders = [options.out / options.check / f"part{i}" for i in numbers]
     default = ROOT / "docs" / "results" / f"blind_{options.check.replace('-', '_')}"
     if options.recompute:
-        return recompute(options.results or default, options.tables)
+        recompute(options.results or default, options.recompute)
+        return 0
     if options.score:
         return score(options.check, folders, options.out, options.results or default, options.tier)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
@@ -205,15 +208,17 @@ def score(
     if not parts:
         return 1
     tables = folders[0].parent / "scores"
-    pool_packs(parts, tables, training=training, tiers=tiers)
+    scored = pool_packs(parts, tables, training=training, tiers=tiers)
     results.mkdir(parents=True, exist_ok=True)
-    write_gz(results / SCORES, read_json(tables / "scores.json"))
+    known_tiers = {case.tier for case in scored.cases}
+    write_gz(results / RECORD, record_of(read_json(tables / SCORES), known_tiers))
     (results / "README.md").write_text(
         page(name, parts, len(folders), commit, out, results, training, tiers), encoding="utf-8"
     )
     for number, (data, key, verdicts) in enumerate(parts, 1):
         write_gz(results / f"key{number}.json.gz", read_json(key / "key.json"))
-        content = committed_verdicts(data, open_key(data, key), verdicts, tiers)
+        cases = read_cases(data, open_key(data, key), verdicts, tiers)
+        content = committed_verdicts(read_pack(data).commitment.sha256, cases)
         write_gz(results / f"verdicts{number}.json.gz", content)
     print(f"wrote {results}; {tables} has the tables, with baselines and leaks")
     return 0
@@ -226,7 +231,7 @@ def pool_packs(
     training: tuple[Path, Path] | None = None,
     tiers: Sequence[str] | None = None,
 ) -> Scored:
-    """Scores over several packs that were scored already, written as `score_pack` does.
+    """Scores over several packs that were scored already, written as `vsr2 blind score` does.
 
     Args:
         parts: data folder, key folder and diagnoses of each pack.
@@ -256,7 +261,8 @@ def pool_packs(
     packs = [read_pack(data).commitment.sha256 for data, _, _ in parts]
     content = scored.to_json() | {"packs": packs, "submissions": submissions}
     make_folder(out)
-    write_files(score_files(scored, content), out)
+    write_json(out / SCORES, content)
+    write_scores(scored, out)
     return scored
 
 
@@ -264,13 +270,13 @@ def finished(data: Path, verdicts: Path, tiers: Sequence[str] | None) -> bool:
     """Whether every campaign has a diagnosis, or a failure, at the tiers, or at all of the pack."""
     if not (data / "pack.json").exists():
         return False
-    pack = read_json(data / "pack.json")
+    pack = read_pack(data)
     return all(
         any(
-            (verdicts / entry["id"] / tier / f"{kind}.json").exists()
+            (verdicts / listed.id / tier / f"{kind}.json").exists()
             for kind in ("diagnosis", "failed")
         )
-        for entry in pack["campaigns"]
+        for listed in pack.campaigns
         for tier in tiers or pack.tiers
     )
 
@@ -294,10 +300,10 @@ def page(
         f"--results {_shown(results)}`. {len(parts)} of {total} parts "
         f"are scored, by commit `{commit}`. `keyN.json.gz` holds salt and key of part N, whose "
         "SHA-256 was published in its pack (`vsr2.blind.form.seal.commitment`). "
-        "`verdictsN.json.gz` holds what scoring reads of its diagnoses. `scores.json.gz` records "
-        "all scores, baselines and leaks among them, which need the packs' data. "
-        f"`python studies/blind_check.py {name} --recompute --results {_shown(results)} --tables "
-        "FOLDER` computes the scores of the tiers again, compares them and writes all tables. In a "
+        "`verdictsN.json.gz` holds what scoring reads of its diagnoses. `record.json.gz` holds "
+        "what needs the packs' data: scores of the baselines, leaks, hashes of the diagnoses. "
+        f"`python studies/blind_check.py {name} --results {_shown(results)} --recompute FOLDER` "
+        "computes all scores of the tiers and writes all tables. In a "
         "checkout of the commit that made a part, `vsr2.blind.make_pack` with its seed and the "
         f"settings of `CHECKS` draws its campaigns again. {_trained(training)}",
         "",

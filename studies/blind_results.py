@@ -1,52 +1,40 @@
-"""Committed results of a blind check: keys, verdicts and scores, and what follows from them.
+r"""Committed results of a blind check: keys and verdicts, and what follows from them.
 
 Of each part a results folder holds `keyN.json.gz` (salt and key) and `verdictsN.json.gz`: what
-scoring read of each diagnosis, why an unresolved one names nothing, and the ids of trials.
-`scores.json.gz` records the scores as published, baselines and leaks among them, which need
-the packs' data. All tables and figures of the tiers are computed from keys and verdicts:
+scoring reads of each diagnosis, and the ids of trials. `record.json.gz` holds what needs the packs'
+data: scores of the baselines, rates, leaks, and hashes of packs and diagnoses. All else is computed
+from these:
 
-    python studies/blind_check.py validation --recompute --results docs/results/blind_validation_5
+    python studies/blind_check.py validation --results docs/results/blind_validation_5 \
+        --recompute FOLDER
 """
 
 from __future__ import annotations
 
-import csv
 import gzip
-import io
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter
 
-from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, NAMING, Verdict
+from vsr2.blind.form.diagnosis_form import NAMING, Verdict
 from vsr2.blind.form.pack_settings import Kind
-from vsr2.blind.form.seal import commitment, read_json
-from vsr2.blind.scoring.cases import Case, case_of, read_cases
-from vsr2.blind.scoring.score import leading_class, magnitude, score_cases, top_one
-from vsr2.blind.scoring.tables import Scored, score_files, write_files
+from vsr2.blind.form.seal import commitment, write_json
+from vsr2.blind.scoring.cases import Case, case_of
+from vsr2.blind.scoring.intervals import Score
+from vsr2.blind.scoring.leaks import Leak
+from vsr2.blind.scoring.packs import SCORES
+from vsr2.blind.scoring.score import ScoreCode, leading_class, magnitude, right, score_cases, wrong
+from vsr2.blind.scoring.scored import Scored
 from vsr2.errors import BlindError
+from vsr2.report.blind import write_scores
+from vsr2.results.atomic import csv_text
 
-SCHEMA = "vsr2.blind-verdicts/1"
-SCORES = "scores.json.gz"
+SCHEMA = "vsr2.blind-verdicts/2"
+RECORD = "record.json.gz"
 _VERDICT = TypeAdapter(Verdict)
-
-
-@dataclass(frozen=True)
-class Part:
-    """A scored pack.
-
-    Attributes:
-        number: of the part, from 1.
-        cases: one a campaign and tier.
-        withheld: by campaign and tier, the code of the last reason of an unresolved verdict.
-    """
-
-    number: int
-    cases: list[Case]
-    withheld: Mapping[tuple[str, str], str]
 
 
 def read_gz(path: Path) -> Any:
@@ -60,52 +48,31 @@ def write_gz(path: Path, content: object) -> None:
     path.write_bytes(gzip.compress(text.encode(), mtime=0))
 
 
-def committed_verdicts(
-    data: Path, key: Mapping[str, Any], diagnoses: Path, tiers: Sequence[str] | None = None
-) -> dict[str, Any]:
-    """Of each campaign its trials' ids, and of each diagnosis what scoring reads.
+def committed_verdicts(pack: str, cases: Sequence[Case]) -> dict[str, Any]:
+    """Content of a `verdictsN.json.gz`: what scoring reads.
 
     Args:
-        data: the pack's data folder.
-        key: opened.
-        diagnoses: folder of them.
-        tiers: to be kept; None: all of the pack.
-
-    Raises:
-        BlindError: as :func:`vsr2.blind.scoring.cases.read_cases`.
+        pack: hash of the pack's key.
+        cases: all of the pack.
     """
-    cases = read_cases(data, key, diagnoses, tiers)
-    withheld = {}
-    for case in cases:
-        path = diagnoses / case.id / case.tier / DIAGNOSIS_FILE
-        reasons = read_json(path)["verdict"].get("reasons") if path.exists() else None
-        if reasons and case.verdict.kind == "unresolved":
-            code = reasons[-1]["code"] if isinstance(reasons[-1], Mapping) else reasons[-1]
-            withheld[case.id, case.tier] = code
-    return part_content(read_json(diagnoses / "submission.json")["pack"], cases, withheld)
-
-
-def part_content(
-    pack: str, cases: Sequence[Case], withheld: Mapping[tuple[str, str], str]
-) -> dict[str, Any]:
-    """Content of a `verdictsN.json.gz`."""
     verdicts: dict[str, dict[str, Any]] = {}
     for case in cases:
+        strengths = {effect["name"]: effect["strength"] for effect in case.effects}
         plain = _VERDICT.dump_python(case.verdict, mode="json", exclude_defaults=True)
+        plain["parameters"] = {
+            name: {strength: own[strength]}
+            for name, strength in strengths.items()
+            if strength in (own := plain.get("parameters", {}).get(name, {}))
+        }
         for one in plain.get("where", ()):
-            one["trials"] = sorted(one.get("trials") or ()) if "trials" in one else None
+            one["trials"] = sorted(one["trials"])
         verdicts.setdefault(case.id, {})[case.tier] = plain
-    return {
-        "schema": SCHEMA,
-        "pack": pack,
-        "trials": {case.id: list(case.trials) for case in cases},
-        "verdicts": verdicts,
-        "withheld": {f"{name} {tier}": code for (name, tier), code in withheld.items()},
-    }
+    trials = {case.id: list(case.trials) for case in cases}
+    return {"schema": SCHEMA, "pack": pack, "trials": trials, "verdicts": verdicts}
 
 
 def committed_cases(content: Mapping[str, Any], key: Mapping[str, Any], label: str) -> list[Case]:
-    """The cases of a pack, as those that :mod:`vsr2.blind.scoring.cases` reads from its folders.
+    """The cases of a pack, as :func:`vsr2.blind.scoring.cases.read_cases` reads them.
 
     Args:
         content: what :func:`committed_verdicts` gave.
@@ -145,93 +112,92 @@ def read_key(results: Path, number: int) -> dict[str, Any]:
     return key
 
 
-def read_parts(results: Path) -> Iterator[Part]:
-    """The committed parts of a check.
+def read_parts(results: Path) -> list[list[Case]]:
+    """The cases of each committed part of a check.
 
     Raises:
-        BlindError: as :func:`committed_cases` and :func:`read_key`.
+        BlindError: there is none, or as :func:`committed_cases` and :func:`read_key`.
     """
-    for number in range(1, 1 + len(list(results.glob("verdicts*.json.gz")))):
-        path = results / f"verdicts{number}.json.gz"
-        content = read_gz(path)
-        cases = committed_cases(content, read_key(results, number), str(path))
-        withheld = {tuple(at.split()): code for at, code in content["withheld"].items()}
-        yield Part(number, cases, withheld)
+    paths = sorted(results.glob("verdicts*.json.gz"))
+    if not paths:
+        raise BlindError(f"{results}: holds no verdicts, from which scores could be computed")
+    return [
+        committed_cases(read_gz(path), read_key(results, number), str(path))
+        for number, path in enumerate(paths, 1)
+    ]
 
 
-def recompute(results: Path, out: Path | None = None) -> int:
-    """Compare recorded scores with those of the committed keys and verdicts; 0: they agree.
+def record_of(content: Mapping[str, Any], tiers: set[str]) -> dict[str, Any]:
+    """Content of a `record.json.gz`.
 
-    Later versions know more scores; those that are not recorded at all are left out.
+    Args:
+        content: of `scores.json`.
+        tiers: whose scores follow from the verdicts.
+    """
+    kept = {name: content[name] for name in ("rates", "leaks", "packs", "submissions")}
+    return kept | {"scores": [row for row in content["scores"] if row["tier"] not in tiers]}
+
+
+def scored_again(results: Path) -> Scored:
+    """Scores of what is committed, with what is recorded beside them.
 
     Args:
         results: the committed folder.
-        out: gets all tables and the figure of the tiers, of each part and of all together.
     """
-    parts = list(read_parts(results))
-    cases = [case for part in parts for case in part.cases]
-    tiers = {case.tier for case in cases}
-    scored = Scored(score_cases(cases), [], cases, False)
-    content = scored.to_json()
-    recorded = [row for row in read_gz(results / SCORES)["scores"] if row["tier"] in tiers]
-    names = {row["score"] for row in recorded}
-    found = [row for row in content["scores"] if row["score"] in names]
-    differ = [row for row in recorded if row not in found]
-    differ += [row for row in found if row not in recorded]
-    for row in differ:
-        print(row)
-    print(f"{results}: {len(recorded)} scores, {len(differ)} differ")
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        files = score_files(scored, content)
-        for part in parts:
-            own = Scored(score_cases(part.cases), [], part.cases, False)
-            files[f"part{part.number}.md"] = score_files(own, own.to_json())["scores.md"]
-        write_files(files | {"verdicts.csv": verdict_table(parts)}, out)
-        print(f"wrote {out}")
-    return 1 if differ or not recorded else 0
+    cases = [case for part in read_parts(results) for case in part]
+    record = read_gz(results / RECORD)
+    scores = score_cases(cases)
+    for row in record["scores"]:
+        own = scores.setdefault((row["tier"], row["group"]), {})
+        own[ScoreCode(row["score"])] = _score(row)
+    rates = [{kind: _score(row) for kind, row in one.items()} for one in record["rates"]]
+    leaks = [[Leak(**leak) for leak in one] for one in record["leaks"]]
+    return Scored(scores, rates, cases, False, leaks)
 
 
-def verdict_table(parts: Sequence[Part]) -> bytes:
-    """`verdicts.csv`: what was asked and what was answered, a row a campaign and tier."""
-    rows = verdict_rows(parts)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()
+def _score(row: Mapping[str, Any]) -> Score:
+    low, high = (float("nan") if row[end] is None else row[end] for end in ("low", "high"))
+    return Score(row["value"], low, high, row["campaigns"])
 
 
-def verdict_rows(parts: Sequence[Part]) -> list[dict[str, Any]]:
-    """Rows of :func:`verdict_table`."""
+def recompute(results: Path, out: Path) -> None:
+    """Write all tables and the figure of the tiers from what is committed.
+
+    Args:
+        results: the committed folder.
+        out: gets them.
+    """
+    scored = scored_again(results)
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(out / SCORES, scored.to_json())
+    write_scores(scored, out)
+    (out / "verdicts.csv").write_text(csv_text(verdict_rows(scored.cases), ".4g"))
+    print(f"{results}: {len(scored.cases)} verdicts; wrote {out}")
+
+
+def verdict_rows(cases: Sequence[Case]) -> list[dict[str, Any]]:
+    """What was asked and what was answered, a row a campaign and tier."""
     rows = []
-    for part in parts:
-        for case in part.cases:
-            named = case.verdict.kind in NAMING
-            single = case.kind == Kind.SINGLE
-            estimated = magnitude(case)
-            error, held, width = ("", "", "") if estimated is None else estimated
-            rows.append(
-                {
-                    "part": part.number,
-                    "engine": case.engine,
-                    "kind": case.kind,
-                    "tier": case.tier,
-                    "effects": " ".join(effect["name"] for effect in case.effects),
-                    "magnitude": " ".join(f"{effect['relative']:.4g}" for effect in case.effects),
-                    "verdict": str(case.verdict.kind),
-                    "named": " ".join(case.verdict.effects) if named else "",
-                    "probability": f"{case.verdict.probability:.3f}",
-                    "right": int(top_one(case)) if named else "",
-                    "answer": case.first[0],
-                    "stated": f"{case.first[1]:.3f}",
-                    "first": leading_class(case),
-                    "leads": int(case.first[0] in case.truth) if single else "",
-                    "closure": "" if case.verdict.closure is None else case.verdict.closure,
-                    "error": "" if estimated is None else f"{error:.3g}",
-                    "held": "" if estimated is None else int(held),
-                    "width": "" if estimated is None else f"{width:.3g}",
-                    "withheld": part.withheld.get((case.id, case.tier), ""),
-                }
-            )
+    for case in cases:
+        single = case.kind == Kind.SINGLE
+        estimated = magnitude(case) if single else None
+        error, holds = (None, None) if estimated is None else estimated
+        rows.append(
+            {
+                "engine": case.engine,
+                "kind": case.kind,
+                "tier": case.tier,
+                "effects": " ".join(effect["name"] for effect in case.effects),
+                "limits": " ".join(f"{effect['relative']:.4g}" for effect in case.effects),
+                "verdict": str(case.verdict.kind),
+                "named": " ".join(case.verdict.effects) if case.verdict.kind in NAMING else "",
+                "right": int(right(case)),
+                "wrong": int(bool(wrong(case))),
+                "answer": case.first[0],
+                "stated": case.first[1],
+                "leading": leading_class(case),
+                "error": "" if error is None else error,
+                "holds": "" if holds is None else int(holds),
+            }
+        )
     return rows

@@ -32,22 +32,23 @@ from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pg
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.mujoco import ContactModel
-from vsr2.blind.scoring.score import FIRST, score_cases
+from vsr2.blind.scoring.score import ScoreCode, score_cases
 from vsr2.config import load_study
+from vsr2.report.messages.scores import SCORES
 
 ROOT = Path(__file__).resolve().parents[1]
 COLUMNS = ("part", "campaign", "engine", "kind", "effect", "values", "sealed", "measured")
 SHOWN = (
-    FIRST,
-    "top-1 class (single)",
-    "90 % set: coverage",
-    "90 % set: median size",
-    "log score below uniform",
-    "calibration error",
-    "magnitude: median relative error",
-    "magnitude: interval coverage",
-    "closure over oracle: median",
-    "where: median mass inside",
+    ScoreCode.LEADS,
+    ScoreCode.NAMED,
+    ScoreCode.SET_COVERAGE,
+    ScoreCode.SET_SIZE,
+    ScoreCode.LOG_SCORE,
+    ScoreCode.CALIBRATION,
+    ScoreCode.ERROR,
+    ScoreCode.INTERVAL,
+    ScoreCode.CLOSURE,
+    ScoreCode.WHERE_GAIN,
 )
 WINDOWS = (
     ("below 0.5", 0.0, 0.5),
@@ -168,7 +169,7 @@ def measured(
 def page(results: Path, rows: list[dict[str, str]]) -> str:
     """Counts, and the scores of single effects in groups of what was measured."""
     found = {(row["campaign"], row["effect"]): float(row["measured"]) for row in rows}
-    cases = [case for part in read_parts(results) for case in part.cases]
+    cases = [case for part in read_parts(results) for case in part]
     singles = [
         replace(case, relative=found[case.id, case.effects[0]["name"]])
         for case in cases
@@ -199,12 +200,12 @@ def page(results: Path, rows: list[dict[str, str]]) -> str:
             }
             lines += ["", f"### {engine}, measured {label}", ""]
             lines += ["| score | " + " | ".join(scores) + " |", "| --- |" + " --- |" * len(scores)]
-            for name in SHOWN:
+            for code in SHOWN:
                 cells = []
                 for tier, one in scores.items():
-                    score = one[tier, "all"].get(name)
+                    score = one[tier, "all"].get(code)
                     cells.append("" if score is None else f"{score.value:.2f} ({score.count})")
-                lines.append(f"| {name} | " + " | ".join(cells) + " |")
+                lines.append(f"| {SCORES[code]} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 

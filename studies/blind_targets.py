@@ -1,213 +1,151 @@
-"""A blind check's scores against the targets for them, and its verdicts, as tables in Markdown.
+"""A blind check's scores beside the targets for them, as tables in Markdown.
 
     python studies/blind_targets.py docs/results/blind_validation_5
 
-Reads a results folder of `blind_check.py` (:mod:`blind_results`). Targets are for
-about 580 trials and for effects of 2 detection limits or more; a score is given for that group at
-tiers B / M / T, by engine, and for all campaigns of the engine where the group is small. Numbers in
-brackets are campaigns; where tiers differ, one a tier. The second table counts what the verdicts of
-both engines came to: of single effects those whose true class is the most probable answer, and all.
+Reads a results folder of `blind_check.py --score` (:mod:`blind_results`). Scores are given at tiers
+B / M / T, by engine, with the number of campaigns in parentheses; where tiers differ, one a tier.
+Shares have their exact 95 % interval in brackets. The second table counts what the verdicts of both
+engines came to.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from blind_results import SCORES, read_gz, read_parts, verdict_rows
-from vsr2.blind.form.diagnosis_form import NAMING
-from vsr2.blind.scoring.score import NOT_NONE
-from vsr2.diagnosis.verdict.statements import VerdictKind
+from blind_results import read_parts
+from vsr2.blind.scoring.cases import Case, engine_group
+from vsr2.blind.scoring.intervals import Score
+from vsr2.blind.scoring.score import ScoreCode, Scores, is_named, right, score_cases, wrong
+from vsr2.report.text import markdown_table
 
 TIERS = ("B", "M", "T")
-STRONG = "engine {engine}, limit x 2+"
-ALL = "engine {engine}"
-WHERE = {STRONG: "2+", ALL: "all"}
+ENGINES = ("bullet", "mujoco")
+STRONG = (2.0, math.inf)
+WEAK = (1.0, 2.0)
+FROM_ONE = (1.0, math.inf)
+ALL: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
 class Row:
-    """One line: a score of `scores.json`, the groups it is shown for, and what is wanted."""
+    """One line: a score, the magnitudes over the limit that it is of, and what is wanted."""
 
     label: str
-    score: str
-    wanted: str
-    groups: tuple[str, ...] = (STRONG,)
+    code: ScoreCode
+    limits: tuple[float, ...]
+    bullet: str = "-"
+    mujoco: str = "-"
+    is_share: bool = True
 
 
 ROWS = (
     Row(
         "most probable answer is the true class",
-        "most probable answer, whatever the verdict (single)",
-        ".70 / .85 / .92; .10 less",
-        (STRONG, ALL),
+        ScoreCode.ANSWER, STRONG, ".66 / .90 / .95", ".56 / .80 / .85",
+    ),
+    Row("true class leads all other effects", ScoreCode.LEADS, WEAK, ".32 / .75 / .85"),
+    Row("most probable answer is the true class", ScoreCode.ANSWER, WEAK),
+    Row(
+        "named rightly (an effect, or at most 3 classes with it)",
+        ScoreCode.NAMED, STRONG, ".45 / .75 / .85", ".35 / .65 / .75",
     ),
     Row(
-        "the same, where the verdict names it",
-        "top-1 class (single)",
-        ".70 / .85 / .92; .10 less",
+        "wrong among all named, unknown ones counted",
+        ScoreCode.WRONG, ALL, "at most .10", "at most .15",
     ),
+    Row("gap-free campaigns named", ScoreCode.NONE_NAMED, ALL, "at most .05", "at most .10"),
+    Row("gap-free campaigns `none`", ScoreCode.NONE_SAID, ALL, "-", ".80"),
+    Row("clean references `none`", ScoreCode.REFERENCE_NONE, ALL, "-", "1"),
+    Row("pairs, both names right", ScoreCode.PAIR_NAMED, FROM_ONE, *2 * ("- / .35 / .45",)),
+    Row("pairs, both names right", ScoreCode.PAIR_NAMED, STRONG, *2 * ("- / .60 / .75",)),
     Row(
-        "the true class leads all other effects",
-        "most probable effect's class, whatever the verdict (single)",
-        "-",
-        (STRONG, ALL),
+        "unknown: AUROC", ScoreCode.UNKNOWN_AUROC, STRONG, ".75 / .85 / .88", ".75", is_share=False
     ),
-    Row("90 % set: coverage", "90 % set: coverage", ".87 to .95; .85", (STRONG, ALL)),
-    Row("90 % set: median size", "90 % set: median size", "4 / 2 / 2; -"),
-    Row("log score below uniform", "log score below uniform", ".40 / .60 / .75; .35 (M)"),
-    Row("calibration error", "calibration error", ".05; .10", (STRONG, ALL)),
+    Row("unknown: AUROC", ScoreCode.UNKNOWN_AUROC, ALL, is_share=False),
+    Row("unknown: rate at 5 % false alarms", ScoreCode.UNKNOWN_RATE, STRONG, "- / .45 / .45"),
+    Row("unknown: rate at 5 % false alarms", ScoreCode.UNKNOWN_RATE, ALL),
+    Row("90 % set: coverage", ScoreCode.SET_COVERAGE, STRONG, ".87 to .95", ".85"),
+    Row("90 % set: coverage", ScoreCode.SET_COVERAGE, ALL, "-", ".85"),
+    Row("90 % set: median size", ScoreCode.SET_SIZE, STRONG, "5 / 2 / 1", is_share=False),
+    Row("calibration error", ScoreCode.CALIBRATION, ALL, ".06", ".10", is_share=False),
     Row(
         "the same, were what is stated true",
-        "calibration error: of true probabilities",
-        "-",
-        (STRONG, ALL),
+        ScoreCode.CALIBRATION_NOISE, ALL, is_share=False,
     ),
-    Row("false alarms: named without a gap", "false alarms (none)", ".05; .10", (ALL,)),
-    Row(
-        "anything but `none` without a gap, `unresolved` too",
-        NOT_NONE,
-        "-",
-        (ALL,),
-    ),
-    Row("unknown: AUROC", "unknown: AUROC", ".70 / .85 / .90; .75 (M)", (STRONG, ALL)),
-    Row("unknown: rate at 5 % false alarms", "unknown: rate at 5 % false alarms", "-"),
     Row(
         "magnitude: median relative error",
-        "magnitude: median relative error",
-        ".35 / .20 / .15; .35",
+        ScoreCode.ERROR, STRONG, ".40 / .22 / .15", "- / .35 / -", is_share=False,
     ),
+    Row("magnitude: 90 % interval holds the truth", ScoreCode.INTERVAL, STRONG, ".85"),
+    Row("gap closed on motions not seen, median", ScoreCode.CLOSURE, STRONG, is_share=False),
     Row(
-        "magnitude: 95 % interval holds the truth",
-        "magnitude: interval coverage",
-        ".85 of 90 % intervals; -",
-        (STRONG, ALL),
+        "the same less the better negative control, median",
+        ScoreCode.HEADLINE, STRONG, is_share=False,
     ),
+    Row("loss on motions not seen falls beyond its interval", ScoreCode.LOSS_FALLS, STRONG),
+    Row("loss on motions not seen rises beyond its interval", ScoreCode.LOSS_RISES, ALL),
     Row(
-        "magnitude: width of that interval over the size",
-        "magnitude: median width of interval",
-        "-",
+        "where: share of the effect over share of the trials, median",
+        ScoreCode.WHERE_GAIN, STRONG, *2 * ("at least 2",), is_share=False,
     ),
-    Row(
-        "closure over the oracle's, median",
-        "closure over oracle: median",
-        ".75 / .85 / .90; .65",
-    ),
-    Row(
-        "the same, 0 where no effect is named",
-        "closure over oracle, 0 where no effect is named: median",
-        "-",
-    ),
-    Row("closure below 0 beyond its interval", "closure below 0 beyond its interval", "0", (ALL,)),
-    Row("where: mass inside, median", "where: median mass inside", ".80; .70"),
-    Row(
-        "where: mass over share of trials, smallest location",
-        "where: median mass over share of trials, smallest location",
-        "above 1",
-    ),
-    Row("where: false locations", "where: false locations (none)", ".05", (ALL,)),
-    Row("pair called", "pair found (pair)", "-", (ALL,)),
-)
-
-STRONG_MAGNITUDE = 2.0
-"""Magnitude over the detection limit from which an effect counts as strong."""
-NAMED = "effects named"
+    Row("where: at least twice its share", ScoreCode.WHERE_TWICE, STRONG),
+    Row("where: false locations", ScoreCode.WHERE_FALSE, ALL, *2 * ("at most .05",)),
+)  # fmt: skip
 
 
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("results", type=Path)
-    results = parser.parse_args().results
-    rows = verdict_rows(list(read_parts(results)))
-    print(targets_table([*read_gz(results / SCORES)["scores"], *not_none(rows)]))
+    cases = [case for part in read_parts(parser.parse_args().results) for case in part]
+    print(targets_table(cases))
     print()
-    print(outcomes_table(rows))
+    print(outcomes_table(cases))
 
 
-def outcomes_table(rows: list[dict[str, Any]]) -> str:
-    """What the verdicts came to.
-
-    Args:
-        rows: of `verdicts.csv` (:func:`blind_results.verdict_rows`).
-    """
-    single = [row for row in rows if row["kind"] == "single"]
-    columns = {
-        "single, 2+": [row for row in single if float(row["magnitude"]) >= STRONG_MAGNITUDE],
-        "single, below 2": [row for row in single if float(row["magnitude"]) < STRONG_MAGNITUDE],
-        **{kind: [r for r in rows if r["kind"] == kind] for kind in ("pair", "unknown", "none")},
-    }
-    lines = [f"| verdict | {' | '.join(columns)} |", "| --- |" + " --- |" * len(columns)]
-    for line in sorted({_outcome(row) for row in rows}, key=lambda line: (line != NAMED, line)):
-        cells = [
-            _counts([row for row in chosen if _outcome(row) == line]) for chosen in columns.values()
-        ]
-        lines.append(f"| {line} | {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def _outcome(row: dict[str, Any]) -> str:
-    """The kind of a verdict and, of an unresolved one, the code of its last reason."""
-    if VerdictKind(row["verdict"]) in NAMING:
-        return NAMED
-    code = f": `{row['withheld']}`" if row["withheld"] else ""
-    return f"`{row['verdict']}`{code}"
-
-
-def _counts(rows: list[dict[str, Any]]) -> str:
-    """Verdicts a tier; of single effects also those whose most probable answer is right."""
-    cells = []
-    for tier in TIERS:
-        chosen = [row for row in rows if row["tier"] == tier]
-        leads = sum(row["leads"] == 1 for row in chosen)
-        single = any(row["kind"] == "single" for row in chosen)
-        cells.append(f"{leads} of {len(chosen)}" if single else str(len(chosen)))
-    return " / ".join(cells)
-
-
-def not_none(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The share of gap-free campaigns that are not called so, which early rounds did not record.
-
-    Args:
-        rows: of `verdicts.csv`.
-    """
-    free = [row for row in rows if row["kind"] == "none"]
-    out = []
-    for engine, tier in sorted({(row["engine"], row["tier"]) for row in free}):
-        own = [r["verdict"] != "none" for r in free if (r["engine"], r["tier"]) == (engine, tier)]
-        group, value = ALL.format(engine=engine), sum(own) / len(own)
-        out.append(
-            {"group": group, "tier": tier, "score": NOT_NONE, "value": value, "campaigns": len(own)}
+def targets_table(cases: Sequence[Case]) -> str:
+    """Scores beside what is wanted."""
+    asked = {case.engine for case in cases}
+    wanted = {engine_group(engine, *row.limits) for engine in asked for row in ROWS}
+    scores = score_cases(cases, wanted)
+    rows = [
+        (
+            row.label,
+            _limits(row.limits),
+            *(
+                cell
+                for engine, target in zip(ENGINES, (row.bullet, row.mujoco), strict=True)
+                for cell in (_cell(scores, engine_group(engine, *row.limits), row), target)
+            ),
         )
-    return out
-
-
-def targets_table(scores: Sequence[dict[str, Any]]) -> str:
-    """The table.
-
-    Args:
-        scores: of all parts, as `scores.json` has them.
-    """
-    found = {(s["group"], s["score"], s["tier"]): s for s in scores}
-    lines = [
-        "| score | group | Bullet | MuJoCo | wanted (Bullet; MuJoCo) |",
-        "| --- | --- | --- | --- | --- |",
+        for row in ROWS
     ]
-    for row in ROWS:
-        for group in row.groups:
-            cells = [_cell(found, group.format(engine=e), row.score) for e in ("bullet", "mujoco")]
-            lines.append(f"| {row.label} | {WHERE[group]} | {' | '.join(cells)} | {row.wanted} |")
-    return "\n".join(lines)
+    return markdown_table(("score", "limits", "Bullet", "wanted", "MuJoCo", "wanted"), rows)
 
 
-def _cell(found: dict[tuple[str, str, str], dict[str, Any]], group: str, score: str) -> str:
-    tiers = [found.get((group, score, tier)) for tier in TIERS]
-    counts = [str(s["campaigns"]) if s else "0" for s in tiers]
-    values = " / ".join(_number(s["value"]) if s else "-" for s in tiers)
-    return f"{values} ({', '.join(counts) if len(set(counts)) > 1 else counts[0]})"
+def _limits(limits: tuple[float, ...]) -> str:
+    if not limits:
+        return "all"
+    low, high = limits
+    return f"{low:g}+" if math.isinf(high) else f"{low:g}-{high:g}"
+
+
+def _cell(scores: dict[tuple[str, str], Scores], group: str, row: Row) -> str:
+    found = [scores.get((tier, group), {}).get(row.code) for tier in TIERS]
+    counts = [score.count if score else 0 for score in found]
+    if not any(counts):
+        return "-"
+    values = " / ".join(_shown(score, row.is_share) if score else "-" for score in found)
+    return f"{values} ({counts[0] if len(set(counts)) == 1 else ', '.join(map(str, counts))})"
+
+
+def _shown(score: Score, is_share: bool) -> str:
+    value = _number(score.value)
+    return f"{value} [{_number(score.low)}, {_number(score.high)}]" if is_share else value
 
 
 def _number(value: float) -> str:
@@ -215,6 +153,36 @@ def _number(value: float) -> str:
     if value >= 1 or value == 0:
         return f"{value:.3g}"
     return f"{value:.2f}".replace("0.", ".", 1)
+
+
+def outcomes_table(cases: Sequence[Case]) -> str:
+    """What the verdicts came to, at tiers B / M / T."""
+    columns = {
+        "single, 2+": [c for c in cases if c.kind == "single" and c.relative >= STRONG[0]],
+        "single, below 2": [c for c in cases if c.kind == "single" and c.relative < STRONG[0]],
+        **{
+            kind: [c for c in cases if c.kind == kind]
+            for kind in ("pair", "unknown", "none", "reference")
+        },
+    }
+    columns = {name: chosen for name, chosen in columns.items() if chosen}
+    lines = ("named rightly", "named in part", "named wrongly", "none", "unknown", "unresolved")
+    rows = [
+        (line, *(_counts([c for c in own if _outcome(c) == line]) for own in columns.values()))
+        for line in lines
+    ]
+    return markdown_table(("verdict", *columns), rows)
+
+
+def _outcome(case: Case) -> str:
+    """The kind of a verdict; of names whether all, some or none of it acts."""
+    if not is_named(case):
+        return str(case.verdict.kind)
+    return "named rightly" if right(case) else "named wrongly" if wrong(case) else "named in part"
+
+
+def _counts(cases: Sequence[Case]) -> str:
+    return " / ".join(str(sum(case.tier == tier for case in cases)) for tier in TIERS)
 
 
 if __name__ == "__main__":

@@ -68,8 +68,12 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
     for entry in entries:
         entry |= more.get(entry["name"], {})
     return {
-        "schema": "vsr2.diagnosis/1",
-        "gap": {"closure": {"value": more.get("closure"), "ci95": [0.0, 1.0]}},
+        "schema": "vsr2.diagnosis/3",
+        "gap": {
+            "closure": {"value": more.get("closure"), "ci95": [0.0, 1.0]},
+            "headline": {"value": more.get("headline"), "ci95": [0.0, 1.0]},
+            "gain": {"value": 0.0, "ci95": more.get("gain")},
+        },
         "where": more.get("where", []),
         "verdict": {"kind": kind, "effects": list(effects), "probability": 0.5},
         "effects": entries,
@@ -101,7 +105,7 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
 
     `campaigns`: kind and effects by id; `verdicts`: content of diagnosis.json by id.
     """
-    data, key, out = folder / "data", folder / "key", folder / "out"
+    data, key, out = folder / "data", folder / "key", folder / "verdicts"
     entries = {}
     for name, (kind, effects) in campaigns.items():
         (data / name).mkdir(parents=True)
@@ -122,7 +126,8 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
     if tiers != ("B", "M", "T"):
         # Those are sealed by the series' interval, as in packs of `vsr2 blind make`.
         settings["tiers"] = list(tiers)
-    content = {"campaigns": entries, "settings": settings}
+    made = {"seed": 1, "versions": {"version": "1"}}
+    content = {"campaigns": entries, "settings": settings, **made}
     sealed = commitment("00ff", content)
     key.mkdir()
     write_json(key / "key.json", {"schema": KEY_SCHEMA, "salt": "00ff", "key": content})
@@ -143,7 +148,7 @@ def hand_made(folder, campaigns, verdicts, *, development=False, tiers=("M",)):
         for tier in tiers:
             (out / name / tier).mkdir(parents=True)
             write_json(out / name / tier / "diagnosis.json", content)
-    write_json(out / "submission.json", {"pack": sealed})
+    write_json(out / "submission.json", {"pack": sealed, "campaigns": 150, "seed": 0})
     return data, key, out
 
 

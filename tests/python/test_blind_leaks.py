@@ -34,7 +34,7 @@ from vsr2.blind.scoring.baselines import (
 from vsr2.blind.scoring.cases import Case, class_label
 from vsr2.blind.scoring.leaks import _leak, find_leaks
 from vsr2.blind.scoring.metadata import metadata
-from vsr2.blind.scoring.score import top_one
+from vsr2.blind.scoring.score import right
 from vsr2.campaign import (
     Campaign,
     CampaignTrial,
@@ -443,8 +443,8 @@ def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp
         assert sum(case.verdict.probabilities.values()) == pytest.approx(1.0)
     # Chance is 8 of 16; 14 or more happen by chance in 1 of 480 packs.
     told = [case for case in judged if case.tier == "metadata" and case.kind == "single"]
-    assert sum(top_one(case) for case in told) < 14
-    assert set(rate_alone(packs[2], packs[3])) == {"overturn rate only: AUROC, none or single"}
+    assert sum(right(case) for case in told) < 14
+    assert set(rate_alone(packs[2], packs[3])) == {"none"}
 
 
 def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_path) -> None:
@@ -463,7 +463,7 @@ def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_pa
     telling = {"campaigns": {n: e | {"exclude": alone[n]} for n, e in entries.items()}}
     found = {leak.question: leak for leak in find_leaks(data, key | telling)}
     assert found["kind"].p <= 0.01
-    assert found["kind"].best == "campaigns that lack the same effects"
+    assert found["kind"].best == "campaigns_that_lack_the_same_effects"
     labels = {
         "engine": {name: e["engine"] for name, e in entries.items()},
         "kind": {name: e["kind"] for name, e in entries.items()},
@@ -480,7 +480,7 @@ def test_a_planted_leak_is_found_and_a_clean_pack_has_none(uneven, study, tmp_pa
         found = {leak.question: leak for leak in find_leaks(tmp_path / question, key)}
         assert found[question].p <= 0.01
         assert found[question].rate == pytest.approx(1.0)
-        assert found[question].best == "size of campaign.yaml"
+        assert found[question].best == "size_of_campaign_file"
 
 
 def test_leaks_of_chance_are_as_rare_as_their_p_says() -> None:

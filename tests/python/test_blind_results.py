@@ -1,30 +1,33 @@
 """Committed results of a blind check give its scores again."""
 
 import json
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import vsr2.blind.scoring.intervals as intervals
+from blind_check import score
 from blind_results import (
-    SCORES,
+    RECORD,
     committed_cases,
     committed_verdicts,
     read_gz,
     read_key,
     read_parts,
     recompute,
+    record_of,
     write_gz,
 )
 from blind_samples import hand_made
+from blind_targets import outcomes_table, targets_table
 from test_blind_score import CAMPAIGNS, VERDICTS
 from vsr2.blind import score_pack
-from vsr2.blind.form.seal import open_key, read_json
+from vsr2.blind.form.seal import open_key, read_json, read_pack
 from vsr2.blind.scoring.cases import read_cases
-from vsr2.blind.scoring.score import CALIBRATION_NOISE, score_cases
-from vsr2.blind.scoring.tables import Scored
 from vsr2.errors import BlindError
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
@@ -33,32 +36,44 @@ RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 @pytest.fixture
 def pack(tmp_path):
     verdicts = dict(VERDICTS)
-    extra = {"unknown": {"probability": 0.1, "novelty_p": 0.4, "why": "long"}}
-    extra |= {"provenance": {}, "campaign": {"trials": 3}}
-    verdicts["d"] = verdicts["d"] | extra | {"none_probability": 0.8}
-    reasons = {"reasons": [{"code": "gap", "text": "a gap"}, {"code": "size_open", "text": "so"}]}
-    verdicts["h"] = verdicts["h"] | {"verdict": verdicts["h"]["verdict"] | reasons}
+    verdicts["d"] = verdicts["d"] | {"provenance": {}, "campaign": {"trials": 3}}
     data, key, out = hand_made(tmp_path, CAMPAIGNS, verdicts)
     (out / "e" / "M" / "diagnosis.json").unlink()
     (out / "e" / "M" / "failed.json").write_text('{"error": "no memory"}')
-    return data, open_key(data, key), out
+    opened = open_key(data, key)
+    cases = read_cases(data, opened, out)
+    return data, opened, out, cases, committed_verdicts(read_pack(data).commitment.sha256, cases)
 
 
 def test_cases_from_what_is_committed_are_those_of_the_folders(pack) -> None:
-    data, key, out = pack
-    content = json.loads(json.dumps(committed_verdicts(data, key, out)))
+    _, key, _, found, content = pack
+    content = json.loads(json.dumps(content))
     cases = committed_cases(content, key, "committed")
-    found = read_cases(data, key, out)
-    assert [vars(case) for case in cases] == [vars(case) for case in found]
+    # Of parameters those of the true effect's strength alone are kept, as scoring reads no others.
+    strengths = {c.id: {e["name"]: e["strength"] for e in c.effects} for c in found}
+    wanted = [
+        replace(
+            case,
+            verdict=replace(
+                case.verdict,
+                parameters={
+                    name: own
+                    for name, own in case.verdict.parameters.items()
+                    if strengths[case.id].get(name) in own
+                },
+            ),
+        )
+        for case in found
+    ]
+    assert [vars(case) for case in cases] == [vars(case) for case in wanted]
+    assert cases[0].verdict.parameters == {}
+    assert set(cases[2].verdict.parameters) == {"friction"}
     assert next(c for c in cases if c.id == "e").verdict.failed == "no memory"
-    # Nothing else is kept but why an unresolved one names nothing.
     assert not {"provenance", "campaign"} & set(content["verdicts"]["d"]["M"])
-    assert content["withheld"] == {"h M": "size_open"}
 
 
 def test_what_is_committed_is_of_its_key(pack) -> None:
-    data, key, out = pack
-    content = committed_verdicts(data, key, out)
+    _, key, _, _, content = pack
     with pytest.raises(BlindError, match="not those of the key"):
         committed_cases(content, key | {"campaigns": {"a": key["campaigns"]["a"]}}, "committed")
     with pytest.raises(BlindError, match="schema"):
@@ -71,21 +86,26 @@ def test_what_is_committed_is_of_its_key(pack) -> None:
 
 def test_all_tables_follow_from_what_is_committed(pack, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(intervals, "REPLICATES", 2)
-    data, key, out = pack
+    data, _, out, _, content = pack
     committed, tables = tmp_path / "committed", tmp_path / "tables"
     committed.mkdir()
     score_pack(data, tmp_path / "key", out, tmp_path / "scores")
-    write_gz(committed / SCORES, read_json(tmp_path / "scores" / "scores.json"))
+    scores = read_json(tmp_path / "scores" / "scores.json")
+    # As if there were a baseline and a leak.
+    beside = scores["scores"][0] | {"tier": "commonest"}
+    leak = {"question": "kind", "p": 0.5, "best": "trials", "rate": 0.4, "chance": 0.3, "count": 9}
+    scores |= {"scores": [*scores["scores"], beside], "leaks": [[leak]], "packs": [1]}
+    record = record_of(scores | {"submissions": [2]}, {"M"})
+    assert record["scores"] == [beside]
+    write_gz(committed / RECORD, record)
     write_gz(committed / "key1.json.gz", read_json(tmp_path / "key" / "key.json"))
-    write_gz(committed / "verdicts1.json.gz", committed_verdicts(data, key, out))
-    assert recompute(committed, tables) == 0
-    for name in ("scores.md", "part1.md", "scores.json", "reliability.png", "verdicts.csv"):
+    write_gz(committed / "verdicts1.json.gz", content)
+    recompute(committed, tables)
+    for name in ("scores.md", "reliability.png", "verdicts.csv"):
         assert (tables / name).stat().st_size > 100
-    assert "| top-1 class (single) | 0.50 [0.07, 0.93] (4) |" in (tables / "part1.md").read_text()
-    record = read_gz(committed / SCORES)
-    record["scores"][0]["value"] += 0.01
-    write_gz(committed / SCORES, record)
-    assert recompute(committed) == 1
+    again = read_json(tables / "scores.json")
+    assert (again["scores"], again["leaks"]) == (scores["scores"], [[leak]])
+    assert len((tables / "verdicts.csv").read_text().splitlines()) == 1 + len(CAMPAIGNS)
     sealed = read_json(tmp_path / "key" / "key.json")
     sealed["key"]["campaigns"]["a"]["engine"] = "bullet"
     write_gz(committed / "key1.json.gz", sealed)
@@ -93,39 +113,61 @@ def test_all_tables_follow_from_what_is_committed(pack, tmp_path, monkeypatch) -
         read_key(committed, 1)
 
 
-def test_the_published_scores_follow_from_what_is_published(monkeypatch) -> None:
-    # Values; intervals, and means over draws, which take the time, are compared by the study's
-    # --recompute.
-    monkeypatch.setattr(intervals, "REPLICATES", 2)
-    folder = RESULTS / "blind_validation_5"
-    parts = list(read_parts(folder))
-    assert [len({case.id for case in part.cases}) for part in parts] == [86, 86]
-    cases = [case for part in parts for case in part.cases]
-    found = {
-        (row["tier"], row["group"], row["score"]): (row["value"], row["campaigns"])
-        for row in Scored(score_cases(cases), [], cases, False).to_json()["scores"]
-        if row["score"] != CALIBRATION_NOISE
-    }
-    recorded = {
-        (row["tier"], row["group"], row["score"]): (row["value"], row["campaigns"])
-        for row in read_gz(folder / SCORES)["scores"]
-        if row["tier"] in ("B", "M", "T") and row["score"] != CALIBRATION_NOISE
-    }
-    assert len(recorded) > 800
-    # Later versions know more scores.
-    known = {score for _, _, score in recorded}
-    assert {row: value for row, value in found.items() if row[2] in known} == recorded
+def test_a_check_is_scored_and_its_targets_follow(tmp_path, capsys) -> None:
+    part, results = tmp_path / "validation" / "part1", tmp_path / "results"
+    assert score("validation", [part], tmp_path, results, None) == 1
+    hand_made(part, CAMPAIGNS, VERDICTS)
+    assert score("validation", [part], tmp_path, results, None) == 0
+    assert sorted(path.name for path in results.iterdir()) == [
+        "README.md", "key1.json.gz", "record.json.gz", "verdicts1.json.gz",
+    ]  # fmt: skip
+    assert "| 1 | mujoco none 2, mujoco pair 1, " in (results / "README.md").read_text()
+    (cases,) = read_parts(results)
+    rows = [row.split(" | ") for row in targets_table(cases).splitlines()]
+    shown = {(row[0], row[1]): (row[2], *row[4:]) for row in rows}
+    # a and b of a, b and c; a name of the gap-free f and of c is wrong, of a, b, c and f.
+    named = "named rightly (an effect, or at most 3 classes with it)"
+    assert shown[f"| {named}", "2+"] == (
+        "-",
+        "- / .67 [.09, .99] / - (0, 3, 0)",
+        ".35 / .65 / .75 |",
+    )
+    wrong = "| wrong among all named, unknown ones counted"
+    assert shown[wrong, "all"][1] == "- / .50 [.07, .93] / - (0, 4, 0)"
+    assert shown["| pairs, both names right", "2+"][1] == "- / 1 [.03, 1] / - (0, 1, 0)"
+    outcomes = outcomes_table(cases).splitlines()
+    assert outcomes[0] == "| verdict | single, 2+ | single, below 2 | pair | unknown | none |"
+    assert outcomes[2] == (
+        "| named rightly | 0 / 2 / 0 | 0 / 0 / 0 | 0 / 1 / 0 | 0 / 0 / 0 | 0 / 0 / 0 |"
+    )
 
 
-def test_the_documented_scores_are_those_of_the_last_round() -> None:
-    # Both tables in docs/validation/blind.md, as the study prints them.
+@pytest.mark.parametrize("folder", sorted(p.parent for p in RESULTS.glob("blind_*/key1.json.gz")))
+def test_what_was_published_can_be_read(folder) -> None:
+    keys = sorted(folder.glob("key*.json.gz"))
+    campaigns = [read_key(folder, number)["campaigns"] for number in range(1, 1 + len(keys))]
+    if not list(folder.glob("verdicts*.json.gz")):
+        # Of the first round no diagnoses are kept.
+        assert folder.name == "blind_validation"
+        with pytest.raises(BlindError, match="holds no verdicts"):
+            read_parts(folder)
+        return
+    for sealed, cases in zip(campaigns, read_parts(folder), strict=True):
+        assert {case.id for case in cases} == set(sealed)
+    assert set(read_gz(folder / RECORD)) == {"scores", "rates", "leaks", "packs", "submissions"}
+
+
+def test_the_documented_tables_are_those_of_the_study() -> None:
+    # Both tables of each folder that docs/validation/blind.md names, as the study prints them.
     root = RESULTS.parents[1]
-    study = [sys.executable, str(root / "studies" / "blind_targets.py")]
-    command = [*study, str(RESULTS / "blind_validation_5")]
-    tables = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    scores, verdicts = tables.strip().split("\n\n")
-    assert len(scores.splitlines()) > 20
-    assert len(verdicts.splitlines()) > 5
     documented = (root / "docs" / "validation" / "blind.md").read_text()
-    assert scores + "\n" in documented
-    assert verdicts + "\n" in documented
+    commands = re.findall(r"^python (studies/blind_targets\.py) (\S+)$", documented, re.MULTILINE)
+    assert commands
+    for study, folder in commands:
+        command = [sys.executable, str(root / study), str(root / folder)]
+        tables = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        scores, verdicts = tables.strip().split("\n\n")
+        assert len(scores.splitlines()) > 20
+        assert len(verdicts.splitlines()) > 5
+        assert scores + "\n" in documented
+        assert verdicts + "\n" in documented

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from blind_check import pool_packs
-from blind_results import committed_verdicts
 from blind_samples import diagnosis, effect, hand_made, same_folders
+from test_report_diagnosis import CONTENT
 from vsr2.blind import score_pack
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
@@ -26,26 +26,23 @@ from vsr2.blind.scoring.intervals import (
     resampled,
 )
 from vsr2.blind.scoring.score import (
-    ANSWER,
-    CALIBRATION_NOISE,
-    FIRST,
-    GAIN,
-    NAMED,
-    SILENT_CLOSURE,
+    ScoreCode,
     axis_named,
-    closure,
     magnitude,
-    pair_found,
+    right,
     size,
-    where_mass,
+    where_gain,
+    wrong,
 )
-from vsr2.blind.scoring.tables import Scored, format_scores
+from vsr2.blind.scoring.scored import Scored
 from vsr2.config import load_study
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
+from vsr2.report.blind import scores_page, write_scores
+from vsr2.report.messages.scores import SCORES
 
 ROOT = Path(__file__).resolve().parents[2]
-TOLD = {"change": {"mean": 0.12, "ci95": [0.08, 0.16], "unit": "1"}}
+TOLD = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
 
 CAMPAIGNS = {
     # right, by its class: slenderness for table_gain
@@ -69,7 +66,8 @@ VERDICTS = {
         ["slenderness", "table_gain"],
         ["slenderness", "table_gain"],
         closure=0.6,
-        table_gain={"closure": 0.8},
+        headline=0.4,
+        gain=[0.1, 0.3],
         where=[{"place": "x", "axis": "conditions", "p_familywise": 0.01, "trials": ["T2"]}],
     ),
     "b": diagnosis(
@@ -86,14 +84,23 @@ VERDICTS = {
         ["restitution", "friction", "wear"],
         friction={"parameters": TOLD},
     ),
-    "d": diagnosis("none", {"none": 0.8, "inertia": 0.1}, [], ["none"]),
-    "e": diagnosis("none", {"none": 0.9}, [], ["none"]),
+    "d": diagnosis(
+        "none", {"none": 0.8, "inertia": 0.1}, [], ["none"], closure=-0.2, gain=[-0.2, -0.1]
+    ),
+    # significant, but it does not stand out: no trials
+    "e": diagnosis(
+        "none",
+        {"none": 0.9},
+        [],
+        ["none"],
+        where=[{"place": "x", "axis": "order", "p_familywise": 0.04, "trials": None}],
+    ),
     "f": diagnosis(
         "effect",
         {"none": 0.2, "wear": 0.8},
         ["wear"],
         ["wear"],
-        where=[{"place": "x", "axis": "order", "p_familywise": 0.04}],
+        where=[{"place": "x", "axis": "order", "p_familywise": 0.04, "trials": ["T1"]}],
     ),
     "g": diagnosis("unknown", {"unknown": 0.7, "wear": 0.2}, [], ["unknown"]),
     "h": diagnosis("unresolved", {"unknown": 0.1, "friction": 0.1}, [], ["friction"]),
@@ -112,37 +119,36 @@ def scores(tmp_path_factory):
     return score_pack(*hand_made(folder, CAMPAIGNS, VERDICTS), folder / "scores").scores["M", "all"]
 
 
-def figure(scores, name):
-    return scores[name].value, scores[name].count
+def figure(scores, code):
+    return scores[code].value, scores[code].count
 
 
 def test_hits_are_counted_by_class(scores) -> None:
-    assert figure(scores, "top-1 class (single)") == (0.5, 4)
+    assert figure(scores, ScoreCode.NAMED) == (0.5, 4)
     # Of d none is the most probable answer, and its class the most probable of effects.
-    assert figure(scores, ANSWER) == (0.5, 4)
-    assert figure(scores, FIRST) == (0.75, 4)
-    assert figure(scores, "top-3 class (single)") == (1.0, 4)
-    assert figure(scores, "detected (single)") == (0.75, 4)
-    assert figure(scores, "false alarms (none)") == (0.5, 2)
-    assert figure(scores, "unknown named (unknown)") == (0.5, 2)
-    assert figure(scores, "pair found (pair)") == (1.0, 1)
-    assert figure(scores, "failed or unresolved") == (1 / 9, 9)
-    assert figure(scores, "where: false locations (none)") == (0.5, 2)
+    assert figure(scores, ScoreCode.ANSWER) == (0.5, 4)
+    assert figure(scores, ScoreCode.LEADS) == (0.75, 4)
+    assert figure(scores, ScoreCode.DETECTED) == (0.75, 4)
+    # c and f of a, b, c and f
+    assert figure(scores, ScoreCode.WRONG) == (0.5, 4)
+    assert figure(scores, ScoreCode.NONE_NAMED) == (0.5, 2)
+    assert figure(scores, ScoreCode.NONE_SAID) == (0.5, 2)
+    assert figure(scores, ScoreCode.UNKNOWN_SAID) == (0.5, 2)
+    assert figure(scores, ScoreCode.PAIR_NAMED) == (1.0, 1)
+    assert figure(scores, ScoreCode.PAIR_WRONG) == (0.0, 1)
+    assert figure(scores, ScoreCode.UNRESOLVED) == (1 / 9, 9)
 
 
 def test_sets_are_judged_by_class(scores) -> None:
     # a, b, c, e, g hold the truth; d, f, h do not. Sizes: 1, 2, 3, 1, 1, 1, 1, 1.
-    assert figure(scores, "90 % set: coverage") == (5 / 8, 8)
-    assert figure(scores, "90 % set: median size") == (1.0, 8)
+    assert figure(scores, ScoreCode.SET_COVERAGE) == (5 / 8, 8)
+    assert figure(scores, ScoreCode.SET_SIZE) == (1.0, 8)
 
 
 def test_the_log_score_is_that_of_the_true_class(scores) -> None:
     told = [0.8, 0.9, 0.3, 0.1, 0.9, 0.2, 0.7, 0.1]
     losses = [-math.log(p) for p in told]
-    assert scores["log score"].value == pytest.approx(np.mean(losses))
-    # 28 effects in 24 classes, with none and unknown; g and h may not use one of them each.
-    uniform = (6 * np.log(26) + 2 * np.log(25)) / 8
-    assert scores["log score below uniform"].value == pytest.approx(1 - np.mean(losses) / uniform)
+    assert scores[ScoreCode.LOG_SCORE].value == pytest.approx(np.mean(losses))
 
 
 def test_calibration_is_of_the_first_class(scores) -> None:
@@ -150,75 +156,53 @@ def test_calibration_is_of_the_first_class(scores) -> None:
     # bins 0.1: |0.1 - 0|; 0.6: 0.6; 0.7: 0.3; 0.8: 3 |0.8 - 1/3|; 0.9: 2 * 0.1
     expected = (0.1 + 0.6 + 0.3 + 3 * (0.8 - 1 / 3) + 0.2) / 8
     assert calibration_error(np.array([rows], float))[0] == pytest.approx(expected)
-    assert scores["calibration error"].value == pytest.approx(expected)
+    assert scores[ScoreCode.CALIBRATION].value == pytest.approx(expected)
     true = calibration_noise([p for p, _ in rows])
-    assert scores[CALIBRATION_NOISE] == true
+    assert scores[ScoreCode.CALIBRATION_NOISE] == true
 
 
 def test_unknowns_are_best_their_probability(scores) -> None:
     # 0.7 and 0.1 against 0.05, 0.1, 0.1, 0, 0, 0, 0: 0.7 above all; 0.1 above five, level with two.
-    assert scores["unknown: AUROC"].value == pytest.approx((7 + 5 + 2 * 0.5) / 14)
-    assert figure(scores, "unknown: rate at 5 % false alarms") == (0.5, 2)
+    assert scores[ScoreCode.UNKNOWN_AUROC].value == pytest.approx((7 + 5 + 2 * 0.5) / 14)
+    assert figure(scores, ScoreCode.UNKNOWN_RATE) == (0.5, 2)
 
 
 def test_magnitudes_closure_and_places(scores) -> None:
     # b: 0.25 and inside; c: |0.12 + 0.2| / 0.2 = 1.6 and outside
-    assert figure(scores, "magnitude: median relative error") == (pytest.approx(0.925), 2)
-    assert figure(scores, "magnitude: interval coverage") == (0.5, 2)
-    assert figure(scores, "magnitude: estimated (single)") == (0.5, 4)
-    # 0.08 / 0.16 and 0.08 / 0.2
-    assert figure(scores, "magnitude: median width of interval") == (pytest.approx(0.45), 2)
-    assert figure(scores, "closure over oracle: median") == (pytest.approx(0.75), 1)
-    # and d, which says that there is no gap, so that there is nothing to close by the true effect
-    assert figure(scores, SILENT_CLOSURE) == (pytest.approx(0.375), 2)
-    assert figure(scores, "where: axis named (single)") == (0.25, 4)
+    assert figure(scores, ScoreCode.ERROR) == (pytest.approx(0.925), 2)
+    assert figure(scores, ScoreCode.INTERVAL) == (0.5, 2)
+    assert figure(scores, ScoreCode.ESTIMATED) == (0.5, 4)
+    # a and d state a closure and the interval of a gain, a alone a headline.
+    assert figure(scores, ScoreCode.CLOSURE) == (pytest.approx(0.2), 2)
+    assert figure(scores, ScoreCode.HEADLINE) == (0.4, 1)
+    assert figure(scores, ScoreCode.LOSS_FALLS) == (0.5, 2)
+    assert figure(scores, ScoreCode.LOSS_RISES) == (0.5, 2)
     # T2 of three trials, with 3 of the weights' 4
-    assert figure(scores, "where: median mass inside") == (pytest.approx(0.75), 1)
-    assert figure(scores, "where: median share of trials inside") == (pytest.approx(1 / 3), 1)
-    assert figure(scores, GAIN) == (pytest.approx(2.25), 1)
+    assert figure(scores, ScoreCode.WHERE_GAIN) == (pytest.approx(2.25), 1)
+    assert figure(scores, ScoreCode.WHERE_TWICE) == (1.0, 1)
+    assert figure(scores, ScoreCode.WHERE_AXIS) == (0.25, 4)
+    # f alone: that of e is significant, and does not stand out.
+    assert figure(scores, ScoreCode.WHERE_FALSE) == (0.5, 2)
 
 
-def test_who_names_all_trials_gains_nothing(tmp_path) -> None:
-    everywhere = [{"axis": "conditions", "p_familywise": 0.0, "trials": ["T1", "T2", "T3"]}]
-    verdict = diagnosis("effect", {"friction": 1.0}, ["friction"], ["friction"], where=everywhere)
-    pack = hand_made(tmp_path, {"a": ("single", [effect("friction")])}, {"a": verdict})
-    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
-    assert figure(found, "where: median mass inside") == (1.0, 1)
-    assert figure(found, GAIN) == (1.0, 1)
-
-
-def test_of_several_places_the_smallest_counts_for_the_gain(tmp_path) -> None:
-    where = [
-        {"axis": "conditions", "p_familywise": 0.01, "trials": trials}
-        for trials in (["T1", "T2", "T3"], ["T2"], ["T2", "T3"])
-    ]
+@pytest.mark.parametrize(
+    ("locations", "gain"),
+    [
+        # All trials gain nothing; of several locations the median counts.
+        ([["T1", "T2", "T3"]], 1.0),
+        ([["T1", "T2", "T3"], ["T2"], ["T2", "T3"]], 1.125),
+        ([None], None),
+        ([], None),
+    ],
+)
+def test_what_locations_hold(locations, gain, tmp_path) -> None:
+    where = [{"axis": "order", "p_familywise": 0.01, "trials": trials} for trials in locations]
     verdict = diagnosis("effect", {"friction": 1.0}, ["friction"], ["friction"], where=where)
     pack = hand_made(tmp_path, {"a": ("single", [effect("friction")])}, {"a": verdict})
-    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
-    assert figure(found, "where: median mass inside") == (1.0, 1)
-    assert figure(found, GAIN) == (pytest.approx(2.25), 1)
-
-
-def test_who_names_no_effect_closes_nothing(tmp_path) -> None:
-    # Whatever closure stands beside the verdict, and whether the true effect has one.
-    kinds = {"a": "unresolved", "b": "unknown", "c": "none", "d": "effect"}
-    verdicts = {
-        name: diagnosis(
-            kind,
-            {"friction": 0.6},
-            ["friction"] if kind == "effect" else [],
-            closure=None if kind == "none" else 0.6,
-            friction={} if kind == "none" else {"closure": 0.8},
-        )
-        for name, kind in kinds.items()
-    }
-    campaigns = {name: ("single", [effect("friction")]) for name in kinds}
-    pack = hand_made(tmp_path, campaigns, verdicts)
-    found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
-    assert figure(found, "closure over oracle: median") == (pytest.approx(0.75), 3)
-    assert figure(found, SILENT_CLOSURE) == (0.0, 4)
-    cases = read_cases(pack[0], open_key(*pack[:2]), pack[2])
-    assert [closure(case, silent=True) for case in cases] == [0.0, 0.0, 0.0, pytest.approx(0.75)]
+    (case,) = read_cases(pack[0], open_key(*pack[:2]), pack[2])
+    assert where_gain(case) == (gain and pytest.approx(gain))
+    unknown = replace(case, where=case.where | {"weights": []})
+    assert where_gain(unknown) is None
 
 
 def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None:
@@ -230,13 +214,15 @@ def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None
     verdicts = {
         name: diagnosis("effect", {e: 1.0}, [e], [e], **{e: {"parameters": {"change": estimate}}})
         for name, e, estimate in (
-            ("a", "restitution", {"mean": 1.13, "ci95": [1.0, 1.2]}),
-            ("b", "input_filter", {"mean": 18.0, "ci95": [15.0, 25.0]}),
+            ("a", "restitution", {"mean": 1.13, "ci90": [1.0, 1.2]}),
+            ("b", "input_filter", {"mean": 18.0}),
         )
     }
     pack = hand_made(tmp_path, campaigns, verdicts)
     found = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
-    assert figure(found, "magnitude: median relative error") == (pytest.approx(0.2), 2)
+    assert figure(found, ScoreCode.ERROR) == (pytest.approx(0.2), 2)
+    # The other states no interval.
+    assert figure(found, ScoreCode.INTERVAL) == (1.0, 1)
     errors = [magnitude(case)[0] for case in read_cases(pack[0], open_key(*pack[:2]), pack[2])]
     assert errors == pytest.approx([0.3, 0.1])
 
@@ -264,39 +250,54 @@ def test_engines_mean_the_same_size_by_the_same_value() -> None:
 
 
 def told(low, high):
-    return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci95": [low, high]}}}
+    return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci90": [low, high]}}}
 
 
 def test_bounds_are_where_they_are_said_to_be(tmp_path) -> None:
-    """Third and fourth places, intervals that miss on either side, p values beyond 0.05."""
-    names = ("friction", "restitution", "inertia", "adhesion")
+    """Intervals that miss on either side, and probabilities below the least that counts."""
     campaigns = {name: ("single", [effect("friction", 0.1)]) for name in "abcd"}
-    campaigns["n"] = ("none", [])
-    place = {"place": "x", "axis": "order", "p_familywise": 0.06}
     verdicts = {
-        "a": diagnosis(
-            "effect", dict(zip(names, (0.2, 0.4, 0.3, 0.1), strict=True)), ["restitution"],
-            friction=told(0.05, 0.2),
-        ),
-        "b": diagnosis(
-            "effect", dict(zip(names, (0.1, 0.4, 0.3, 0.2), strict=True)), ["restitution"],
-            friction=told(0.2, 0.3),
-        ),
-        "c": diagnosis(
-            "effect", dict(zip(names, (0.0, 0.4, 0.3, 0.3), strict=True)), ["restitution"],
-            friction=told(0.01, 0.09),
-        ),
+        "a": diagnosis("effect", {"friction": 0.2}, ["friction"], friction=told(0.05, 0.2)),
+        "b": diagnosis("effect", {"friction": 0.1}, ["friction"], friction=told(0.2, 0.3)),
+        "c": diagnosis("effect", {"friction": 0.0}, ["friction"], friction=told(0.01, 0.09)),
         "d": diagnosis("effect", {"friction": 1.0}, ["friction"]),
-        "n": diagnosis("none", {"none": 1.0}, where=[place]),
-    }  # fmt: skip
-    verdicts["a"]["gap"]["closure"] = {"value": -0.3, "ci95": [-0.5, -0.1]}
+    }
     found = score_pack(*hand_made(tmp_path, campaigns, verdicts), tmp_path / "s").scores["M", "all"]
-    assert figure(found, "top-3 class (single)") == (0.5, 4)
-    assert figure(found, "magnitude: interval coverage") == (pytest.approx(1 / 3), 3)
-    losses = [-math.log(0.2), -math.log(0.1), -math.log(0.001), 0.0, 0.0]
-    assert found["log score"].value == pytest.approx(np.mean(losses))
-    assert figure(found, "closure below 0 beyond its interval") == (pytest.approx(0.25), 4)
-    assert figure(found, "where: false locations (none)") == (0.0, 1)
+    assert figure(found, ScoreCode.INTERVAL) == (pytest.approx(1 / 3), 3)
+    losses = [-math.log(0.2), -math.log(0.1), -math.log(0.001), 0.0]
+    assert found[ScoreCode.LOG_SCORE].value == pytest.approx(np.mean(losses))
+
+
+@pytest.mark.parametrize(
+    ("truth", "kind", "names", "is_right", "is_wrong"),
+    [
+        (["wear"], "effect", ["wear"], True, False),
+        (["wear"], "effect", ["friction"], False, True),
+        (["wear"], "class", ["friction", "inertia", "wear"], True, False),
+        # Four classes are too many, but not wrong; members of one class count once.
+        (["wear"], "class", ["friction", "inertia", "catch", "wear"], False, False),
+        (["wear"], "class", ["friction", "inertia", "change_point", "wear"], True, False),
+        (["wear"], "class", ["friction", "inertia"], False, True),
+        (["wear"], "pair", ["wear", "friction"], False, True),
+        (["wear", "friction"], "pair", ["friction", "wear"], True, False),
+        (["wear", "friction"], "pair", ["friction", "inertia"], False, True),
+        (["wear", "friction"], "effect", ["friction"], False, False),
+        (["wear", "friction"], "class", ["friction", "wear"], False, False),
+        ([], "effect", ["friction"], False, True),
+        # No name of an answer makes a name right.
+        ([], "class", ["friction", "none"], False, True),
+        ([], "none", [], True, None),
+        ([], "unresolved", [], False, None),
+        (["wear"], "none", [], False, None),
+        (["wear"], "unresolved", ["wear"], False, None),
+    ],
+)
+def test_what_is_right_and_what_is_wrong(pack, truth, kind, names, is_right, is_wrong) -> None:
+    case = next(c for c in read_cases(pack[0], open_key(*pack[:2]), pack[2]) if c.id == "a")
+    verdict = replace(case.verdict, kind=VerdictKind(kind), effects=tuple(names))
+    asked = replace(case, truth=tuple(case.labels(truth or ["none"])), verdict=verdict)
+    assert right(asked) is is_right
+    assert wrong(asked) is is_wrong
 
 
 def test_the_rate_is_found_at_one_false_alarm_in_twenty(tmp_path) -> None:
@@ -310,31 +311,20 @@ def test_the_rate_is_found_at_one_false_alarm_in_twenty(tmp_path) -> None:
         for name, p in stated.items()
     }
     found = score_pack(*hand_made(tmp_path, campaigns, verdicts), tmp_path / "s").scores["M", "all"]
-    assert figure(found, "unknown: rate at 5 % false alarms") == (0.5, 2)
+    assert figure(found, ScoreCode.UNKNOWN_RATE) == (0.5, 2)
 
 
 def test_single_rules_of_scoring(pack) -> None:
     cases = {c.id: c for c in read_cases(pack[0], open_key(*pack[:2]), pack[2])}
     # Drift shows over the order or between sessions, nowhere else.
     drift = replace(cases["a"], where=cases["a"].where | {"axis": "order"})
-    for axis, right in (("order", True), ("session", True), ("conditions", False)):
-        named = (Location(axis=axis, p_familywise=0.01, trials=None),)
-        assert axis_named(replace(drift, verdict=replace(drift.verdict, where=named))) is right
-    # A place at p = 0.05, which 999 permutations can give, is named; magnitude 2 is 2 or more.
-    for p, inside in ((0.05, 1.0), (0.051, None)):
-        named = (Location(axis="conditions", p_familywise=p, trials=frozenset({"T1", "T2"})),)
-        mass = where_mass(replace(cases["a"], verdict=replace(cases["a"].verdict, where=named)))
-        assert (mass and mass[0]) == inside
-    for relative, there in ((2.0, True), (1.999, False)):
-        assert (("M", "limit x 2+") in groups([replace(cases["a"], relative=relative)])) is there
-    # A class that holds just the two effects of a pair says that it is one of them.
-    either = replace(cases["i"], verdict=replace(cases["i"].verdict, kind=VerdictKind.CLASS))
-    assert pair_found(cases["i"])
-    assert not pair_found(either)
-    # There is no ratio to a true effect that closes nothing.
-    for oracle, ratio in ((0.8, 0.75), (0.0, None), (-0.1, None)):
-        told = replace(cases["a"].verdict, closures={"table_gain": oracle})
-        assert closure(replace(cases["a"], verdict=told)) == (ratio and pytest.approx(ratio))
+    for axis, found in (("order", True), ("session", True), ("conditions", False)):
+        named = (Location(axis=axis, trials=frozenset({"T1"})),)
+        assert axis_named(replace(drift, verdict=replace(drift.verdict, where=named))) is found
+    # Magnitude 2 is 2 or more.
+    for relative, spans in ((2.0, ["2-4", "1+", "2+"]), (1.999, ["1-2", "1+"]), (0.5, ["0-1"])):
+        own = [name for _, name in groups([replace(cases["a"], relative=relative)])]
+        assert own[3:] == [f"engine mujoco, limits {span}" for span in spans]
     # Of two effects the weaker one says how strong a pair is.
     key = open_key(*pack[:2])
     key["campaigns"]["i"]["effects"] = [effect("wear", relative=5.0), effect("friction", 0.1, 1.5)]
@@ -367,43 +357,30 @@ def test_a_damaged_receipt_is_not_written_over(pack, tmp_path) -> None:
 
 def test_groups_by_kind_and_by_engine(pack, tmp_path) -> None:
     scores = score_pack(*pack, tmp_path / "scores").scores
-    assert scores["M", "kind unknown"]["90 % set: coverage"].count == 2
-    assert scores["M", "kind none"]["log score"].value == pytest.approx(
+    assert scores["M", "kind unknown"][ScoreCode.SET_COVERAGE].count == 2
+    assert scores["M", "kind none"][ScoreCode.LOG_SCORE].value == pytest.approx(
         -0.5 * (math.log(0.9) + math.log(0.2))
     )
-    assert scores["M", "engine mujoco, limit x 2+"]["top-1 class (single)"].count == 3
-
-
-def test_names_without_meaning_gain_nothing(tmp_path) -> None:
-    plain = diagnosis("effect", {"friction": 0.6, "none": 0.4}, ["friction"])
-    padded = diagnosis(
-        "effect", {"friction": 0.6, "none": 0.4} | {f"e{i}": 0.0 for i in range(500)}, ["friction"]
-    )
-    campaigns = {"a": ("single", [effect("friction")])}
-    found = []
-    for name, content in (("plain", plain), ("padded", padded)):
-        (tmp_path / name).mkdir()
-        pack = hand_made(tmp_path / name, campaigns, {"a": content})
-        found.append(score_pack(*pack, tmp_path / name / "s").scores["M", "all"])
-    assert found[0]["log score below uniform"].value == pytest.approx(
-        found[1]["log score below uniform"].value
-    )
+    assert scores["M", "engine mujoco, limits 2+"][ScoreCode.NAMED].count == 3
 
 
 def test_groups_by_magnitude(pack, tmp_path) -> None:
     scored = score_pack(*pack, tmp_path / "scores")
-    assert scored.scores["M", "limit x 2+"]["top-1 class (single)"].count == 3
-    assert scored.scores["M", "limit x 2+"]["top-1 class (single)"].value == pytest.approx(2 / 3)
-    assert scored.scores["M", "limit x 0-1"]["top-1 class (single)"].value == 0
+
+    def of(span):
+        return scored.scores["M", f"engine mujoco, limits {span}"]
+
+    assert figure(of("2+"), ScoreCode.NAMED) == (pytest.approx(2 / 3), 3)
+    assert of("0-1")[ScoreCode.NAMED].value == 0
+    assert of("4+")[ScoreCode.NAMED].value == 1
     # a, b, c, g, h and i; e and f, without effect, have no magnitude.
-    for group in ("limit x 2+", "engine mujoco, limit x 2+"):
-        assert scored.scores["M", group]["failed or unresolved"].count == 6
-        assert "false alarms (none)" not in scored.scores["M", group]
-    assert scored.scores["M", "limit x 4+"]["top-1 class (single)"].value == 1
+    assert of("2+")[ScoreCode.UNRESOLVED].count == 6
+    assert ScoreCode.NONE_NAMED not in of("2+")
     assert scored.scores["M", "engine mujoco"].keys() == scored.scores["M", "all"].keys()
+    write_scores(scored, tmp_path / "scores")
     assert (tmp_path / "scores" / "reliability.png").stat().st_size > 1000
     table = (tmp_path / "scores" / "scores.md").read_text()
-    assert "| top-1 class (single) | 0.50 [0.07, 0.93] (4) |" in table
+    assert "| named rightly, in at most 3 classes (single) | 0.50 [0.07, 0.93] (4) |" in table
 
 
 def test_intervals_are_exact() -> None:
@@ -541,7 +518,7 @@ def test_scores_that_cannot_be_written_leave_the_pack_unscored(pack, tmp_path) -
             score_pack(*pack, out)
         assert not (pack[1] / "receipt.json").exists()
     score_pack(*pack, tmp_path / "new" / "scores")
-    assert (tmp_path / "new" / "scores" / "scores.md").exists()
+    assert (tmp_path / "new" / "scores" / "scores.json").exists()
 
 
 def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> None:
@@ -551,7 +528,7 @@ def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> No
     assert not (pack[1] / "receipt.json").exists()
     (pack[2] / "d" / "M" / "failed.json").write_text('{"error": "no motion"}')
     scores = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
-    assert scores["failed or unresolved"].value == pytest.approx(2 / 9)
+    assert scores[ScoreCode.UNRESOLVED].value == pytest.approx(2 / 9)
 
 
 def test_diagnoses_of_another_pack_are_refused(pack, tmp_path) -> None:
@@ -576,10 +553,10 @@ def test_diagnoses_of_another_pack_are_refused(pack, tmp_path) -> None:
         ({"effects": [{"name": "a", "probability": 0.1}] * 2}, "once"),
         ({"effects": [{"probability": 0.1}]}, r"effects\[0\]\.name"),
         ({"conformal_set_90": "a"}, "a list"),
-        ({"where": [{"axis": "order"}]}, "p_familywise"),
+        ({"where": [{"trials": ["T1"]}]}, r"where\[0\]\.axis"),
         (
-            {"effects": [{"name": "a", "probability": 0.1, "parameters": {"x": {"mean": 1}}}]},
-            r"parameters\.x\.ci95",
+            {"effects": [{"name": "a", "probability": 0.1, "parameters": {"x": {"ci90": [0, 1]}}}]},
+            r"parameters\.x\.mean",
         ),
     ],
 )
@@ -588,20 +565,38 @@ def test_a_wrong_diagnosis_is_named(change, message, tmp_path) -> None:
         verdict_of(VERDICTS["a"] | change, "diagnosis.json")
 
 
+def test_scoring_reads_what_a_diagnosis_writes() -> None:
+    verdict = verdict_of(CONTENT, "diagnosis.json")
+    assert (verdict.kind, verdict.effects) == (VerdictKind.EFFECT, ("wear",))
+    assert verdict.probabilities == {"wear": 0.76, "catch": 0.09, "none": 0.05, "unknown": 0.1}
+    assert verdict.conformal == ("wear",)
+    assert verdict.parameters["catch"]["size"].mean == 0.11
+    assert verdict.parameters["catch"]["size"].ci90 == (0.06, 0.16)
+    assert (verdict.closure, verdict.headline, verdict.gain) == (0.83, 0.5, (0.49, 0.51))
+    # Others are significant, and do not stand out.
+    assert [one.trials for one in verdict.where] == [{"A", "B"}]
+    nothing = {"value": None, "ci95": None}
+    gap = CONTENT["gap"] | {"closure": nothing, "headline": nothing, "gain": nothing}
+    none = verdict_of(CONTENT | {"gap": gap, "where": []}, "diagnosis.json")
+    assert (none.closure, none.headline, none.gain, none.where) == (None, None, None, ())
+
+
 def test_a_bare_verdict_is_enough() -> None:
     verdict = verdict_of(
-        {"schema": "vsr2.diagnosis/1", "verdict": {"kind": "none", "probability": 0.7}}, "x"
+        {"schema": "vsr2.diagnosis/3", "verdict": {"kind": "none", "probability": 0.7}}, "x"
     )
     assert verdict.probabilities == {"none": 0.7}
     assert verdict.closure is None
 
 
-def test_none_and_novelty_may_be_told_apart_from_the_effects() -> None:
-    content = VERDICTS["b"] | {"none_probability": 0.0, "unknown": {"novelty_p": 0.25}}
-    verdict = verdict_of(content, "x")
-    assert verdict.probabilities["none"] == 0.0
-    assert verdict.novelty == 0.75
-    assert verdict_of(VERDICTS["b"], "x").novelty == 0.1
+def test_none_and_unknown_may_be_told_apart_from_the_effects() -> None:
+    told = {"none_probability": 0.0, "unknown": {"probability": 0.05}}
+    content = VERDICTS["c"] | told
+    content["effects"] = content["effects"][:2]
+    probabilities = verdict_of(content, "x").probabilities
+    assert (probabilities["none"], probabilities["unknown"]) == (0.0, 0.05)
+    # Among the effects they count first.
+    assert verdict_of(VERDICTS["c"] | told, "x").probabilities["unknown"] == 0.1
 
 
 def test_broken_json_is_named(tmp_path) -> None:
@@ -621,7 +616,7 @@ def test_scored_packs_are_pooled(tmp_path) -> None:
     pooled = pool_packs(parts, tmp_path / "pooled").scores["M", "all"]
     for name, score in alone[0].scores["M", "all"].items():
         assert pooled[name].count == 2 * score.count
-        if name not in ("unknown: rate at 5 % false alarms", CALIBRATION_NOISE):
+        if name not in (ScoreCode.UNKNOWN_RATE, ScoreCode.CALIBRATION_NOISE):
             assert pooled[name].value == pytest.approx(score.value), name
     assert (tmp_path / "pooled" / "scores.md").exists()
     verdict = parts[1][2] / "a" / "M" / "diagnosis.json"
@@ -639,8 +634,6 @@ def test_tiers_are_scored_and_pooled_alone(tmp_path) -> None:
     pooled = pool_packs([part], tmp_path / "pooled", tiers=["M"])
     assert {tier for tier, _ in pooled.scores} == {"M"}
     assert pooled.scores == alone.scores
-    committed = committed_verdicts(part[0], open_key(*part[:2]), part[2], ["M"])
-    assert all(set(of) == {"M"} for of in committed["verdicts"].values())
 
 
 def test_an_interval_holds_its_value() -> None:
@@ -653,24 +646,31 @@ def test_an_interval_holds_its_value() -> None:
 def test_baselines_stand_beside_the_tiers() -> None:
     def scores(value):
         own = Score(value, value, value, 10)
-        return {ANSWER: own, GAIN: own, NAMED: Score(1 - value, 0.0, 1.0, 10)}
+        named = Score(1 - value, 0.0, 1.0, 10)
+        return {ScoreCode.ANSWER: own, ScoreCode.WHERE_GAIN: own, ScoreCode.NAMED: named}
 
     found = {("commonest", "all"): 0.2, ("M", "all"): 0.6, ("metadata", "all"): 0.1}
     scored = Scored({key: scores(value) for key, value in found.items()}, [], [], False)
     # Over the best of them, which is the commonest answer.
-    assert scored.margins(ANSWER) == {"M": pytest.approx(0.4)}
-    table = format_scores(scored)
+    assert scored.margins(ScoreCode.ANSWER) == {"M": pytest.approx(0.4)}
+    table = scores_page(scored)
     assert "| score | M | commonest | metadata |" in table
-    assert f"Above the best baseline, {ANSWER}: M +0.40." in table
-    assert f"Above the best baseline, {NAMED}: M -0.50." in table
-    assert f"A baseline does better in: {NAMED} (M)." in table
+    answer, named = (SCORES[code] for code in (ScoreCode.ANSWER, ScoreCode.NAMED))
+    assert f"Above the best baseline, {answer}: M +0.40." in table
+    assert f"Above the best baseline, {named}: M -0.50." in table
+    assert f"A baseline does better in: {named} (M)." in table
     # Of a calibration error the least is best: 0.1 of the worse baseline.
-    low = {key: {"calibration error": Score(v, v, v, 10)} for key, v in found.items()}
+    low = {key: {ScoreCode.CALIBRATION: Score(v, v, v, 10)} for key, v in found.items()}
     scored = Scored(low, [], [], False)
-    assert scored.margins("calibration error") == {"M": pytest.approx(-0.5)}
-    assert "A baseline does better in: calibration error (M)." in format_scores(scored)
+    assert scored.margins(ScoreCode.CALIBRATION) == {"M": pytest.approx(-0.5)}
+    assert "A baseline does better in: calibration error (M)." in scores_page(scored)
     # Whoever names all trials, or random ones, gets 1.
-    assert f"| {GAIN} | 0.60 [0.60, 0.60] (10) | 1.00 | 1.00 |" in table
+    assert f"| {SCORES[ScoreCode.WHERE_GAIN]} | 0.60 [0.60, 0.60] (10) | 1.00 | 1.00 |" in table
     alone = Scored({("M", "all"): scores(0.6)}, [], [], False)
-    assert alone.margins(ANSWER) == {}
-    assert "Without trivial baselines" in format_scores(alone)
+    assert alone.margins(ScoreCode.ANSWER) == {}
+    assert "Without trivial baselines" in scores_page(alone)
+
+
+def test_every_score_has_words() -> None:
+    assert list(SCORES) == list(ScoreCode)
+    assert len(set(SCORES.values())) == len(SCORES)

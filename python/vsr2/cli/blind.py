@@ -215,11 +215,12 @@ def score(
         train: DATA KEY: a development pack that trains the trivial baselines
     """
     from vsr2.blind import score_pack
-    from vsr2.blind.scoring.tables import format_scores
+    from vsr2.report.blind import scores_page, write_scores
 
     scored = score_pack(
         data, key, diagnoses, out, training=train, tiers=tier or None, say=_progress(False)
     )
-    print(format_scores(scored), end="")
+    write_scores(scored, out)
+    print(scores_page(scored), end="")
     print(f"wrote {out}")
     return 0

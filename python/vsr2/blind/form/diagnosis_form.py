@@ -22,16 +22,13 @@ from vsr2.blind.form.reader import (
 )
 from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
+from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
-DIAGNOSIS_SCHEMAS = ("vsr2.diagnosis/1", "vsr2.diagnosis/2", "vsr2.diagnosis/3")
-"""What is read here stands alike in all."""
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
 NONE, UNKNOWN = "none", "unknown"
-
-
 NAMING: Mapping[VerdictKind, tuple[int, float]] = {
     VerdictKind.EFFECT: (1, 1),
     VerdictKind.CLASS: (1, float("inf")),
@@ -50,26 +47,24 @@ def _or_infinite(value: object) -> object:
 
 
 class Estimate(Part):
-    """A number with its 95 % interval."""
+    """A number with its 90 % interval, where one is given."""
 
     model_config = ConfigDict(allow_inf_nan=True)
     nullable = frozenset({"mean"})
 
     mean: Annotated[float, BeforeValidator(_or_infinite)]
-    ci95: Annotated[Interval, BeforeValidator(_or_infinite)]
+    ci90: Annotated[Interval | None, BeforeValidator(_or_infinite)] = None
 
 
 class Location(Part):
     """One location of a gap.
 
     Attributes:
-        axis: condition, order, session, specimen, channel or phase.
-        p_familywise: p value.
-        trials: inside it; None: not given.
+        axis: conditions, order, session or specimen.
+        trials: inside it, of a location that stands out; None: of another one.
     """
 
     axis: Name
-    p_familywise: Probability
     trials: Annotated[frozenset[Name], Field(strict=False)] | None = None
 
 
@@ -80,63 +75,52 @@ class Verdict:
     Attributes:
         kind: of the verdict.
         effects: that it names.
-        probability: of the verdict.
         probabilities: by effect, with `none` and `unknown`, which sum to at most 1.
         conformal: the 90 % set.
         parameters: estimates by effect and parameter.
-        closure: of the verdict; None: no ratio.
-        closure_high: upper end of its 95 % interval; None: not given.
-        closures: by effect, where given.
-        where: locations of the gap.
-        novelty: how much the campaign looks like none of the library's, 0 to 1.
+        closure: share of the excess loss that is gone on motions not seen; None: no ratio.
+        headline: the same, less that of the better negative control.
+        gain: 95 % interval of the loss before minus after there; None: there is none.
+        where: locations that stand out.
         failed: why there is no diagnosis; then all else says `unresolved`.
     """
 
     kind: VerdictKind
     effects: tuple[str, ...] = ()
-    probability: float = 0.0
     probabilities: Mapping[str, float] = field(default_factory=dict)
     conformal: tuple[str, ...] = ()
     parameters: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     closure: float | None = None
-    closure_high: float | None = None
-    closures: Mapping[str, float] = field(default_factory=dict)
+    headline: float | None = None
+    gain: Interval | None = None
     where: tuple[Location, ...] = ()
-    novelty: float = 0.0
     failed: str = ""
 
 
-def _bare(closure: object) -> object:
-    """A closure is a number, or a mapping whose interval may lack an end."""
-    if isinstance(closure, Mapping):
-        known = closure.get("ci95")
-        gone = isinstance(known, list) and (not known or None in known)
-        return {**closure, "ci95": None} if gone else closure
-    return {"value": closure}
+def _complete(ends: object) -> object:
+    """An interval that lacks an end is none."""
+    return None if isinstance(ends, list) and None in ends else ends
 
 
-class _Closure(Part):
+class _Figure(Part):
     value: float | None = None
-    ci95: Interval | None = None
+    ci95: Annotated[Interval | None, BeforeValidator(_complete)] = None
 
 
-_GivenClosure = Annotated[_Closure, BeforeValidator(_bare)]
+class _Gap(Part):
+    closure: _Figure = _Figure()
+    headline: _Figure = _Figure()
+    gain: _Figure = _Figure()
 
 
 class _Effect(Part):
     name: Name
     probability: Probability
     parameters: dict[str, Estimate] = Field(default_factory=dict)
-    closure: _GivenClosure = _Closure()
 
 
 class _Unknown(Part):
     probability: Probability | None = None
-    novelty_p: Probability | None = None
-
-
-class _Gap(Part):
-    closure: _GivenClosure = _Closure()
 
 
 class _Verdict(Part):
@@ -214,27 +198,19 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
     Raises:
         BlindError: a value is missing or of a wrong kind.
     """
-    if content.get("schema") not in DIAGNOSIS_SCHEMAS:
+    if content.get("schema") != SCHEMA:
         raise BlindError(
-            f"{label}: schema is {shown(content.get('schema'))}; it should be "
-            f"{' or '.join(DIAGNOSIS_SCHEMAS)}"
+            f"{label}: schema is {shown(content.get('schema'))}; it should be {SCHEMA!r}"
         )
     read = parsed(_Diagnosis, content, label)
-    probabilities = read.probabilities()
-    novelty = probabilities.get(UNKNOWN, 0.0)
-    if read.unknown.novelty_p is not None and read.unknown.probability is None:
-        novelty = 1.0 - read.unknown.novelty_p
-    own = read.gap.closure
     return Verdict(
         kind=read.verdict.kind,
         effects=read.verdict.effects,
-        probability=read.verdict.probability,
-        probabilities=probabilities,
+        probabilities=read.probabilities(),
         conformal=read.conformal_set_90,
         parameters={entry.name: entry.parameters for entry in read.effects},
-        closure=own.value,
-        closure_high=None if own.ci95 is None else own.ci95[1],
-        closures={e.name: e.closure.value for e in read.effects if e.closure.value is not None},
-        where=read.where,
-        novelty=novelty,
+        closure=read.gap.closure.value,
+        headline=read.gap.headline.value,
+        gain=read.gap.gain.ci95,
+        where=tuple(one for one in read.where if one.trials),
     )

@@ -54,9 +54,9 @@ def nothing(campaign: Campaign, _: Path) -> list[float]:
 
 BASELINES: Mapping[str, Callable[[Campaign, Path], list[float]]] = {
     "commonest": nothing,
-    "overturn rate": overturn_rate,
+    "overturn_rate": overturn_rate,
     "metadata": campaign_metadata,
-    "logistic in PGA": logistic_in_pga,
+    "logistic_in_pga": logistic_in_pga,
 }
 
 
@@ -99,20 +99,18 @@ def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
     ranked = sorted(zip(answers, probability, strict=True), key=lambda pair: -pair[1])
     total = np.cumsum([p for _, p in ranked])
     chosen = [name for name, _ in ranked[: 1 + int(np.searchsorted(total, SET_LEVEL - 1e-12))]]
-    first, p = ranked[0]
+    first = ranked[0][0]
     named = first not in (NONE, UNKNOWN)
     return Verdict(
         kind=VerdictKind.EFFECT if named else VerdictKind(first),
         effects=(first,) if named else (),
-        probability=float(p),
         probabilities={name: float(value) for name, value in ranked},
         conformal=tuple(chosen),
-        novelty=float(dict(ranked).get(UNKNOWN, 0.0)),
     )
 
 
 def rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
-    """How well the overturn rate, in either direction, separates one kind from singles.
+    """How well the overturn rate, in either direction, separates a kind from singles, by kind.
 
     Area under the ROC, 0.5 by chance or up to 0.5 + 0.57 (1/m + 1/n)^(1/2) in 19 of 20 packs
     of m and n campaigns.
@@ -126,7 +124,7 @@ def rate_alone(data: Path, key: Mapping[str, Any]) -> dict[str, Score]:
     for kind in (Kind.NONE, Kind.UNKNOWN):
         if single and kind in rates:
             rows = [(r, 1.0) for r in rates[kind]] + [(r, 0.0) for r in single]
-            out[f"overturn rate only: AUROC, {kind} or single"] = resampled(rows, _either_way)
+            out[str(kind)] = resampled(rows, _either_way)
     return out
 
 

@@ -18,12 +18,10 @@ from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
 ALL = "all"
-FLIP_BINS = ((0.0, 0.02), (0.02, 0.05), (0.05, 0.1), (0.1, 1.1))
+FLIP_BINS = ((0.0, 0.02), (0.02, 0.05), (0.05, 0.1), (0.1, math.inf))
 """Of the share of outcomes that the effects flip."""
-BINS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf))
-"""Of the magnitude over the detection limit."""
-STRONG = 2.0
-"""The same, of a strong effect: what targets are for."""
+LIMITS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf), (1.0, math.inf), (2.0, math.inf))
+"""Of the magnitude over the detection limit, lower ends included."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,15 +239,27 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
     """
     out: dict[tuple[str, str], list[Case]] = {}
     for case in cases:
-        names = [ALL, f"engine {case.engine}", f"kind {case.kind}"]
-        for low, high in BINS:
-            if low <= case.relative < high:
-                names.append(f"limit x {low:g}" + (f"-{high:g}" if high < math.inf else "+"))
-        if case.relative >= STRONG:
-            names += [f"limit x {STRONG:g}+", f"engine {case.engine}, limit x {STRONG:g}+"]
-        for low, high in FLIP_BINS:
-            if math.isnan(case.relative) and low <= case.flips < high:
-                names.append(f"flips {low:g}" + (f"-{high:g}" if high < 1 else "+"))
+        engine = engine_group(case.engine)
+        names = [ALL, engine, f"kind {case.kind}"]
+        names += [
+            engine_group(case.engine, low, high)
+            for low, high in LIMITS
+            if low <= case.relative < high
+        ]
+        names += [
+            f"flips {_span(low, high)}"
+            for low, high in FLIP_BINS
+            if math.isnan(case.relative) and low <= case.flips < high
+        ]
         for name in names:
             out.setdefault((case.tier, name), []).append(case)
     return out
+
+
+def engine_group(engine: str, low: float | None = None, high: float = math.inf) -> str:
+    """Name of the group of an engine's campaigns: all, or those of magnitudes over the limit."""
+    return f"engine {engine}" + ("" if low is None else f", limits {_span(low, high)}")
+
+
+def _span(low: float, high: float) -> str:
+    return f"{low:g}+" if high == math.inf else f"{low:g}-{high:g}"

@@ -21,8 +21,10 @@ Array = NDArray[np.float64]
 PERMUTATIONS = 999
 LEAST = 8
 """Campaigns; fewer tell nothing at a level of 0.01."""
-_TOGETHER = "all together"
-_ALIKE = "campaigns that lack the same effects"
+TOGETHER = "all_together"
+ALIKE = "campaigns_that_lack_the_same_effects"
+EQUAL = "nothing"
+"""Codes of what predicts best, beside those of the metadata; of the last all are equal."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Leak:
     Attributes:
         question: `engine`, `kind` or `class`.
         p: chance that labels dealt at random are predicted as well, over all metadata.
-        best: what predicts best, over what it does by chance.
+        best: code of what predicts best, over what it does by chance.
         rate: share of campaigns whose nearest neighbour in it has the same label.
         chance: the same with labels dealt at random, on average.
         count: campaigns.
@@ -68,7 +70,7 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
     found = [metadata(load_campaign(data / name), data / name) for name, _ in entries]
     numbers = {name: np.array([row[name] for row in found]) for name in found[0]}
     lacking = [sorted(entry.get("exclude") or ()) for _, entry in entries]
-    alike = {_ALIKE: np.array([float(lacking.count(one)) for one in lacking])}
+    alike = {ALIKE: np.array([float(lacking.count(one)) for one in lacking])}
     classes = sealed_classes(key)
     questions: dict[str, list[str | None]] = {
         "engine": [str(entry["engine"]) for _, entry in entries],
@@ -105,9 +107,9 @@ def _leak(question: str, numbers: Mapping[str, Array], codes: NDArray[np.int64])
         # Every other campaign is nearest.
         alike = np.bincount(codes)
         rate = float((alike * (alike - 1)).sum() / (len(codes) * (len(codes) - 1)))
-        return Leak(question, 1.0, "nothing: all are equal", rate, rate, len(codes))
+        return Leak(question, 1.0, EQUAL, rate, rate, len(codes))
     columns = {name: values[:, None] for name, values in scaled.items()}
-    columns[_TOGETHER] = np.stack(list(scaled.values()), axis=1)
+    columns[TOGETHER] = np.stack(list(scaled.values()), axis=1)
     weights = np.stack([_neighbours(values).ravel() for values in columns.values()])
     rng = np.random.default_rng(0)
     dealt = [codes, *(rng.permutation(codes) for _ in range(PERMUTATIONS))]

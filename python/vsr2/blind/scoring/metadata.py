@@ -19,7 +19,7 @@ _FALLING = 1.0
 
 
 def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
-    """Sizes, counts, digits, noise, amplitudes and ends, by what they are.
+    """Sizes, counts, digits, noise, amplitudes and ends, by code.
 
     Numbers that the response moves are left out: the length of its cells in the table, and series
     of rocks that fell, which end with the fall. How long after the motion the others end is
@@ -41,17 +41,17 @@ def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
         "motions": float(len(set(campaign.motion_ids))),
         "sessions": float(len({trial.session for trial in campaign.trials})),
         "files": float(sum(1 for _ in folder.rglob("*"))),
-        "displacement noise": math.log(noise.displacement or 1.0),
-        "acceleration noise": math.log(noise.acceleration or 1.0),
-        "mean ln PGA": float(pga.mean()),
-        "spread of ln PGA": float(pga.std()),
-        "mean size of motions": _mean([float(file.stat().st_size) for file in motions]),
-        "size of campaign.yaml": float((folder / CAMPAIGN_FILE).stat().st_size),
-        "size of the header of trials.csv": float(sum(len(name) for name in cells)),
-        "size of trials.csv but the response": float(size),
-        "most decimals of the response": _most_decimals(response),
-        "most decimals of the rest": _most_decimals(rest),
-        "end of series after the motion": _end(campaign),
+        "displacement_noise": math.log(noise.displacement or 1.0),
+        "acceleration_noise": math.log(noise.acceleration or 1.0),
+        "mean_ln_pga": float(pga.mean()),
+        "spread_of_ln_pga": float(pga.std()),
+        "mean_size_of_motions": _mean([float(file.stat().st_size) for file in motions]),
+        "size_of_campaign_file": float((folder / CAMPAIGN_FILE).stat().st_size),
+        "size_of_the_trials_header": float(sum(len(name) for name in cells)),
+        "size_of_the_trials_but_the_response": float(size),
+        "most_decimals_of_the_response": _most_decimals(response),
+        "most_decimals_of_the_rest": _most_decimals(rest),
+        "end_of_series_after_the_motion": _end(campaign),
     }
 
 

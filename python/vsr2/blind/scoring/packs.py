@@ -23,10 +23,11 @@ from vsr2.blind.scoring.cases import Case, read_cases
 from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.leaks import find_leaks
 from vsr2.blind.scoring.score import score_cases
-from vsr2.blind.scoring.tables import Scored, score_files, write_files
+from vsr2.blind.scoring.scored import Scored
 from vsr2.errors import BlindError, ResultError
 
 RECEIPT = "receipt.json"
+SCORES = "scores.json"
 Opened = tuple[Path, Mapping[str, Any], Path]
 """A pack's data folder, its opened key and its diagnoses."""
 
@@ -41,7 +42,7 @@ def score_pack(
     tiers: Sequence[str] | None = None,
     say: Callable[[str], None] = lambda text: None,
 ) -> Scored:
-    """Score the diagnoses of a pack and write `scores.json`, `scores.md` and `reliability.png`.
+    """Score the diagnoses of a pack and write `scores.json`.
 
     The key, and all that it seals, are verified first. A pack is scored once: the key folder gets a
     receipt with the scores, and other diagnoses are refused from then on; the same ones are scored
@@ -88,7 +89,6 @@ def score_pack(
         "slips": slips,
     }
     canonical(content)
-    files = score_files(scored, content)
     make_folder(out)
     if not is_open(opened) and not again:
         today = datetime.datetime.now(datetime.UTC).date().isoformat()
@@ -96,7 +96,7 @@ def score_pack(
             write_json(receipt, {"scored": today, **content}, private=True)
         except ResultError as error:
             raise BlindError(f"{error}; without a receipt nothing is scored") from None
-    write_files(files, out)
+    write_json(out / SCORES, content)
     return scored
 
 
