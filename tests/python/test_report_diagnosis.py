@@ -55,10 +55,10 @@ def effect(name: str, probability: float, acts: float) -> dict:
 
 
 def location(
-    name: str, feature: str, channel: str, phase: str, size: float, p: float, **found: Any
+    values: dict, feature: str, channel: str, phase: str, size: float, p: float, **found: Any
 ) -> dict:
     return {
-        "location": name,
+        "location": {"kind": "intensity" if values else "all_trials", "values": values},
         "axis": "conditions",
         "feature": feature,
         "channel": channel,
@@ -74,7 +74,7 @@ def location(
 NONE_CAN_BE = {"value": None, "ci95": None}
 GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
 LOW_PGA = location(
-    "low PGA", "outcome", "outcome", "whole response", 0.9, 0.004,
+    {"pga": "low"}, "outcome", "outcome", "whole response", 0.9, 0.004,
     concentration=2.4, trials=["A", "B"],
 )  # fmt: skip
 CONTENT = {
@@ -101,9 +101,11 @@ CONTENT = {
     },
     "where": [
         LOW_PGA,
-        location("all trials", "outcome", "outcome", "whole response", 0.6, 0.01),
-        location("high PGA", "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4),
-        location("all trials", "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
+        location({}, "outcome", "outcome", "whole response", 0.6, 0.01),
+        location(
+            {"pga": "high"}, "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4
+        ),
+        location({}, "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
     ],
     "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": [GAP]},
     "effects": [effect("wear", 0.76, 0.8), effect("catch", 0.09, 0.12)],
@@ -463,7 +465,8 @@ def test_hostile_names_stay_text() -> None:
     repetition = {"trial": bad, "information_per_repeat": 1.0, "repeats": 1}
     measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [bad, "wear"]}
     measure["others"] = [{"name": bad, "instrument": "slack", "repetition": repetition}]
-    measure["out_of_library"] = {"trial": bad, "tier": "M", "location": bad}
+    there = location({"pga": bad, "pgv_pga": bad}, bad, bad, bad, 0.6, 0.01, trials=[bad])
+    measure["out_of_library"] = {"trial": bad, "tier": "M", "location": there}
     content = CONTENT | {
         "campaign": CONTENT["campaign"] | {"name": bad, "tier": bad},
         "gap": CONTENT["gap"] | {"effects": [bad]},
@@ -471,7 +474,7 @@ def test_hostile_names_stay_text() -> None:
         "effects": [effect(bad, 0.8, 0.8)],
         "sets": [{"effects": [bad], "probability": 0.8}],
         "conformal_set_90": [bad],
-        "where": [location(bad, bad, bad, bad, 0.6, 0.01, trials=[bad])],
+        "where": [there],
         "next_measurement": measure,
         "provenance": {bad: bad},
     }

@@ -10,7 +10,7 @@ import numpy as np
 from vsr2 import _native
 from vsr2.config import Study
 from vsr2.effects import apply_effects, chosen
-from vsr2.errors import SimulationError
+from vsr2.errors import Fault, SimulationError
 from vsr2.motion import Motion, build_motions
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
 from vsr2.scene import build_scene
@@ -99,17 +99,20 @@ def check_trials(trials: Sequence[Trial]) -> None:
             )
         if motion.is_spatial and trial.drive != "prescribed":
             raise SimulationError(
-                f"motion {motion.name!r} goes beside x; only drive: prescribed follows it"
+                f"motion {motion.name!r} goes beside x; only drive: prescribed follows it",
+                fault=Fault.DRIVE,
             )
         if scene.pitches and trial.drive != "prescribed":
             raise SimulationError(
                 f"trial {trial.label!r}: the pedestal pitches on a spring; only drive: prescribed "
-                "lets it"
+                "lets it",
+                fault=Fault.DRIVE,
             )
         if scene.pitches and motion.pitch is not None:
             raise SimulationError(
                 f"motion {motion.name!r} pitches, and the pedestal pitches on a spring; leave one "
-                "of them out"
+                "of them out",
+                fault=Fault.DRIVE,
             )
         size, every = log_bytes(trial, contacts=False), trial.output.log_every
         if size > MAX_LOG_BYTES:

@@ -61,7 +61,14 @@ class Diagnosis:
         return {
             "effects.csv": csv_text(effects, ".6g"),
             "where.csv": csv_text(
-                [{k: v for k, v in row.items() if k != "trials"} for row in self.content["where"]],
+                [
+                    {
+                        "location": row["location"]["kind"],
+                        "values": " ".join(row["location"]["values"].values()),
+                        **{k: row[k] for k in row if k not in ("location", "trials")},
+                    }
+                    for row in self.content["where"]
+                ],
                 ".6g",
             ),
             "trials.csv": csv_text(self.trials, ".6g"),
