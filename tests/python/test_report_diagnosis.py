@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import re
@@ -346,6 +347,24 @@ def test_the_terminal_gets_the_same_in_short() -> None:
     )
     assert "   0.80  wear                 size 0.12 [0.06, 0.16]" in lines
     assert lines[-1] == f"limit: {sentence(CONTENT['limits'][0])}"
+
+
+def test_tables_hold_numbers_and_codes() -> None:
+    content = CONTENT | {"effects": [effect("wear", 0.8, 0.9), effect("catch", 0.1, 0.1)]}
+    content["effects"][1]["parameters"] = {}
+    tables = {
+        name: list(csv.DictReader(text.splitlines()))
+        for name, text in Diagnosis(content, ROWS).tables().items()
+    }
+    wear, catch = tables["effects.csv"]
+    assert wear == {
+        "effect": "wear", "probability": "0.8", "acts": "0.9", "parameter": "size",
+        "mean": "0.11", "median": "0.12", "ci90_low": "0.06", "ci90_high": "0.16",
+        "ci95_low": "0.05", "ci95_high": "0.17", "unit": "1",
+    }  # fmt: skip
+    assert (catch["effect"], catch["parameter"], catch["mean"]) == ("catch", "", "")
+    places = [(row["location"], row["values"]) for row in tables["where.csv"]]
+    assert places[:2] == [("intensity", "low"), ("all_trials", "")]
 
 
 def test_hand_made_content_has_the_form_of_the_schema() -> None:

@@ -83,7 +83,8 @@ def quaternion_product(a: Array, b: Array) -> Array:
 
 def conjugate(q: Array) -> Array:
     """The inverse of unit quaternions x, y, z, w, shape (..., 4)."""
-    return q * np.array([-1.0, -1.0, -1.0, 1.0])
+    inverse: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
+    return inverse
 
 
 def rotate(q: Array, v: Array) -> Array:
