@@ -3,6 +3,22 @@
 from __future__ import annotations
 
 import os
+from enum import StrEnum
+
+
+class Fault(StrEnum):
+    """What an error is about, for code that reacts to it."""
+
+    BAD_VALUE = "bad_value"
+    """A value that nothing can use."""
+    GEOMETRY = "geometry"
+    MOTION = "motion"
+    DRIVE = "drive"
+    """A drive that does not go with motion or pedestal."""
+    ENGINE_DOMAIN = "engine_domain"
+    """An engine that does not take the scene."""
+    NO_ROCK = "no_rock"
+    ROCK_PRESENT = "rock_present"
 
 
 class Vsr2Error(Exception):
@@ -14,9 +30,12 @@ class Vsr2Error(Exception):
             is not known where the error is raised.
         file: that is at fault; empty: none.
         line: of the file, counted from 1; None: no line.
+        fault: what it is about; None: that of its class.
 
     The text is `file:line: key: message`, without the parts that are empty.
     """
+
+    fault = Fault.BAD_VALUE
 
     def __init__(
         self,
@@ -25,8 +44,10 @@ class Vsr2Error(Exception):
         key: str = "",
         file: str | os.PathLike[str] = "",
         line: int | None = None,
+        fault: Fault | None = None,
     ) -> None:
         self.message, self.key, self.file, self.line = message, key, os.fspath(file), line
+        self.fault = fault or self.fault
         where = self.file if line is None else f"{self.file}:{line}"
         super().__init__(": ".join(part for part in (where, key, message) if part))
 
@@ -38,9 +59,13 @@ class ConfigError(Vsr2Error):
 class GeometryError(Vsr2Error):
     """A mesh, URDF or body description that cannot be used (names file and remedy)."""
 
+    fault = Fault.GEOMETRY
+
 
 class MotionError(Vsr2Error):
     """A ground motion that cannot be used (names file, sample or value, and remedy)."""
+
+    fault = Fault.MOTION
 
 
 class SimulationError(Vsr2Error):

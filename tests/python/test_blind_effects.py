@@ -32,7 +32,7 @@ from vsr2.blind.mujoco import (
 )
 from vsr2.blind.mujoco.ground import acceleration_of
 from vsr2.blind.mujoco.mechanisms import (
-    CATCH_STIFFNESS,
+    MECHANISMS,
     RelativeMotion,
     catch,
     friction,
@@ -453,7 +453,7 @@ def test_a_tether_catches_the_block() -> None:
         out = int(np.argmax(response.tilt > math.radians(slack)))
         turned = out + int(np.argmax(np.diff(response.tilt[out:]) < 0))
         back = int(np.argmax(response.tilt[turned:] < math.radians(slack)))
-        stiffness = CATCH_STIFFNESS * BLOCK.mass * G * BLOCK.radius
+        stiffness = MECHANISMS.catch_stiffness * BLOCK.mass * G * BLOCK.radius
         assert 0 < 0.001 * back < math.pi / 2 * math.sqrt(BLOCK.pivot_inertia / stiffness)
     # Critically damped: c = 2 (k I_O)^(1/2), on the way out alone.
     lean = math.radians(12.0)

@@ -123,12 +123,12 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
     )
     limits = {row["code"]: row["values"] for row in found.content["limits"]}
     assert limits["trials_incomplete"] == {"count": 1}
-    assert limits["effect_unavailable"]["effect"] == "table_pitch"
+    assert limits["effect_unavailable"] == {"effect": "table_pitch", "fault": "drive"}
     assert limits["specimens"]["specimens"] == ("block", "other")
     assert limits["budget_exceeded"]["allowed"] == 300 < limits["budget_exceeded"]["simulations"]
     assert found.content["provenance"]["budget"]["state"] == "exceeded"
-    locations = {row["location"] for row in found.content["where"]}
-    assert any("day 2" in location for location in locations)
+    locations = [row["location"]["values"] for row in found.content["where"]]
+    assert any(values.get("session") == "day 2" for values in locations)
     assert found.content["provenance"]["priors"] == {"table_gain.change": [-0.3, 0.1]}
     values = next(e for e in found.content["effects"] if e["name"] == "table_gain")["parameters"]
     # The prior given reaches lower than the library's, -0.15; few campaigns leave it wide open.

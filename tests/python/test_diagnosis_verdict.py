@@ -42,7 +42,7 @@ from vsr2.diagnosis.verdict.statements import (
     Statement,
     VerdictKind,
 )
-from vsr2.diagnosis.where.scan import OUTCOME, Location
+from vsr2.diagnosis.where.scan import OUTCOME, Location, LocationKind, Third
 from vsr2.effects import library as full_library
 
 
@@ -302,15 +302,13 @@ def test_what_has_an_infinite_null_is_averaged_as_its_inverse() -> None:
 
 def test_no_axis_and_no_channel_is_left_out_of_the_locations_shown() -> None:
     table = replace_feature("gain", "table")
-    many = [Location(f"condition {i}", "conditions", table, 1.0, 0.01) for i in range(40)]
+    many = [Location(LocationKind.INTENSITY, {}, table, 1.0, 0.01 + i / 1e4) for i in range(40)]
     late = [
-        Location("second half", "order", OUTCOME, 0.5, 0.2),
-        Location("last third", "order", OUTCOME, 0.4, 0.3),
-        Location("all trials", "conditions", OUTCOME, 0.1, 0.9),
+        Location(LocationKind.TREND, {}, OUTCOME, 0.5, 0.2),
+        Location(LocationKind.STEP, {}, OUTCOME, 0.4, 0.3),
+        Location(LocationKind.ALL_TRIALS, {}, OUTCOME, 0.1, 0.9),
     ]
-    names = [location.name for location in shown(many + late)]
-    most = LIMITS.locations
-    assert names == [*(f"condition {i}" for i in range(most)), "second half", "all trials"]
+    assert shown(many + late) == [*many[: LIMITS.locations], late[0], late[2]]
 
 
 def replace_feature(name, channel):
@@ -370,8 +368,11 @@ def test_a_pair_needs_both_instruments_and_an_unknown_cause_a_look_at_what_is_le
     assert both.instruments == (Instrument.SLACK, Instrument.REPEAT_FIRST_TRIALS)
     excess = np.zeros(40)
     excess[17] = 1.0
-    places = [Location("high PGA", "conditions", OUTCOME, 1.0, p, 3.0) for p in (0.01, 0.2)]
+    places = [
+        Location(LocationKind.INTENSITY, {"pga": Third.HIGH}, OUTCOME, 1.0, p, 3.0)
+        for p in (0.01, 0.2)
+    ]
     name = forty.campaign.trials[17].trial
-    for given, location in ((places, "high PGA"), (places[1:], None), ([], None)):
+    for given, location in ((places, places[0].to_json()), (places[1:], None), ([], None)):
         found = measurement_out_of_library(forty, excess, given)
         assert (found.trial, found.tier, found.location) == (name, "B", location)

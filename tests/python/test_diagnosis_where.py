@@ -12,10 +12,10 @@ from vsr2.diagnosis.observed.features import LARGEST_TILT
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import (
-    EVERYWHERE,
     OUTCOME,
     SCAN,
     Conditions,
+    LocationKind,
     interleaved,
     scan,
 )
@@ -59,7 +59,7 @@ def test_two_sessions_cannot_show_a_change_over_the_order() -> None:
         rng = np.random.default_rng(seed)
         p = np.where(there.session == 1, 0.3 + rng.uniform(0.2, 0.6), 0.3)
         found = locations((rng.random(p.size) < p) - 0.3, there, seed)
-        ordered = [location.p_familywise for location in found if location.axis == "order"]
+        ordered = [location.p_familywise for location in found if location.kind.axis == "order"]
         # 999 draws of one half: four standard deviations are 0.06.
         assert min(ordered) > 0.43
 
@@ -73,7 +73,7 @@ def test_a_session_is_judged_by_complete_motions(few_permutations) -> None:
         sessions = [
             location.p_familywise
             for location in locations((rng.random(p.size) < p) - 0.3, there, seed)
-            if location.axis == "session"
+            if location.kind is LocationKind.SESSION
         ]
         found += min(sessions) <= 0.05
     # One in twenty, of twenty: more than four happen less than one time in 300.
@@ -92,7 +92,7 @@ def test_no_session_stands_out_where_motions_are_interleaved() -> None:
     def sessions(motion, p):
         there = dataclasses.replace(blocked, motion=motion)
         found = locations((rng.random(p.size) < p) - 0.3, there)
-        return min(location.p_familywise for location in found if location.axis == "session")
+        return min(one.p_familywise for one in found if one.kind is LocationKind.SESSION)
 
     assert sessions(mixed, loud) == 1.0
     # Each motion once, or all of a motion in a row: complete motions are permuted.
@@ -114,9 +114,7 @@ def test_the_order_of_one_session_is_judged_by_complete_motions(few_permutations
         rng = np.random.default_rng(200 + seed)
         p = np.repeat(rng.choice([0.0, 0.6], 5), 24)
         stated = locations((rng.random(p.size) < p) - 0.3, there, seed)
-        found += (
-            min(location.p_familywise for location in stated if location.axis == "order") <= 0.05
-        )
+        found += min(one.p_familywise for one in stated if one.kind is LocationKind.TREND) <= 0.05
     # One in twenty, of forty: more than six happen less than one time in 300.
     assert found <= 6
     # A trend that motions do not carry is found, and none is sought where they are interleaved.
@@ -124,7 +122,7 @@ def test_the_order_of_one_session_is_judged_by_complete_motions(few_permutations
     short = dataclasses.replace(there, motion=np.repeat(np.arange(20), 6))
     mixed = dataclasses.replace(there, motion=np.arange(120) % 20)
     first, second = (
-        next(location for location in locations(rising - 0.3, one) if location.axis == "order")
+        next(found for found in locations(rising - 0.3, one) if found.kind is LocationKind.TREND)
         for one in (short, mixed)
     )
     assert first.p_familywise <= 0.05
@@ -136,7 +134,7 @@ def test_a_trend_over_sessions_is_found() -> None:
     rng = np.random.default_rng(4)
     p = 0.3 + 0.65 * there.order
     found = locations((rng.random(p.size) < p) - 0.3, there)
-    ordered = [location for location in found if location.axis == "order"]
+    ordered = [location for location in found if location.kind.axis == "order"]
     assert ordered[0].p_familywise <= 0.05
     assert ordered[0].effect_size > 0
 
@@ -150,7 +148,7 @@ def test_sessions_that_merely_differ_are_no_trend(few_permutations) -> None:
         rng = np.random.default_rng(seed)
         p = np.clip(0.3 + 0.25 * rng.standard_normal(18), 0.02, 0.98)[there.session]
         found = locations((rng.random(p.size) < p) - 0.3, there, seed)
-        fired += min(q.p_familywise for q in found if q.axis == "order") <= 0.05
+        fired += min(q.p_familywise for q in found if q.kind.axis == "order") <= 0.05
     # 5 % of 80 is 4. With permutations within sessions among the others it is 8.
     assert fired <= 6
 
@@ -167,6 +165,11 @@ def test_nothing_is_found_where_nothing_is(few_permutations) -> None:
 # --- planted locations ---------------------------------------------------------------------------
 
 TWO_CHANNELS = (OUTCOME, LARGEST_TILT)
+
+
+def named(location):
+    """Kind and values."""
+    return (location.kind, *location.values.values())
 
 
 def planted(there, where, size=2.0, seed=0, known=1.0):
@@ -188,15 +191,14 @@ def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
     there = schedule()
     low, high = np.quantile(there.log_pga, [1 / 3, 2 / 3])
     cases = {
-        "high PGA": there.log_pga >= high,
-        "low PGA": there.log_pga < low,
-        "session day 3": there.session == 2,
+        ("intensity", "high"): there.log_pga >= high,
+        ("intensity", "low"): there.log_pga < low,
+        ("session", "day 3"): there.session == 2,
     }
     for name, inside in cases.items():
         found = planted(there, inside.astype(float), size=3.0, known=0.9)
-        best = next(one for one in found if one.name == name and one.feature == LARGEST_TILT)
+        best = next(one for one in found if named(one) == name and one.feature == LARGEST_TILT)
         assert best.stands_out
-        assert best.label == f"largest_tilt: {name}"
         np.testing.assert_array_equal(best.trials, np.flatnonzero(inside))
         # Whatever else stands out lies there too, most of it.
         for one in found:
@@ -211,7 +213,9 @@ def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
     everywhere = planted(there, np.ones(there.order.size))
     assert everywhere[0].is_significant
     assert not any(one.stands_out for one in everywhere)
-    whole = next(one for one in everywhere if one.is_everywhere and one.feature == LARGEST_TILT)
+    whole = next(
+        one for one in everywhere if one.kind == "all_trials" and one.feature == LARGEST_TILT
+    )
     assert whole.is_significant
     assert whole.concentration == pytest.approx(1.0)
 
@@ -228,12 +232,12 @@ def test_concentration_is_the_share_of_the_excess_over_that_of_trials() -> None:
         inside = list(one.trials)
         expected = excess[inside].sum() / excess.sum() / (len(inside) / 24)
         assert one.concentration == pytest.approx(expected)
-    assert next(o for o in found if o.name == "session day 2").concentration > 2
+    assert next(o for o in found if named(o) == ("session", "day 2")).concentration > 2
     # Of a step the trials from it on, of a trend the later half.
-    members = {one.name: set(one.trials) for one in found}
-    assert members["change before session day 3"] == set(range(12, 24))
-    assert members["trend"] == set(range(12, 24))
-    assert members[EVERYWHERE] == set(range(24))
+    members = {named(one): set(one.trials) for one in found}
+    assert members["step", "day 3"] == set(range(12, 24))
+    assert members["trend",] == set(range(12, 24))
+    assert members["all_trials",] == set(range(24))
 
 
 def test_at_most_one_gap_free_campaign_in_twenty_has_a_location(few_permutations) -> None:
@@ -280,8 +284,8 @@ def test_what_is_scanned_are_outcomes_features_and_the_table() -> None:
         assert channels == {"outcome", "tilt", "table"}
         table = [one for one in locations if one.feature.channel == "table"]
         assert any(one.is_significant for one in table) is off
-        assert {one.name for one in locations if one.axis == "session"} == {
-            "session S00", "session S01",
+        assert {named(one) for one in locations if one.kind is LocationKind.SESSION} == {
+            ("session", "S00"), ("session", "S01"),
         }  # fmt: skip
     # Trials that were not simulated have no place.
     assert max(max(one.trials) for one in locations) == trials.size - 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import re
@@ -55,10 +56,10 @@ def effect(name: str, probability: float, acts: float) -> dict:
 
 
 def location(
-    name: str, feature: str, channel: str, phase: str, size: float, p: float, **found: Any
+    values: dict, feature: str, channel: str, phase: str, size: float, p: float, **found: Any
 ) -> dict:
     return {
-        "location": name,
+        "location": {"kind": "intensity" if values else "all_trials", "values": values},
         "axis": "conditions",
         "feature": feature,
         "channel": channel,
@@ -74,7 +75,7 @@ def location(
 NONE_CAN_BE = {"value": None, "ci95": None}
 GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
 LOW_PGA = location(
-    "low PGA", "outcome", "outcome", "whole response", 0.9, 0.004,
+    {"pga": "low"}, "outcome", "outcome", "whole response", 0.9, 0.004,
     concentration=2.4, trials=["A", "B"],
 )  # fmt: skip
 CONTENT = {
@@ -101,9 +102,11 @@ CONTENT = {
     },
     "where": [
         LOW_PGA,
-        location("all trials", "outcome", "outcome", "whole response", 0.6, 0.01),
-        location("high PGA", "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4),
-        location("all trials", "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
+        location({}, "outcome", "outcome", "whole response", 0.6, 0.01),
+        location(
+            {"pga": "high"}, "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4
+        ),
+        location({}, "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
     ],
     "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": [GAP]},
     "effects": [effect("wear", 0.76, 0.8), effect("catch", 0.09, 0.12)],
@@ -346,6 +349,24 @@ def test_the_terminal_gets_the_same_in_short() -> None:
     assert lines[-1] == f"limit: {sentence(CONTENT['limits'][0])}"
 
 
+def test_tables_hold_numbers_and_codes() -> None:
+    content = CONTENT | {"effects": [effect("wear", 0.8, 0.9), effect("catch", 0.1, 0.1)]}
+    content["effects"][1]["parameters"] = {}
+    tables = {
+        name: list(csv.DictReader(text.splitlines()))
+        for name, text in Diagnosis(content, ROWS).tables().items()
+    }
+    wear, catch = tables["effects.csv"]
+    assert wear == {
+        "effect": "wear", "probability": "0.8", "acts": "0.9", "parameter": "size",
+        "mean": "0.11", "median": "0.12", "ci90_low": "0.06", "ci90_high": "0.16",
+        "ci95_low": "0.05", "ci95_high": "0.17", "unit": "1",
+    }  # fmt: skip
+    assert (catch["effect"], catch["parameter"], catch["mean"]) == ("catch", "", "")
+    places = [(row["location"], row["values"]) for row in tables["where.csv"]]
+    assert places[:2] == [("intensity", "low"), ("all_trials", "")]
+
+
 def test_hand_made_content_has_the_form_of_the_schema() -> None:
     validator = jsonschema.Draft202012Validator(schema())
     validator.check_schema(schema())
@@ -463,7 +484,8 @@ def test_hostile_names_stay_text() -> None:
     repetition = {"trial": bad, "information_per_repeat": 1.0, "repeats": 1}
     measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [bad, "wear"]}
     measure["others"] = [{"name": bad, "instrument": "slack", "repetition": repetition}]
-    measure["out_of_library"] = {"trial": bad, "tier": "M", "location": bad}
+    there = location({"pga": bad, "pgv_pga": bad}, bad, bad, bad, 0.6, 0.01, trials=[bad])
+    measure["out_of_library"] = {"trial": bad, "tier": "M", "location": there}
     content = CONTENT | {
         "campaign": CONTENT["campaign"] | {"name": bad, "tier": bad},
         "gap": CONTENT["gap"] | {"effects": [bad]},
@@ -471,7 +493,7 @@ def test_hostile_names_stay_text() -> None:
         "effects": [effect(bad, 0.8, 0.8)],
         "sets": [{"effects": [bad], "probability": 0.8}],
         "conformal_set_90": [bad],
-        "where": [location(bad, bad, bad, bad, 0.6, 0.01, trials=[bad])],
+        "where": [there],
         "next_measurement": measure,
         "provenance": {bad: bad},
     }

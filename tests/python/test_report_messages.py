@@ -6,10 +6,12 @@ import pytest
 
 from vsr2.diagnosis.verdict.next_measurement import BY_EFFECT, BY_STAGE, Instrument
 from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Statement
+from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
+from vsr2.errors import Fault
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
 
-SAMPLES = {float: 0.25, int: 3, str: "wear", NAMES: ("catch", "wear")}
+SAMPLES = {float: 0.25, int: 3, str: "wear", Fault: Fault.MOTION, NAMES: ("catch", "wear")}
 
 
 @pytest.mark.parametrize("code", [*ReasonCode, *LimitCode])
@@ -21,7 +23,7 @@ def test_every_code_has_a_sentence(code) -> None:
     assert text == text.strip()
     # What a code carries is said, but for what only chooses the words.
     for name, value in values.items():
-        if isinstance(value, str):
+        if code.types[name] is str:
             assert value in text, name
         if isinstance(value, tuple):
             assert all(one in text for one in value), name
@@ -105,8 +107,8 @@ def test_every_code_has_a_sentence(code) -> None:
             "its slack lies from 6 to 24 degree, nearly all that its prior allows",
         ),
         (
-            Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect="wear", error="a {brace}"),
-            "wear was not looked for, this scene cannot have it: a {brace}",
+            Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect="wear", fault=Fault.DRIVE),
+            "wear was not looked for, this scene cannot have it: it moves the pedestal beside x",
         ),
         (
             Statement.of(LimitCode.REPEATS_SCATTER, pairs=30, share=0.3, expected=0.1),
@@ -137,7 +139,9 @@ def test_what_to_measure_next_is_worded() -> None:
     assert next_measurement(check | {"kind": "both", "instruments": two}) == (
         f"{film}; and {record}"
     )
-    outside = {"trial": "T7", "tier": "M", "location": "largest_tilt: low PGA"}
+    low = {"kind": "intensity", "values": {"pga": "low"}}
+    there = {"location": low, "feature": "largest_tilt", "channel": "tilt"}
+    outside = {"trial": "T7", "tier": "M", "location": there}
     alone = next_measurement(blank | {"kind": "out_of_library", "out_of_library": outside})
     assert alone == (
         "no effect of the library fits: repeat trial T7, which the best of them explains least, "
@@ -149,7 +153,21 @@ def test_what_to_measure_next_is_worded() -> None:
     assert both.endswith(f"film base and edges; otherwise {film}")
 
 
-def test_a_location_is_named_with_its_feature() -> None:
-    row = {"location": "low PGA", "feature": "largest_tilt", "channel": "tilt"}
-    assert location(row) == "largest_tilt: low PGA"
-    assert location(row | {"feature": "outcome", "channel": "outcome"}) == "low PGA"
+@pytest.mark.parametrize(
+    ("kind", "values", "text"),
+    [
+        (LocationKind.ALL_TRIALS, {}, "all trials"),
+        (LocationKind.INTENSITY, {"pga": "low"}, "low PGA"),
+        (LocationKind.INTENSITY, {"pgv_pga": "middle"}, "middle PGV/PGA"),
+        (LocationKind.INTENSITY, {"pga": "low", "pgv_pga": "high"}, "low PGA, high PGV/PGA"),
+        (LocationKind.TREND, {}, "trend"),
+        (LocationKind.STEP, {"session": "day 2"}, "change before session day 2"),
+        (LocationKind.SESSION, {"session": "day 2"}, "session day 2"),
+        (LocationKind.SPECIMEN, {"specimen": "B"}, "specimen B"),
+    ],
+)
+def test_a_location_is_named_with_its_feature(kind, values, text) -> None:
+    place = {"kind": kind, "values": values}
+    row = {"location": place, "feature": "largest_tilt", "channel": "tilt"}
+    assert location(row) == f"largest_tilt: {text}"
+    assert location(row | {"feature": "outcome", "channel": "outcome"}) == text

@@ -33,7 +33,7 @@ from vsr2.simulation import (
     run_shard,
     study_trials,
 )
-from vsr2.simulation.distributed import MAX_CHUNK_BYTES, _chunks
+from vsr2.simulation.distributed import CLUSTER, _chunks
 from vsr2.trial import Trial
 
 # Not the fastest engine, so that there is time to interfere.
@@ -407,7 +407,7 @@ def test_chunks_hold_every_trial_once_and_are_bounded(trials: list[Trial]) -> No
             assert max(map(len, chunks)) <= max(1, -(-len(batch) // (4 * max(1, threads))))
             for chunk in chunks:
                 size = sum(_log_size(batch[i]) for i in chunk)
-                assert size <= MAX_CHUNK_BYTES or len(chunk) == 1
+                assert size <= CLUSTER.chunk_bytes or len(chunk) == 1
 
 
 def _log_size(trial: Trial) -> int:

@@ -15,9 +15,10 @@ import pytest
 
 from vsr2 import _native
 from vsr2.config.study import ORIGINAL, Contact, Study
-from vsr2.errors import SimulationError
+from vsr2.errors import Fault, SimulationError
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
+from vsr2.simulation.scene import refusals
 
 
 def study(**sections: object) -> Study:
@@ -160,6 +161,10 @@ def test_errors_of_the_core_carry_a_code() -> None:
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
     assert caught.value.fault is _native.InputFault.no_rock
+    with pytest.raises(SimulationError) as told, refusals("rock"):
+        world.delete_rock()
+    assert told.value.fault is Fault.NO_ROCK
+    assert {fault.value for fault in Fault} >= set(_native.InputFault.__members__)
 
 
 def test_samples_are_borrowed_and_given_back() -> None:

@@ -117,7 +117,9 @@ def diagnose(
         provenance={
             "scene": study.name,
             "left_out": len(given) - len(seen),
-            "unavailable": simulator.unavailable,
+            "unavailable": {
+                name: str(error.fault) for name, error in simulator.unavailable.items()
+            },
             "priors": hypotheses.ends,
             "nuisance_priors": [one.to_json() for one in simulator.nuisances],
         },

@@ -17,7 +17,7 @@ from vsr2.campaign import Campaign
 from vsr2.config import Study
 from vsr2.diagnosis.observed.features import TILT_FEATURES, rest_features
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
@@ -82,7 +82,6 @@ def compare_reference(
     hypotheses: Hypotheses = HYPOTHESES,
     threads: int | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
 ) -> tuple[Agreement, ...]:
     """Agreement of a reference campaign with the scene of a study, its effects included.
 
@@ -92,7 +91,6 @@ def compare_reference(
         hypotheses: what is uncertain about the set-up.
         threads: of the native core; None: all.
         seed: of the draws.
-        progress: called with simulations done and all.
 
     Raises:
         DiagnosisError: the campaign holds too little, or the scene cannot have an effect.
@@ -112,7 +110,7 @@ def compare_reference(
         accepted = effect.accept(values)
         known.append((name, tuple(float(accepted[p.name]) for p in effect.parameters)))
     with SimulationCache(simulator) as cache:
-        return agreement(cache, seen, tuple(known), seed=seed, progress=progress)
+        return agreement(cache, seen, tuple(known), seed=seed)
 
 
 def agreement(
@@ -121,7 +119,6 @@ def agreement(
     effects: Effects = (),
     *,
     seed: int = 0,
-    progress: Progress | None = None,
 ) -> tuple[Agreement, ...]:
     """Agreement of a campaign with a simulator under known effects, measures of nothing left out.
 
@@ -130,14 +127,11 @@ def agreement(
         seen: the campaign.
         effects: that act in it.
         seed: of the measurements' noise.
-        progress: called with simulations done and all.
     """
     spots = [(0, 0)]
     spots += [(0, PERTURBED - k) for k in range(REFERENCE.starts)]
     spots += [(draw, 1) for draw in range(1, REFERENCE.draws + 1)]
-    found = cache.run(
-        [Request(i, effects, *spot) for spot in spots for i in range(len(seen))], progress=progress
-    )
+    found = cache.run([Request(i, effects, *spot) for spot in spots for i in range(len(seen))])
     shape = (len(spots), len(seen))
     overturned, peak = found.overturned.reshape(shape), found.peak_tilt.reshape(shape)
     turn = np.full(shape, np.nan)

@@ -138,7 +138,7 @@ def _made(trial: Trial, one: Effect, values: dict[str, float]) -> Trial:
     except Vsr2Error as error:
         if error.key:
             raise
-        raise type(error)(error.message, key=f"effects.{one.name}") from error
+        raise type(error)(error.message, key=f"effects.{one.name}", fault=error.fault) from error
     if not isinstance(changed, Trial):
         raise SimulationError(
             f"effect {one.name!r}: `change` must return a Trial (returned {type(changed).__name__})"

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.standing import mass_height
-from vsr2.errors import ConfigError, MotionError, SimulationError
+from vsr2.errors import ConfigError, Fault, MotionError, SimulationError
 from vsr2.motion import STANDARD_GRAVITY, SideMotion
 from vsr2.scene import PitchSpring
 from vsr2.scene.rotation import IDENTITY
@@ -83,7 +83,8 @@ def _assert_prescribed(trial: Trial) -> None:
     if trial.drive != "prescribed":
         raise SimulationError(
             f"moves the pedestal beside x, which motion.drive: {trial.drive} cannot follow; set "
-            "motion.drive to prescribed, or leave the effect out"
+            "motion.drive to prescribed, or leave the effect out",
+            fault=Fault.DRIVE,
         )
 
 

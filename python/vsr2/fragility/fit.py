@@ -37,18 +37,31 @@ from vsr2.errors import ResultError
 
 Array = NDArray[np.float64]
 
-PRIOR_LOCATION = 0.1
-"""Where the prior's two half trials lie on their coefficient's axis."""
 _BURN_IN, _STEPS, _THIN = 150, 500, 4
 _CHUNK = 500
-FALL = 0.05
-"""A surface that falls by more than this as intensity rises gets a note."""
-SIGNIFICANT = 0.95
-"""Curvature beyond this quantile of no curvature says that a lognormal curve does not fit."""
-FEWEST_LEVELS = 5
-"""Different intensities that tell a curvature: one more than the coefficients."""
 _ON_HULL = 1e-6
 """Distance from the hull of the trials that counts as on it, in spreads of them."""
+
+
+@dataclass(frozen=True)
+class FitConstants:
+    """What a fit is judged by; chosen by hand, the prior after Greenland and Mansournia (2015).
+
+    Attributes:
+        prior_location: where the prior's two half trials lie on their coefficient's axis.
+        fall: a surface that falls by more than this as intensity rises gets a note.
+        significant: curvature beyond this quantile of no curvature says that a lognormal curve does
+            not fit.
+        fewest_levels: different intensities that tell a curvature: one more than the coefficients.
+    """
+
+    prior_location: float = 0.1
+    fall: float = 0.05
+    significant: float = 0.95
+    fewest_levels: int = 5
+
+
+FIT = FitConstants()
 
 
 @dataclass(frozen=True)
@@ -151,7 +164,7 @@ class FragilityFit:
         separated: the curve or surface parts the outcomes without error; its steepness is then the
             prior's, and its middle is known no better than the gap between them.
         note: what keeps it from being a curve; None: nothing.
-        falling: measures with which a surface falls, in part of the range, by more than `FALL`.
+        falling: measures with which a surface falls, in part of the range, by more than `FIT.fall`.
         low, high: least and greatest value of each measure, shape (k,).
         lognormal: median and beta; None: two measures, or the probability does not rise.
     """
@@ -366,7 +379,7 @@ def _outcomes(
 
 
 def _falling(fit: FragilityFit) -> tuple[str, ...]:
-    """Measures with which the probability falls by more than `FALL` amid the trials."""
+    """Measures with which the probability falls by more than `FIT.fall` amid the trials."""
     count = 25
     levels = fit.grid(count)
     probability = np.where(fit.inside(levels), fit.probability(levels)[0], np.nan)
@@ -375,7 +388,7 @@ def _falling(fit: FragilityFit) -> tuple[str, ...]:
     for axis, name in enumerate(fit.names):
         # Outside counts as 0 on the way up, so that it starts no fall.
         highest = np.maximum.accumulate(np.nan_to_num(grid), axis=axis)
-        if np.nanmax(highest - grid, initial=0.0) > FALL:
+        if np.nanmax(highest - grid, initial=0.0) > FIT.fall:
             found.append(name)
     return tuple(found)
 
@@ -398,7 +411,7 @@ def _fit(
     from scipy.stats import norm, t
 
     size = terms.shape[1]
-    prior = np.concatenate([PRIOR_LOCATION * np.eye(size)] * 2)
+    prior = np.concatenate([FIT.prior_location * np.eye(size)] * 2)
     design = np.concatenate([terms, prior])
     response = np.concatenate([truth.astype(float), np.ones(size), np.zeros(size)])
     weight = np.concatenate([np.ones(len(terms)), np.full(2 * size, 0.5)])
@@ -469,7 +482,7 @@ def _straight(
     from scipy.stats import chi2
 
     x = scaled[:, 0]
-    if np.unique(x).size < FEWEST_LEVELS:
+    if np.unique(x).size < FIT.fewest_levels:
         return True
     found = _fit(np.stack([np.ones_like(x), x, x**2, x**3], axis=1), truth, member, level)
     curved = found.mode[2:]
@@ -477,4 +490,4 @@ def _straight(
         float(curved @ np.linalg.pinv(covariance[2:, 2:]) @ curved)
         for covariance in (found.model, found.clustered)
     )
-    return bool(least < chi2.ppf(SIGNIFICANT, 2))
+    return bool(least < chi2.ppf(FIT.significant, 2))

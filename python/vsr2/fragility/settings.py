@@ -18,17 +18,18 @@ Measure = Literal[
     "pga_g", "pgv_m_s", "pgd_m", "pgv_pga_s", "arias_m_s", "cav_m_s", "duration_5_95_s"
 ]
 
-MEASURE_LABELS: dict[str, str] = {
-    "pga_g": "PGA [g]",
-    "pgv_m_s": "PGV [m/s]",
-    "pgd_m": "PGD [m]",
-    "pgv_pga_s": "PGV/PGA [s]",
-    "arias_m_s": "Arias intensity [m/s]",
-    "cav_m_s": "CAV [m/s]",
-    "duration_5_95_s": "significant duration 5-95 % [s]",
+MEASURES: dict[str, tuple[str, str]] = {
+    "pga_g": ("PGA", "g"),
+    "pgv_m_s": ("PGV", "m/s"),
+    "pgd_m": ("PGD", "m"),
+    "pgv_pga_s": ("PGV/PGA", "s"),
+    "arias_m_s": ("Arias intensity", "m/s"),
+    "cav_m_s": ("CAV", "m/s"),
+    "duration_5_95_s": ("significant duration 5-95 %", "s"),
 }
+"""Name and unit of the intensity measures."""
+MEASURE_LABELS = {key: f"{name} [{unit}]" for key, (name, unit) in MEASURES.items()}
 """Intensity measures as they stand on an axis."""
-
 
 MAX_PGA = 100.0
 """Greatest PGA that recordings are scaled to [g]; more is a mistaken unit."""

@@ -32,25 +32,39 @@ from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
-from vsr2.motion.processing import REST_TIME, Kinematics, remove_baseline, rest_level
+from vsr2.motion.processing import PROCESSING, Kinematics, remove_baseline, rest_level
 from vsr2.motion.record import Record
 
-REST_WINDOW = 0.5
-"""Length of the windows in which rest is looked for [s]."""
-REST_RATIO = 2.0
-"""At rest: variance within this factor of the quiet windows' in both channels."""
-QUIET_SHARE = 0.1
-"""The quiet windows: this share of them, with the least variance."""
-SHAKING_SHARE = 0.05
-"""Shaking lasts from this share of the squared acceleration's sum to one minus it."""
 BANDS = ((0.1, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 25.0))
 """Bands of :func:`input_uncertainty` [Hz]."""
-PEAK_SHAKING = 3.0
-"""Prior variance over the shaking's mean: its peaks, which overturn, must not be smoothed."""
-RUN_UP = 4000
-"""Most samples for which the filter runs up to the record's start."""
-SEGMENT = 4.0
-"""Length of the segments of its spectra [s]."""
+
+
+@dataclass(frozen=True)
+class FusionConstants:
+    """How two channels are brought together; chosen by hand.
+
+    Attributes:
+        rest_window: length of the windows in which rest is looked for [s].
+        rest_ratio: at rest: variance within this factor of the quiet windows' in both channels.
+        quiet_share: the quiet windows: this share of them, with the least variance.
+        shaking_share: shaking lasts from this share of the squared acceleration's sum to one minus
+            it.
+        peak_shaking: prior variance over the shaking's mean: its peaks, which overturn, must not be
+            smoothed.
+        run_up: most samples for which the filter runs up to the record's start.
+        segment: length of the segments of its spectra [s].
+    """
+
+    rest_window: float = 0.5
+    rest_ratio: float = 2.0
+    quiet_share: float = 0.1
+    shaking_share: float = 0.05
+    peak_shaking: float = 3.0
+    run_up: int = 4000
+    segment: float = 4.0
+
+
+FUSION = FusionConstants()
 
 
 @dataclass(frozen=True)
@@ -145,13 +159,13 @@ def channel_noise(record: Record) -> ChannelNoise:
             there (a computed motion has no noise: drive one of its channels, or give `noise`).
     """
     displacement, acceleration = _both_channels(record)
-    length = round(REST_WINDOW / record.sample_interval)
+    length = round(FUSION.rest_window / record.sample_interval)
     count = record.size // max(length, 1)
     if length < 8 or count < 1:
         raise MotionError(
             f"{record.label}: {record.duration:g} s sampled every {record.sample_interval:g} s "
-            f"hold no rest of {REST_WINDOW:g} s to tell noise from; give `noise`, or drive one "
-            "channel"
+            f"hold no rest of {FUSION.rest_window:g} s to tell noise from; give `noise`, or drive "
+            "one channel"
         )
     windows = [
         signal[: count * length].reshape(count, length) for signal in (displacement, acceleration)
@@ -159,12 +173,12 @@ def channel_noise(record: Record) -> ChannelNoise:
     at_rest = np.ones(count, dtype=bool)
     for window in windows:
         variance = window.var(axis=1)
-        quiet = np.sort(variance)[: max(1, math.ceil(QUIET_SHARE * count))]
-        at_rest &= variance <= REST_RATIO * float(np.median(quiet))
+        quiet = np.sort(variance)[: max(1, math.ceil(FUSION.quiet_share * count))]
+        at_rest &= variance <= FUSION.rest_ratio * float(np.median(quiet))
     if not at_rest.any():
         raise MotionError(
-            f"{record.label}: no {REST_WINDOW:g} s in which both channels rest, so their noise "
-            "cannot be estimated; give `noise`, or drive one channel"
+            f"{record.label}: no {FUSION.rest_window:g} s in which both channels rest, so their "
+            "noise cannot be estimated; give `noise`, or drive one channel"
         )
     return ChannelNoise(
         displacement=_fitted_noise(record, windows[0][at_rest], "displacement"),
@@ -194,7 +208,7 @@ def fuse(
         acceleration = remove_baseline(acceleration, baseline, name=record.label)
     interval = record.sample_interval
     shaking = _shaking(acceleration - rest_level(acceleration, interval))
-    first = max(2, math.ceil(REST_TIME / interval))
+    first = max(2, math.ceil(PROCESSING.rest_time / interval))
     # in units of the sampling interval, so that all states are lengths of like size
     measured = np.stack(
         [
@@ -246,7 +260,7 @@ def input_uncertainty(
     interval = record.sample_interval
     inside = _shaking(acceleration - rest_level(acceleration, interval))
     # at least two segments, as one alone is always coherent
-    least = min(record.size - 2, round(3 * SEGMENT / interval))
+    least = min(record.size - 2, round(3 * FUSION.segment / interval))
     start, stop = int(inside[0]), int(inside[-1]) + 1
     missing = max(0, least - (stop - start))
     start = max(1, start - missing // 2)
@@ -258,7 +272,7 @@ def input_uncertainty(
         + displacement[start - 1 : stop - 1]
     ) / interval**2
     measured = acceleration[start:stop]
-    length = min(round(SEGMENT / interval), measured.size // 2)
+    length = min(round(FUSION.segment / interval), measured.size // 2)
 
     def spectrum(a: Array, b: Array) -> tuple[Array, NDArray[Any]]:
         frequency, density = csd(a, b, fs=1 / interval, nperseg=length, detrend="constant")
@@ -347,7 +361,7 @@ class _Smoother:
         """States (n, 3), their variances (n, 3), and innovations squared over the model's (n,)."""
         size, count = self._step.shape[0], len(measured)
         # run up on the mirrored start: reversed in time, a motion from rest is a motion to rest
-        run_up = min(RUN_UP, count - 1)
+        run_up = min(FUSION.run_up, count - 1)
         scaled = np.vstack([measured[run_up:0:-1], measured]) / self._measured
         closed = (np.eye(size) - self._gain @ self._observed) @ self._step
         filtered = _recursion(closed, scaled @ self._gain.T)
@@ -406,14 +420,15 @@ def _wiener_variance(acceleration: Array, noise: ChannelNoise, interval: float) 
     per_step = 2 * (model.deviation * interval**2) ** 2 * (1 - model.share * model.persistence)
     total = float(np.mean(np.diff(acceleration) ** 2))
     # weak shaking may hide in the noise; a tenth of it leaves the prior open
-    return PEAK_SHAKING * max(total - per_step, 0.1 * per_step)
+    return FUSION.peak_shaking * max(total - per_step, 0.1 * per_step)
 
 
 def _shaking(acceleration: Array) -> NDArray[np.intp]:
     """Sample numbers between 5 % and 95 % of the squared acceleration's sum; at least 16."""
     total = np.cumsum(acceleration**2)
     inside = np.flatnonzero(
-        (total >= SHAKING_SHARE * total[-1]) & (total <= (1 - SHAKING_SHARE) * total[-1])
+        (total >= FUSION.shaking_share * total[-1])
+        & (total <= (1 - FUSION.shaking_share) * total[-1])
     )
     return inside if inside.size >= 16 else np.arange(acceleration.size)
 

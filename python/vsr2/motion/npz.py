@@ -6,6 +6,7 @@ import io
 import math
 import zipfile
 from collections.abc import Callable, Collection
+from typing import Any
 
 import numpy as np
 from numpy.lib import format as npy_format
@@ -74,15 +75,7 @@ def npz_arrays(
 def _array(
     archive: zipfile.ZipFile, name: str, member: str, max_dimensions: int, max_numbers: int
 ) -> Array:
-    """One array; its header is judged before its data are unpacked."""
-    with archive.open(member) as file:
-        version = npy_format.read_magic(file)
-        if version == (1, 0):
-            shape, fortran, dtype = npy_format.read_array_header_1_0(file)
-        elif version == (2, 0):
-            shape, fortran, dtype = npy_format.read_array_header_2_0(file)
-        else:
-            raise NpzError(name, f"unknown .npy version {version}; write it with numpy.savez")
+    def check(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         if dtype.kind not in "fiu" or dtype.itemsize > 16:
             raise NpzError(
                 name, f"holds {ascii(str(dtype))[:40]}, not real numbers; convert it to float64"
@@ -93,6 +86,39 @@ def _array(
                 f"has shape {shape}; at most {max_dimensions} dimension(s) and 1 to {max_numbers} "
                 "numbers are allowed",
             )
+
+    raw = stored_array(archive, name, member, check)
+    with np.errstate(all="ignore"):  # what does not fit is refused as not finite, by its sample
+        return raw.astype(np.float64)
+
+
+def stored_array(
+    archive: zipfile.ZipFile,
+    name: str,
+    member: str,
+    check: Callable[[tuple[int, ...], np.dtype[Any]], None],
+) -> NDArray[Any]:
+    """One array of an archive, read-only; its header is judged before its data are unpacked.
+
+    Args:
+        archive: open for reading.
+        name: of the array, for messages.
+        member: its file in the archive.
+        check: gets the shape and type that the header claims; raises where they are not wanted.
+
+    Raises:
+        NpzError: a header of an unknown version, or data of another size than it claims.
+    """
+    with archive.open(member) as file:
+        version = npy_format.read_magic(file)
+        if version == (1, 0):
+            shape, fortran, dtype = npy_format.read_array_header_1_0(file)
+        elif version == (2, 0):
+            shape, fortran, dtype = npy_format.read_array_header_2_0(file)
+        else:
+            raise NpzError(name, f"unknown .npy version {version}; write it with numpy.savez")
+        check(shape, dtype)
+        # In Python integers, which do not overflow: the header may claim any shape.
         wanted = math.prod(shape) * dtype.itemsize
         data = file.read(wanted + 1)
     if len(data) != wanted:
@@ -101,6 +127,4 @@ def _array(
             f"has {len(data)} bytes where its shape needs {wanted}; copy the file, or write it, "
             "again",
         )
-    raw: NDArray[np.generic] = np.frombuffer(data, dtype=dtype)
-    with np.errstate(all="ignore"):  # what does not fit is refused as not finite, by its sample
-        return raw.astype(np.float64).reshape(shape, order="F" if fortran else "C")
+    return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C")

@@ -30,20 +30,32 @@ from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
 
-REST_BAND = 0.1
-"""Before shaking: a signal within this share of its peak around its first level."""
-REST_TIME = 0.1
-"""Shortest rest that tells an offset [s]."""
-TAPER_TIME = 0.5
-"""Length of the taper of a moving end, at most a tenth of the record [s]."""
-MOVING_END = 0.01
-"""An end moves when its speed exceeds this share of the peak velocity."""
 MAX_PADDING = 1_000_000
 """Most zeros on either side of an acceleration that is filtered and integrated."""
 MAX_BASELINE_DEGREE = 10
 """Greatest degree of a baseline; more follows the shaking."""
 MIN_RELATIVE_CORNER = 1e-5
 """Least lower corner, relative to the Nyquist frequency: below, the filter loses its digits."""
+
+
+@dataclass(frozen=True)
+class ProcessingConstants:
+    """How rest is told from motion, and ends are brought to rest; chosen by hand.
+
+    Attributes:
+        rest_band: before shaking: a signal within this share of its peak around its first level.
+        rest_time: shortest rest that tells an offset [s].
+        taper_time: length of the taper of a moving end, at most a tenth of the record [s].
+        moving_end: an end moves when its speed exceeds this share of the peak velocity.
+    """
+
+    rest_band: float = 0.1
+    rest_time: float = 0.1
+    taper_time: float = 0.5
+    moving_end: float = 0.01
+
+
+PROCESSING = ProcessingConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +107,9 @@ def rest_level(signal: Array, sample_interval: float) -> float:
         signal: shape (n,).
         sample_interval: [s].
     """
-    first = max(2, math.ceil(REST_TIME / sample_interval))
+    first = max(2, math.ceil(PROCESSING.rest_time / sample_interval))
     deviation = np.abs(signal - np.median(signal[:first]))
-    moving = np.flatnonzero(deviation > REST_BAND * deviation.max())
+    moving = np.flatnonzero(deviation > PROCESSING.rest_band * deviation.max())
     rest = int(moving[0]) if moving.size else signal.size
     return float(np.mean(signal[:rest] if rest >= first else signal))
 
@@ -261,8 +273,8 @@ def taper_ends(displacement: Array, sample_interval: float) -> Array:
     """
     tapered: Array = displacement - displacement[0]
     velocity = np.gradient(tapered, sample_interval, edge_order=2)
-    limit = MOVING_END * float(np.abs(velocity).max())
-    length = min(math.ceil(TAPER_TIME / sample_interval), displacement.size // 10)
+    limit = PROCESSING.moving_end * float(np.abs(velocity).max())
+    length = min(math.ceil(PROCESSING.taper_time / sample_interval), displacement.size // 10)
     s = np.arange(length) / max(length, 1)
     blend = s**3 * (10 - 15 * s + 6 * s**2)
     if abs(velocity[0]) > limit:

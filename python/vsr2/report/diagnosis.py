@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,8 @@ from vsr2.report.messages.verdicts import (
     interval,
     location,
     next_measurement,
+    noise_floor,
+    parameters,
     sentence,
     standing_out,
     verdict_sentence,
@@ -41,40 +42,7 @@ if TYPE_CHECKING:
 
 def format_diagnosis(found: Diagnosis) -> str:
     """The verdict, the gap and the leading effects, for a terminal."""
-    content = found.content
-    gap, control = content["gap"], content["negative_control"]
-    lines = [
-        f"{content['campaign']['name']}: {content['campaign']['trials']} trials, "
-        f"tier {content['campaign']['tier']}",
-        verdict_sentence(content),
-        f"loss a trial: before {interval(gap['before'])}, after {interval(gap['after'])}, "
-        f"floor {interval(gap['floor'])}",
-    ]
-    if gap["effects"]:
-        lines.append(
-            f"closure {interval(gap['closure'])}, of a recalibration "
-            f"{interval(control['recalibrated']['closure'])}, dealt to wrong trials "
-            f"{interval(control['dealt']['closure'])}, headline {interval(gap['headline'])}"
-        )
-    if content["next_measurement"]:
-        lines.append(f"next: {next_measurement(content['next_measurement'])}")
-    lines.append("probability that it acts, effect, its parameters: median [90 %]")
-    for row in _by_acts(content)[:6]:
-        values = ", ".join(_parameter(p, name) for name, p in row["parameters"].items())
-        lines.append(f"  {row['acts']:5.2f}  {row['name']:<20} {values}")
-    lines += [f"limit: {sentence(limit)}" for limit in content["limits"]]
-    return "\n".join(lines)
-
-
-def _by_acts(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return sorted(content["effects"], key=lambda row: -row["acts"])
-
-
-def _parameter(found: Mapping[str, Any], name: str) -> str:
-    """Median and 90 % interval, given that its effect acts."""
-    low, high = found["ci90"]
-    unit = "" if found["unit"] == "1" else f" {found['unit']}"
-    return f"{name} {found['median']:.3g} [{low:.3g}, {high:.3g}]{unit}"
+    return _rendered("diagnosis.txt", found).removesuffix("\n")
 
 
 def write_diagnosis_page(found: Diagnosis, folder: str | Path) -> Path:
@@ -93,35 +61,38 @@ def diagnosis_page(found: Diagnosis) -> str:
     """One HTML page that needs no other file and no network."""
     from markupsafe import Markup
 
-    content = found.content
-    layers, measure = content["gap"]["layers"], content["next_measurement"]
-    return render(
+    return _rendered(
         "diagnosis.html",
+        found,
+        title=f"{PAGE_TITLE} {found.content['campaign']['name']}",
+        drawings={name: Markup(svg(*figure)) for name, figure in diagnosis_figures(found).items()},
+        provenance=json.dumps(finite(dict(found.content["provenance"])), indent=1),
+    )
+
+
+def _rendered(template: str, found: Diagnosis, **more: Any) -> str:
+    """A page of the content of `diagnosis.json`, with what is given besides."""
+    content = found.content
+    return render(
+        template,
         {
             "instrument": instrument,
             "interval": interval,
             "location": location,
-            "parameter": _parameter,
+            "measurement": next_measurement,
+            "number": format,
+            "parameters": parameters,
             "sentence": sentence,
         },
         **{
             **content,
-            "effects": _by_acts(content),
-            "title": f"{PAGE_TITLE} {content['campaign']['name']}",
+            "effects": sorted(content["effects"], key=lambda row: -row["acts"]),
             "verdict_sentence": verdict_sentence(content),
-            "measure_sentence": measure and next_measurement(measure),
-            "drawings": {
-                name: Markup(svg(*figure)) for name, figure in diagnosis_figures(found).items()
-            },
             "closure_note": closure_note(content),
             "channels_note": channels_note(content),
             "found": standing_out(content),
-            "noise_floor": [
-                f"{words}: {layers[name]:.1%}"
-                for name, words in _LAYERS.items()
-                if layers.get(name) is not None
-            ],
-            "provenance": json.dumps(finite(dict(content["provenance"])), indent=1),
+            "noise_floor": noise_floor(content["gap"]["layers"]),
+            **more,
         },
     )
 
@@ -138,13 +109,3 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, tuple[Figure, str]]:
         "channels": (channels_figure(content), "gap over channels and phases"),
         "reliability": (reliability_figure(found.trials), "predicted against observed"),
     }
-
-
-_LAYERS = {
-    "numerical": "starts moved by 1e-6 to 1e-4 m and rad",
-    "time_step": "half the time step",
-    "solver": "twice the solver's iterations",
-    "input": "fresh placement and motion noise",
-    "nuisance": "fresh geometry, contact and the like",
-    "physical": "repeats in the campaign",
-}

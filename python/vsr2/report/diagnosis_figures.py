@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from vsr2.diagnosis.where.scan import EVERYWHERE, SCAN
+from vsr2.diagnosis.where.scan import SCAN, LocationKind
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.verdicts import location
 from vsr2.report.pages import plain
@@ -168,7 +168,7 @@ def order_figure(rows: Rows) -> Figure:
 
 def channels_figure(content: Mapping[str, Any]) -> Figure:
     """Mean standardised residual of each channel and phase over all trials."""
-    rows = [row for row in content["where"] if row["location"] == EVERYWHERE]
+    rows = [row for row in content["where"] if row["location"]["kind"] == LocationKind.ALL_TRIALS]
     rows.sort(key=lambda row: _PHASES.index(row["phase"]) if row["phase"] in _PHASES else 9)
     figure, panel = _panel((5.2, 1.2 + 0.32 * max(len(rows), 2)))
     for i, row in enumerate(rows):

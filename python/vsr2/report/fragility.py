@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
-from vsr2.fragility.settings import MEASURE_LABELS
+from vsr2.fragility.settings import MEASURE_LABELS, MEASURES
 from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
 from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
@@ -138,7 +138,7 @@ def _curve_title(fit: FragilityFit) -> str:
     if fit.lognormal is None:
         return fit_note(fit)
     found = fit.lognormal
-    unit = MEASURE_LABELS[fit.names[0]].rpartition("[")[2].rstrip("]")
+    unit = MEASURES[fit.names[0]][1]
     text = f"median {found.median:.3g} {unit} ({found.median_lower:.3g} to "
     text += f"{found.median_upper:.3g}), $\\beta$ {found.beta:.2g}"
     if fit.separated:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
 
 
-def environment(filters: Mapping[str, Callable[..., str]]) -> Environment:
+def environment(filters: Mapping[str, Callable[..., object]]) -> Environment:
     """Of templates: what they are given is escaped if they are HTML, and a lacking name refused.
 
     Args:
@@ -29,7 +29,7 @@ def environment(filters: Mapping[str, Callable[..., str]]) -> Environment:
     return made
 
 
-def render(template: str, filters: Mapping[str, Callable[..., str]], **content: Any) -> str:
+def render(template: str, filters: Mapping[str, Callable[..., object]], **content: Any) -> str:
     """One page, ending in a line end.
 
     Args:

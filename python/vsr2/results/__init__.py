@@ -9,7 +9,7 @@ from vsr2.results.journal import (
     remove_journal,
 )
 from vsr2.results.models import load_models, save_models
-from vsr2.results.provenance import base_provenance, sha256_of_file
+from vsr2.results.provenance import base_provenance
 from vsr2.results.result import (
     CONTACT_COLUMNS,
     FLOAT_COLUMNS,
@@ -82,6 +82,5 @@ __all__ = [
     "save_models",
     "save_result",
     "save_trial_log",
-    "sha256_of_file",
     "to_xarray",
 ]

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
+from vsr2.motion.npz import stored_array
 from vsr2.results.atomic import write_atomic
 
 MAX_ARRAY_BYTES = 4 * 2**30
@@ -57,21 +58,11 @@ def read_arrays(
         ) from error
 
 
-def _read_array(archive: zipfile.ZipFile, name: str, dtype: np.dtype[np.generic]) -> NDArray[Any]:
-    with archive.open(f"{name}.npy") as file:
-        version = npy_format.read_magic(file)
-        if version != (1, 0):
-            raise ValueError(f"array {name} has the unknown format {version}")
-        shape, fortran, stored = npy_format.read_array_header_1_0(file)
-        if stored != dtype:
-            raise ValueError(f"array {name} holds {stored} where {dtype} is wanted")
-        # In Python integers, which do not overflow: the header may claim any shape.
-        size = dtype.itemsize
-        for length in shape:
-            size *= length
-        if not 0 <= size <= MAX_ARRAY_BYTES:
+def _read_array(archive: zipfile.ZipFile, name: str, wanted: np.dtype[Any]) -> NDArray[Any]:
+    def check(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        if dtype != wanted:
+            raise ValueError(f"array {name} holds {dtype} where {wanted} is wanted")
+        if not 0 <= math.prod(shape) * dtype.itemsize <= MAX_ARRAY_BYTES:
             raise ValueError(f"array {name} claims the shape {shape}")
-        data = file.read(size + 1)
-    if len(data) != size:
-        raise ValueError(f"array {name} has {len(data)} bytes where its shape needs {size}")
-    return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C").copy()
+
+    return stored_array(archive, name, f"{name}.npy", check).copy()

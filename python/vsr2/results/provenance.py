@@ -1,9 +1,7 @@
-"""Where a result comes from: versions, machine, time, hashes of files."""
+"""Where a result comes from: versions, machine, time."""
 
 from __future__ import annotations
 
-import hashlib
-import os
 import platform
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -11,8 +9,6 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
-
-from vsr2.errors import ResultError
 
 
 def base_provenance(build: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -51,16 +47,3 @@ def _processor() -> str:
     except OSError:
         pass
     return platform.processor() or platform.machine()
-
-
-def sha256_of_file(path: str | os.PathLike[str]) -> str:
-    """SHA-256 of a file's bytes, hexadecimal.
-
-    Raises:
-        ResultError: the file cannot be read.
-    """
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise ResultError(f"{os.fspath(path)}: cannot be read ({error.strerror})") from error

@@ -81,6 +81,12 @@ def quaternion_product(a: Array, b: Array) -> Array:
     )
 
 
+def conjugate(q: Array) -> Array:
+    """The inverse of unit quaternions x, y, z, w, shape (..., 4)."""
+    inverse: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
+    return inverse
+
+
 def rotate(q: Array, v: Array) -> Array:
     """Rotates vectors v (..., 3) by unit quaternions q (..., 4)."""
     u, w = q[..., :3], q[..., 3:]
@@ -181,8 +187,7 @@ class TrialLog(ReadOnlyArrays):
     @property
     def orientation(self) -> Array:
         """q_WM, quaternion x, y, z, w of the model frame, shape (n, 4)."""
-        inverse = self.principal_axes * np.array([-1.0, -1.0, -1.0, 1.0])
-        return quaternion_product(self.body_orientation, inverse)
+        return quaternion_product(self.body_orientation, conjugate(self.principal_axes))
 
     @property
     def roll_pitch_yaw(self) -> Array:
@@ -203,10 +208,7 @@ class TrialLog(ReadOnlyArrays):
     @property
     def _rotation(self) -> Array:
         """From the settled pose, q_WB q_WB0*, shape (n, 4)."""
-        inverse = self.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
-        turned = quaternion_product(
-            self.body_orientation, np.broadcast_to(inverse, self.body_orientation.shape)
-        )
+        turned = quaternion_product(self.body_orientation, conjugate(self.settled_orientation))
         return quaternion_product(self._unpitched, turned) if len(self.excursions) else turned
 
     @property
@@ -249,16 +251,14 @@ class TrialLog(ReadOnlyArrays):
         Returns:
             Travel of the mass centre (m, 3) [m], rotation q_WB q_WB0* as x, y, z, w (m, 4).
         """
-        inverse = self.settled_orientation * np.array([-1.0, -1.0, -1.0, 1.0])
-        body = self.body_orientation[rows]
-        turned = quaternion_product(body, np.broadcast_to(inverse, body.shape))
+        inverse = conjugate(self.settled_orientation)
+        turned = quaternion_product(self.body_orientation[rows], inverse)
         return self.position[rows] - self.settled_position, turned
 
     @property
     def slip(self) -> Array:
         """Horizontal travel (x, y) of the foot relative to the pedestal, shape (n, 2) [m]."""
-        arm = np.broadcast_to(self.foot, self.position.shape)
-        foot = self.position + rotate(self.body_orientation, arm)
+        foot = self.position + rotate(self.body_orientation, self.foot)
         start = self.settled_position + rotate(self.settled_orientation, self.foot)
         if len(self.excursions):
             moved = np.column_stack([self.column("pedestal_position"), self.excursions[:, :2]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
@@ -38,16 +38,29 @@ from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import box_surface, hull_surface, join_surfaces
 from vsr2.scene.urdf import load_urdf
 
-UNUSUAL_SIZE = (0.01, 50.0)
-"""A rock whose longest edge is outside this range gets a note about the unit [m]."""
-HIGH_START = 0.005
-"""A fixed start farther above the pedestal than this gets a note [m]."""
-LOST_START = 0.1
-"""A fixed start deeper inside the pedestal than this is refused [m]."""
-DEEP_START = 0.001
-"""A fixed start deeper inside the pedestal than this gets a note [m]."""
 MAX_HULLS = 64
 """Hulls of a convex decomposition."""
+
+
+@dataclass(frozen=True)
+class NoteConstants:
+    """From where on a body or its start gets a note, or is refused; chosen by hand.
+
+    Attributes:
+        unusual_size: a rock whose longest edge is outside this range gets a note about the unit
+            [m].
+        high_start: a fixed start farther above the pedestal than this gets a note [m].
+        lost_start: a fixed start deeper inside the pedestal than this is refused [m].
+        deep_start: a fixed start deeper inside the pedestal than this gets a note [m].
+    """
+
+    unusual_size: tuple[float, float] = (0.01, 50.0)
+    high_start: float = 0.005
+    lost_start: float = 0.1
+    deep_start: float = 0.001
+
+
+NOTES = NoteConstants()
 
 
 def build_rock(
@@ -111,7 +124,7 @@ def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:
 
 def _size_notes(source: str, surface: Triangles) -> list[str]:
     longest = float(np.ptp(surface.vertices, axis=0).max())
-    if UNUSUAL_SIZE[0] <= longest <= UNUSUAL_SIZE[1]:
+    if NOTES.unusual_size[0] <= longest <= NOTES.unusual_size[1]:
         return []
     return [f"{source}: {longest:.4g} m long; if its unit is not the metre, set `scale`"]
 
@@ -126,11 +139,11 @@ def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list
             "pedestal"
         )
     height = height_above(body.parts, body.start, pedestal) if fixed else None
-    if height is not None and height > HIGH_START:
+    if height is not None and height > NOTES.high_start:
         notes.append(f"start: {height:.4g} m above the pedestal; the rock drops onto it first")
-    if height is not None and height < -DEEP_START:
+    if height is not None and height < -NOTES.deep_start:
         inside = f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
-        if height < -LOST_START:
+        if height < -NOTES.lost_start:
             raise GeometryError(inside)
         notes.append(inside)
     return notes

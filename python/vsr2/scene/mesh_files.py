@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.config.bounded import UnreadableError, read_bounded
+from vsr2.config.problems import shown
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array
 
@@ -155,8 +156,10 @@ def _read_obj(path: Path, data: bytes) -> MeshFile:
             elif key in (b"o", b"g"):
                 starts.append(len(corners) // 3)
     except (ValueError, OverflowError) as error:
+        text = shown(line.strip().decode("utf-8", "replace"))
         raise GeometryError(
-            f"line {number}: {_shown(line)}: {error}; not a valid OBJ, export it again", file=path
+            f"line {number}: {text}: {error}; not a valid OBJ, export it again",
+            file=path,
         ) from error
     spans = pairwise([*starts, len(corners) // 3])
     return MeshFile(
@@ -173,11 +176,6 @@ def _vertex_index(index: int, count: int) -> int:
     if index == 0 or index < -count:
         raise ValueError(f"there is no vertex {index}")
     return count + index
-
-
-def _shown(line: bytes) -> str:
-    text = line.strip().decode("utf-8", "replace")
-    return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
 def _check_stl(path: Path, data: bytes) -> None:

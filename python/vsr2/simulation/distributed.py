@@ -35,22 +35,40 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
-MAX_CHUNK_TRIALS = 64
-"""Most trials of a chunk."""
-MAX_CHUNK_STEPS = 100_000
-"""Time steps of a chunk, unless a single trial has more: what a lost worker can cost."""
-MAX_CHUNK_BYTES = 8 * 2**20
-"""Size of a chunk's logs, unless a single trial has more [byte]: bounds memory everywhere."""
-KEPT_BYTES = 2**28
-"""Meshes and motions stay on the cluster up to this size, for the next chunks and batches of the
-same client [byte]."""
 
-_STEPS_BESIDE_MOTION = 2000
-_CHUNKS_A_THREAD = 4
-_MIN_WINDOW = 64
-_FETCHES = 4
-_STOP_GRACE = 0.7
-_COUNT_EVERY = 2.0
+@dataclass(frozen=True)
+class ClusterConstants:
+    """How trials are dealt to a cluster; chosen by hand.
+
+    Attributes:
+        chunk_trials: most trials of a chunk.
+        chunk_steps: time steps of a chunk, unless a single trial has more: what a lost worker can
+            cost.
+        chunk_bytes: size of a chunk's logs, unless a single trial has more [byte]: bounds memory
+            everywhere.
+        kept_bytes: meshes and motions stay on the cluster up to this size, for the next chunks and
+            batches of the same client [byte].
+        steps_beside_motion: time steps that a trial is reckoned with beside its motion's.
+        chunks_a_thread: least number of chunks that each thread gets, if there are so many trials.
+        window: least number of chunks under way.
+        fetches: results that are fetched at a time.
+        stop_grace: for which results are waited for once workers were told to stop [s].
+        count_every: between two counts of the cluster's threads [s].
+    """
+
+    chunk_trials: int = 64
+    chunk_steps: int = 100_000
+    chunk_bytes: int = 8 * 2**20
+    kept_bytes: int = 2**28
+    steps_beside_motion: int = 2000
+    chunks_a_thread: int = 4
+    window: int = 64
+    fetches: int = 4
+    stop_grace: float = 0.7
+    count_every: float = 2.0
+
+
+CLUSTER = ClusterConstants()
 
 
 def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:
@@ -157,7 +175,7 @@ class _Held:
             self._futures[key] = (future, len(content))
             self._bytes += len(content)
             # Chunks under way keep what they need, though it is let go of here.
-            while self._bytes > KEPT_BYTES and len(self._futures) > 1:
+            while self._bytes > CLUSTER.kept_bytes and len(self._futures) > 1:
                 _, (_, size) = self._futures.popitem(last=False)
                 self._bytes -= size
             return future
@@ -174,14 +192,14 @@ def _held_of(client: distributed.Client) -> _Held:
 
 def _chunks(trials: Sequence[Trial], threads: int) -> Iterable[list[int]]:
     """Positions of trials that go together, for a cluster of so many threads."""
-    most = min(MAX_CHUNK_TRIALS, -(-len(trials) // (_CHUNKS_A_THREAD * max(1, threads))))
+    most = min(CLUSTER.chunk_trials, -(-len(trials) // (CLUSTER.chunks_a_thread * max(1, threads))))
     chunk: list[int] = []
     steps, size = 0, 0.0
     for i, trial in enumerate(trials):
-        own_steps = trial.motion.displacement.size + _STEPS_BESIDE_MOTION
+        own_steps = trial.motion.displacement.size + CLUSTER.steps_beside_motion
         own_size = log_bytes(trial)
-        full = len(chunk) >= most or steps + own_steps > MAX_CHUNK_STEPS
-        if chunk and (full or size + own_size > MAX_CHUNK_BYTES):
+        full = len(chunk) >= most or steps + own_steps > CLUSTER.chunk_steps
+        if chunk and (full or size + own_size > CLUSTER.chunk_bytes):
             yield chunk
             chunk, steps, size = [], 0, 0.0
         chunk.append(i)
@@ -232,14 +250,14 @@ class _ClusterRun:
     def run(self) -> dict[str, Any]:
         threads, address = self._threads(), self._client.scheduler_info()["address"]
         chunks = deque(_chunks(self._trials, threads))
-        window, counted = max(_MIN_WINDOW, 2 * threads), time.monotonic()
+        window, counted = max(CLUSTER.window, 2 * threads), time.monotonic()
         landed: deque[_Flight] = deque()
         fetching = 0
         deadline: float | None = None
         try:
             while chunks or self._flying or self._suspects:
                 if deadline is None and self._stopped():
-                    deadline = time.monotonic() + _STOP_GRACE
+                    deadline = time.monotonic() + CLUSTER.stop_grace
                     self._stop_workers()
                     chunks.clear()
                     self._suspects.clear()
@@ -249,8 +267,8 @@ class _ClusterRun:
                     self._start([self._suspects.popleft()], alone=True)
                 while chunks and len(self._flying) < window:
                     self._start(chunks.popleft())
-                if chunks and time.monotonic() > counted + _COUNT_EVERY:
-                    window, counted = max(_MIN_WINDOW, 2 * self._threads()), time.monotonic()
+                if chunks and time.monotonic() > counted + CLUSTER.count_every:
+                    window, counted = max(CLUSTER.window, 2 * self._threads()), time.monotonic()
                 try:
                     flight, fetched, result = self._events.get(timeout=POLL)
                 except queue.Empty:
@@ -263,7 +281,7 @@ class _ClusterRun:
                 else:
                     landed.append(flight)
                 # Few at a time: what is not fetched yet stays in the memory of the workers.
-                while landed and fetching < _FETCHES:
+                while landed and fetching < CLUSTER.fetches:
                     fetching += 1
                     self._client.loop.add_callback(_fetch, landed.popleft(), self._events)
         finally:

@@ -41,47 +41,63 @@ from vsr2.trial import Trial
 Array = NDArray[np.float64]
 ROCKS: tuple[Rock, ...] = ("block", "scan")
 
-LIFTING = 1.3
-"""PGA over that of uplift of pulses that just lift the rock: they tell edges and slenderness."""
-NEAR_OVERTURNING = (0.95, 1.05)
-"""PGA over the least that overturns, of pulses near it: they tell what is small elsewhere."""
-FREQUENCIES = (2.0, 3.0)
-"""Of these pulses [Hz]."""
-SLIDING_PULSE = (25.0, 6.0)
-"""PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides."""
-HARDEST = 12.0
-"""PGA over that of uplift up to which the least that overturns is looked for."""
-HALVINGS = 8
-"""Of the logarithm of its PGA."""
-JURY = 5
-"""Draws of which most must overturn."""
 DRAWS: dict[Rock, int] = {"block": 3, "scan": 32}
 """Perturbed starts, and hulls, under each motion; the block's response is hardly chaotic."""
-FEWEST = 3
-"""Draws that must come to rest, and of a feature that must be known, to be compared."""
-TAIL = 30.0
-"""Of these trials [s]; rocks are at rest before, so that no trial ends at another phase."""
-ALIVE = 3.0
-"""Times the floor by which responses must change under one of the motions; a test holds rocks whose
-hulls alone are perturbed again below it."""
-CONTINUOUS = 2.0
-"""Times the floor that a small step from null may reach."""
-STEP = 1e-8
-"""Of the way from null to the far end of the prior."""
-FEATURES = {"largest tilt": 0.01, "yaw": 2e-3, "slip": 3e-4, "overturned": 0.1}
-"""What is compared, with the least floor: log10 [1], [rad], [m], [1]."""
-PERTURBATION = 1e-5
-"""Standard deviation of each component of the place [m] and the turn [rad] of a start."""
-JITTER = 1e-5
-"""Standard deviation of each coordinate of a hull's points [m]."""
-RESAMPLES = 60
-"""Pairs of samples behind each floor."""
-QUANTILES = (np.arange(20) + 0.5) / 20
-"""At which two samples are compared."""
-SETTLING_FACTOR = 4.0
-"""Times the default speeds, at which a scan, which may tremble on its points, counts as at rest."""
 TURNS: dict[Rock, float] = {"block": 30.0, "scan": 0.0}
 """Of the block, so that its response is not plane [degree]."""
+FEATURES = {"largest tilt": 0.01, "yaw": 2e-3, "slip": 3e-4, "overturned": 0.1}
+"""What is compared, with the least floor: log10 [1], [rad], [m], [1]."""
+QUANTILES = (np.arange(20) + 0.5) / 20
+"""At which two samples are compared."""
+
+
+@dataclass(frozen=True)
+class CheckConstants:
+    """How effects are checked; chosen by hand, `studies/effect_checks.py` shows the margins.
+
+    Attributes:
+        lifting: PGA over that of uplift of pulses that just lift the rock: they tell edges and
+            slenderness.
+        near_overturning: PGA over the least that overturns, of pulses near it: they tell what is
+            small elsewhere.
+        frequencies: of these pulses [Hz].
+        sliding_pulse: PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides.
+        hardest: PGA over that of uplift up to which the least that overturns is looked for.
+        halvings: of the logarithm of its PGA.
+        jury: draws of which most must overturn.
+        fewest: draws that must come to rest, and of a feature that must be known, to be compared.
+        tail: of these trials [s]; rocks are at rest before, so that no trial ends at another phase.
+        alive: times the floor by which responses must change under one of the motions; a test holds
+            rocks whose hulls alone are perturbed again below it.
+        continuous: times the floor that a small step from null may reach.
+        step: of the way from null to the far end of the prior.
+        perturbation: standard deviation of each component of the place [m] and the turn [rad] of a
+            start.
+        jitter: standard deviation of each coordinate of a hull's points [m].
+        resamples: pairs of samples behind each floor.
+        settling_factor: times the default speeds, at which a scan, which may tremble on its points,
+            counts as at rest.
+    """
+
+    lifting: float = 1.3
+    near_overturning: tuple[float, ...] = (0.95, 1.05)
+    frequencies: tuple[float, ...] = (2.0, 3.0)
+    sliding_pulse: tuple[float, float] = (25.0, 6.0)
+    hardest: float = 12.0
+    halvings: int = 8
+    jury: int = 5
+    fewest: int = 3
+    tail: float = 30.0
+    alive: float = 3.0
+    continuous: float = 2.0
+    step: float = 1e-8
+    perturbation: float = 1e-5
+    jitter: float = 1e-5
+    resamples: int = 60
+    settling_factor: float = 4.0
+
+
+CHECK = CheckConstants()
 
 
 @dataclass(frozen=True)
@@ -99,12 +115,12 @@ class Liveness:
     @property
     def good(self) -> bool:
         """Alive."""
-        return self.ratio > ALIVE
+        return self.ratio > CHECK.alive
 
     @property
     def is_continuous(self) -> bool:
         """Of a small step: no more than chance."""
-        return self.ratio <= CONTINUOUS
+        return self.ratio <= CHECK.continuous
 
 
 @dataclass(frozen=True)
@@ -240,7 +256,7 @@ class EffectChecker:
 
     def _shaken(self, rock: Rock) -> Trial:
         trial = self.standing(rock)
-        return settle_at(trial, SETTLING_FACTOR) if rock == "scan" else trial
+        return settle_at(trial, CHECK.settling_factor) if rock == "scan" else trial
 
     def without(self, rock: Rock) -> tuple[list[Trial], Array, Array]:
         """Trials, their features (motions, draws, 4) and the floor (motions, 4)."""
@@ -255,8 +271,8 @@ class EffectChecker:
 def distances(first: Array, second: Array) -> Array:
     """Distance of two samples (draws), by motion and feature: of one distribution from another.
 
-    The mean difference of their quantiles (Wasserstein's distance); NaN where fewer than `FEWEST`
-    values are known.
+    The mean difference of their quantiles (Wasserstein's distance); NaN where fewer than
+    `CHECK.fewest` values are known.
 
     Args:
         first: features, shape (motions, draws, 4).
@@ -269,7 +285,7 @@ def distances(first: Array, second: Array) -> Array:
     for motion, feature in np.ndindex(*out.shape):
         a, b = (sample[motion, :, feature] for sample in (first, second))
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        if min(a.size, b.size) >= FEWEST:
+        if min(a.size, b.size) >= CHECK.fewest:
             gap = np.quantile(a, QUANTILES) - np.quantile(b, QUANTILES)
             out[motion, feature] = np.abs(gap).mean()
     return out
@@ -281,7 +297,7 @@ def _floor(plain: Array) -> Array:
     draws = plain.shape[1]
     pairs = [
         distances(*(plain[:, rng.integers(draws, size=draws)] for _ in range(2)))
-        for _ in range(RESAMPLES)
+        for _ in range(CHECK.resamples)
     ]
     known = np.isfinite(pairs)
     mean = np.where(known, pairs, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
@@ -298,10 +314,10 @@ def beside_null(effect: Effect) -> dict[str, float] | None:
         if parameter.secondary or parameter.prior == "fixed" or math.isnan(parameter.null):
             continue
         if math.isinf(parameter.null):
-            values[parameter.name] = parameter.upper / STEP
+            values[parameter.name] = parameter.upper / CHECK.step
         else:
             way = parameter.extreme - parameter.null
-            values[parameter.name] = parameter.null + STEP * way
+            values[parameter.name] = parameter.null + CHECK.step * way
     return None if effect.is_null(values) else values
 
 
@@ -331,26 +347,27 @@ def shaking(trial: Trial, turn: float) -> list[Motion]:
     slope = min(-float(ends.min()), float(ends.max())) / support.height
     lifting = slope * trial.scene.engine.gravity
     motions = []
-    for frequency in FREQUENCIES:
+    for frequency in CHECK.frequencies:
         least = _least_overturning(trial, turn, lifting, frequency)
-        accelerations = [LIFTING * lifting, *(share * least for share in NEAR_OVERTURNING)]
+        near = (share * least for share in CHECK.near_overturning)
+        accelerations = [CHECK.lifting * lifting, *near]
         motions += [bench.pulse(pga, frequency) for pga in accelerations]
-    return [*motions, bench.pulse(*SLIDING_PULSE)]
+    return [*motions, bench.pulse(*CHECK.sliding_pulse)]
 
 
 def _least_overturning(trial: Trial, turn: float, lifting: float, frequency: float) -> float:
     """PGA beside which pulses of a frequency overturn most of some draws or not [m/s^2].
 
-    Found by halving, up to `HARDEST` times uplift, which it is where none overturns.
+    Found by halving, up to `CHECK.hardest` times uplift, which it is where none overturns.
     """
     bench = EffectBench()
-    firsts = _draws(trial, turn, JURY)
-    low, high = math.log(lifting), math.log(HARDEST * lifting)
-    for _ in range(HALVINGS):
+    firsts = _draws(trial, turn, CHECK.jury)
+    low, high = math.log(lifting), math.log(CHECK.hardest * lifting)
+    for _ in range(CHECK.halvings):
         middle = 0.5 * (low + high)
         motion = bench.pulse(math.exp(middle), frequency)
         found = run_batch([replace(first, motion=motion) for first in firsts], threads=1)
-        fell = 2 * int((found["outcome"] == Outcome.overturned.name).sum()) > JURY
+        fell = 2 * int((found["outcome"] == Outcome.overturned.name).sum()) > CHECK.jury
         low, high = (low, middle) if fell else (middle, high)
     return math.exp(0.5 * (low + high))
 
@@ -364,7 +381,7 @@ def _draws(trial: Trial, turn: float, count: int) -> list[Trial]:
     found: list[Trial] = []
     for seed in range(3 * count):
         drawn = replace(
-            with_tail(_jittered(trial, seed), TAIL),
+            with_tail(_jittered(trial, seed), CHECK.tail),
             start=perturbed_start(trial.start_pose, turn, seed),
             output=Output(log_every=0),
         )
@@ -384,7 +401,7 @@ def _jittered(trial: Trial, seed: int) -> Trial:
         return trial
     rng = np.random.default_rng([seed, 1])
     parts = [
-        Hull(part.points + JITTER * rng.standard_normal(part.points.shape))
+        Hull(part.points + CHECK.jitter * rng.standard_normal(part.points.shape))
         if isinstance(part, Hull)
         else part
         for part in trial.scene.rock.parts
@@ -409,7 +426,7 @@ def perturbed_start(start: Pose, turn: float, draw: int) -> Pose:
     """A start turned about the vertical [degree] and, in draws above 0, perturbed by chance."""
     rng = np.random.default_rng(draw)
     x, y, z = start.position
-    moved = (PERTURBATION * rng.standard_normal(6)) if draw else np.zeros(6)
+    moved = (CHECK.perturbation * rng.standard_normal(6)) if draw else np.zeros(6)
     dx, dy, dz, *about = (float(value) for value in moved)
     small = normalized((0.5 * about[0], 0.5 * about[1], 0.5 * about[2], 1.0))
     rotation = multiply(small, yaw_quaternion(math.radians(turn)))

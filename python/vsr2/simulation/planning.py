@@ -10,8 +10,8 @@ import numpy as np
 from vsr2 import _native
 from vsr2.config import Study
 from vsr2.effects import apply_effects, chosen
-from vsr2.errors import SimulationError
-from vsr2.motion import Motion, build_motions
+from vsr2.errors import Fault, SimulationError
+from vsr2.motion import build_motions
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
 from vsr2.scene import build_scene
 from vsr2.simulation.scene import native_scene
@@ -23,21 +23,19 @@ CONTACTS_A_ROW = 4
 """Contacts at one time, about: what the size of a log is reckoned with."""
 
 
-def study_trials(study: Study, *, motions: Sequence[Motion] | None = None) -> list[Trial]:
+def study_trials(study: Study) -> list[Trial]:
     """The trials of a study: one per motion.
 
     Args:
         study: its paths resolved. Its effects are applied; order in the campaign is the order of
             the motions, all of one session.
-        motions: to drive instead of the study's own; their time step must be the engine's.
 
     Raises:
         ConfigError, GeometryError, MotionError, SimulationError: something of the study cannot be
             used.
     """
     chosen(study.effects)  # refused before any mesh is read
-    if motions is None:
-        motions = build_motions(study.motion, study.engine.time_step)
+    motions = build_motions(study.motion, study.engine.time_step)
     scene = build_scene(study)
     contact_trials = study.output.contact_trials
     if contact_trials is not None:
@@ -99,17 +97,20 @@ def check_trials(trials: Sequence[Trial]) -> None:
             )
         if motion.is_spatial and trial.drive != "prescribed":
             raise SimulationError(
-                f"motion {motion.name!r} goes beside x; only drive: prescribed follows it"
+                f"motion {motion.name!r} goes beside x; only drive: prescribed follows it",
+                fault=Fault.DRIVE,
             )
         if scene.pitches and trial.drive != "prescribed":
             raise SimulationError(
                 f"trial {trial.label!r}: the pedestal pitches on a spring; only drive: prescribed "
-                "lets it"
+                "lets it",
+                fault=Fault.DRIVE,
             )
         if scene.pitches and motion.pitch is not None:
             raise SimulationError(
                 f"motion {motion.name!r} pitches, and the pedestal pitches on a spring; leave one "
-                "of them out"
+                "of them out",
+                fault=Fault.DRIVE,
             )
         size, every = log_bytes(trial, contacts=False), trial.output.log_every
         if size > MAX_LOG_BYTES:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from vsr2 import _native
 from vsr2.config.study import Contact, Engine, Material
-from vsr2.errors import SimulationError
+from vsr2.errors import Fault, SimulationError
 from vsr2.scene import Box, Hull, Scene, Triangles
 
 MAX_NATIVE_SCENES = 256
@@ -41,7 +42,7 @@ def native_scene(scene: Scene) -> _native.Scene:
 def _built(scene: Scene) -> _native.Scene:
     rock, pedestal, engine, contact = scene.rock, scene.pedestal, scene.engine, scene.contact
     frame, spring = scene.body_frame, pedestal.pitch_spring
-    try:
+    with refusals(rock.source or "scene"):
         native = _native.Scene(
             engine=_native_engine(engine),
             pedestal=_native.PedestalSpec(
@@ -69,11 +70,20 @@ def _built(scene: Scene) -> _native.Scene:
         if engine.mode == "fast" and refusal != _native.FastRefusal.none:
             raise SimulationError(
                 f"engine.mode: fast does not take this scene: {_native.describe(refusal)}; "
-                "choose auto or exact"
+                "choose auto or exact",
+                fault=Fault.ENGINE_DOMAIN,
             )
-    except _native.InvalidInput as error:
-        raise SimulationError(f"{rock.source or 'scene'}: {error}") from error
     return native
+
+
+@contextmanager
+def refusals(what: str) -> Iterator[None]:
+    """What the core refuses, as an error that says in what, or in doing what."""
+    try:
+        yield
+    except _native.InvalidInput as error:
+        fault: _native.InputFault = vars(error)["fault"]
+        raise SimulationError(f"{what}: {error}", fault=Fault(fault.name)) from error
 
 
 def pair_values(contact: Contact) -> _native.ContactPair:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike
@@ -17,7 +15,7 @@ from vsr2.config import Study, load_study
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
 from vsr2.scene import Pose, Scene, build_scene
-from vsr2.simulation.scene import native_scene
+from vsr2.simulation.scene import native_scene, refusals
 
 Array = NDArray[np.float64]
 MAX_SET_POINT = 1e6
@@ -118,7 +116,7 @@ class Simulation:
 
     def _begin(self, start: Pose | None) -> None:
         """A fresh world at time 0, with the rock at a pose or without one."""
-        with _refusals(f"drive {self.drive!r}"):
+        with refusals(f"drive {self.drive!r}"):
             self._held: _native.World | None = _native.World(native_scene(self.scene), self._drive)
         self._steps = 0
         self._command = (0.0, 0.0)
@@ -166,7 +164,7 @@ class Simulation:
         """
         pose = start or self.scene.rock.start
         body = self.scene.body_pose(pose)
-        with _refusals("spawn"):
+        with refusals("spawn"):
             self._world.spawn_rock(np.asarray(body.position), np.asarray(body.orientation))
         self._start = pose
 
@@ -176,7 +174,7 @@ class Simulation:
         Raises:
             SimulationError: there is none.
         """
-        with _refusals("delete"):
+        with refusals("delete"):
             self._world.delete_rock()
 
     def reset(self) -> None:
@@ -212,7 +210,7 @@ class Simulation:
                 f"restore_state: the state is of scene {state.scene_sha256[:12]}, this is scene "
                 f"{self.scene.sha256[:12]}; restore it in a simulation of its own study"
             )
-        with _refusals("restore_state"):
+        with refusals("restore_state"):
             self._world.restore_state(state.world)
         self._start, self._steps, self._command = state.start, state.steps, state.command
 
@@ -307,7 +305,7 @@ class Simulation:
             raise SimulationError(
                 f"set_rock_velocity: needs three finite numbers each, got {linear} and {angular}"
             )
-        with _refusals("set_rock_velocity"):
+        with refusals("set_rock_velocity"):
             self._world.set_rock_velocity(*velocities)
 
     @property
@@ -327,7 +325,7 @@ class Simulation:
         Raises:
             SimulationError: there is no rock.
         """
-        with _refusals("state"):
+        with refusals("state"):
             return State(self.time, *self._command, *self.pedestal, *self._world.rock)
 
     def contacts(self) -> list[dict[str, Any]]:
@@ -338,15 +336,6 @@ class Simulation:
         step [N s], their two directions, and the pair values in force.
         """
         return list(self._world.contacts())
-
-
-@contextmanager
-def _refusals(what: str) -> Iterator[None]:
-    """What the core refuses, as an error that says in doing what."""
-    try:
-        yield
-    except _native.InvalidInput as error:
-        raise SimulationError(f"{what}: {error}") from error
 
 
 def drive_name(study: Study) -> str:

@@ -24,7 +24,7 @@ from vsr2.results import (
     rotate,
 )
 from vsr2.results.result_folder import MODEL_FOLDER
-from vsr2.scene import Triangles, build_pedestal, build_rock
+from vsr2.scene import Triangles, build_scene
 from vsr2.scene.shapes import pedestal_surface
 
 Array = NDArray[np.float64]
@@ -182,16 +182,11 @@ def _models(folder: Path, provenance: Mapping[str, Any]) -> tuple[Triangles, Tri
             "them with save_models when a batch is made by hand"
         )
     try:
-        study = study_from_mapping(settings, folder, label=f"study in {folder}")
-        pedestal = build_pedestal(study.pedestal)
-        rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
+        scene = build_scene(study_from_mapping(settings, folder, label=f"study in {folder}"))
     except Vsr2Error as error:
         raise type(error)(
             f"{folder / MODEL_FOLDER}: holds no models, nor can the study's be read: {error}"
         ) from error
-    if rock.surface is None:
+    if scene.rock.surface is None:
         raise ResultError(f"{folder}: the study's rock has no surface to draw")
-    if pedestal.surface is None:
-        return rock.surface, pedestal_surface(pedestal)
-    origin = np.asarray(pedestal.origin)
-    return rock.surface, Triangles(pedestal.surface.vertices + origin, pedestal.surface.faces)
+    return scene.rock.surface, scene.pedestal_surface or pedestal_surface(scene.pedestal)

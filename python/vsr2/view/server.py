@@ -18,7 +18,7 @@ from vsr2.view.replay import Replay, choose_trial, load_replay, trial_title
 
 Array = NDArray[np.float64]
 
-SPEEDS = ("0.1 x", "0.25 x", "0.5 x", "1 x", "2 x", "5 x")
+SPEEDS = {f"{speed:g} x": speed for speed in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)}
 FRAME_INTERVAL = 1.0 / 30.0
 """Between two drawn states while it plays [s]."""
 PLOT_ROWS = 1000
@@ -117,7 +117,7 @@ class ReplayServer:
             "Time [s]", min=start, max=end, step=interval, initial_value=start
         )
         self._button = gui.add_button("Play")
-        self._speed = gui.add_dropdown("Speed", options=SPEEDS, initial_value="1 x")
+        self._speed = gui.add_dropdown("Speed", options=tuple(SPEEDS), initial_value="1 x")
         self._loop = gui.add_checkbox("Loop", initial_value=False)
         self._tilt = gui.add_text("Tilt [deg]", initial_value="", disabled=True)
         self._slip = gui.add_text("Slip x, y [mm]", initial_value="", disabled=True)
@@ -184,7 +184,7 @@ class ReplayServer:
                 if not self._playing:
                     continue
                 # From the slider, so that it can be dragged while it plays.
-                moment = self.time + passed * float(str(self._speed.value).split()[0])
+                moment = self.time + passed * SPEEDS[str(self._speed.value)]
                 if moment >= self._slider.max:
                     moment = self._slider.min if self._loop.value else self._slider.max
                     self._set_playing(bool(self._loop.value))

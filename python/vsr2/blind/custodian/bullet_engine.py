@@ -19,7 +19,7 @@ from vsr2.config.study import BoxRock, YawStart
 from vsr2.effects import Effect, EffectRangeWarning, apply_effects, library
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
-from vsr2.results import TrialLog, quaternion_product
+from vsr2.results import JUDGED, TrialLog, quaternion_product
 
 if TYPE_CHECKING:
     from vsr2.scene import Pose, Scene
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which a trial's outcome is known."""
 STOP = 1.4
 """Tilt up to which a falling rock is simulated at least [rad]: farther than a series is written."""
 

@@ -26,6 +26,7 @@ from vsr2.blind.mujoco import (
 )
 from vsr2.config.study import BoxRock, MeshRock, Study
 from vsr2.errors import BlindError
+from vsr2.motion import STANDARD_GRAVITY
 
 
 class MujocoEngine:
@@ -87,7 +88,7 @@ class MujocoEngine:
     @property
     def static_pga(self) -> float:
         """Acceleration of uplift, g b / h [m/s^2]."""
-        return 9.80665 * math.tan(self._nominal.slenderness_angle)
+        return STANDARD_GRAVITY * math.tan(self._nominal.slenderness_angle)
 
     @property
     def effects(self) -> Mapping[str, Drawable]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -50,6 +49,13 @@ class Part(BaseModel):
         return {k: v for k, v in content.items() if v is not None or k in cls.nullable}
 
 
+_WANTED = {
+    **dict.fromkeys(("dict_type", "model_type", "mapping_type"), "it should be a mapping"),
+    **dict.fromkeys(("tuple_type", "list_type", "frozen_set_type"), "it should be a list"),
+    "bool_type": "it should be true or false",
+    "extra_forbidden": "it is no key here; remove it, or correct its name",
+}
+"""What a value should be, by pydantic's type of error, where its own words do not serve."""
 _HINTS = {"null": "give it: the value without effect, null for infinity"}
 """What to do about missing keys."""
 Model = TypeVar("Model", bound=BaseModel)
@@ -71,20 +77,17 @@ def parsed(model: type[Model], content: object, label: str, where: str = "") -> 
         return model.model_validate(content)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-    key, value = dotted((*([where] if where else []), *fault["loc"])), fault["input"]
-    if fault["type"] == "missing":
+    kind, key = fault["type"], dotted((*([where] if where else []), *fault["loc"]))
+    if kind == "missing":
         hint = _HINTS.get(str(fault["loc"][-1]), "give it")
         raise BlindError(f"{label}: {key} is missing; {hint}")
-    wanted = fault["msg"].removeprefix("Value error, ")
-    if fault["type"] == "value_error" and isinstance(value, Mapping):
-        # What is wrong within it, as `misfit` says.
-        raise BlindError(f"{label}: {key}{'.' if key else ''}{wanted}")
-    if fault["type"] == "extra_forbidden":
-        wanted = "it is no key here; remove it, or correct its name"
-    wanted = re.sub("valid (dictionary|mapping).*", "mapping", wanted)
-    wanted = re.sub("valid (tuple|frozenset|list)", "list", wanted)
-    wanted = wanted.replace("Input should", "it should").replace("a valid boolean", "true or false")
-    raise BlindError(f"{label}: {key} is {shown(value)}; {wanted}")
+    wanted = _WANTED.get(kind) or fault["msg"].replace("Input", "it")
+    if kind == "value_error":
+        wanted = str(fault["ctx"]["error"])
+        if isinstance(fault["input"], Mapping):
+            # What is wrong within it, as `misfit` says.
+            raise BlindError(f"{label}: {key}{'.' if key else ''}{wanted}")
+    raise BlindError(f"{label}: {key} is {shown(fault['input'])}; {wanted}")
 
 
 def check_count(names: Sequence[str], kind: str, bounds: tuple[float, float]) -> None:

@@ -26,6 +26,8 @@ _READ = (PACK_SCHEMA, "vsr2.blind-pack/1"), (KEY_SCHEMA, "vsr2.blind-key/1")
 PACK_FILE = "pack.json"
 KEY_FILE = "key.json"
 SALT_BYTES = 32
+_MADE = 946684800.0
+"""When all files of a pack say that they were changed: the first second of 2000, UTC."""
 
 
 def canonical(content: object) -> bytes:
@@ -292,7 +294,7 @@ def _check_scene(data: Path, scene: str, key: Key) -> None:
         raise BlindError(f"{file}: differs from the sealed model; nothing is scored")
 
 
-def set_time_stamps(folder: Path, when: float = 946684800.0) -> None:
+def set_time_stamps(folder: Path) -> None:
     """Give all below a folder, and it, one time of change, so that none says when it was made."""
     for path in [*sorted(folder.rglob("*"), reverse=True), folder]:
-        os.utime(path, (when, when))
+        os.utime(path, (_MADE, _MADE))

@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+GRAVITY = 9.80665
+"""[m/s^2]"""
+FLAT = 1e-3
+"""Height above a hull's lowest point up to which points are of its base [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +102,15 @@ def block(width: float, depth: float, height: float, density: float) -> Body:
     return Body(points, -signs, mass, np.array([0.0, 0.0, half[2]]), inertia)
 
 
-def read_hull(path: Path, density: float, *, flat: float = 1e-3) -> Body:
+def read_hull(path: Path, density: float) -> Body:
     """The convex hull of an OBJ file's vertices [m], standing as the file has it.
 
-    Points within `flat` of the lowest are the base and are brought to z = 0; of the others those
+    Points within `FLAT` of the lowest are the base and are brought to z = 0; of the others those
     below half the height can touch the table.
 
     Args:
         path: an OBJ file in metres, z up.
         density: [kg/m^3]; mass and inertia are the hull's.
-        flat: [m].
 
     Raises:
         ValueError: fewer than four vertices, or a base of fewer than three.
@@ -124,13 +127,13 @@ def read_hull(path: Path, density: float, *, flat: float = 1e-3) -> Body:
     center = np.array(hull.center_mass)
     outer = np.array(hull.vertices)
     lowest = vertices[:, 2].min()
-    base = outer[:, 2] < lowest + flat
+    base = outer[:, 2] < lowest + FLAT
     if base.sum() < 3:
-        raise ValueError(f"{path}: its base has {base.sum()} vertices; level it, or raise `flat`")
+        raise ValueError(f"{path}: its base has {base.sum()} vertices; level it")
     height = np.ptp(vertices[:, 2])
     kept = outer[outer[:, 2] < lowest + 0.5 * height]
     origin = np.array([center[0], center[1], lowest])
     points = kept - origin
-    points[points[:, 2] < flat, 2] = 0.0
+    points[points[:, 2] < FLAT, 2] = 0.0
     inward = -points[:, :2] / np.maximum(np.linalg.norm(points[:, :2], axis=1), 1e-9)[:, None]
     return Body(points, inward, float(hull.mass), center - origin, np.array(hull.moment_inertia))

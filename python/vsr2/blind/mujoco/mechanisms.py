@@ -4,27 +4,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.blind.mujoco.body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
 from vsr2.blind.mujoco.table import Channel
 
 Array = NDArray[np.float64]
 Action = Callable[[int], None]
 
-_APART = 0.005
-"""Time without contact after which a touch is an impact [s]."""
-_IMPACT = 1.5
-"""Time that an impact takes, over the contact's time constant."""
-_FULL = 0.7
-"""Share of Housner's loss from which an impact is a full one."""
-_UPLIFTED = 1e-3
-"""Tilt from which a body rocks [rad]."""
-CATCH_STIFFNESS = 40.0
-"""Of the tether, in m g R per radian: it holds a body within 1/40 rad."""
+
+@dataclass(frozen=True)
+class MechanismConstants:
+    """How mechanics act between steps; chosen by hand.
+
+    Attributes:
+        apart: time without contact after which a touch is an impact [s].
+        impact: time that an impact takes, over the contact's time constant.
+        full: share of Housner's loss from which an impact is a full one.
+        uplifted: tilt from which a body rocks [rad].
+        catch_stiffness: of the tether, in m g R per radian: it holds a body within 1/40 rad.
+    """
+
+    apart: float = 0.005
+    impact: float = 1.5
+    full: float = 0.7
+    uplifted: float = 1e-3
+    catch_stiffness: float = 40.0
+
+
+MECHANISMS = MechanismConstants()
 
 
 def step_actions(
@@ -103,8 +116,8 @@ class _Impacts:
         self._full = 1 - body.housner_ratio
         self._mass, self._inertia = body.mass, body.inertia
         contact = situation.contact
-        self._apart = round(_APART / contact.step)
-        self._lasting = round(_IMPACT * contact.time_constant / contact.step)
+        self._apart = round(MECHANISMS.apart / contact.step)
+        self._lasting = round(MECHANISMS.impact * contact.time_constant / contact.step)
         self._left: dict[int, int] = {}
         self._touching: frozenset[int] = frozenset()
         self._before = np.zeros(6)
@@ -140,7 +153,7 @@ class _Impacts:
             carried = self._motion.table()
             relative = self._motion.speed - carried
             lost = 1 - self._energy(relative) / self._due[1]
-            share = min(1.0, max(0.0, lost / (_FULL * self._full)))
+            share = min(1.0, max(0.0, lost / (MECHANISMS.full * self._full)))
             self._motion.speed[:] = carried + self._ratio ** (0.5 * share) * relative
             self._due = None
 
@@ -148,11 +161,11 @@ class _Impacts:
 def rocking_damping(situation: Situation, moving: RelativeMotion) -> Action:
     """Takes 2 zeta p of the relative velocity a second while the body rocks; p^2 = m g R / I_O."""
     body = situation.body
-    frequency = math.sqrt(body.mass * 9.80665 * body.radius / body.pivot_inertia)
+    frequency = math.sqrt(body.mass * GRAVITY * body.radius / body.pivot_inertia)
     factor = math.exp(-2 * situation.rocking_damping * frequency * situation.contact.step)
 
     def act(number: int) -> None:
-        if number < 0 and moving.tilt() > _UPLIFTED:
+        if number < 0 and moving.tilt() > MECHANISMS.uplifted:
             carried = moving.table()
             moving.speed[:] = carried + factor * (moving.speed - carried)
 
@@ -162,7 +175,7 @@ def rocking_damping(situation: Situation, moving: RelativeMotion) -> Action:
 def catch(situation: Situation, data: Any, moving: RelativeMotion, slack: float) -> Action:
     """A tether that turns the body back beyond its slack, sprung and critically damped."""
     body = situation.body
-    stiffness = CATCH_STIFFNESS * body.mass * 9.80665 * body.radius
+    stiffness = MECHANISMS.catch_stiffness * body.mass * GRAVITY * body.radius
     damping = 2 * math.sqrt(stiffness * body.pivot_inertia)
     torque = data.xfrc_applied[2, 3:]
 

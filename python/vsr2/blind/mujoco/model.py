@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from vsr2.blind.mujoco.body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
 
-GRAVITY = 9.80665
-"""[m/s^2]"""
 TABLE_MASS = 1e7
 """So large that contact does not move the table within a step [kg and kg m^2]."""
 BUMP_RADIUS = 0.005

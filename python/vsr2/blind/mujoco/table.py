@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.blind.mujoco.body import GRAVITY
+
 Array = NDArray[np.float64]
 Channel = Literal["x", "y", "z", "pitch"]
 CHANNELS: tuple[Channel, ...] = ("x", "y", "z", "pitch")
@@ -122,7 +124,7 @@ def pitched(acceleration: Array, interval: float, gain: float, frequency: float)
         gain: [rad per g].
         frequency: of the pitching mode [Hz]; its damping ratio is 0.1.
     """
-    return -gain / 9.80665 * _second_order(acceleration, interval, frequency, 0.1)
+    return -gain / GRAVITY * _second_order(acceleration, interval, frequency, 0.1)
 
 
 def _delayed(samples: Array, interval: float, delay: float) -> Array:

@@ -10,25 +10,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.blind.mujoco.body import GRAVITY
 from vsr2.blind.mujoco.mechanisms import RelativeMotion, step_actions
-from vsr2.blind.mujoco.model import GRAVITY, TABLE_MASS, build_model
+from vsr2.blind.mujoco.model import TABLE_MASS, build_model
 from vsr2.blind.mujoco.situation import Situation
 from vsr2.blind.mujoco.table import drive
 
 Array = NDArray[np.float64]
 
-FALLEN = 1.2
-"""Tilt from which nothing comes back [rad]."""
-_STOP = 1.3
-"""Tilt from the vertical at which a trial ends [rad], so that `FALLEN` is seen to be passed."""
-TAIL = 5.0
-"""Longest time after the motion [s]."""
-_SETTLING = 0.3
-"""For which the body settles before the motion [s]."""
-_LOOK = 0.05
-"""Between two looks whether a trial has ended [s]."""
-_CALM = 5
-"""Looks in a row that find the body at rest, as it may pause for one where it turns back."""
+
+@dataclass(frozen=True)
+class TrialConstants:
+    """When a trial begins and ends; chosen by hand.
+
+    Attributes:
+        fallen: tilt from which nothing comes back [rad].
+        stop: tilt from the vertical at which a trial ends [rad], so that `fallen` is seen to be
+            passed.
+        tail: longest time after the motion [s].
+        settling: for which the body settles before the motion [s].
+        look: between two looks whether a trial has ended [s].
+        calm: looks in a row that find the body at rest, as it may pause for one where it turns
+            back.
+        slow: speed below which it is at rest [m/s], [rad/s].
+    """
+
+    fallen: float = 1.2
+    stop: float = 1.3
+    tail: float = 5.0
+    settling: float = 0.3
+    look: float = 0.05
+    calm: int = 5
+    slow: float = 3e-3
+
+
+TRIAL = TrialConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +53,7 @@ class Response:
 
     Attributes:
         overturned: it fell, or leant beyond half its slenderness angle at the end.
-        peak_tilt: [rad]; of a trial that fell, more than `FALLEN`.
+        peak_tilt: [rad]; of a trial that fell, more than `TRIAL.fallen`.
         time: of the series, shape (n,) [s]; 0 is the motion's first sample.
         tilt: between the body's vertical at rest and the vertical, shape (n,) [rad].
         position: travel of the mass centre, shape (n, 3) [m].
@@ -68,7 +84,7 @@ def run_trial(situation: Situation, *, series_interval: float = 0.02) -> Respons
     positions, velocities, accelerations = (
         np.ascontiguousarray(np.stack(kind, axis=1)) for kind in zip(*driven, strict=True)
     )
-    tail = round(TAIL / step)
+    tail = round(TRIAL.tail / step)
     moving = len(positions)
     joints = len(used)
     relative = RelativeMotion(data, used, situation.table.pivot)
@@ -84,7 +100,7 @@ def run_trial(situation: Situation, *, series_interval: float = 0.02) -> Respons
         data.qvel[joints:] = relative.table()
     path = (positions, velocities, accelerations * TABLE_MASS)
     actions = step_actions(situation, model, data, relative)
-    last = _shake(model, data, path, rows, first, actions, round(_LOOK / step))
+    last = _shake(model, data, path, rows, first, actions, round(TRIAL.look / step))
     return _judged(rows[:last], rest, situation, round(series_interval / step), step)
 
 
@@ -98,7 +114,7 @@ def _settle(model: Any, data: Any, situation: Situation, table: Array) -> None:
     x, y = situation.offset
     height = float(situation.body.center[2]) + lift
     data.qpos[joints:] = [x, y, height, math.cos(half), 0, 0, math.sin(half)]
-    for _ in range(round(_SETTLING / situation.contact.step)):
+    for _ in range(round(TRIAL.settling / situation.contact.step)):
         mujoco.mj_step(model, data)
         data.qpos[:joints] = table
         data.qvel[:joints] = 0
@@ -197,10 +213,10 @@ def _shake(
             action(-1)
         if i % look == 0:
             # z component of the body's own vertical
-            if 1 - 2 * (pose[4] ** 2 + pose[5] ** 2) < math.cos(_STOP):
+            if 1 - 2 * (pose[4] ** 2 + pose[5] ** 2) < math.cos(TRIAL.stop):
                 return i + 1
-            calm = calm + 1 if i > moving and np.abs(speed).max() < 3e-3 else 0
-            if calm == _CALM:
+            calm = calm + 1 if i > moving and np.abs(speed).max() < TRIAL.slow else 0
+            if calm == TRIAL.calm:
                 return i + 1
     return len(rows)
 
@@ -211,7 +227,7 @@ def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: fl
         np.clip(1 - 2 * (orientation[:, 0] ** 2 + orientation[:, 1] ** 2), -1.0, 1.0)
     )
     peak = float(tilt.max())
-    fallen = peak >= FALLEN or tilt[-1] > 0.5 * situation.body.slenderness_angle
+    fallen = peak >= TRIAL.fallen or tilt[-1] > 0.5 * situation.body.slenderness_angle
     kept = slice(None, None, every)
     return Response(
         overturned=bool(fallen),

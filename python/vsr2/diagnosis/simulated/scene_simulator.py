@@ -75,7 +75,7 @@ class SceneSimulator:
     Attributes:
         library: effects that this scene can have.
         excluded: those that are not looked for.
-        unavailable: those that it cannot have, with the reason.
+        unavailable: those that it cannot have, with the error.
         nuisances: that are drawn.
         nuisance_names: of those drawn once a campaign.
         identity: hash of scene, motions, schedule, priors and seed.
@@ -129,14 +129,14 @@ class SceneSimulator:
         self.excluded = tuple(sorted(hypotheses.exclude))
         motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))
         self._motion = [motions.index(trial.motion) for trial in campaign.trials]
-        self.unavailable: dict[str, str] = {}
+        self.unavailable: dict[str, Vsr2Error] = {}
         self.library: dict[str, Effect] = {}
         for effect in in_order(offered):
-            reason = self._refusal(effect)
-            if reason is None:
+            error = self._refusal(effect)
+            if error is None:
                 self.library[effect.name] = effect.with_null(effect.nominal(self._trials[0]))
             else:
-                self.unavailable[effect.name] = reason
+                self.unavailable[effect.name] = error
         self.identity = self._digest(study)
 
     def _digest(self, study: Study) -> str:
@@ -161,7 +161,7 @@ class SceneSimulator:
         )
         return hashlib.sha256(content.encode()).hexdigest()
 
-    def _refusal(self, effect: Effect) -> str | None:
+    def _refusal(self, effect: Effect) -> Vsr2Error | None:
         from vsr2.simulation import check_trials
 
         try:
@@ -170,7 +170,7 @@ class SceneSimulator:
             )
             check_trials(trials)
         except Vsr2Error as error:
-            return str(error)
+            return error
         return None
 
     def nuisance_draw(self, index: int) -> Array:

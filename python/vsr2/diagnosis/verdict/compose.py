@@ -25,7 +25,7 @@ from vsr2.diagnosis.verdict.next_measurement import (
 )
 from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import VerdictKind
-from vsr2.diagnosis.where.scan import Location
+from vsr2.diagnosis.where.scan import Location, LocationKind
 from vsr2.effects import Parameter
 
 Array = NDArray[np.float64]
@@ -206,11 +206,7 @@ def _sets(found: Found, posterior: Posterior) -> list[dict[str, Any]]:
 def _location(one: Location, seen: Observations, trials: NDArray[np.int64]) -> dict[str, Any]:
     inside = [seen.campaign.trials[int(trials[i])].trial for i in one.trials]
     return {
-        "location": one.name,
-        "axis": one.axis,
-        "feature": one.feature.name,
-        "channel": one.feature.channel,
-        "phase": one.feature.phase,
+        **one.to_json(),
         "effect_size": one.effect_size,
         "p_familywise": one.p_familywise,
         "concentration": one.concentration,
@@ -220,11 +216,11 @@ def _location(one: Location, seen: Observations, trials: NDArray[np.int64]) -> d
 
 def shown(locations: Sequence[Location]) -> list[Location]:
     """The most significant, those of all trials, and the first of each axis and channel."""
-    first = {(p.axis, p.feature.channel): k for k, p in reversed(list(enumerate(locations)))}
+    first = {(p.kind.axis, p.feature.channel): k for k, p in reversed(list(enumerate(locations)))}
     return [
         one
         for k, one in enumerate(locations)
-        if k < LIMITS.locations or one.is_everywhere or k in first.values()
+        if k < LIMITS.locations or one.kind is LocationKind.ALL_TRIALS or k in first.values()
     ]
 
 

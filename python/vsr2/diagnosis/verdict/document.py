@@ -46,22 +46,36 @@ class Diagnosis:
 
     def tables(self) -> dict[str, str]:
         """CSV files by name: effects.csv, where.csv, trials.csv."""
+        blank = {"mean": None, "median": None, "ci90": [None] * 2, "ci95": [None] * 2, "unit": ""}
         effects = [
             {
                 "effect": row["name"],
                 "probability": row["probability"],
                 "acts": row["acts"],
-                "parameters": "; ".join(
-                    f"{name} {p['mean']:.4g} [{p['ci95'][0]:.4g}, {p['ci95'][1]:.4g}] {p['unit']}"
-                    for name, p in row["parameters"].items()
-                ),
+                "parameter": name,
+                "mean": p["mean"],
+                "median": p["median"],
+                **{
+                    f"{ends}_{side}": end
+                    for ends in ("ci90", "ci95")
+                    for side, end in zip(("low", "high"), p[ends], strict=True)
+                },
+                "unit": p["unit"],
             }
             for row in self.content["effects"]
+            for name, p in (row["parameters"] or {"": blank}).items()
         ]
         return {
             "effects.csv": csv_text(effects, ".6g"),
             "where.csv": csv_text(
-                [{k: v for k, v in row.items() if k != "trials"} for row in self.content["where"]],
+                [
+                    {
+                        "location": row["location"]["kind"],
+                        "values": " ".join(row["location"]["values"].values()),
+                        **{k: row[k] for k in row if k not in ("location", "trials")},
+                    }
+                    for row in self.content["where"]
+                ],
                 ".6g",
             ),
             "trials.csv": csv_text(self.trials, ".6g"),

@@ -19,6 +19,7 @@ from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode, Statement, VerdictKind
 from vsr2.diagnosis.where.scan import SCAN, interleaved
 from vsr2.effects import effect as effect_of
+from vsr2.errors import Fault
 
 
 @dataclass(frozen=True)
@@ -192,8 +193,8 @@ def _left_out(seen: Observations, provenance: Mapping[str, Any]) -> Iterator[Sta
         yield Statement.of(LimitCode.TRIALS_INCOMPLETE, count=provenance["left_out"])
     if provenance.get("excluded"):
         yield Statement.of(LimitCode.EFFECTS_EXCLUDED, effects=tuple(provenance["excluded"]))
-    for name, error in provenance.get("unavailable", {}).items():
-        yield Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect=name, error=error)
+    for name, fault in provenance.get("unavailable", {}).items():
+        yield Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect=name, fault=Fault(fault))
     if seen.specimen.max() > 0:
         names = tuple(sorted({trial.specimen for trial in seen.campaign.trials}))
         yield Statement.of(LimitCode.SPECIMENS, specimens=names)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
@@ -130,7 +130,7 @@ class OutOfLibrary:
 
     trial: str
     tier: Tier
-    location: str | None
+    location: Mapping[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -225,11 +225,11 @@ def measurement_out_of_library(
         excess: loss of each trial over the floor under the best effect, shape (all trials,).
         locations: found by the scan, most significant first.
     """
-    found = [one for one in locations if one.stands_out]
+    found = next((one for one in locations if one.stands_out), None)
     return OutOfLibrary(
         seen.campaign.trials[int(np.argmax(excess))].trial,
         seen.tier,
-        found[0].label if found else None,
+        None if found is None else found.to_json(),
     )
 
 

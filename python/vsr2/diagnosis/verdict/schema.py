@@ -18,6 +18,8 @@ from vsr2.diagnosis.verdict.statements import (
     ReasonCode,
     VerdictKind,
 )
+from vsr2.diagnosis.where.scan import LocationKind
+from vsr2.errors import Fault
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
@@ -26,6 +28,7 @@ _VALUES: dict[type, dict[str, Any]] = {
     float: {"type": ["number", "null"]},
     int: {"type": "integer"},
     str: {"type": "string"},
+    Fault: {"enum": [str(fault) for fault in Fault]},
     NAMES: {"type": "array", "items": {"type": "string"}},
 }
 
@@ -103,14 +106,25 @@ class _Gap(_Part):
     layers: _Layers
 
 
-class _Location(_Part):
-    """A location that was scanned; `trials` of those that stand out alone."""
+class _Place(_Part):
+    kind: LocationKind
+    values: dict[str, str]
 
-    location: str
+
+class _Located(_Part):
+    """Which location it is; of an intensity the values are thirds of the campaign's."""
+
+    location: _Place
     axis: Literal["conditions", "order", "session", "specimen"]
     feature: str
     channel: str
     phase: str
+    text: str = ""
+
+
+class _Location(_Located):
+    """A location that was scanned; `trials` of those that stand out alone."""
+
     effect_size: float
     p_familywise: Share
     concentration: float
@@ -192,7 +206,7 @@ class _Rival(_Part):
 class _OutOfLibrary(_Part):
     trial: str
     tier: Tier
-    location: str | None
+    location: _Located | None
 
 
 class _Measurement(_Part):

@@ -12,6 +12,7 @@ from typing import Any, Self
 
 # The rule of a name, by which training calibrates, decides on the kind.
 from vsr2.diagnosis.posterior.naming import VerdictKind as VerdictKind
+from vsr2.errors import Fault
 
 NAMES: type = tuple
 """Type of a value that lists names."""
@@ -81,7 +82,7 @@ class LimitCode(Code):
     )
     TRIALS_INCOMPLETE = "trials_incomplete", {"count": int}
     EFFECTS_EXCLUDED = "effects_excluded", {"effects": NAMES}
-    EFFECT_UNAVAILABLE = "effect_unavailable", {"effect": str, "error": str}
+    EFFECT_UNAVAILABLE = "effect_unavailable", {"effect": str, "fault": Fault}
     SPECIMENS = "specimens", {"specimens": NAMES}
     FEW_TRIALS = "few_trials", {"count": int}
     FEW_MOTIONS = "few_motions", {"count": int}

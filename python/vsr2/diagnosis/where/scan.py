@@ -20,7 +20,11 @@ residuals exceed those of campaigns without effect.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +55,37 @@ class ScanConstants:
 
 SCAN = ScanConstants()
 OUTCOME = Feature("outcome", "outcome", "whole response")
-EVERYWHERE = "all trials"
+
+
+class LocationKind(StrEnum):
+    """Which trials a location holds, or what it weighs; with the names of its values."""
+
+    ALL_TRIALS = "all_trials"
+    INTENSITY = "intensity"
+    """`pga`, `pgv_pga` or both: the `Third` of the campaign's values."""
+    TREND = "trend"
+    """Over the order of execution."""
+    STEP = "step"
+    """`session`: from which on."""
+    SESSION = "session"
+    """`session`."""
+    SPECIMEN = "specimen"
+    """`specimen`."""
+
+    @property
+    def axis(self) -> str:
+        """Conditions, order, session or specimen."""
+        if self in (LocationKind.TREND, LocationKind.STEP):
+            return "order"
+        return str(self) if self in (LocationKind.SESSION, LocationKind.SPECIMEN) else "conditions"
+
+
+class Third(StrEnum):
+    """A third of a campaign's intensities."""
+
+    LOW = "low"
+    MIDDLE = "middle"
+    HIGH = "high"
 
 
 @dataclass(frozen=True)
@@ -59,8 +93,8 @@ class Location:
     """One location of the family and what was found there.
 
     Attributes:
-        name: of it, without the feature.
-        axis: conditions, order, session or specimen.
+        kind: of it.
+        values: that go with the kind.
         feature: of the response: which channel and which phase.
         effect_size: mean residual inside over its noise, in standard deviations of one trial.
         p_familywise: of the largest score of the family.
@@ -68,23 +102,23 @@ class Location:
         trials: inside, of those scanned.
     """
 
-    name: str
-    axis: str
+    kind: LocationKind
+    values: Mapping[str, str]
     feature: Feature
     effect_size: float
     p_familywise: float
     concentration: float = 1.0
     trials: tuple[int, ...] = ()
 
-    @property
-    def label(self) -> str:
-        """With the feature, where it is not the outcome."""
-        return self.name if self.feature == OUTCOME else f"{self.feature.name}: {self.name}"
-
-    @property
-    def is_everywhere(self) -> bool:
-        """A feature over all trials."""
-        return self.name == EVERYWHERE
+    def to_json(self) -> dict[str, Any]:
+        """Which location it is, as it stands in `diagnosis.json`."""
+        return {
+            "location": {"kind": str(self.kind), "values": dict(self.values)},
+            "axis": self.kind.axis,
+            "feature": self.feature.name,
+            "channel": self.feature.channel,
+            "phase": self.feature.phase,
+        }
 
     @property
     def is_significant(self) -> bool:
@@ -138,9 +172,10 @@ def scan(
     Returns:
         All locations, most significant first.
     """
-    names, axes, weights = _family(conditions)
-    by_order = np.array([axis == "order" for axis in axes])
-    by_session = np.array([axis == "session" for axis in axes])
+    family = list(_family(conditions))
+    weights = np.stack([one.weight for one in family]).astype(np.float64)
+    by_order = np.array([one.kind.axis == "order" for one in family])
+    by_session = np.array([one.kind is LocationKind.SESSION for one in family])
     rng = np.random.default_rng([seed, 5])
     known = (observed != 0).astype(np.float64)
     score = _scores(observed[None], known[None], weights)[0]
@@ -161,7 +196,7 @@ def scan(
     out = []
     for c, feature in enumerate(features):
         whole = float(excess[c].sum())
-        for j, name in enumerate(names):
+        for j, one in enumerate(family):
             count = max(int(np.count_nonzero(known[c] * (weights[j] != 0))), 1)
             size = float(score[c, j] / np.sqrt(count))
             # Of a trend, the later half; of a step, what follows it.
@@ -172,7 +207,7 @@ def scan(
                 concentration = float(excess[c, members].sum()) / whole / share
             out.append(
                 Location(
-                    name, axes[j], feature, size, float(p_value[c, j]), concentration,
+                    one.kind, one.values, feature, size, float(p_value[c, j]), concentration,
                     tuple(members.tolist()),
                 )
             )  # fmt: skip
@@ -185,43 +220,47 @@ def _scores(residual: Array, variance: Array, weights: Array) -> Array:
     return np.asarray(top / np.sqrt(variance @ (weights**2).T + 1e-3), dtype=np.float64)
 
 
-def _family(conditions: Conditions) -> tuple[list[str], list[str], Array]:
-    names: list[str] = [EVERYWHERE]
-    axes: list[str] = ["conditions"]
-    weights: list[Array] = [np.ones(conditions.order.size)]
+@dataclass(frozen=True, eq=False)
+class _Weighed:
+    """A location before its score: kind and values, and a weight a trial."""
 
-    def add(name: str, axis: str, weight: Array) -> None:
-        if np.count_nonzero(weight) >= 3:
-            names.append(name)
-            axes.append(axis)
-            weights.append(weight.astype(np.float64))
+    kind: LocationKind
+    weight: Array | NDArray[np.bool_]
+    values: Mapping[str, str] = field(default_factory=dict)
 
-    regions = {}
-    for label, value in (("PGA", conditions.log_pga), ("PGV/PGA", conditions.log_ratio)):
+
+def _family(conditions: Conditions) -> Iterator[_Weighed]:
+    """All trials, and what holds three or more."""
+    yield _Weighed(LocationKind.ALL_TRIALS, np.ones(conditions.order.size))
+    for one in _parts(conditions):
+        if np.count_nonzero(one.weight) >= 3:
+            yield one
+
+
+def _parts(conditions: Conditions) -> Iterator[_Weighed]:
+    thirds: dict[str, Mapping[str, NDArray[np.bool_]]] = {}
+    for name, value in (("pga", conditions.log_pga), ("pgv_pga", conditions.log_ratio)):
         known = np.isfinite(value)
         if known.sum() < 9:
             continue
-        edges = np.quantile(value[known], [1 / 3, 2 / 3])
-        part = np.where(known, np.digitize(value, edges), -1)
-        regions[label] = part
-        for k, word in enumerate(("low", "middle", "high")):
-            add(f"{word} {label}", "conditions", part == k)
-    if len(regions) == 2:
-        for i, first in enumerate(("low", "middle", "high")):
-            for k, second in enumerate(("low", "middle", "high")):
-                inside = (regions["PGA"] == i) & (regions["PGV/PGA"] == k)
-                add(f"{first} PGA, {second} PGV/PGA", "conditions", inside)
-    add("trend", "order", conditions.order - conditions.order.mean())
-    for s in range(1, int(conditions.session.max()) + 1):
+        part = np.digitize(value, np.quantile(value[known], [1 / 3, 2 / 3]))
+        thirds[name] = {third: known & (part == k) for k, third in enumerate(Third)}
+        for third, inside in thirds[name].items():
+            yield _Weighed(LocationKind.INTENSITY, inside, {name: third})
+    if len(thirds) == 2:
+        for pga, pgv_pga in product(*(held.items() for held in thirds.values())):
+            values = {"pga": pga[0], "pgv_pga": pgv_pga[0]}
+            yield _Weighed(LocationKind.INTENSITY, pga[1] & pgv_pga[1], values)
+    yield _Weighed(LocationKind.TREND, conditions.order - conditions.order.mean())
+    for s, session in enumerate(conditions.sessions[1:], 1):
         after = conditions.session >= s
-        add(f"change before session {conditions.sessions[s]}", "order", after - after.mean())
-    for s in range(int(conditions.session.max()) + 1):
-        if conditions.session.max() > 0:
-            add(f"session {conditions.sessions[s]}", "session", conditions.session == s)
-    if conditions.specimen.max() > 0:
-        for s in range(int(conditions.specimen.max()) + 1):
-            add(f"specimen {conditions.specimens[s]}", "specimen", conditions.specimen == s)
-    return names, axes, np.stack(weights)
+        yield _Weighed(LocationKind.STEP, after - after.mean(), {"session": session})
+    for kind, index, names in (
+        (LocationKind.SESSION, conditions.session, conditions.sessions),
+        (LocationKind.SPECIMEN, conditions.specimen, conditions.specimens),
+    ):
+        for k, name in enumerate(names if len(names) > 1 else ()):
+            yield _Weighed(kind, index == k, {str(kind): name})
 
 
 def _family_p(score: Array, null: Array) -> Array:

@@ -36,12 +36,12 @@ def engine_in_use(engine: str, hand_over: str) -> str:
 def fit_note(fit: FragilityFit) -> str:
     """What keeps a fit from being a curve, or a surface from rising; empty: nothing."""
     from vsr2.fragility import FitNote
-    from vsr2.fragility.fit import FALL
+    from vsr2.fragility.fit import FIT
 
     if fit.falling:
         return (
-            f"falls with {' and '.join(fit.falling)} in part of the range, by more than {FALL:g}: "
-            "see whether the trials do, or set `surface: linear`"
+            f"falls with {' and '.join(fit.falling)} in part of the range, by more than "
+            f"{FIT.fall:g}: see whether the trials do, or set `surface: linear`"
         )
     match fit.note:
         case FitNote.ALL_OVERTURNED:

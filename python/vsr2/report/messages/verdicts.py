@@ -27,11 +27,12 @@ def _templates() -> dict[tuple[str, str], Template]:
     made = environment(
         {
             "candidates": _candidates,
+            "fault": lambda fault: _say("faults", fault),
             "interval": interval,
             "location": location,
             "number": format,
             "say": lambda key, table: _say(table, key),
-            "unit": lambda unit: "" if unit == "1" else f" {unit}",
+            "unit": _unit,
         }
     )
     return {
@@ -68,7 +69,16 @@ def next_measurement(measure: Mapping[str, Any]) -> str:
 def location(row: Mapping[str, Any]) -> str:
     """A location of the gap, with the feature where that is not the outcome."""
     feature = "" if row["channel"] == "outcome" else f"{row['feature']}: "
-    return feature + str(row["location"])
+    return feature + _say("locations", row["location"]["kind"], **row["location"])
+
+
+def noise_floor(layers: Mapping[str, Any]) -> list[str]:
+    """What is changed in each layer of the noise floor that is known, and its share."""
+    return [
+        f"{_say('layers', name)}: {layers[name]:.1%}"
+        for table, name in _templates()
+        if table == "layers" and layers.get(name) is not None
+    ]
 
 
 def standing_out(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -108,7 +118,7 @@ def channels_note(content: Mapping[str, Any]) -> str:
 
 
 def with_sentences(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The content with a `text` beside every code: verdict, reasons, limits, next measurement."""
+    """The content with a `text` beside every code, location and measurement, and the verdict."""
 
     def worded(statements: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         return [{**one, "text": sentence(one)} for one in statements]
@@ -121,6 +131,7 @@ def with_sentences(content: Mapping[str, Any]) -> dict[str, Any]:
             "reasons": worded(verdict["reasons"]),
             "text": verdict_sentence(content),
         },
+        "where": [{**row, "text": location(row)} for row in content["where"]],
         "limits": worded(content["limits"]),
         "next_measurement": measure and {**measure, "text": next_measurement(measure)},
     }
@@ -132,6 +143,19 @@ def interval(estimate: Mapping[str, Any]) -> str:
     if value is None or not math.isfinite(value):
         return "not given"
     return f"{value:.2f} [{bounds[0]:.2f}, {bounds[1]:.2f}]"
+
+
+def parameters(effect: Mapping[str, Any]) -> list[str]:
+    """Median and 90 % interval of each parameter, given that its effect acts."""
+    return [
+        f"{name} {found['median']:.3g} [{found['ci90'][0]:.3g}, {found['ci90'][1]:.3g}]"
+        + _unit(found["unit"])
+        for name, found in effect["parameters"].items()
+    ]
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def _candidates(names: Sequence[str]) -> str:
