@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -36,7 +37,11 @@ from vsr2.diagnosis import (
     ProtocolCache,
     with_deviations,
 )
-from vsr2.diagnosis.observed.observations import observe_campaign, series_sampling
+from vsr2.diagnosis.observed.observations import (
+    observe_campaign,
+    same_trials,
+    series_sampling,
+)
 from vsr2.diagnosis.simulated.nuisances import with_stated
 from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
@@ -129,7 +134,7 @@ def diagnose_pack(
     before the first simulation. A campaign that cannot be used, or whose diagnosis ends with an
     error of ours, gets a `failed.json`, and is tried again by the next run. With more campaigns or
     minutes than the folder was begun with, all is diagnosed again from the same cache. References
-    of the pack that have no effect serve the other campaigns of their protocol.
+    of the pack that have no effect serve the other campaigns of equal trials.
 
     Args:
         data: a pack's data folder.
@@ -156,7 +161,6 @@ def diagnose_pack(
     wanted = _wanted(data, pack.tiers, tiers)
     load_study(scene := data / pack.scene)
     _check_folder(out, data)
-    references = _references(data, pack)
     hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
     how = _effort(budget) | {"seed": seed}
     older = _older(out, pack, how)
@@ -168,6 +172,7 @@ def diagnose_pack(
     unfit = _unfit(data, asked, due)
     _begin(out, pack, how, older)
     cache = ProtocolCache(out, series="T" in pack.tiers)
+    references = _references(data, pack)
     failed = []
     # What cannot be used is said first.
     for tier, name in sorted(due, key=lambda pair: pair not in unfit):
@@ -178,20 +183,12 @@ def diagnose_pack(
             campaign = load_campaign(data / name)
             # Without series too, simulate them as this campaign measured them.
             sampled = replace(cache, sampling=series_sampling(campaign))
-            known = [
-                at_tier(one, tier)
-                for one in references.get(listed[name].protocol, ())
-                if one.name != campaign.name
-            ]
+            known = _known(references, name, campaign, tier)
             return diagnose(
-                at_tier(campaign, tier),
-                scene,
-                tier=tier,
-                budget=budget,
+                at_tier(campaign, tier), scene, tier=tier, budget=budget, seed=seed,
                 hypotheses=replace(hypotheses[name], references=known),
                 execution=replace(execution, cache=sampled),
-                seed=seed,
-            )
+            )  # fmt: skip
 
         error = (verdict := _save(diagnosed, out / name / tier)).failed
         failed += [f"{name} {tier}"] if error else []
@@ -212,12 +209,25 @@ def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Callable[[str], None
     return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
 
 
-def _references(data: Path, pack: Pack) -> dict[int, list[Campaign]]:
-    """Campaigns that are known to have no effect, by protocol."""
-    out: dict[int, list[Campaign]] = {}
+def _references(data: Path, pack: Pack) -> dict[str, Campaign]:
+    """Campaigns that are known to have no effect, by id; without those that cannot be read."""
+    out: dict[str, Campaign] = {}
     for one in pack.campaigns:
         if one.kind is not None and not one.effects:
-            out.setdefault(one.protocol, []).append(load_campaign(data / one.id))
+            with suppress(Vsr2Error):
+                out[one.id] = load_campaign(data / one.id)
+    return out
+
+
+def _known(
+    references: Mapping[str, Campaign], name: str, campaign: Campaign, tier: Tier
+) -> list[Campaign]:
+    """Other campaigns of the same trials without effect that reach a tier."""
+    out = []
+    for other, one in references.items():
+        if other != name and same_trials(one, campaign):
+            with suppress(Vsr2Error):
+                out.append(observe_campaign(at_tier(one, tier), tier).campaign)
     return out
 
 

@@ -112,11 +112,6 @@ class Schedule:
             self.look_trials = max(LOOK.fewest, min(LOOK.trials, share))
 
     @property
-    def held_out(self) -> bool:
-        """Whether what is named is simulated again."""
-        return self._budget.held_out
-
-    @property
     def spent_s(self) -> float:
         """Wall time since the start [s]."""
         return time.monotonic() - self._started
@@ -127,7 +122,7 @@ class Schedule:
 
     def _judging(self, trials: int) -> int:
         """Simulations that judging asks for."""
-        again = judging(trials) if self.held_out else 0
+        again = judging(trials) if self._budget.held_out else 0
         return again + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
 
     def trained(self, campaigns: int, seconds: float) -> None:

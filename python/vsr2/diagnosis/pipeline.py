@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,12 @@ from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, judge
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.features import SERIES
-from vsr2.diagnosis.observed.observations import OBSERVED, Observations, observe_campaign
+from vsr2.diagnosis.observed.observations import (
+    OBSERVED,
+    Observations,
+    observe_campaign,
+    same_trials,
+)
 from vsr2.diagnosis.observed.table_motion import TABLE
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
 from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
@@ -45,7 +49,7 @@ from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.diagnosis.verdict.limits import LIMITS
 from vsr2.diagnosis.verdict.next_measurement import MEASUREMENT
-from vsr2.diagnosis.verdict.rules import verdict_of
+from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
 from vsr2.diagnosis.verdict.statements import BudgetState, VerdictKind
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import SCAN
@@ -139,12 +143,11 @@ def diagnose_with(
     seen = observe_campaign(campaign, question.tier)
     references = [_reference(one, seen) for one in question.references]
     shared = ProtocolCache(cache) if isinstance(cache, Path) else cache
+    budget = Budget() if budget is None else budget
     with SimulationCache(simulator, None if shared is None else shared.simulations) as store:
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
-        schedule = Schedule(
-            Budget() if budget is None else budget, store, len(seen), simulator.library, started
-        )
+        schedule = Schedule(budget, store, len(seen), simulator.library, started)
         work = _Work(store, seen, schedule, shared, excluded, seed, report)
         seen_look = work.look()
         trials = seen_look.responding
@@ -157,12 +160,9 @@ def diagnose_with(
         found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
         work.tell(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
-        names = verdict.effects[: 2 if verdict.kind is VerdictKind.PAIR else 1]
-        if not schedule.held_out:
-            names = ()
         how_far = judge(
             store, seen, trials, posterior, found.residuals,
-            [name for name in names if name in posterior.parameters.rows], seed=seed,
+            _judged(verdict, posterior) if budget.held_out else (), seed=seed,
             progress=lambda n, m: work.tell(Stage.JUDGEMENT, n / m, found, posterior),
         )  # fmt: skip
         layers = noise_floor(store, seen, trials, posterior.standard.probability)
@@ -173,7 +173,7 @@ def diagnose_with(
         **({} if provenance is None else provenance),
         "excluded": sorted(excluded),
         "references": dict(zip((one.name for one in question.references), none, strict=True)),
-        "held_out": schedule.held_out,
+        "held_out": budget.held_out,
         "budget": spent,
         "detection_limits": {
             f"{name} {'+' if side > 0 else '-'}": limit.share
@@ -199,15 +199,19 @@ def _reference(campaign: Campaign, seen: Observations) -> Observations:
         DiagnosisError: it has other trials, or does not reach the tier.
     """
     out = observe_campaign(campaign, seen.tier)
-    for one, other in zip_longest(out.campaign.trials, seen.campaign.trials):
-        if one is None or other is None or (one.motion, one.pga) != (other.motion, other.pga):
-            named = "none" if one is None else repr(one.trial)
-            raise DiagnosisError(
-                f"reference {campaign.name!r}: where campaign {seen.campaign.name!r} has trial "
-                f"{'none' if other is None else repr(other.trial)} it has {named}, of another "
-                "motion or PGA; give references of the same trials in the same order"
-            )
+    if not same_trials(out.campaign, seen.campaign):
+        raise DiagnosisError(
+            f"reference {campaign.name!r}: its trials differ from those of campaign "
+            f"{seen.campaign.name!r} in number, motion or PGA; give references of the same trials "
+            "in the same order"
+        )
     return out
+
+
+def _judged(verdict: Verdict, posterior: Posterior) -> list[str]:
+    """What is simulated again: both effects of a pair, else the first that is named or leads."""
+    names = verdict.effects[: 2 if verdict.kind is VerdictKind.PAIR else 1]
+    return [name for name in names if name in posterior.parameters.rows]
 
 
 @dataclass(eq=False)

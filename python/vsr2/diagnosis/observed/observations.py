@@ -133,6 +133,11 @@ def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
     return np.asarray(np.log(np.maximum(size, max(resolution, 3 * noise))), dtype=np.float64)
 
 
+def same_trials(one: Campaign, other: Campaign) -> bool:
+    """Whether two campaigns have trials of equal motion and PGA in equal order."""
+    return [(t.motion, t.pga) for t in one.trials] == [(t.motion, t.pga) for t in other.trials]
+
+
 def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:
     """The campaign's usable trials as arrays.
 
