@@ -32,9 +32,7 @@ from vsr2.blind.form.pack_settings import KINDS
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
 from vsr2.blind.mujoco import ContactModel
 from vsr2.blind.pack_diagnoses import at_tier, uncertainties
-from vsr2.campaign import (
-    load_campaign,
-)
+from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import Study, load_study
 from vsr2.diagnosis import DEFAULT_NUISANCES, Budget, with_deviations
@@ -117,6 +115,28 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
         for tier in ("B", "M", "T")
     ]
     assert len({simulator.identity for simulator in simulators}) == 1
+
+
+def test_references_without_effect_serve_campaigns_of_equal_trials(small, tmp_path) -> None:
+    names = [entry["id"] for entry in read_json(small / "pack.json")["campaigns"]]
+    pack = read_json(small / "pack.json")
+    # Open ones: without effect, of a known effect, and of another PGA.
+    for entry in pack["campaigns"][1:]:
+        entry["kind"] = "reference"
+    pack["campaigns"][2]["effects"] = [{"name": "friction", "values": {"factor": 0.8}}]
+    (small / "pack.json").write_text(json.dumps(pack))
+    stronger = load_campaign(small / names[3])
+    last = dataclasses.replace(stronger.trials[-1], pga=2 * stronger.trials[-1].pga)
+    stronger = dataclasses.replace(stronger, trials=(*stronger.trials[:-1], last))
+    shutil.rmtree(small / names[3])
+    save_campaign(stronger, small / names[3], motions="../motions")
+    assert not diagnose_pack(small, tmp_path / "out", tiers=["M"]).failed
+    used = {c.name: [r.name for r in how["hypotheses"].references] for c, how in Stub.calls}
+    assert used == {names[0]: [names[1]], names[1]: [], names[2]: [names[1]], names[3]: []}
+    Stub.calls = []
+    (small / names[1] / "trials.csv").write_text("not a table")
+    diagnose_pack(small, tmp_path / "again", tiers=["M"])
+    assert [how["hypotheses"].references for _, how in Stub.calls] == [[], [], []]
 
 
 def test_a_damaged_campaign_fails_alone(small, tmp_path) -> None:
