@@ -85,7 +85,7 @@ def native(rock: MeshRock, mode: str, motion: Motion) -> Callable[[], float]:
         def cpu(what: Trial) -> float:
             start = time.process_time()
             result = run_batch([what], threads=1)
-            assert result["status"][0] in ("ok", "tail_timeout"), result["message"][0]
+            assert result["status"][0] in ("ok", "tail_timeout"), result["status"][0]
             return time.process_time() - start
 
         return cpu(trial) - cpu(still)

@@ -66,7 +66,7 @@ def cpu_time(trial: Trial) -> float:
     result = run_batch([trial], threads=1)
     seconds = time.process_time() - start
     if result["status"][0] not in ("ok", "tail_timeout"):
-        raise SystemExit(result["message"][0])
+        raise SystemExit(result["status"][0])
     return float(seconds / result["steps"][0])
 
 

@@ -120,7 +120,7 @@ def settled_pose(scene: Scene) -> Pose:
     result = run_batch([trial], threads=1)
     log = result.logs[0]
     if log is None or result["status"][0] not in ("ok", "tail_timeout"):
-        raise SystemExit(f"settling failed: {result['message'][0]}")
+        raise SystemExit(f"settling failed: {result['status'][0]} {result['message'][0]}")
     x, y, z, w = log.principal_axes.tolist()
     orientation = multiply(tuple(log.settled_orientation.tolist()), (-x, -y, -z, w))
     offset = matrix_from_quaternion(orientation) @ log.mass_center
@@ -163,7 +163,7 @@ def responses(trials: list[Trial], threads: int | None) -> tuple[np.ndarray, np.
     result = run_batch(trials, threads=threads, keep_logs=False)
     bad = ~np.isin(result["status"], ("ok", "tail_timeout"))
     if bad.any():
-        raise SystemExit(f"{bad.sum()} trials failed: {result['message'][bad][0]}")
+        raise SystemExit(f"{bad.sum()} trials failed: {result['status'][bad][0]}")
     return result["outcome"] == "overturned", result["peak_tilt"]
 
 

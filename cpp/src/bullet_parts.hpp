@@ -109,12 +109,23 @@ inline btMultiBodyLinkCollider& add_collider(Body& body, int link, btCollisionSh
   return *body.colliders.back();
 }
 
-inline void set_material(btCollisionObject& object, const Material& material) {
-  object.setRestitution(material.restitution);
-  object.setFriction(material.lateral_friction);
-  object.setSpinningFriction(material.spinning_friction);
-  object.setRollingFriction(material.rolling_friction);
-  object.setContactStiffnessAndDamping(material.stiffness, material.damping);
+inline void set_material(btCollisionObject& object, const ContactValues& material) {
+  object.setRestitution(material["restitution"]);
+  object.setFriction(material["lateral_friction"]);
+  object.setSpinningFriction(material["spinning_friction"]);
+  object.setRollingFriction(material["rolling_friction"]);
+  object.setContactStiffnessAndDamping(material["stiffness"], material["damping"]);
+}
+
+// `pair` with the values that Bullet has made of two materials.
+inline ContactValues pair_at(const btManifoldPoint& point, ContactValues pair) {
+  pair["restitution"] = point.m_combinedRestitution;
+  pair["lateral_friction"] = point.m_combinedFriction;
+  pair["spinning_friction"] = point.m_combinedSpinningFriction;
+  pair["rolling_friction"] = point.m_combinedRollingFriction;
+  pair["stiffness"] = point.m_combinedContactStiffness1;
+  pair["damping"] = point.m_combinedContactDamping1;
+  return pair;
 }
 
 }  // namespace vsr2

@@ -14,7 +14,6 @@
 #include "drive_law.hpp"
 #include "exact_solver.hpp"
 #include "scene_shapes.hpp"
-#include "vsr2/contact_model.hpp"
 #include "vsr2/engines.hpp"
 
 static_assert(sizeof(btScalar) == 8, "link Bullet's double-precision (-float64) libraries");
@@ -37,6 +36,7 @@ class BulletWorld final : public BulletWorldBase {
               std::unique_ptr<btMultiBodyConstraintSolver> solver, btCollisionShape* rock_shape)
       : scene_(std::move(scene)),
         drive_(drive),
+        pair_(combine(scene_->rock().material, scene_->pedestal().material)),
         rock_shape_(rock_shape ? rock_shape : scene_->shapes().rock),
         configuration_(small_pools()),
         dispatcher_(&configuration_, scene_->engine().contact_breaking_threshold),
@@ -162,11 +162,7 @@ class BulletWorld final : public BulletWorldBase {
           .lateral_impulse_2 = point.m_appliedImpulseLateral2,
           .direction_1 = sign * to_eigen(point.m_lateralFrictionDir1),
           .direction_2 = sign * to_eigen(point.m_lateralFrictionDir2),
-          .lateral_friction = point.m_combinedFriction,
-          .restitution = point.m_combinedRestitution,
-          .spinning_friction = point.m_combinedSpinningFriction,
-          .stiffness = point.m_combinedContactStiffness1,
-          .damping = point.m_combinedContactDamping1,
+          .pair = pair_at(point, pair_),
       });
     });
   }
@@ -400,8 +396,7 @@ class BulletWorld final : public BulletWorldBase {
   // Bullet gives a point its coefficient whenever it finds it again, so it is set for each solution.
   void set_friction() {
     if (!mechanics_) return;
-    const double nominal =
-        combine(scene_->rock().material, scene_->pedestal().material).lateral_friction;
+    const double nominal = pair_["lateral_friction"];
     each_contact(pedestal_collider(), [&](btManifoldPoint& point, bool rock_is_a) {
       point.m_combinedFriction = nominal * mechanics_->friction_scale(on_rock(point, rock_is_a),
                                                                       to_eigen(point.m_normalWorldOnB));
@@ -450,6 +445,7 @@ class BulletWorld final : public BulletWorldBase {
 
   std::shared_ptr<const Scene> scene_;
   Drive drive_;
+  ContactValues pair_;  ///< of rock and pedestal
   btCollisionShape* rock_shape_;
   btDefaultCollisionConfiguration configuration_;
   mutable Dispatcher dispatcher_;

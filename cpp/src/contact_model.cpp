@@ -4,20 +4,29 @@
 
 namespace vsr2 {
 namespace {
-// Bullet bounds combined friction-like values (MAX_FRICTION in btManifoldResult).
+
+// MAX_FRICTION in Bullet's btManifoldResult.
 constexpr double kMaxFriction = 10.0;
 double bounded(double value) { return std::clamp(value, -kMaxFriction, kMaxFriction); }
+
 }  // namespace
 
-ContactPair combine(const Material& a, const Material& b) {
-  return {
-      .lateral_friction = bounded(a.lateral_friction * b.lateral_friction),
-      .restitution = a.restitution * b.restitution,
-      .spinning_friction = bounded(a.spinning_friction * b.lateral_friction +
-                                   b.spinning_friction * a.lateral_friction),
-      .damping = a.damping + b.damping,
-      .stiffness = 1.0 / (1.0 / a.stiffness + 1.0 / b.stiffness),
-  };
+ContactValues combine(const ContactValues& a, const ContactValues& b) {
+  constexpr ContactKey friction = "lateral_friction";
+  ContactValues pair;
+  for (std::size_t i = 0; i < pair.all.size(); ++i) {
+    const double of_a = a.all[i];
+    const double of_b = b.all[i];
+    double& value = pair.all[i];
+    switch (kContactParameters[i].pair) {
+      case PairRule::product: value = of_a * of_b; break;
+      case PairRule::friction: value = bounded(of_a * of_b); break;
+      case PairRule::lever: value = bounded(of_a * b[friction] + of_b * a[friction]); break;
+      case PairRule::series: value = 1.0 / (1.0 / of_a + 1.0 / of_b); break;
+      case PairRule::sum: value = of_a + of_b; break;
+    }
+  }
+  return pair;
 }
 
 }  // namespace vsr2

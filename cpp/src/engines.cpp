@@ -2,27 +2,17 @@
 
 namespace vsr2 {
 
-std::string describe(FastRefusal refusal) {
-  switch (refusal) {
-    case FastRefusal::none: return {};
-    case FastRefusal::several_parts: return "the rock has more than one convex part";
-    case FastRefusal::pedestal_not_a_box: return "the pedestal is not one box";
-    case FastRefusal::no_friction_cone: return "friction is not bounded by a cone";
-    case FastRefusal::rolling_friction: return "there is rolling friction";
-    case FastRefusal::no_margin: return "the collision margin is 0";
-  }
-  return "unknown";
+void require_fast(const Scene& scene) {
+  if (fast_refusal(scene) != FastRefusal::none)
+    throw InvalidInput("the engine `fast` does not take this scene; choose `auto` or `exact`",
+                       InputFault::engine_domain);
 }
 
 EngineKind choose_engine(const Scene& scene) {
   const EngineKind asked = scene.engine().kind;
-  if (asked != EngineKind::automatic && asked != EngineKind::fast) return asked;
-  const FastRefusal refusal = fast_refusal(scene);
-  if (refusal == FastRefusal::none) return EngineKind::fast;
-  if (asked == EngineKind::automatic) return EngineKind::exact;
-  throw InvalidInput("the engine `fast` does not take this scene: " + describe(refusal) +
-                         "; choose `auto` or `exact`",
-                     InputFault::engine_domain);
+  if (asked == EngineKind::fast) require_fast(scene);
+  if (asked != EngineKind::automatic) return asked;
+  return fast_refusal(scene) == FastRefusal::none ? EngineKind::fast : EngineKind::exact;
 }
 
 std::unique_ptr<World> make_world(std::shared_ptr<const Scene> scene, Drive drive) {

@@ -11,7 +11,6 @@
 
 #include "contact_sweeps.hpp"
 #include "scene_shapes.hpp"
-#include "vsr2/contact_model.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -59,7 +58,7 @@ FastRefusal fast_refusal(const Scene& scene) {
   if (pedestal.parts.size() != 1 || !std::holds_alternative<BoxPart>(only_part(pedestal.parts)))
     return FastRefusal::pedestal_not_a_box;
   if (!scene.engine().cone_friction) return FastRefusal::no_friction_cone;
-  if (rock.material.rolling_friction > 0 || pedestal.material.rolling_friction > 0)
+  if (rock.material["rolling_friction"] > 0 || pedestal.material["rolling_friction"] > 0)
     return FastRefusal::rolling_friction;
   if (!(scene.engine().collision_margin > 0) &&
       std::holds_alternative<HullPart>(only_part(rock.parts)))
@@ -68,9 +67,6 @@ FastRefusal fast_refusal(const Scene& scene) {
 }
 
 FastModel::FastModel(const Scene& scene) {
-  if (const FastRefusal refusal = fast_refusal(scene); refusal != FastRefusal::none)
-    throw InvalidInput("the fast engine does not apply: " + describe(refusal),
-                       InputFault::engine_domain);
   engine = scene.engine();
   const RockSpec& rock = scene.rock();
   const Scene::Shapes& shapes = scene.shapes();
@@ -401,14 +397,14 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       support_w = R_PW * support.w_WP;
     }
     const double denominator =
-        std::max(dt * m.pair.stiffness + m.pair.damping, std::numeric_limits<double>::epsilon());
+        std::max(dt * m.pair["stiffness"] + m.pair["damping"], std::numeric_limits<double>::epsilon());
     const double cfm = 1.0 / denominator / dt;
-    const double erp = dt * m.pair.stiffness / denominator;
+    const double erp = dt * m.pair["stiffness"] / denominator;
     const RockResponse rock{1.0 / m.mass,
                             R * m.inverse_inertia.asDiagonal() * R.transpose()};
     ContactProblem problem;
     problem.count = count_;
-    problem.spinning_friction = m.pair.spinning_friction;
+    problem.spinning_friction = m.pair["spinning_friction"];
     problem.motor = {motor.inverse_mass, motor.target_velocity - support_v.x(),
                      motor.maximum_impulse};
     Vector3d pitch_P = Vector3d::Zero();
@@ -423,7 +419,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     for (int i = 0; i < count_; ++i) {
       const Contact& c = contacts_[i];
       ContactRows& rows = problem.rows[i];
-      rows.friction = m.pair.lateral_friction * friction_scale[i];
+      rows.friction = m.pair["lateral_friction"] * friction_scale[i];
       const Vector3d& r = c.r_P;
       const Vector3d rock_speed = v_P + w_P.cross(r);
       Vector3d support_speed = support_v;
@@ -436,7 +432,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
       const double approach = slip.z();
       double wanted = -approach;
       if (std::fabs(approach) >= m.engine.restitution_velocity_threshold)
-        wanted = std::max(0.0, m.pair.restitution * -approach) - approach;
+        wanted = std::max(0.0, m.pair["restitution"] * -approach) - approach;
       const double distance = c.distance + kLinearSlop;
       wanted += distance > 0 ? -distance / dt : -distance * erp / dt;
       rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()}, wanted, cfm);

@@ -11,7 +11,6 @@
 #include <memory>
 
 #include "hull_scan.hpp"
-#include "vsr2/contact_model.hpp"
 #include "vsr2/scene.hpp"
 #include "vsr2/world.hpp"
 
@@ -19,6 +18,7 @@ namespace vsr2 {
 
 /// What the stepper needs to know of a scene: shared by all its worlds.
 struct FastModel {
+  /// Of a scene for which fast_refusal() has no reason.
   explicit FastModel(const Scene& scene);
 
   bool is_box = false;
@@ -51,7 +51,7 @@ struct FastModel {
   Eigen::Vector3d inverse_inertia = Eigen::Vector3d::Zero();
   Eigen::Vector3d inertia = Eigen::Vector3d::Zero();
   EngineSettings engine;
-  ContactPair pair;
+  ContactValues pair;
 };
 
 /// Rigid motion of the support at the start of a step.

@@ -20,8 +20,7 @@ class FastWorld final : public World {
   FastWorld(std::shared_ptr<const Scene> scene, Drive drive)
       : scene_(std::move(scene)),
         drive_(drive),
-        stepper_(scene_->shapes().fast_model ? scene_->shapes().fast_model
-                                             : std::make_shared<const FastModel>(*scene_)) {
+        stepper_(scene_->shapes().fast_model) {
     check_drive(scene_->pedestal(), drive_);
     const EngineSettings& engine = scene_->engine();
     if (scene_->pedestal().pitch_spring)
@@ -128,8 +127,10 @@ class FastWorld final : public World {
     // Bullet's second lateral direction depends on which body it takes first.
     const FastModel& model = stepper_.model();
     const double sign = model.rock_is_first ? 1.0 : -1.0;
+    ContactValues pair = model.pair;
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
+      pair["lateral_friction"] = model.pair["lateral_friction"] * stepper_.friction_scale[i];
       out.push_back({
           .p_W_rock = last_rock_ + last_turn_ * c.r_P,
           .p_W_pedestal = last_support_ + last_turn_ * c.s_P,
@@ -140,11 +141,7 @@ class FastWorld final : public World {
           .lateral_impulse_2 = sign * c.lateral_impulse_2,
           .direction_1 = -last_turn_.col(1),
           .direction_2 = sign * last_turn_.col(0),
-          .lateral_friction = model.pair.lateral_friction * stepper_.friction_scale[i],
-          .restitution = model.pair.restitution,
-          .spinning_friction = model.pair.spinning_friction,
-          .stiffness = model.pair.stiffness,
-          .damping = model.pair.damping,
+          .pair = pair,
       });
     }
   }
@@ -322,6 +319,7 @@ class FastWorld final : public World {
 }  // namespace
 
 std::unique_ptr<World> make_fast_world(std::shared_ptr<const Scene> scene, Drive drive) {
+  require_fast(*scene);
   return std::make_unique<FastWorld>(std::move(scene), drive);
 }
 

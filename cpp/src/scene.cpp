@@ -35,7 +35,7 @@ void require_all(const std::string& what, std::initializer_list<Bound> bounds) {
     require(std::isfinite(value) && value >= least,
             what + ": " + name + " must be " +
                 (least == positive ? "positive" : "finite and at least " + std::to_string(least)) +
-                ", got " + std::to_string(value) + unit);
+                ", got " + std::to_string(value) + (*unit ? " " : "") + unit);
 }
 
 void check_pose(const Pose& pose, const std::string& what) {
@@ -44,13 +44,12 @@ void check_pose(const Pose& pose, const std::string& what) {
           what + ": the quaternion has norm " + std::to_string(pose.orientation.norm()) + ", not 1");
 }
 
-void check_material(const Material& m, const std::string& what) {
-  require_all(what, {{"restitution", m.restitution},
-                     {"lateral_friction", m.lateral_friction},
-                     {"spinning_friction", m.spinning_friction},
-                     {"rolling_friction", m.rolling_friction},
-                     {"damping", m.damping},
-                     {"stiffness", m.stiffness, positive}});
+void check_material(const ContactValues& material, const std::string& what) {
+  for (std::size_t i = 0; i < material.all.size(); ++i) {
+    const ContactParameter& parameter = kContactParameters[i];
+    require_all(what, {{parameter.name, material.all[i], parameter.range == Range::positive ? positive : 0.0,
+                        parameter.unit}});
+  }
 }
 
 void check_engine(const EngineSettings& e) {
@@ -82,7 +81,7 @@ void check_mechanisms(const Mechanisms& m) {
 
 void check_pitch_spring(const PitchSpring& s, const EngineSettings& engine) {
   const std::string what = "pedestal: pitch_spring";
-  require_all(what, {{"frequency", s.frequency, positive, " Hz"}, {"damping", s.damping}});
+  require_all(what, {{"frequency", s.frequency, positive, "Hz"}, {"damping", s.damping}});
   require(std::isfinite(s.compliance), what + ": compliance is not finite");
   require(s.inertia > 0,
           what + ": inertia must be positive, got " + std::to_string(s.inertia) + " kg m^2");
@@ -161,7 +160,7 @@ class ShapeBuilder {
     require(!part.faces.empty(), what + ": the surface has no triangle");
     auto mesh = std::make_unique<btTriangleMesh>();
     mesh->preallocateVertices(static_cast<int>(part.faces.size() * 3));
-    const auto count = static_cast<std::int32_t>(part.vertices.size());
+    const auto count = static_cast<std::int64_t>(part.vertices.size());
     for (const auto& face : part.faces) {
       std::array<btVector3, 3> corner;
       for (int k = 0; k < 3; ++k) {
@@ -212,15 +211,15 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechan
   check_mechanisms(mechanisms_);
   check_material(rock_.material, "rock");
   check_material(pedestal_.material, "pedestal");
-  require_all("rock", {{"mass", rock_.mass, positive, " kg"}});
-  require_all("pedestal", {{"mass", pedestal_.mass, positive, " kg"}});
+  require_all("rock", {{"mass", rock_.mass, positive, "kg"}});
+  require_all("pedestal", {{"mass", pedestal_.mass, positive, "kg"}});
   require(finite(pedestal_.base_size) && pedestal_.base_size.minCoeff() > 0,
           "pedestal: base sizes must be positive");
   require(finite(pedestal_.p_WP0) && std::isfinite(pedestal_.top) && std::isfinite(pedestal_.pitch_pivot),
           "pedestal: position is not finite");
   if (pedestal_.pitch_spring) check_pitch_spring(*pedestal_.pitch_spring, engine_);
   check_pose(rock_.X_MB, "rock: body frame");
-  if (mechanisms_.sets_impacts()) rock_.material.restitution = 0.0;
+  if (mechanisms_.sets_impacts()) rock_.material["restitution"] = 0.0;
   require(!has_triangles(rock_.parts),
           "rock: an exact triangle surface cannot move freely; use its convex hull or a decomposition");
   if (!rock_.inertia_from_aabb) {
@@ -275,18 +274,6 @@ std::vector<Eigen::Vector3d> Scene::rock_hull_vertices() const {
   std::vector<Eigen::Vector3d> out;
   collect_vertices(shapes_->rock, btTransform::getIdentity(), out);
   return out;
-}
-
-std::pair<Eigen::Matrix3d, Eigen::Vector3d> diagonalise_inertia(const Eigen::Matrix3d& I_M) {
-  if (!I_M.allFinite()) throw InvalidInput("inertia tensor is not finite");
-  btMatrix3x3 tensor(I_M(0, 0), I_M(0, 1), I_M(0, 2), I_M(1, 0), I_M(1, 1), I_M(1, 2), I_M(2, 0),
-                     I_M(2, 1), I_M(2, 2));
-  btMatrix3x3 rotation = btMatrix3x3::getIdentity();
-  if (I_M(0, 1) != 0 || I_M(0, 2) != 0 || I_M(1, 2) != 0) tensor.diagonalize(rotation, 1e-6, 30);
-  Eigen::Matrix3d R_MB;
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) R_MB(i, j) = rotation[i][j];
-  return {R_MB, Eigen::Vector3d(tensor[0][0], tensor[1][1], tensor[2][2])};
 }
 
 }  // namespace vsr2

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <exception>
-#include <sstream>
 
 #include "drive_law.hpp"
 #include "vsr2/engines.hpp"
@@ -33,29 +32,6 @@ bool finite(const RockState& rock) {
 void reserve_rows(std::vector<double>& log, std::int64_t steps, std::int64_t every,
                   std::int64_t doubles_a_row) {
   if (every > 0) log.reserve(log.size() + static_cast<std::size_t>((steps / every + 1) * doubles_a_row));
-}
-
-// The one text of a status. `limit`: the time-out [s]; `step`: at which the trial ended.
-std::string describe(Status status, double limit, std::int64_t step) {
-  std::ostringstream text;
-  switch (status) {
-    case Status::settling_timeout:
-      text << "the rock did not come to rest within " << limit
-           << " s before the motion; raise settling.timeout or the rest speeds, or start it nearer "
-              "to equilibrium";
-      break;
-    case Status::tail_timeout:
-      text << "the rock was still moving " << limit
-           << " s after the motion; the outcome is of that state";
-      break;
-    case Status::diverged:
-      text << "the rock's state became infinite or NaN at step " << step
-           << "; check contact stiffness, damping and the time step";
-      break;
-    case Status::cancelled: text << "cancelled"; break;
-    default: break;
-  }
-  return text.str();
 }
 
 void check(const TrialSpec& spec) {
@@ -144,13 +120,8 @@ class Run {
     world_->step(target);
     ++result_.steps;
     read();
-    if (!finite(rock_)) {
-      return end(Status::diverged);
-    }
-    if (cancel_.load(std::memory_order_relaxed)) {
-      return end(Status::cancelled);
-    }
-    return true;
+    if (!finite(rock_)) return end(Status::diverged);
+    return !cancel_.load(std::memory_order_relaxed) || end(Status::cancelled);
   }
 
   // Holds the pedestal until the rock rests. Log rows get times up to 0 at the end of settling.
@@ -170,13 +141,12 @@ class Run {
     result_.settling_time = static_cast<double>(result_.steps) * dt_;
     for (std::size_t row = 0; row < result_.log.size(); row += kLogColumns)
       result_.log[row + kTime] -= result_.settling_time;
-    return settled || end(Status::settling_timeout, timeout);
+    return settled || end(Status::settling_timeout);
   }
 
   // Notes how the trial ends; false.
-  bool end(Status status, double limit = 0.0) {
+  bool end(Status status) {
     result_.status = status;
-    result_.message = describe(status, limit, result_.steps);
     return false;
   }
 
@@ -289,7 +259,7 @@ class Trial {
           !creeps_on(limit - i - 1))
         return true;
     }
-    if (!resting && limit > 0) run_.end(Status::tail_timeout, spec_.tail);
+    if (!resting && limit > 0) run_.end(Status::tail_timeout);
     return true;
   }
 
@@ -446,12 +416,8 @@ TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
     check(spec);
     const TrialResult& settled = spec.start->settle(cancel);
     if (settled.status != Status::ok) {
-      result.status = settled.status;
-      result.message = settled.message;
-      result.engine = settled.engine;
-      result.handover = settled.handover;
-      result.settling_time = settled.settling_time;
-      result.log = settled.log;
+      result = settled;
+      result.steps = 0;  // those of the shared settling are no trial's own
     } else {
       Trial(spec, cancel, settled, result).run(settled);
     }

@@ -12,7 +12,6 @@
 
 #include "vsr2/batch.hpp"
 #include "vsr2/build_facts.hpp"
-#include "vsr2/contact_model.hpp"
 #include "vsr2/engines.hpp"
 #include "vsr2/recorded_world.hpp"
 
@@ -23,26 +22,21 @@ namespace {
 
 using Vector4 = Eigen::Vector4d;  // a quaternion x, y, z, w
 
-/// A keyword of a record: its name, how it is reached (a member, or a function that returns a
-/// reference to part of the record), and its meaning.
+/// A keyword of a record: its name, and how it is reached (a member, or a function that returns a
+/// reference to part of the record).
 template <typename Access>
 struct Field {
   const char* name;
   Access access;
-  const char* meaning = "";
 };
-template <typename Access>
-Field(const char*, Access) -> Field<Access>;
-template <typename Access>
-Field(const char*, Access, const char*) -> Field<Access>;
 
 template <typename T, typename F>
 using ValueOf = std::remove_cvref_t<std::invoke_result_t<decltype(F::access), T&>>;
 
 /// Binds a struct of settings: a constructor that takes every field by its name, and no other type
-/// than the field's, and a property for each.
+/// than the field's. Units are those of the struct's members.
 template <typename T, typename... Fields>
-void bind_record(py::module_& m, const char* name, const Fields&... fields) {
+py::class_<T> bind_record(py::module_& m, const char* name, const Fields&... fields) {
   py::class_<T> type(m, name);
   type.def(py::init([fields...](ValueOf<T, Fields>... values) {
              T record;
@@ -50,11 +44,7 @@ void bind_record(py::module_& m, const char* name, const Fields&... fields) {
              return record;
            }),
            py::kw_only(), py::arg(fields.name).noconvert()...);
-  (type.def_property_readonly(
-       fields.name,
-       [access = fields.access](T& record) { return ValueOf<T, Fields>(std::invoke(access, record)); },
-       fields.meaning),
-   ...);
+  return type;
 }
 
 /// An enumeration with the names of its values.
@@ -126,21 +116,26 @@ py::dict contact_dict(const ContactPoint& c) {
   out["lateral_impulse"] = Eigen::Vector2d(c.lateral_impulse_1, c.lateral_impulse_2);
   out["lateral_direction_1"] = c.direction_1;
   out["lateral_direction_2"] = c.direction_2;
-  out["lateral_friction"] = c.lateral_friction;
-  out["restitution"] = c.restitution;
-  out["spinning_friction"] = c.spinning_friction;
-  out["stiffness"] = c.stiffness;
-  out["damping"] = c.damping;
+  for (std::size_t i = 0; i < kContactParameters.size(); ++i)
+    out[kContactParameters[i].name] = c.pair.all[i];
   return out;
 }
 
+template <std::size_t... kIndex>
+void bind_contact_values(py::module_& m, std::index_sequence<kIndex...>) {
+  py::class_<ContactValues> type = bind_record<ContactValues>(
+      m, "ContactValues",
+      Field{kContactParameters[kIndex].name,
+            [](ContactValues& values) -> double& { return values.all[kIndex]; }}...);
+  for (std::size_t i = 0; i < kContactParameters.size(); ++i)
+    type.def_property_readonly(
+        kContactParameters[i].name, [i](const ContactValues& values) { return values.all[i]; },
+        kContactParameters[i].unit);
+  m.def("combine", &combine, py::arg("a"), py::arg("b"));
+}
+
 void bind_scene(py::module_& m) {
-  bind_record<Material>(m, "Material", Field{"restitution", &Material::restitution},
-                        Field{"lateral_friction", &Material::lateral_friction},
-                        Field{"spinning_friction", &Material::spinning_friction},
-                        Field{"rolling_friction", &Material::rolling_friction},
-                        Field{"stiffness", &Material::stiffness, "[N/m]"},
-                        Field{"damping", &Material::damping, "[N s/m]"});
+  bind_contact_values(m, std::make_index_sequence<kContactParameters.size()>{});
   bind_enum<EngineKind>(m, "EngineKind",
                         {{"auto", EngineKind::automatic},
                          {"parity", EngineKind::parity},
@@ -158,68 +153,58 @@ void bind_scene(py::module_& m) {
                           {"no_friction_cone", FastRefusal::no_friction_cone},
                           {"rolling_friction", FastRefusal::rolling_friction},
                           {"no_margin", FastRefusal::no_margin}});
-  m.def("describe", py::overload_cast<FastRefusal>(&describe), py::arg("refusal"));
   using E = EngineSettings;
-  bind_record<E>(m, "EngineSettings", Field{"kind", &E::kind}, Field{"gravity", &E::gravity, "[m/s^2]"},
-                 Field{"time_step", &E::time_step, "[s]"}, Field{"substeps", &E::substeps},
+  bind_record<E>(m, "EngineSettings", Field{"kind", &E::kind}, Field{"gravity", &E::gravity},
+                 Field{"time_step", &E::time_step}, Field{"substeps", &E::substeps},
                  Field{"solver_iterations", &E::solver_iterations},
-                 Field{"residual_threshold", &E::residual_threshold, "[(m/s)^2]"},
-                 Field{"restitution_velocity_threshold", &E::restitution_velocity_threshold, "[m/s]"},
+                 Field{"residual_threshold", &E::residual_threshold},
+                 Field{"restitution_velocity_threshold", &E::restitution_velocity_threshold},
                  Field{"cone_friction", &E::cone_friction},
                  Field{"deterministic_overlapping_pairs", &E::deterministic_overlapping_pairs},
-                 Field{"collision_margin", &E::collision_margin, "[m]"},
+                 Field{"collision_margin", &E::collision_margin},
                  Field{"contact_breaking_threshold", &E::contact_breaking_threshold},
-                 Field{"linear_damping", &E::linear_damping, "[1/s]"},
-                 Field{"angular_damping", &E::angular_damping, "[1/s]"});
+                 Field{"linear_damping", &E::linear_damping},
+                 Field{"angular_damping", &E::angular_damping});
 
   py::class_<HullPart>(m, "HullPart")
       .def(py::init([](const py::array& array) { return HullPart{points(array, "hull points")}; }),
            py::arg("points").noconvert());
   bind_record<BoxPart>(
-      m, "BoxPart", Field{"size", &BoxPart::size, "[m]"},
-      Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }, "[m]"},
+      m, "BoxPart", Field{"size", &BoxPart::size},
+      Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }},
       Field{"orientation", [](BoxPart& b) -> Vector4& { return b.pose.orientation.coeffs(); }});
   py::class_<TrianglesPart>(m, "TrianglesPart")
       .def(py::init([](const py::array& vertices, const py::array& faces) {
-             TrianglesPart part{points(vertices, "vertices"), {}};
-             const auto count = static_cast<std::int64_t>(part.vertices.size());
-             for (const auto& face : rows3<std::int64_t>(faces, "iu", "faces")) {
-               for (std::int64_t corner : face)
-                 if (corner < 0 || corner >= count)
-                   throw InvalidInput("a triangle names a vertex that is not there");
-               part.faces.push_back({static_cast<std::int32_t>(face[0]),
-                                     static_cast<std::int32_t>(face[1]),
-                                     static_cast<std::int32_t>(face[2])});
-             }
-             return part;
+             return TrianglesPart{points(vertices, "vertices"),
+                                  rows3<std::int64_t>(faces, "iu", "faces")};
            }),
            py::arg("vertices").noconvert(), py::arg("faces").noconvert());
 
-  bind_record<PitchSpring>(m, "PitchSpring", Field{"frequency", &PitchSpring::frequency, "[Hz]"},
+  bind_record<PitchSpring>(m, "PitchSpring", Field{"frequency", &PitchSpring::frequency},
                            Field{"damping", &PitchSpring::damping},
-                           Field{"compliance", &PitchSpring::compliance, "[rad/(m/s^2)]"},
-                           Field{"inertia", &PitchSpring::inertia, "[kg m^2]"});
+                           Field{"compliance", &PitchSpring::compliance},
+                           Field{"inertia", &PitchSpring::inertia});
   using P = PedestalSpec;
-  bind_record<P>(m, "PedestalSpec", Field{"parts", &P::parts}, Field{"origin", &P::p_WP0, "[m]"},
-                 Field{"mass", &P::mass, "[kg]"}, Field{"base_size", &P::base_size, "[m]"},
-                 Field{"top", &P::top, "[m]"}, Field{"material", &P::material},
-                 Field{"pitch_pivot", &P::pitch_pivot, "[m]"},
+  bind_record<P>(m, "PedestalSpec", Field{"parts", &P::parts}, Field{"origin", &P::p_WP0},
+                 Field{"mass", &P::mass}, Field{"base_size", &P::base_size},
+                 Field{"top", &P::top}, Field{"material", &P::material},
+                 Field{"pitch_pivot", &P::pitch_pivot},
                  Field{"pitch_spring", &P::pitch_spring});
   using R = RockSpec;
-  bind_record<R>(m, "RockSpec", Field{"parts", &R::parts}, Field{"mass", &R::mass, "[kg]"},
-                 Field{"principal_inertia", &R::principal_inertia, "[kg m^2]"},
+  bind_record<R>(m, "RockSpec", Field{"parts", &R::parts}, Field{"mass", &R::mass},
+                 Field{"principal_inertia", &R::principal_inertia},
                  Field{"inertia_from_aabb", &R::inertia_from_aabb},
-                 Field{"mass_center", [](R& r) -> Eigen::Vector3d& { return r.X_MB.position; }, "[m]"},
+                 Field{"mass_center", [](R& r) -> Eigen::Vector3d& { return r.X_MB.position; }},
                  Field{"principal_axes", [](R& r) -> Vector4& { return r.X_MB.orientation.coeffs(); }},
                  Field{"material", &R::material});
   bind_record<Mechanisms>(m, "Mechanisms",
                           Field{"impact_energy_ratio", &Mechanisms::impact_energy_ratio},
                           Field{"rocking_damping", &Mechanisms::rocking_damping},
-                          Field{"rolling_resistance", &Mechanisms::rolling_resistance, "[m]"},
+                          Field{"rolling_resistance", &Mechanisms::rolling_resistance},
                           Field{"friction_ratio", &Mechanisms::friction_ratio},
-                          Field{"friction_speed", &Mechanisms::friction_speed, "[m/s]"},
-                          Field{"adhesion", &Mechanisms::adhesion, "[Pa]"},
-                          Field{"catch_slack", &Mechanisms::catch_slack, "[rad]"});
+                          Field{"friction_speed", &Mechanisms::friction_speed},
+                          Field{"adhesion", &Mechanisms::adhesion},
+                          Field{"catch_slack", &Mechanisms::catch_slack});
 
   py::class_<Scene, std::shared_ptr<Scene>>(m, "Scene")
       .def(py::init<EngineSettings, PedestalSpec, RockSpec, Mechanisms>(), py::kw_only(),
@@ -400,17 +385,17 @@ void bind_trial(py::module_& m) {
   bind_record<T>(
       m, "TrialSpec", Field{"start", &T::start}, Field{"motion_position", &T::position},
       Field{"motion_velocity", &T::velocity}, Field{"transverse", &T::transverse},
-      Field{"vertical", &T::vertical}, Field{"pitch", &T::pitch}, Field{"tail", &T::tail, "[s]"},
-      Field{"rest_linear_speed", [](T& t) -> double& { return t.tail_rest.linear_speed; }, "[m/s]"},
-      Field{"rest_angular_speed", [](T& t) -> double& { return t.tail_rest.angular_speed; }, "[rad/s]"},
-      Field{"rest_window", [](T& t) -> double& { return t.tail_rest.window; }, "[s]"},
-      Field{"overturned_tilt", [](T& t) -> double& { return t.outcome.overturned_tilt; }, "[rad]"},
-      Field{"toppled_tilt", [](T& t) -> double& { return t.outcome.toppled_tilt; }, "[rad]"},
-      Field{"rocked_tilt", [](T& t) -> double& { return t.outcome.rocked_tilt; }, "[rad]"},
-      Field{"slid_distance", [](T& t) -> double& { return t.outcome.slid_distance; }, "[m]"},
-      Field{"rotated_angle", [](T& t) -> double& { return t.outcome.rotated_angle; }, "[rad]"},
-      Field{"stop_early", &T::stop_early}, Field{"log_every", &T::log_every, "[time steps]"},
-      Field{"contacts_every", &T::contacts_every, "[time steps]"});
+      Field{"vertical", &T::vertical}, Field{"pitch", &T::pitch}, Field{"tail", &T::tail},
+      Field{"rest_linear_speed", [](T& t) -> double& { return t.tail_rest.linear_speed; }},
+      Field{"rest_angular_speed", [](T& t) -> double& { return t.tail_rest.angular_speed; }},
+      Field{"rest_window", [](T& t) -> double& { return t.tail_rest.window; }},
+      Field{"overturned_tilt", [](T& t) -> double& { return t.outcome.overturned_tilt; }},
+      Field{"toppled_tilt", [](T& t) -> double& { return t.outcome.toppled_tilt; }},
+      Field{"rocked_tilt", [](T& t) -> double& { return t.outcome.rocked_tilt; }},
+      Field{"slid_distance", [](T& t) -> double& { return t.outcome.slid_distance; }},
+      Field{"rotated_angle", [](T& t) -> double& { return t.outcome.rotated_angle; }},
+      Field{"stop_early", &T::stop_early}, Field{"log_every", &T::log_every},
+      Field{"contacts_every", &T::contacts_every});
 
   py::class_<TrialResult> result(m, "TrialResult");
   for (const ResultColumn& column : kResultColumns)
@@ -430,8 +415,8 @@ void bind_trial(py::module_& m) {
            "State log, columns state_columns(); may be taken once.")
       .def("take_excursions",
            [](TrialResult& r) { return adopt(std::move(r.excursions), kExcursionColumns); },
-           "Columns excursion_columns(), one row a row of the state log, or none where the pedestal moved "
-           "along x; may be taken once.")
+           "Transverse and vertical displacement [m], pitch [rad]: one row a row of the state log, or none "
+           "where the pedestal moved along x; may be taken once.")
       .def("take_contacts",
            [](TrialResult& r) { return adopt(std::move(r.contacts), kContactColumns); },
            "Contact log, columns contact_columns(); may be taken once.");
@@ -446,16 +431,6 @@ void bind_trial(py::module_& m) {
       .def("cancel", &Batch::cancel)
       .def("join", &Batch::join, py::call_guard<py::gil_scoped_release>())
       .def("take", &Batch::take, py::arg("index"));
-}
-
-void bind_contact_model(py::module_& m) {
-  using C = ContactPair;
-  bind_record<C>(m, "ContactPair", Field{"lateral_friction", &C::lateral_friction},
-                 Field{"restitution", &C::restitution},
-                 Field{"spinning_friction", &C::spinning_friction},
-                 Field{"damping", &C::damping, "[N s/m]"}, Field{"stiffness", &C::stiffness, "[N/m]"});
-  m.def("combine", &combine, py::arg("a"), py::arg("b"));
-  m.def("diagonalise_inertia", &diagonalise_inertia, py::arg("tensor"));
 }
 
 }  // namespace
@@ -482,11 +457,9 @@ PYBIND11_MODULE(_native, m) {
   bind_scene(m);
   bind_world(m);
   bind_trial(m);
-  bind_contact_model(m);
   m.def("build_facts", &build_facts);
   bind_columns(m, "state_columns", kStateLog);
   bind_columns(m, "contact_columns", kContactLog);
-  bind_columns(m, "excursion_columns", kExcursionLog);
   m.def("result_columns", [] {
     NamedColumns out;
     for (const ResultColumn& column : kResultColumns) out.emplace_back(column.name, column.meaning);

@@ -6,7 +6,7 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'ContactPair', 'Drive', 'EngineKind', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Material', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'describe', 'diagonalise_inertia', 'excursion_columns', 'result_columns', 'state_columns']
+__all__: list[str] = ['Batch', 'BoxPart', 'ContactValues', 'Drive', 'EngineKind', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'result_columns', 'state_columns']
 class InputFault(enum.Enum):
     bad_value: typing.ClassVar[InputFault]
     drive: typing.ClassVar[InputFault]
@@ -18,13 +18,13 @@ class InputFault(enum.Enum):
         ...
 class InvalidInput(ValueError):
     pass
-class Material:
+class ContactValues:
     def __init__(self, *, restitution: float, lateral_friction: float, spinning_friction: float, rolling_friction: float, stiffness: float, damping: float) -> None:
         ...
     @property
     def damping(self) -> float:
         """
-        [N s/m]
+        N s/m
         """
     @property
     def lateral_friction(self) -> float:
@@ -34,14 +34,18 @@ class Material:
         ...
     @property
     def rolling_friction(self) -> float:
-        ...
+        """
+        m
+        """
     @property
     def spinning_friction(self) -> float:
-        ...
+        """
+        m
+        """
     @property
     def stiffness(self) -> float:
         """
-        [N/m]
+        N/m
         """
 class EngineKind(enum.Enum):
     auto: typing.ClassVar[EngineKind]
@@ -72,201 +76,27 @@ class FastRefusal(enum.Enum):
 class EngineSettings:
     def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
         ...
-    @property
-    def angular_damping(self) -> float:
-        """
-        [1/s]
-        """
-    @property
-    def collision_margin(self) -> float:
-        """
-        [m]
-        """
-    @property
-    def cone_friction(self) -> bool:
-        ...
-    @property
-    def contact_breaking_threshold(self) -> float:
-        ...
-    @property
-    def deterministic_overlapping_pairs(self) -> bool:
-        ...
-    @property
-    def gravity(self) -> float:
-        """
-        [m/s^2]
-        """
-    @property
-    def kind(self) -> EngineKind:
-        ...
-    @property
-    def linear_damping(self) -> float:
-        """
-        [1/s]
-        """
-    @property
-    def residual_threshold(self) -> float:
-        """
-        [(m/s)^2]
-        """
-    @property
-    def restitution_velocity_threshold(self) -> float:
-        """
-        [m/s]
-        """
-    @property
-    def solver_iterations(self) -> int:
-        ...
-    @property
-    def substeps(self) -> int:
-        ...
-    @property
-    def time_step(self) -> float:
-        """
-        [s]
-        """
 class HullPart:
     def __init__(self, points: numpy.ndarray) -> None:
         ...
 class BoxPart:
     def __init__(self, *, size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]) -> None:
         ...
-    @property
-    def orientation(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
-        ...
-    @property
-    def position(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
-        """
-        [m]
-        """
-    @property
-    def size(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
-        """
-        [m]
-        """
 class TrianglesPart:
     def __init__(self, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
         ...
 class PitchSpring:
     def __init__(self, *, frequency: float, damping: float, compliance: float, inertia: float) -> None:
         ...
-    @property
-    def compliance(self) -> float:
-        """
-        [rad/(m/s^2)]
-        """
-    @property
-    def damping(self) -> float:
-        ...
-    @property
-    def frequency(self) -> float:
-        """
-        [Hz]
-        """
-    @property
-    def inertia(self) -> float:
-        """
-        [kg m^2]
-        """
 class PedestalSpec:
-    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], mass: float, base_size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], top: float, material: Material, pitch_pivot: float, pitch_spring: PitchSpring | None) -> None:
+    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], mass: float, base_size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], top: float, material: ContactValues, pitch_pivot: float, pitch_spring: PitchSpring | None) -> None:
         ...
-    @property
-    def base_size(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
-        """
-        [m]
-        """
-    @property
-    def mass(self) -> float:
-        """
-        [kg]
-        """
-    @property
-    def material(self) -> Material:
-        ...
-    @property
-    def origin(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
-        """
-        [m]
-        """
-    @property
-    def parts(self) -> list[HullPart | BoxPart | TrianglesPart]:
-        ...
-    @property
-    def pitch_pivot(self) -> float:
-        """
-        [m]
-        """
-    @property
-    def pitch_spring(self) -> PitchSpring | None:
-        ...
-    @property
-    def top(self) -> float:
-        """
-        [m]
-        """
 class RockSpec:
-    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], mass: float, principal_inertia: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], material: Material) -> None:
+    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], mass: float, principal_inertia: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], material: ContactValues) -> None:
         ...
-    @property
-    def inertia_from_aabb(self) -> bool:
-        ...
-    @property
-    def mass(self) -> float:
-        """
-        [kg]
-        """
-    @property
-    def mass_center(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
-        """
-        [m]
-        """
-    @property
-    def material(self) -> Material:
-        ...
-    @property
-    def parts(self) -> list[HullPart | BoxPart | TrianglesPart]:
-        ...
-    @property
-    def principal_axes(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
-        ...
-    @property
-    def principal_inertia(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
-        """
-        [kg m^2]
-        """
 class Mechanisms:
     def __init__(self, *, impact_energy_ratio: float, rocking_damping: float, rolling_resistance: float, friction_ratio: float, friction_speed: float, adhesion: float, catch_slack: float) -> None:
         ...
-    @property
-    def adhesion(self) -> float:
-        """
-        [Pa]
-        """
-    @property
-    def catch_slack(self) -> float:
-        """
-        [rad]
-        """
-    @property
-    def friction_ratio(self) -> float:
-        ...
-    @property
-    def friction_speed(self) -> float:
-        """
-        [m/s]
-        """
-    @property
-    def impact_energy_ratio(self) -> float:
-        ...
-    @property
-    def rocking_damping(self) -> float:
-        ...
-    @property
-    def rolling_resistance(self) -> float:
-        """
-        [m]
-        """
 class Scene:
     def __init__(self, *, engine: EngineSettings, pedestal: PedestalSpec, rock: RockSpec, mechanisms: Mechanisms) -> None:
         ...
@@ -380,82 +210,6 @@ class SettledStart:
 class TrialSpec:
     def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: float, rest_linear_speed: float, rest_angular_speed: float, rest_window: float, overturned_tilt: float, toppled_tilt: float, rocked_tilt: float, slid_distance: float, rotated_angle: float, stop_early: bool, log_every: int, contacts_every: int) -> None:
         ...
-    @property
-    def contacts_every(self) -> int:
-        """
-        [time steps]
-        """
-    @property
-    def log_every(self) -> int:
-        """
-        [time steps]
-        """
-    @property
-    def motion_position(self) -> Samples:
-        ...
-    @property
-    def motion_velocity(self) -> Samples | None:
-        ...
-    @property
-    def overturned_tilt(self) -> float:
-        """
-        [rad]
-        """
-    @property
-    def pitch(self) -> Samples | None:
-        ...
-    @property
-    def rest_angular_speed(self) -> float:
-        """
-        [rad/s]
-        """
-    @property
-    def rest_linear_speed(self) -> float:
-        """
-        [m/s]
-        """
-    @property
-    def rest_window(self) -> float:
-        """
-        [s]
-        """
-    @property
-    def rocked_tilt(self) -> float:
-        """
-        [rad]
-        """
-    @property
-    def rotated_angle(self) -> float:
-        """
-        [rad]
-        """
-    @property
-    def slid_distance(self) -> float:
-        """
-        [m]
-        """
-    @property
-    def start(self) -> SettledStart:
-        ...
-    @property
-    def stop_early(self) -> bool:
-        ...
-    @property
-    def tail(self) -> float:
-        """
-        [s]
-        """
-    @property
-    def toppled_tilt(self) -> float:
-        """
-        [rad]
-        """
-    @property
-    def transverse(self) -> Samples | None:
-        ...
-    @property
-    def vertical(self) -> Samples | None:
-        ...
 class TrialResult:
     def take_contacts(self) -> numpy.typing.NDArray[numpy.float64]:
         """
@@ -463,7 +217,7 @@ class TrialResult:
         """
     def take_excursions(self) -> numpy.typing.NDArray[numpy.float64]:
         """
-        Columns excursion_columns(), one row a row of the state log, or none where the pedestal moved along x; may be taken once.
+        Transverse and vertical displacement [m], pitch [rad]: one row a row of the state log, or none where the pedestal moved along x; may be taken once.
         """
     def take_log(self) -> numpy.typing.NDArray[numpy.float64]:
         """
@@ -557,39 +311,11 @@ class Batch:
         ...
     def wait(self, timeout: typing.SupportsFloat | typing.SupportsIndex) -> list[int]:
         ...
-class ContactPair:
-    def __init__(self, *, lateral_friction: float, restitution: float, spinning_friction: float, damping: float, stiffness: float) -> None:
-        ...
-    @property
-    def damping(self) -> float:
-        """
-        [N s/m]
-        """
-    @property
-    def lateral_friction(self) -> float:
-        ...
-    @property
-    def restitution(self) -> float:
-        ...
-    @property
-    def spinning_friction(self) -> float:
-        ...
-    @property
-    def stiffness(self) -> float:
-        """
-        [N/m]
-        """
 def build_facts() -> dict[str, str]:
     ...
-def combine(a: Material, b: Material) -> ContactPair:
+def combine(a: ContactValues, b: ContactValues) -> ContactValues:
     ...
 def contact_columns() -> list[tuple[str, str]]:
-    ...
-def describe(refusal: FastRefusal) -> str:
-    ...
-def diagonalise_inertia(tensor: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"]) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 3]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]]:
-    ...
-def excursion_columns() -> list[tuple[str, str]]:
     ...
 def result_columns() -> list[tuple[str, str]]:
     ...

@@ -5,7 +5,7 @@
 namespace vsr2::testing {
 namespace {
 
-PedestalSpec prism(const Material& material) {
+PedestalSpec prism(const ContactValues& material) {
   PedestalSpec pedestal;
   pedestal.parts = {BoxPart{{10, 10, 0.5}, {}}};
   pedestal.material = material;

@@ -11,7 +11,7 @@ struct BlockOptions {
   Eigen::Vector3d size{0.4, 0.55, 0.95};
   double density = 2700.0;
   EngineSettings engine;
-  Material material;
+  ContactValues material;
 };
 
 /// A homogeneous block on the prism pedestal (top at 2.5 m).

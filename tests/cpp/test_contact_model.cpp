@@ -11,20 +11,20 @@ namespace {
 constexpr double kLinearSlop = 1e-5;
 
 TEST(ContactModel, TableS1FollowsFromTheBodyLevelInputs) {
-  const ContactPair pair = combine(Material{}, Material{});
-  EXPECT_NEAR(pair.restitution, 0.1225, 1e-12);
-  EXPECT_NEAR(pair.lateral_friction, 0.49, 1e-12);
-  EXPECT_NEAR(pair.spinning_friction, 0.70, 1e-12);
-  EXPECT_DOUBLE_EQ(pair.damping, 2.0e7);
-  EXPECT_NEAR(pair.stiffness, 1.3e9, 1e-3);
+  const ContactValues pair = combine({}, {});
+  EXPECT_NEAR(pair["restitution"], 0.1225, 1e-12);
+  EXPECT_NEAR(pair["lateral_friction"], 0.49, 1e-12);
+  EXPECT_NEAR(pair["spinning_friction"], 0.70, 1e-12);
+  EXPECT_DOUBLE_EQ(pair["damping"], 2.0e7);
+  EXPECT_NEAR(pair["stiffness"], 1.3e9, 1e-3);
 }
 
 TEST(ContactModel, PairsDoNotDependOnTheOrder) {
-  const Material a{0.2, 0.3, 0.4, 0.0, 1e6, 10.0};
-  const Material b{0.5, 0.6, 0.7, 0.0, 3e6, 20.0};
-  EXPECT_DOUBLE_EQ(combine(a, b).spinning_friction, combine(b, a).spinning_friction);
-  EXPECT_DOUBLE_EQ(combine(a, b).spinning_friction, 0.4 * 0.6 + 0.7 * 0.3);
-  EXPECT_NEAR(combine(a, b).stiffness, 0.75e6, 1e-6);
+  const ContactValues a{0.2, 0.3, 0.4, 0.0, 1e6, 10.0};
+  const ContactValues b{0.5, 0.6, 0.7, 0.0, 3e6, 20.0};
+  EXPECT_DOUBLE_EQ(combine(a, b)["spinning_friction"], combine(b, a)["spinning_friction"]);
+  EXPECT_DOUBLE_EQ(combine(a, b)["spinning_friction"], 0.4 * 0.6 + 0.7 * 0.3);
+  EXPECT_NEAR(combine(a, b)["stiffness"], 0.75e6, 1e-6);
 }
 
 TEST(ContactModel, RunningContactUsesTheEffectivePair) {
@@ -35,15 +35,15 @@ TEST(ContactModel, RunningContactUsesTheEffectivePair) {
   std::vector<ContactPoint> contacts;
   world->contacts(contacts);
   ASSERT_EQ(contacts.size(), 4U);
-  const ContactPair expected = combine(scene->rock().material, scene->pedestal().material);
+  const ContactValues expected = combine(scene->rock().material, scene->pedestal().material);
   double sum = 0.0;
   for (const ContactPoint& c : contacts) {
-    EXPECT_DOUBLE_EQ(c.lateral_friction, expected.lateral_friction);
-    EXPECT_DOUBLE_EQ(c.restitution, expected.restitution);
-    EXPECT_DOUBLE_EQ(c.spinning_friction, expected.spinning_friction);
-    EXPECT_DOUBLE_EQ(c.damping, expected.damping);
+    EXPECT_DOUBLE_EQ(c.pair["lateral_friction"], expected["lateral_friction"]);
+    EXPECT_DOUBLE_EQ(c.pair["restitution"], expected["restitution"]);
+    EXPECT_DOUBLE_EQ(c.pair["spinning_friction"], expected["spinning_friction"]);
+    EXPECT_DOUBLE_EQ(c.pair["damping"], expected["damping"]);
     // Bullet sums inverses, so the last digits may differ.
-    EXPECT_NEAR(c.stiffness / expected.stiffness, 1.0, 1e-12);
+    EXPECT_NEAR(c.pair["stiffness"] / expected["stiffness"], 1.0, 1e-12);
     EXPECT_NEAR(c.normal_W.z(), 1.0, 1e-9);
     sum += c.normal_impulse;
   }
@@ -72,20 +72,20 @@ TEST(ContactModel, FirstImpactFollowsTheImpulseFormula) {
   std::vector<ContactPoint> contacts;
   world->contacts(contacts);
   ASSERT_EQ(contacts.size(), 1U);
-  const ContactPair pair = combine(options.material, options.material);
+  const ContactValues pair = combine(options.material, options.material);
   // Softness cfm = 1 / (dt k + c) and erp = dt k / (dt k + c); impulse
   // (rebound - u + erp p / dt) / (K_n + cfm / dt) for a penetration p. Remarks on the supplement's
   // print: its p is Bullet's signed distance, hence its minus sign, and Bullet divides cfm by dt.
   const double dt = 1e-3;
-  const double cfm = 1 / (dt * pair.stiffness + pair.damping);
-  const double erp = dt * pair.stiffness * cfm;
+  const double cfm = 1 / (dt * pair["stiffness"] + pair["damping"]);
+  const double erp = dt * pair["stiffness"] * cfm;
   const Eigen::Matrix3d inverse_inertia =
       q.toRotationMatrix() * scene->rock_inertia().cwiseInverse().asDiagonal() * q.toRotationMatrix().transpose();
   const Eigen::Vector3d arm = contacts[0].p_W_rock - centre;
   const Eigen::Vector3d lever = arm.cross(Eigen::Vector3d::UnitZ());
   const double K = 1 / scene->rock().mass + lever.dot(inverse_inertia * lever);
   const double impulse =
-      (-pair.restitution * u - u + erp * (-contacts[0].distance - kLinearSlop) / dt) / (K + cfm / dt);
+      (-pair["restitution"] * u - u + erp * (-contacts[0].distance - kLinearSlop) / dt) / (K + cfm / dt);
   EXPECT_NEAR(contacts[0].distance, -1e-4, 1e-6);
   EXPECT_NEAR(contacts[0].normal_impulse / impulse, 1.0, 1e-9);
   EXPECT_NEAR(world->rock().v_WB.z(), u + contacts[0].normal_impulse / scene->rock().mass, 1e-9);

@@ -30,7 +30,6 @@ TEST(Engines, FastRefusesWhatItCannotDo) {
     FAIL();
   } catch (const InvalidInput& error) {
     EXPECT_EQ(error.fault(), InputFault::engine_domain);
-    EXPECT_NE(std::string(error.what()).find(describe(FastRefusal::no_friction_cone)), std::string::npos);
   }
 }
 

@@ -120,9 +120,9 @@ TEST(ExactWorld, EqualsParityForOtherSettings) {
 
 TEST(ExactWorld, EqualsParityWithRollingFriction) {
   RockSpec rock = test::rock(RockKind::hull);
-  rock.material.rolling_friction = 0.1;
+  rock.material["rolling_friction"] = 0.1;
   PedestalSpec pedestal = test::pedestal();
-  pedestal.material.rolling_friction = 0.1;
+  pedestal.material["rolling_friction"] = 0.1;
   const auto shared = std::make_shared<Scene>(EngineSettings{}, pedestal, rock);
   const auto parity = make_bullet_world(shared, Drive::prescribed);
   const auto exact = make_exact_world(shared, Drive::prescribed);

@@ -46,7 +46,7 @@ struct Block {
   bool hull = false;
   Mechanisms mechanisms;
   EngineSettings engine = undamped();
-  Material material = {0.0, 1.2, 0.0, 0.0, 2.6e9, 1e7};
+  ContactValues material = {0.0, 1.2, 0.0, 0.0, 2.6e9, 1e7};
 
   double R() const { return std::hypot(b, h); }
   double alpha() const { return std::atan2(b, h); }

@@ -41,7 +41,7 @@ std::shared_ptr<const Scene> table(const Options& o) {
   PedestalSpec pedestal;
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(o.slope, Eigen::Vector3d::UnitX()));
   pedestal.parts = {BoxPart{{10, 10, 0.5}, {Eigen::Vector3d::Zero(), turn}}};
-  pedestal.material.lateral_friction = o.friction;
+  pedestal.material["lateral_friction"] = o.friction;
   pedestal.pitch_pivot = kAxis;
   pedestal.pitch_spring = o.spring;
   const Eigen::Vector3d s = o.size;
@@ -51,7 +51,7 @@ std::shared_ptr<const Scene> table(const Options& o) {
   rock.principal_inertia = rock.mass / 12 *
                            Eigen::Vector3d(s.y() * s.y() + s.z() * s.z(), s.x() * s.x() + s.z() * s.z(),
                                            s.x() * s.x() + s.y() * s.y());
-  rock.material.lateral_friction = o.friction;
+  rock.material["lateral_friction"] = o.friction;
   return std::make_shared<Scene>(engine, pedestal, rock, o.mechanisms);
 }
 
@@ -378,7 +378,7 @@ TEST(PitchSpring, StartsATrialAtRest) {
   const std::size_t rows = result.excursions.size() / kExcursionColumns;
   ASSERT_EQ(rows, result.log.size() / kLogColumns);
   for (std::size_t row = 0; row < rows; ++row) {
-    const double now = result.excursions[row * kExcursionColumns + kPitch];
+    const double now = result.excursions[(row + 1) * kExcursionColumns - 1];
     // At the rest speed of 2 mrad/s it may swing by that over w.
     ASSERT_NEAR(now, expected, 2e-3 / w) << row;
   }

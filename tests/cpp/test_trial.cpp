@@ -35,7 +35,8 @@ TEST(Trial, LogStartsAtRestAndKeepsTime) {
   const TrialResult result = run_trial(rocking_trial(), kRunOn);
   EXPECT_EQ(result.log[kTime], 0.0);
   EXPECT_NEAR(result.log[kLogColumns + kTime], 1e-3, 1e-15);
-  const Eigen::Vector3d v(result.log[kRockVx], result.log[kRockVy], result.log[kRockVz]);
+  ASSERT_EQ(kStateLog[12].name, std::string("rock_vx"));
+  const Eigen::Vector3d v(&result.log[12]);
   EXPECT_LT(v.norm(), 1e-3);
   EXPECT_GT(result.settling_time, 0.25);
 }
@@ -50,7 +51,7 @@ TEST(Trial, SettlingTimeoutIsAStatus) {
   EXPECT_EQ(result.status, Status::settling_timeout);
   EXPECT_EQ(result.outcome, Outcome::failed);
   EXPECT_TRUE(std::isnan(result.peak_tilt));
-  EXPECT_NE(result.message.find("settling.timeout"), std::string::npos);
+  EXPECT_TRUE(result.message.empty());
   EXPECT_EQ(result.engine, EngineKind::parity);
 }
 

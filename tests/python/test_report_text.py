@@ -23,8 +23,9 @@ def test_summary_counts_outcomes_statuses_and_time() -> None:
     assert "  stable                 2   50.0 %" in lines
     assert "  overturned             1   25.0 %" in lines
     assert not any("rocked" in line for line in lines)
-    [late] = [line for line in lines if "tail_timeout" in line]
+    late, why = [line for line in lines if "tail_timeout" in line]
     assert late.startswith("  tail_timeout           1   25.0 %  not at rest in the end")
+    assert why.startswith("  trial 2 (trial 2), tail_timeout: the rock was still moving 3.5 s")
     assert "  trial 3 (trial 3), error: mesh?lost" in lines
     assert "  6.5 s simulated, 6500 time steps, 2 s on the clock, 3250 steps/s, 1 thread" in lines
     assert "interrupted" in lines[-1]

@@ -2,7 +2,6 @@
 // The engines: which there are, which a scene gets, and their worlds.
 
 #include <memory>
-#include <string>
 
 #include "vsr2/world.hpp"
 
@@ -39,7 +38,7 @@ enum class FastRefusal {
   no_margin,           ///< a hull without collision margin
 };
 FastRefusal fast_refusal(const Scene& scene);
-/// Its one text; empty for `none`.
-std::string describe(FastRefusal refusal);
+/// @throws InvalidInput if it names a reason.
+void require_fast(const Scene& scene);
 
 }  // namespace vsr2

@@ -17,6 +17,7 @@
 
 #include <Eigen/Dense>
 
+#include "vsr2/contact_model.hpp"
 #include "vsr2/mechanisms.hpp"
 #include "vsr2/pitch_spring.hpp"
 
@@ -46,17 +47,6 @@ class InvalidInput : public std::invalid_argument {
 struct Pose {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();
   Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity();
-};
-
-/// Body-level contact inputs (supplement S2.1). The defaults here are the original's (Table S1); a
-/// study passes every value, and has its own defaults.
-struct Material {
-  double restitution = 0.35;
-  double lateral_friction = 0.7;
-  double spinning_friction = 0.5;  ///< [m]
-  double rolling_friction = 0.0;
-  double stiffness = 2.6e9;  ///< per contact point [N/m]
-  double damping = 1.0e7;    ///< per contact point [N s/m]
 };
 
 /// How a scene is stepped. `parity`: Bullet's own code; `exact`: the same bits sooner; `fast`: the
@@ -96,7 +86,7 @@ struct BoxPart {
 /// Exact triangle surface (pedestals only).
 struct TrianglesPart {
   std::vector<Eigen::Vector3d> vertices;
-  std::vector<std::array<std::int32_t, 3>> faces;
+  std::vector<std::array<std::int64_t, 3>> faces;
 };
 using Part = std::variant<HullPart, BoxPart, TrianglesPart>;
 
@@ -106,7 +96,7 @@ struct RockSpec {
   Eigen::Vector3d principal_inertia = Eigen::Vector3d::Zero();  ///< about B [kg m^2]
   bool inertia_from_aabb = false;  ///< Bullet's bounding-box inertia instead of principal_inertia
   Pose X_MB;
-  Material material;
+  ContactValues material;
 };
 
 struct PedestalSpec {
@@ -115,7 +105,7 @@ struct PedestalSpec {
   double mass = 2e5;  ///< carried by the prismatic joint [kg]
   Eigen::Vector3d base_size = Eigen::Vector3d(50, 14, 2);  ///< static base standing on z = 0 [m]
   double top = 2.5;   ///< greatest z of the pedestal at the start [m]
-  Material material;
+  ContactValues material;
   double pitch_pivot = 2.5;  ///< height of the pitch axis in W at the start; it lies over P's origin [m]
   std::optional<PitchSpring> pitch_spring;  ///< needs Drive::prescribed_spatial
 };
@@ -151,9 +141,5 @@ class Scene {
   Mechanisms mechanisms_;
   std::unique_ptr<Shapes> shapes_;
 };
-
-/// Diagonalises a symmetric inertia tensor as Bullet's URDF reader does (Jacobi, 1e-6, 30 sweeps).
-/// Returns the rotation R_MB and the diagonal.
-std::pair<Eigen::Matrix3d, Eigen::Vector3d> diagonalise_inertia(const Eigen::Matrix3d& I_M);
 
 }  // namespace vsr2

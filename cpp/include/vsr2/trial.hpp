@@ -16,7 +16,7 @@
 
 namespace vsr2 {
 
-enum class Status : std::int32_t {
+enum class Status {
   ok = 0,
   settling_timeout = 1,  ///< did not come to rest before the motion
   tail_timeout = 2,      ///< did not come to rest after the motion; the outcome is of the last state
@@ -26,7 +26,7 @@ enum class Status : std::int32_t {
   not_run = 6,
 };
 
-enum class Outcome : std::int32_t {
+enum class Outcome {
   stable = 0,
   rocked = 1,
   slid = 2,
@@ -80,23 +80,13 @@ struct TrialSpec {
   std::int64_t contacts_every = 0;            ///< [time steps]; 0: none
 };
 
-/// Columns of a state log row.
-enum LogColumn : int {
-  kTime, kCommandedPosition, kCommandedVelocity, kPedestalPosition, kPedestalVelocity,
-  kRockX, kRockY, kRockZ, kRockQx, kRockQy, kRockQz, kRockQw,
-  kRockVx, kRockVy, kRockVz, kRockWx, kRockWy, kRockWz,
-  kLogColumns
-};
-/// Columns of an excursion log row, which goes with the state log row of the same index.
-enum ExcursionColumn : int { kTransverse, kVertical, kPitch, kExcursionColumns };
-
 /// A column of a log, for whoever reads it.
 struct Column {
   const char* name;
   const char* unit;
 };
-/// In the order of LogColumn; the orientation is of the body frame B.
-inline constexpr std::array<Column, kLogColumns> kStateLog{{
+/// Columns of a state log row, the time first; the orientation is of the body frame B.
+inline constexpr std::array<Column, 18> kStateLog{{
     {"time", "s"}, {"commanded_position", "m"}, {"commanded_velocity", "m/s"},
     {"pedestal_position", "m"}, {"pedestal_velocity", "m/s"},
     {"rock_x", "m"}, {"rock_y", "m"}, {"rock_z", "m"},
@@ -104,8 +94,6 @@ inline constexpr std::array<Column, kLogColumns> kStateLog{{
     {"rock_vx", "m/s"}, {"rock_vy", "m/s"}, {"rock_vz", "m/s"},
     {"rock_wx", "rad/s"}, {"rock_wy", "rad/s"}, {"rock_wz", "rad/s"},
 }};
-inline constexpr std::array<Column, kExcursionColumns> kExcursionLog{
-    {{"transverse", "m"}, {"vertical", "m"}, {"pitch", "rad"}}};
 /// One row a contact point. The normal points from pedestal to rock, a negative distance is
 /// penetration, impulses are over one solver step.
 inline constexpr std::array<Column, 20> kContactLog{{
@@ -116,13 +104,16 @@ inline constexpr std::array<Column, 20> kContactLog{{
     {"lateral_direction_1_x", "1"}, {"lateral_direction_1_y", "1"}, {"lateral_direction_1_z", "1"},
     {"lateral_direction_2_x", "1"}, {"lateral_direction_2_y", "1"}, {"lateral_direction_2_z", "1"},
 }};
+inline constexpr int kTime = 0;
+inline constexpr int kLogColumns = kStateLog.size();
+inline constexpr int kExcursionColumns = 3;  ///< as Excursion
 inline constexpr int kContactColumns = kContactLog.size();
 
 struct TrialResult {
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
   Status status = Status::not_run;
   Outcome outcome = Outcome::failed;
-  std::string message;
+  std::string message;  ///< of the exception, with `error`
   std::optional<EngineKind> engine;  ///< that started it; none where none did
   Handover handover = Handover::none;  ///< why `fast` went on with `exact`
   double settling_time = kNone;        ///< shared and own [s]
@@ -139,7 +130,8 @@ struct TrialResult {
                     Eigen::Quaterniond(Eigen::Vector4d::Constant(kNone))};
   Eigen::Vector3d p_B_foot = Eigen::Vector3d::Constant(kNone);  ///< whose travel is the slip [m]
   std::vector<double> log;       ///< rows of kStateLog
-  std::vector<double> excursions;  ///< rows of kExcursionLog; empty: the pedestal moved along x
+  /// A row of Excursion for each of the log; empty: the pedestal moved along x.
+  std::vector<double> excursions;
   std::vector<double> contacts;  ///< rows of kContactLog
 };
 

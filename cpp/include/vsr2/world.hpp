@@ -71,12 +71,7 @@ struct ContactPoint {
   double lateral_impulse_2;      ///< along direction_2 [N s]
   Eigen::Vector3d direction_1;
   Eigen::Vector3d direction_2;
-  // Pair values the solver used.
-  double lateral_friction;
-  double restitution;
-  double spinning_friction;
-  double stiffness;
-  double damping;
+  ContactValues pair;  ///< that the solver used
 };
 
 /// Why a world of the engine `fast` went on with Bullet.

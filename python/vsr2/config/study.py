@@ -243,7 +243,7 @@ class Material(Section):
     most lever times normal force. A real contact patch has a few tenths of a millimetre; `preset:
     original` has 0.5, a lever of 0.7 m (docs/explanation/contact_model.md)."""
     rolling_friction: NonNegative = 0.0
-    """Resistance against rolling; the original leaves it at 0."""
+    """Resistance against rolling, a lever as that of spinning [m]; the original leaves it at 0."""
     stiffness: Positive = 2.6e9
     """Contact stiffness, per contact point [N/m]."""
     damping: NonNegative = 1.0e7

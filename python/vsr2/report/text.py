@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.report.messages.runs import STATUS_MEANING, engine_in_use
+from vsr2.report.messages.runs import STATUS_MEANING, engine_in_use, trial_end
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10
@@ -24,7 +24,7 @@ def printable(text: object) -> str:
 
 
 def summary_table(result: BatchResult) -> str:
-    """Counts of outcomes, statuses and engines, failures with their messages, timing."""
+    """Counts of outcomes, statuses and engines, why trials failed, timing."""
     count = len(result)
     lines = [f"{count} trial{'' if count == 1 else 's'}", "", "outcome"]
     lines += _counts(result["outcome"], OUTCOMES, count, dict.fromkeys(OUTCOMES, ""))
@@ -63,15 +63,15 @@ def _engines(result: BatchResult) -> list[str]:
 
 
 def _failures(result: BatchResult) -> list[str]:
-    failed = [row for row in result if row["message"]]
+    failed = [(row, end) for row in result if (end := trial_end(row))]
     if not failed:
         return []
     lines = ["", "messages"]
-    for row in failed[:MAX_FAILURES]:
+    for row, end in failed[:MAX_FAILURES]:
         where = f"  trial {row['trial']} ({printable(row['name'])}), {row['status']}: "
-        lines.append(where + printable(row["message"]))
+        lines.append(where + printable(end))
     if len(failed) > MAX_FAILURES:
-        lines.append(f"  and {len(failed) - MAX_FAILURES} more; see the column `message`")
+        lines.append(f"  and {len(failed) - MAX_FAILURES} more; see the column `status`")
     return lines
 
 

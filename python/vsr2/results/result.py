@@ -284,7 +284,7 @@ TRIAL_COLUMNS: dict[str, str] = {
     "steps": "time steps, settling included [1]",
     "engine": "engine that it began with: parity, exact, fast; empty: none ran",
     "hand_over": "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
-    "message": "why it failed; empty: it did not",
+    "message": "of the exception that ended a trial of status `error`; else empty",
 }
 """Columns of `BatchResult.trials`, with their meaning and unit."""
 

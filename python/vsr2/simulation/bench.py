@@ -140,7 +140,8 @@ class EffectBench(Bench):
             trial = with_effects([trial], [(effect, effect.complete(values or {}))])[0]
         result = run_batch([trial], threads=1)
         if str(result["status"][0]) not in JUDGED:
-            raise SimulationError(f"bench: {result['status'][0]}: {result['message'][0]}")
+            why = f"{result['status'][0]} {result['message'][0]}".rstrip()
+            raise SimulationError(f"bench: the trial ended with status {why}")
         log = result.logs[0]
         assert log is not None
         return _response(log, Observation(**{key: result[key][0] for key in OBSERVED}))

@@ -69,7 +69,7 @@ def _built(scene: Scene) -> _native.Scene:
         refusal = native.fast_refusal
         if engine.mode == "fast" and refusal != _native.FastRefusal.none:
             raise SimulationError(
-                f"engine.mode: fast does not take this scene: {_native.describe(refusal)}; "
+                f"engine.mode: fast does not take this scene: {refusal.name.replace('_', ' ')}; "
                 "choose auto or exact",
                 fault=Fault.ENGINE_DOMAIN,
             )
@@ -86,13 +86,13 @@ def refusals(what: str) -> Iterator[None]:
         raise SimulationError(f"{what}: {error}", fault=Fault(fault.name)) from error
 
 
-def pair_values(contact: Contact) -> _native.ContactPair:
+def pair_values(contact: Contact) -> _native.ContactValues:
     """Values in force between rock and pedestal (supplement Eq. 1; Eq. 2 where both are equal)."""
     return _native.combine(_native_material(contact.rock), _native_material(contact.pedestal))
 
 
-def _native_material(material: Material) -> _native.Material:
-    return _native.Material(**material.model_dump())
+def _native_material(material: Material) -> _native.ContactValues:
+    return _native.ContactValues(**material.model_dump())
 
 
 def _box(part: Box) -> _native.BoxPart:

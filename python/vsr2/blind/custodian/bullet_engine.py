@@ -128,8 +128,8 @@ class BulletEngine:
             status, outcome = str(result["status"][i]), str(result["outcome"][i])
             if status not in JUDGED or outcome == "failed":
                 raise SimulationError(
-                    f"engine bullet: a trial ended with status {status}: "
-                    f"{result['message'][i] or 'no message'}; change the scene"
+                    f"engine bullet: a trial ended with status {status} "
+                    f"({result['message'][i] or 'no exception'}); change the scene"
                 )
             yield _observed(outcome == "overturned", float(result["peak_tilt"][i]), logs[i])
 

@@ -7,7 +7,7 @@ from math import pi
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vsr2._native import FastRefusal, describe
+from vsr2._native import FastRefusal
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.report.messages.runs import compatible_values
 
@@ -125,7 +125,8 @@ def effect_report(report: EffectReport) -> str:
 
 def engine_fast(refusal: FastRefusal) -> str:
     """Whether the engine `fast` takes an effect, and why not."""
-    return f"engine fast: {'yes' if refusal is FastRefusal.none else f'no, {describe(refusal)}'}"
+    why_not = refusal.name.replace("_", " ")
+    return f"engine fast: {'yes' if refusal is FastRefusal.none else f'no, {why_not}'}"
 
 
 def effects_passed(passed: int, checked: int) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from vsr2.results import NO_HAND_OVER, Status
 
@@ -21,6 +22,28 @@ STATUS_MEANING = {
     Status.cancelled.name: "stopped while it ran; no outcome",
     Status.not_run.name: "not started; no outcome",
 }
+
+
+def trial_end(row: Mapping[str, Any]) -> str:
+    """Why a trial did not end as it should, and what to do about it; empty: it did."""
+    match Status[row["status"]]:
+        case Status.settling_timeout:
+            return (
+                f"the rock did not come to rest within {row['settling_time']:g} s before the "
+                "motion; raise settling.timeout or the rest speeds, or start it nearer to "
+                "equilibrium"
+            )
+        case Status.tail_timeout:
+            return (
+                f"the rock was still moving {row['simulated_time']:g} s after it had settled; the "
+                "outcome is of that state"
+            )
+        case Status.diverged:
+            return (
+                "the rock's state became infinite or NaN; check contact stiffness, damping and "
+                "the time step"
+            )
+    return str(row["message"])
 
 
 def engine_in_use(engine: str, hand_over: str) -> str:
