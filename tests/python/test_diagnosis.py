@@ -143,14 +143,17 @@ def test_a_reference_says_how_little_none_may_have_without_an_effect(protocol) -
     assert told["verdict"]["kind"] == "none"
     assert told["posterior"]["none_limit"] == none < limit
     (said,) = [one for one in told["limits"] if one["code"] == "reference_differs"]
-    assert said["values"] == {"reference": "same", "none": none}
+    assert said["values"] == {"reference": "same", "probability": none}
 
 
 def test_a_reference_of_other_trials_is_refused(protocol) -> None:
     clean = protocol.observed(nuisance=11)
     fewer = clean.select(np.arange(len(clean)) > 0)
-    swapped = replace(clean, trials=(*clean.trials[1:], clean.trials[0]))
-    for reference in (fewer, swapped):
+    first = clean.trials[0].motion_file
+    record = clean.motions[first]
+    moved = replace(record, acceleration=1.05 * record.acceleration)
+    stronger = replace(clean, motions=clean.motions | {first: moved})
+    for reference in (fewer, stronger):
         with pytest.raises(DiagnosisError, match="references of the same trials in the same order"):
             protocol.diagnose(CATCH, references=(reference,))
 
@@ -160,7 +163,7 @@ def test_without_how_far_the_verdict_is_the_same(protocol, found) -> None:
     for part in ("verdict", "sets", "effects", "where", "conformal_set_90"):
         assert quick[part] == found.content[part]
     assert quick["gap"]["before"] == found.content["gap"]["before"]
-    assert np.isnan(quick["gap"]["closure"]["value"])
+    assert quick["gap"]["closure"]["value"] is None
     assert "not_held_out" in [one["code"] for one in quick["limits"]]
     assert "not_held_out" not in [one["code"] for one in found.content["limits"]]
     assert quick["provenance"]["held_out"] is False

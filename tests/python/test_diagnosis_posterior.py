@@ -359,9 +359,9 @@ def test_sizes_are_drawn_for_each_campaign() -> None:
     unknown, features = np.full((600, 200), np.nan), np.zeros((600, 200, 1))
     _, found = disturbed(unknown, features, np.full(200, 0.5), np.ones((200, 1)), MOTION, rng)
     factor = found[..., 0].std(axis=1) / UNIT
-    assert np.median(factor) == pytest.approx(np.sqrt(0.5), rel=0.15)
-    assert 0.15 < factor.min() < 0.35
-    assert 1.4 < factor.max() < 2.6
+    assert np.median(factor) == pytest.approx(np.sqrt(0.1), rel=0.15)
+    assert 0.06 < factor.min() < 0.14
+    assert 0.7 < factor.max() < 1.3
 
 
 def test_what_turns_loses_its_features_and_what_was_unknown_stays_so() -> None:

@@ -154,6 +154,8 @@ CONTENT = {
         "detection_limits": {"wear +": 0.1},
         "constants": {"look": {"trials": 40}},
         "excluded": [],
+        "references": {},
+        "held_out": True,
         "nuisances": ["friction"],
         "simulator": "0",
         "seed": 0,

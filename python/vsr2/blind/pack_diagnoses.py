@@ -223,11 +223,13 @@ def _known(
     references: Mapping[str, Campaign], name: str, campaign: Campaign, tier: Tier
 ) -> list[Campaign]:
     """Other campaigns of the same trials without effect that reach a tier."""
+    own = observe_campaign(at_tier(campaign, tier), tier)
     out = []
     for other, one in references.items():
-        if other != name and same_trials(one, campaign):
+        if other != name:
             with suppress(Vsr2Error):
-                out.append(observe_campaign(at_tier(one, tier), tier).campaign)
+                seen = observe_campaign(at_tier(one, tier), tier)
+                out += [seen.campaign] if same_trials(seen, own) else []
     return out
 
 

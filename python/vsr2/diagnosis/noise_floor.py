@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.observations import OBSERVED, Observations
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 
@@ -21,14 +21,10 @@ class NoiseFloorConstants:
     Attributes:
         replicates: simulations of a trial in each layer that is drawn.
         most_trials: uncertain trials that are used.
-        repeated: greatest difference of ln PGA and of ln PGV between recordings of one motion
-            repeated: for noise of the records and the table's scatter. The next amplitude of a
-            campaign lies 5 % off or more.
     """
 
     replicates: int = 4
     most_trials: int = 40
-    repeated: float = 0.02
 
     @property
     def runs(self) -> int:
@@ -105,13 +101,13 @@ def _repeats(seen: Observations) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Trials of which a later one is a repeat, once for each, and whether the two end otherwise.
 
     Repeats have one specimen and one ground motion, and the same motion file or, as each trial has
-    a recording of its own, PGA and PGV within `NOISE_FLOOR.repeated`.
+    a recording of its own, PGA and PGV within `OBSERVED.repeated`.
     """
     same = (seen.motion[:, None] == seen.motion) & (seen.specimen[:, None] == seen.specimen)
     files = np.array([trial.motion_file or "" for trial in seen.campaign.trials])
     log_pgv = seen.log_pga + seen.log_ratio
-    near = np.abs(seen.log_pga[:, None] - seen.log_pga) <= NOISE_FLOOR.repeated
-    near &= np.abs(log_pgv[:, None] - log_pgv) <= NOISE_FLOOR.repeated
+    near = np.abs(seen.log_pga[:, None] - seen.log_pga) <= OBSERVED.repeated
+    near &= np.abs(log_pgv[:, None] - log_pgv) <= OBSERVED.repeated
     near |= files[:, None] == files
     one, other = np.nonzero(np.triu(same & near, k=1))
     return one, seen.overturned[one] != seen.overturned[other]

@@ -199,11 +199,11 @@ def _reference(campaign: Campaign, seen: Observations) -> Observations:
         DiagnosisError: it has other trials, or does not reach the tier.
     """
     out = observe_campaign(campaign, seen.tier)
-    if not same_trials(out.campaign, seen.campaign):
+    if not same_trials(out, seen):
         raise DiagnosisError(
             f"reference {campaign.name!r}: its trials differ from those of campaign "
-            f"{seen.campaign.name!r} in number, motion or PGA; give references of the same trials "
-            "in the same order"
+            f"{seen.campaign.name!r} in number, motion, PGA or PGV; give references of the same "
+            "trials in the same order"
         )
     return out
 

@@ -43,6 +43,9 @@ class ObservedConstants:
             has it stay within a millimetre, another lets it go several.
         rest_scatter: standard deviation of the logarithm of larger ones between two correct
             engines.
+        repeated: greatest difference of ln PGA and of ln PGV between recordings of one motion
+            repeated: for noise of the records and the table's scatter. The next amplitude of a
+            campaign lies 5 % off or more.
     """
 
     least_trials: int = 40
@@ -51,6 +54,7 @@ class ObservedConstants:
     least_tilt: float = 0.003
     rest_resolution: tuple[float, float] = (0.05, 0.01)
     rest_scatter: float = 0.3
+    repeated: float = 0.02
 
 
 OBSERVED = ObservedConstants()
@@ -133,9 +137,19 @@ def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
     return np.asarray(np.log(np.maximum(size, max(resolution, 3 * noise))), dtype=np.float64)
 
 
-def same_trials(one: Campaign, other: Campaign) -> bool:
-    """Whether two campaigns have trials of equal motion and PGA in equal order."""
-    return [(t.motion, t.pga) for t in one.trials] == [(t.motion, t.pga) for t in other.trials]
+def same_trials(one: Observations, other: Observations) -> bool:
+    """Whether two campaigns have the same trials in equal order: motion, and PGA and PGV about."""
+    names = [[trial.motion for trial in seen.campaign.trials] for seen in (one, other)]
+    if names[0] != names[1]:
+        return False
+    far = [
+        np.abs(a - b) > OBSERVED.repeated
+        for a, b in (
+            (one.log_pga, other.log_pga),
+            (one.log_pga + one.log_ratio, other.log_pga + other.log_ratio),
+        )
+    ]
+    return not np.any(far)
 
 
 def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:

@@ -277,7 +277,7 @@ def _references(none: Mapping[str, float], limit: float) -> Iterator[Statement]:
     """Which campaigns that have no effect made the limit of none what it is."""
     lowest = min(none, key=lambda name: none[name], default=None)
     if lowest is not None and none[lowest] <= limit:
-        yield Statement.of(LimitCode.REFERENCE_DIFFERS, reference=lowest, none=none[lowest])
+        yield Statement.of(LimitCode.REFERENCE_DIFFERS, reference=lowest, probability=none[lowest])
 
 
 def repeats_scatter(layers: Mapping[str, Any]) -> Iterator[Statement]:

@@ -102,7 +102,7 @@ class LimitCode(Code):
     FEW_UNCERTAIN = "few_uncertain", {"count": int}
     INSENSITIVE = "insensitive", {"effects": NAMES}
     BUDGET_EXCEEDED = "budget_exceeded", {"simulations": int, "allowed": int}
-    REFERENCE_DIFFERS = "reference_differs", {"reference": str, "none": float}
+    REFERENCE_DIFFERS = "reference_differs", {"reference": str, "probability": float}
     NOT_HELD_OUT = "not_held_out"
     NO_REPEATS = "no_repeats"
     REPEATS_SCATTER = "repeats_scatter", {"pairs": int, "share": float, "expected": float}
