@@ -245,6 +245,27 @@ def planted_directions():
     return campaigns, moved, ways, copies, fold, summaries, found
 
 
+def test_campaigns_without_effect_are_summarised_as_new_ones_are() -> None:
+    """More columns than campaigns: what they are standardised by must not give a fold away."""
+    rng = np.random.default_rng(4)
+
+    def drawn(count):
+        sets = [() if i % 5 == 0 else (Acting("a", 1, 2.0, (0.0,)),) for i in range(count)]
+        acts = np.array([bool(acting) for acting in sets])
+        return sets, acts, rng.standard_normal((count, 900)) + 0.02 * acts[:, None]
+
+    sets, acts, plain = drawn(300)
+    centre, scatter = plain[~acts].mean(axis=0), plain[~acts].std(axis=0)
+    campaigns = campaigns_of(sets, rng.standard_normal((300, 1)))
+    fold = rng.permutation(300) % SUMMARY.folds
+    summaries, found = fit_summaries([(plain - centre) / scatter] * 2, campaigns, ("a",), fold, 900)
+    _, new_acts, values = drawn(300)
+    told = summaries((values - centre) / scatter)
+    for rows, new_rows in ((~acts, ~new_acts), (acts, new_acts)):
+        held, fresh = found[0][rows, 0], told[new_rows, 0]
+        assert abs(held.mean() - fresh.mean()) < 4 * held.std() / np.sqrt(rows.sum())
+
+
 def test_a_campaign_is_summarised_by_regressions_that_did_not_see_it(planted_directions) -> None:
     campaigns, _, _, copies, fold, summaries, found = planted_directions
     wanted, effect = targets(campaigns, ("a", "b"))
@@ -255,15 +276,20 @@ def test_a_campaign_is_summarised_by_regressions_that_did_not_see_it(planted_dir
     for k in range(SUMMARY.folds):
         x = np.concatenate([copy[fold != k] for copy in copies])
         y = np.concatenate([wanted[fold != k]] * 2)
-        ways = [ridge(x, y, penalty * 30) for penalty in SUMMARY.penalties]
+        ways = [
+            ridge(x - x.mean(axis=0), y - y.mean(axis=0), penalty * 30)
+            for penalty in SUMMARY.penalties
+        ]
         fitted.append(min(ways, key=lambda one: np.abs(one - summaries.coefficients[k]).max()))
         np.testing.assert_allclose(fitted[-1], summaries.coefficients[k], rtol=1e-9, atol=1e-12)
         for copy, summary in zip(copies, found, strict=True):
-            own = (copy @ fitted[-1] / summaries.deviation)[fold == k]
+            moved = (copy - x.mean(axis=0)) @ fitted[-1] + y.mean(axis=0)
+            own = (moved / summaries.deviation)[fold == k]
             np.testing.assert_allclose(summary[fold == k, :4], own, rtol=1e-9, atol=1e-12)
     # A new campaign by the mean of all of them.
     new = copies[0][:3]
-    mean = new @ np.mean(fitted, axis=0) / summaries.deviation
+    mean = new @ np.mean(fitted, axis=0) + np.mean(summaries.intercepts, axis=0)
+    mean /= summaries.deviation
     np.testing.assert_allclose(summaries(new)[:, :4], mean, rtol=1e-9)
     assert np.abs(summaries(new)[:, :4] - found[0][:3, :4]).max() > 1e-3
 

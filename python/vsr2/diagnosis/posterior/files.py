@@ -20,7 +20,7 @@ from vsr2.diagnosis.simulated.library import Library
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 1
+FORMAT = 2
 
 
 def save_posterior(posterior: Posterior, path: Path) -> None:
@@ -34,6 +34,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "standard_centre": posterior.standard.centre,
         "standard_scatter": posterior.standard.scatter,
         "coefficients": posterior.summaries.coefficients,
+        "intercepts": posterior.summaries.intercepts,
         "reproduction": posterior.summaries.reproduction,
         "deviation": posterior.summaries.deviation,
         "effect": posterior.summaries.effect,
@@ -94,8 +95,8 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
                     file["probability"], file["standard_centre"], file["standard_scatter"]
                 ),
                 summaries=Summaries(
-                    file["coefficients"], file["reproduction"], file["deviation"], file["effect"],
-                    about["trials"],
+                    file["coefficients"], file["intercepts"], file["reproduction"],
+                    file["deviation"], file["effect"], about["trials"],
                 ),
                 centre=file["centre"],
                 scale=file["scale"],

@@ -112,6 +112,7 @@ class Summaries:
 
     Attributes:
         coefficients: of each fold's regression, shape (folds, columns, targets).
+        intercepts: of these, shape (folds, targets).
         reproduction: of residuals by discriminants, shape (targets, columns).
         deviation: of the discriminants without effect, shape (targets,).
         effect: index of the effect of each discriminant, -1 of a nuisance, shape (targets,).
@@ -119,6 +120,7 @@ class Summaries:
     """
 
     coefficients: Array
+    intercepts: Array
     reproduction: Array
     deviation: Array
     effect: NDArray[np.int64]
@@ -126,7 +128,10 @@ class Summaries:
 
     def __call__(self, residuals: Array) -> Array:
         """Of campaigns that no regression saw, shape (n, summaries)."""
-        found = np.mean([residuals @ one for one in self.coefficients], axis=0)
+        found = np.mean(
+            [residuals @ b + a for b, a in zip(self.coefficients, self.intercepts, strict=True)],
+            axis=0,
+        )
         return self.complete(residuals, found)
 
     def complete(self, residuals: Array, discriminants: Array) -> Array:
@@ -171,6 +176,9 @@ def fit_summaries(
 ) -> tuple[Summaries, list[Array]]:
     """Regressions, and the summaries of the campaigns that they are made on.
 
+    They have intercepts. Residuals are centred by the campaigns without effect, those of a fold
+    among them, so that without one a regression on the other folds would know this fold's mean.
+
     Args:
         copies: residuals of all campaigns, undisturbed and disturbed, each (n, columns).
         campaigns: the same.
@@ -184,25 +192,34 @@ def fit_summaries(
     wanted, effect = targets(campaigns, names)
     used = copies[: SUMMARY.copies]
     columns = copies[0].shape[1]
-    best: tuple[float, list[Array], list[Array]] | None = None
+    best: tuple[float, list[Array], list[Array], list[Array]] | None = None
     for penalty in SUMMARY.penalties:
         found = [np.zeros(wanted.shape) for _ in copies]
-        fitted = []
+        fitted, intercepts = [], []
         for k in range(SUMMARY.folds):
             rows = fold != k
             x, y = (
                 np.concatenate([c[rows] for c in used]),
                 np.concatenate([wanted[rows]] * len(used)),
             )
-            fitted.append(ridge(x, y, penalty * columns))
+            centre = x.mean(axis=0)
+            fitted.append(ridge(x - centre, y - y.mean(axis=0), penalty * columns))
+            intercepts.append(y.mean(axis=0) - centre @ fitted[-1])
             for one, copy in zip(found, copies, strict=True):
-                one[~rows] = copy[~rows] @ fitted[-1]
+                one[~rows] = copy[~rows] @ fitted[-1] + intercepts[-1]
         miss = float(((found[-1] - wanted)[:, effect >= 0] ** 2).mean())
         if best is None or miss < best[0]:
-            best = (miss, fitted, found)
+            best = (miss, fitted, intercepts, found)
     assert best is not None
-    _, fitted, found = best
+    _, fitted, intercepts, found = best
     plain = np.concatenate([one[campaigns.gap_free] for one in found])
     reproduction = ridge(np.concatenate(found[: len(used)]), np.concatenate(used), 50.0)
-    out = Summaries(np.stack(fitted), reproduction, plain.std(axis=0) + 1e-3, effect, trials)
+    out = Summaries(
+        np.stack(fitted),
+        np.stack(intercepts),
+        reproduction,
+        plain.std(axis=0) + 1e-3,
+        effect,
+        trials,
+    )
     return out, [out.complete(copy, one) for copy, one in zip(copies, found, strict=True)]
