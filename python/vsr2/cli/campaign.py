@@ -172,7 +172,7 @@ SIMULATION = Simulation()
 
 
 class NoiseOptions(MeasurementNoise):
-    """Measurement noise that is told by options, which errors name."""
+    """Measurement noise that options state, which errors name."""
 
     def __post_init__(self) -> None:
         for channel, value in vars(self).items():

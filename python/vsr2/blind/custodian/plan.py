@@ -219,8 +219,8 @@ def _left_out(
     own = [{settings.class_of(effect.name) for effect in planned.effects} for planned in made]
     unknown = [i for i, planned in enumerate(made) if planned.kind is Kind.UNKNOWN]
     # The kind of a reference is open.
-    told = {i for i, planned in enumerate(made) if planned.kind is Kind.REFERENCE}
-    others = sorted(set(range(len(made))) - set(unknown) - told, key=lambda i: -len(own[i]))
+    references = {i for i, planned in enumerate(made) if planned.kind is Kind.REFERENCE}
+    others = sorted(set(range(len(made))) - set(unknown) - references, key=lambda i: -len(own[i]))
     counts = Counter(next(iter(own[i])) for i in unknown)
     if not unknown:
         counts = Counter(members for classes in hidden.values() for members in set(classes))

@@ -247,9 +247,9 @@ def _check_published(path: Path, pack: Pack, key: Key) -> None:
         compared += [(f"tolerances.{n}", kept.get(n), own.get(n)) for n in sorted({*kept, *own})]
     for listed in pack.campaigns:
         name, entry = listed.id, key.campaigns[listed.id]
-        told = entry.kind is Kind.REFERENCE
-        compared.append((f"reference {name}", listed.kind is not None, told))
-        if told:
+        is_reference = entry.kind is Kind.REFERENCE
+        compared.append((f"reference {name}", listed.kind is not None, is_reference))
+        if is_reference:
             acting = [
                 [(effect.name, effect.values) for effect in of.effects] for of in (listed, entry)
             ]

@@ -286,9 +286,9 @@ class _Truth:
 
     def lacking(self, rng: np.random.Generator, left_out: NDArray[np.int64]) -> Bools:
         """Effects that are left out with one of each campaign, itself among them."""
-        mates = self.alike[left_out] & (rng.random((left_out.size, self.alike.shape[0])) < 0.5)
-        mates[np.arange(left_out.size), left_out] = True
-        return mates
+        together = self.alike[left_out] & (rng.random((left_out.size, self.alike.shape[0])) < 0.5)
+        together[np.arange(left_out.size), left_out] = True
+        return together
 
 
 Logs = tuple[Array, Array, Array]
@@ -346,11 +346,11 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
 
     acting = truth.acting.any(axis=1)
     outside = np.full(int(acting.sum()), truth.sets.outside)
-    stranger = truth.weight[acting] * TRAINING.outside / (1 - TRAINING.outside)
-    stranger *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
+    out_of_library = truth.weight[acting] * TRAINING.outside / (1 - TRAINING.outside)
+    out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
     log = np.concatenate([logs[1], logs[2][acting]])
     index = np.concatenate([truth.index, outside])
-    weight = np.concatenate([truth.weight, stranger])
+    weight = np.concatenate([truth.weight, out_of_library])
     rows = np.arange(index.size)
 
     def score(log_temperature: float) -> float:
