@@ -115,6 +115,11 @@ def main() -> int:
     )
     parser.add_argument("--part", type=int, action="append", help="these alone (default: all)")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument(
+        "--no-how-far",
+        action="store_true",
+        help="do not judge how far gaps shrink, which costs most",
+    )
     parser.add_argument("--score", action="store_true", help="score finished parts")
     parser.add_argument("--results", type=Path, help="of --score (default: docs/results/...)")
     parser.add_argument(
@@ -151,7 +156,7 @@ def main() -> int:
                 folder / "data",
                 folder / "verdicts",
                 tiers=options.tier,
-                budget=Budget(campaigns=check.campaigns),
+                budget=Budget(campaigns=check.campaigns, held_out=not options.no_how_far),
                 execution=Execution(options.threads),
                 say=say,
             )
