@@ -17,12 +17,16 @@ from pydantic import TypeAdapter
 import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
-from vsr2.blind.custodian.design import draw_inputs
+from vsr2.blind.custodian.bullet_engine import BULLET
+from vsr2.blind.custodian.design import DESIGN, draw_inputs
 from vsr2.blind.custodian.plan import Planned
-from vsr2.blind.custodian.recording import recorded_campaign
+from vsr2.blind.custodian.recording import RECORDING, recorded_campaign
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.mujoco import Response, draw_contact
-from vsr2.blind.mujoco.ground import acceleration_of
+from vsr2.blind.mujoco.contact import FAMILY
+from vsr2.blind.mujoco.ground import GROUND, acceleration_of
+from vsr2.blind.mujoco.mechanisms import MECHANISMS
+from vsr2.blind.mujoco.trial import TRIAL
 from vsr2.campaign import (
     check_campaign,
     load_campaign,
@@ -68,6 +72,16 @@ def test_a_pack_has_a_contact_model_of_its_own_that_is_sealed(quick, study, tmp_
         found.append(open_key(folder / "data", folder / "key")["contact"])
         assert found[-1] == json.loads(json.dumps(drawn))
     assert found[0] != found[1]
+
+
+def test_the_constants_that_a_pack_rests_on_are_sealed(quick, study, tmp_path) -> None:
+    make(study, tmp_path, single=0, none=1, pair=0, unknown=0)
+    sealed = open_key(tmp_path / "data", tmp_path / "key")["constants"]
+    used = {
+        "design": DESIGN, "ground_motion": GROUND, "contact_family": FAMILY,
+        "mechanisms": MECHANISMS, "mujoco_trial": TRIAL, "bullet": BULLET, "recording": RECORDING,
+    }  # fmt: skip
+    assert sealed == json.loads(json.dumps({k: dataclasses.asdict(v) for k, v in used.items()}))
 
 
 def test_campaigns_of_a_protocol_share_their_motions(quick, study, tmp_path) -> None:

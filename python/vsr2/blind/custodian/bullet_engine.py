@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -27,8 +27,20 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-STOP = 1.4
-"""Tilt up to which a falling rock is simulated at least [rad]: farther than a series is written."""
+
+@dataclass(frozen=True)
+class BulletConstants:
+    """How the core is run; chosen by hand, sealed with a pack.
+
+    Attributes:
+        stop: tilt up to which a falling rock is simulated at least [rad]: farther than a series is
+            written.
+    """
+
+    stop: float = 1.4
+
+
+BULLET = BulletConstants()
 
 
 class BulletEngine:
@@ -143,7 +155,8 @@ class BulletEngine:
         step = scene.engine.time_step
         output = rows_only(self._study.output, max(1, round(series_interval / step)))
         outcome = self._study.outcome
-        outcome = outcome.model_copy(update={"overturned_tilt": max(STOP, outcome.overturned_tilt)})
+        stop = max(BULLET.stop, outcome.overturned_tilt)
+        outcome = outcome.model_copy(update={"overturned_tilt": stop})
         return [
             Trial(
                 scene=scene,

@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from vsr2.blind.custodian.bullet_engine import BULLET
 from vsr2.blind.custodian.design import (
+    DESIGN,
     Protocol,
     catalogue,
     draw_inputs,
@@ -25,7 +27,7 @@ from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Say, Steps, read_back
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.recording import RANGE, recorded_campaign
+from vsr2.blind.custodian.recording import RECORDING, recorded_campaign
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.form.seal import (
@@ -45,6 +47,10 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.blind.mujoco import ContactModel, Drawable, Response, draw_contact
+from vsr2.blind.mujoco.contact import FAMILY
+from vsr2.blind.mujoco.ground import GROUND
+from vsr2.blind.mujoco.mechanisms import MECHANISMS
+from vsr2.blind.mujoco.trial import TRIAL
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
@@ -380,7 +386,7 @@ def _write_together(data: Path, names: Sequence[str]) -> None:
 
 
 def _change(a: Response, b: Response) -> float:
-    tilts = [min(max(x.peak_tilt, 1e-3), RANGE) for x in (a, b)]
+    tilts = [min(max(x.peak_tilt, 1e-3), RECORDING.range) for x in (a, b)]
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
@@ -388,6 +394,19 @@ def _axis(effects: tuple[Drawn, ...]) -> Axis:
     if not effects:
         return Axis.NONE
     return Axis.ORDER if any(effect.drifts for effect in effects) else Axis.CONDITIONS
+
+
+def _constants() -> dict[str, dict[str, Any]]:
+    """Chosen numbers that a pack rests on beside `rules`, by what they are of."""
+    return {
+        "design": asdict(DESIGN),
+        "ground_motion": asdict(GROUND),
+        "contact_family": asdict(FAMILY),
+        "mechanisms": asdict(MECHANISMS),
+        "mujoco_trial": asdict(TRIAL),
+        "bullet": asdict(BULLET),
+        "recording": asdict(RECORDING),
+    }
 
 
 def _seal(
@@ -412,6 +431,7 @@ def _seal(
             },
             "contact": asdict(contact),
             "rules": asdict(RULES),
+            "constants": _constants(),
             **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
             "versions": versions,

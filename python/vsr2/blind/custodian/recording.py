@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,23 @@ from vsr2.results import quaternion_product
 Array = NDArray[np.float64]
 
 SPECIMEN = "rock"
-RANGE = 1.2
-"""Of the camera [rad]: what fell is seen as far as this, whichever engine simulated it."""
-TAIL = 3.0
-"""For which the camera runs on after the recorded motion [s]: longer than a rock of half a metre
-rocks on, and than any effect draws the motion out."""
+
+
+@dataclass(frozen=True)
+class RecordingConstants:
+    """What the camera sees; chosen by hand, sealed with a pack.
+
+    Attributes:
+        range: greatest tilt [rad]: what fell is seen as far as this, whichever engine simulated it.
+        tail: for which the camera runs on after the recorded motion [s]: longer than a rock of half
+            a metre rocks on, and than any effect draws the motion out.
+    """
+
+    range: float = 1.2
+    tail: float = 3.0
+
+
+RECORDING = RecordingConstants()
 
 
 def recorded_campaign(
@@ -35,7 +48,8 @@ def recorded_campaign(
     Every campaign has the same columns, files, keys and digits whatever acts in it: all numbers
     are rounded to a fixed number of decimals, trials are named by their order, motions by the order
     in which they first come, and there is no provenance. Series begin with the recorded motion and
-    end `TAIL` after it, whatever the engine simulated; those of rocks that fell end at `RANGE`.
+    end `RECORDING.tail` after it, whatever the engine simulated; those of rocks that fell end at
+    `RECORDING.range`.
     """
     tolerances = settings.tolerances
     noise = MeasurementNoise(
@@ -50,7 +64,9 @@ def recorded_campaign(
     trials = []
     for i, (row, motion, one) in enumerate(zip(protocol.rows, protocol.motions, seen, strict=True)):
         label = trial_name(i, len(protocol.rows))
-        peak = min(one.peak_tilt, RANGE) + tolerances.peak_tilt_noise * rng.standard_normal()
+        peak = (
+            min(one.peak_tilt, RECORDING.range) + tolerances.peak_tilt_noise * rng.standard_normal()
+        )
         speed = np.abs(np.gradient(motion.displacement, motion.interval)).max()
         trials.append(
             CampaignTrial(
@@ -84,9 +100,11 @@ def _series(
     """As the camera saw it; what rests when its simulation ends is seen to rest on."""
     tolerances = settings.tolerances
     interval = settings.series_interval
-    time = interval * np.arange(int((duration + TAIL) / interval + 1e-9) + 1)
-    if one.peak_tilt > RANGE:
-        beyond = (np.interp(time, one.time, one.tilt) > RANGE) | (time > one.time[-1] + 1e-9)
+    time = interval * np.arange(int((duration + RECORDING.tail) / interval + 1e-9) + 1)
+    if one.peak_tilt > RECORDING.range:
+        beyond = (np.interp(time, one.time, one.tilt) > RECORDING.range) | (
+            time > one.time[-1] + 1e-9
+        )
         if beyond.any():
             time = time[: max(1, int(np.argmax(beyond)))]
 

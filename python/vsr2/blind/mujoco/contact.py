@@ -41,9 +41,38 @@ class ContactModel:
 
 
 NOMINAL = ContactModel()
-CELLS = 8
-"""Of the time constant, from 2 to 5 ms, evenly in its logarithm."""
-_TIME_CONSTANTS = (0.002, 0.005)
+
+
+@dataclass(frozen=True)
+class ContactFamily:
+    """From what a contact model is drawn; all are choices, none is fitted; sealed with a pack.
+
+    Attributes:
+        cells: of the time constant, evenly in its logarithm; an even number.
+        margin: of a cell left free at either end, over its width.
+        time_constant: ends of a log-uniform draw [s].
+        damping_ratio: ends of a uniform draw [1].
+        least_impedance: the same of the least impedance [1].
+        most_impedance: the same of the greatest impedance [1].
+        width: ends of a log10-uniform draw, log10 of metres.
+        friction_stiffness: least [1], and decades above it, log-uniform.
+        steps: of time, with equal odds [s].
+        velocity_damping: ends of a uniform draw [1/s].
+    """
+
+    cells: int = 8
+    margin: float = 0.05
+    time_constant: tuple[float, float] = (0.002, 0.005)
+    damping_ratio: tuple[float, float] = (0.8, 1.3)
+    least_impedance: tuple[float, float] = (0.93, 0.97)
+    most_impedance: tuple[float, float] = (0.99, 0.999)
+    width: tuple[float, float] = (-4.0, -3.0)
+    friction_stiffness: tuple[float, float] = (3.0, 1.0)
+    steps: tuple[float, float] = (0.0005, 0.001)
+    velocity_damping: tuple[float, float] = (0.0, 0.01)
+
+
+FAMILY = ContactFamily()
 
 
 def draw_contact(rng: np.random.Generator, *, development: bool) -> ContactModel:
@@ -53,20 +82,24 @@ def draw_contact(rng: np.random.Generator, *, development: bool) -> ContactModel
     packs that are scored: no member is of both. Over the ranges a block's impacts leave the energy
     that Housner (1963) says within 4 %.
     """
-    cell = 2 * int(rng.integers(CELLS // 2)) + (not development)
-    least, most = np.log(_TIME_CONSTANTS)
-    within = 0.05 + 0.9 * rng.random()
-    time_constant = math.exp(least + (most - least) * (cell + within) / CELLS)
+    cell = 2 * int(rng.integers(FAMILY.cells // 2)) + (not development)
+    least, most = np.log(FAMILY.time_constant)
+    within = FAMILY.margin + (1 - 2 * FAMILY.margin) * rng.random()
+    time_constant = math.exp(least + (most - least) * (cell + within) / FAMILY.cells)
+    stiffness, decades = FAMILY.friction_stiffness
     return ContactModel(
         time_constant=_digits(time_constant),
-        damping_ratio=_digits(rng.uniform(0.8, 1.3)),
-        impedance=(_digits(rng.uniform(0.93, 0.97)), _digits(rng.uniform(0.99, 0.999))),
-        width=_digits(10 ** rng.uniform(-4, -3)),
+        damping_ratio=_digits(rng.uniform(*FAMILY.damping_ratio)),
+        impedance=(
+            _digits(rng.uniform(*FAMILY.least_impedance)),
+            _digits(rng.uniform(*FAMILY.most_impedance)),
+        ),
+        width=_digits(10 ** rng.uniform(*FAMILY.width)),
         cone=("elliptic", "pyramidal")[int(rng.integers(2))],
-        friction_stiffness=_digits(3 * 10 ** rng.random()),
+        friction_stiffness=_digits(stiffness * 10 ** (decades * rng.random())),
         integrator=("Euler", "implicitfast")[int(rng.integers(2))],
-        step=(0.0005, 0.001)[int(rng.integers(2))],
-        velocity_damping=_digits(rng.uniform(0, 0.01)),
+        step=FAMILY.steps[int(rng.integers(2))],
+        velocity_damping=_digits(rng.uniform(*FAMILY.velocity_damping)),
     )
 
 
