@@ -15,9 +15,27 @@ from vsr2.errors import ResultError
 
 Array = NDArray[np.float64]
 
-PRIOR_WIDTH = 10.0
-"""Standard deviation of the normal prior on coefficients of standardised terms: so wide that it
-decides only where the data do not, as where a line parts the outcomes without error."""
+
+@dataclass(frozen=True)
+class LogisticRules:
+    """How the logistic curve is fitted; all are choices, none is fitted.
+
+    Attributes:
+        prior_width: standard deviation of the normal prior on coefficients of standardised terms:
+            so wide that it decides only where the data do not, as where a line parts the outcomes
+            without error.
+        constant: spread below which a term counts as constant.
+        iterations: of the solver at most.
+        tolerance: of its gradient.
+    """
+
+    prior_width: float = 10.0
+    constant: float = 1e-12
+    iterations: int = 10_000
+    tolerance: float = 1e-8
+
+
+LOGISTIC = LogisticRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +83,7 @@ def logistic_probability(
     """Probability of overturning by a logistic curve in a = ln PGA and b = ln PGV/PGA.
 
     logit p = c0 + c1 a + c2 b + c3 a^2 + c4 a b + c5 b^2, terms standardised on the fitted trials,
-    coefficients but c0 under a normal prior (:data:`PRIOR_WIDTH`), so that the fit exists for
+    coefficients but c0 under a normal prior (:class:`LogisticRules`), so that the fit exists for
     separable data, too. Where all fitted trials ended alike, p is (overturned + 1) / (n + 2).
 
     Args:
@@ -90,9 +108,11 @@ def logistic_probability(
     from sklearn.linear_model import LogisticRegression
 
     center, spread = terms.mean(axis=0), terms.std(axis=0)
-    spread[spread < 1e-12] = 1.0
+    spread[spread < LOGISTIC.constant] = 1.0
     # scikit-learn minimises |c|^2 / 2 + C sum of losses, so C is the prior's variance.
-    model = LogisticRegression(C=PRIOR_WIDTH**2, max_iter=10_000, tol=1e-8)
+    model = LogisticRegression(
+        C=LOGISTIC.prior_width**2, max_iter=LOGISTIC.iterations, tol=LOGISTIC.tolerance
+    )
     model.fit((terms - center) / spread, truth)
     probability: Array = model.predict_proba((wanted - center) / spread)[:, 1]
     return probability

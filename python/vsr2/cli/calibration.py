@@ -31,7 +31,11 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     )
     from vsr2.calibration import calibrate as search
     from vsr2.report.calibration import write_calibration_report
-    from vsr2.report.messages.commands import baseline_table, calibration_summary
+    from vsr2.report.messages.commands import (
+        baseline_table,
+        calibration_summary,
+        interrupted_calibration,
+    )
 
     loaded = load_calibration(study, overrides=options.set)
     folder = options.folder(loaded.study.name)
@@ -50,10 +54,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
         with bar:
             result = search(loaded, folder, threads=options.threads, on_evaluation=show)
     except (CalibrationInterrupted, KeyboardInterrupt):
-        print(
-            f"vsr2: interrupted; what is finished is kept in {folder}. `--resume` goes on.",
-            file=sys.stderr,
-        )
+        print(f"vsr2: {interrupted_calibration(folder)}", file=sys.stderr)
         return 130
     written = save_calibration(result, loaded, folder)
     if not options.no_figures:

@@ -8,7 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.report.messages.runs import STATUS_MEANING, engine_in_use, trial_end
+from vsr2.report.messages.runs import (
+    INTERRUPTED_TRIALS,
+    STATUS_MEANING,
+    engine_in_use,
+    more_failures,
+    time_spent,
+    trial_end,
+)
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10
@@ -71,24 +78,18 @@ def _failures(result: BatchResult) -> list[str]:
         where = f"  trial {row['trial']} ({printable(row['name'])}), {row['status']}: "
         lines.append(where + printable(end))
     if len(failed) > MAX_FAILURES:
-        lines.append(f"  and {len(failed) - MAX_FAILURES} more; see the column `status`")
+        lines.append("  " + more_failures(len(failed) - MAX_FAILURES))
     return lines
 
 
 def _timing(result: BatchResult) -> list[str]:
     steps = int(np.sum(result["steps"]))
     simulated = float(np.nansum(result["simulated_time"]))
-    parts = [f"{simulated:.4g} s simulated", f"{steps} time steps"]
-    wall = result.provenance.get("wall_time_s")
-    if isinstance(wall, (int, float)) and wall > 0:
-        parts.append(f"{wall:.4g} s on the clock")
-        parts.append(f"{steps / wall:.4g} steps/s")
-    threads = result.provenance.get("threads")
-    if threads is not None:
-        parts.append(f"{threads} thread{'' if threads == 1 else 's'}")
-    lines = ["", "time", "  " + ", ".join(parts)]
-    if result.provenance.get("interrupted"):
-        lines.append("  interrupted: trials that had not finished have no outcome")
+    seen = result.provenance
+    spent = time_spent(simulated, steps, seen.get("wall_time_s"), seen.get("threads"))
+    lines = ["", "time", f"  {spent}"]
+    if seen.get("interrupted"):
+        lines.append(f"  {INTERRUPTED_TRIALS}")
     return lines
 
 

@@ -18,9 +18,21 @@ from vsr2.campaign import load_campaign
 
 Array = NDArray[np.float64]
 
-PERMUTATIONS = 999
-LEAST = 8
-"""Campaigns; fewer tell nothing at a level of 0.01."""
+
+@dataclass(frozen=True)
+class LeakRules:
+    """How leaks are sought; all are choices, none is fitted.
+
+    Attributes:
+        permutations: of the labels.
+        least: campaigns; fewer tell nothing at a level of 0.01.
+    """
+
+    permutations: int = 999
+    least: int = 8
+
+
+LEAKS = LeakRules()
 TOGETHER = "all_together"
 ALIKE = "campaigns_that_lack_the_same_effects"
 EQUAL = "nothing"
@@ -82,7 +94,7 @@ def find_leaks(data: Path, key: Mapping[str, Any]) -> list[Leak]:
         kept = [i for i, one in enumerate(labels) if one is not None and labels.count(one) > 1]
         known = sorted({str(labels[i]) for i in kept})
         codes = np.array([known.index(str(labels[i])) for i in kept], dtype=np.int64)
-        if len(kept) >= LEAST and len(known) > 1:
+        if len(kept) >= LEAKS.least and len(known) > 1:
             # What an unknown campaign lacks is its class.
             asked = numbers if question == "class" else numbers | alike
             mine = {name: values[kept] for name, values in asked.items()}
@@ -112,7 +124,7 @@ def _leak(question: str, numbers: Mapping[str, Array], codes: NDArray[np.int64])
     columns[TOGETHER] = np.stack(list(scaled.values()), axis=1)
     weights = np.stack([_neighbours(values).ravel() for values in columns.values()])
     rng = np.random.default_rng(0)
-    dealt = [codes, *(rng.permutation(codes) for _ in range(PERMUTATIONS))]
+    dealt = [codes, *(rng.permutation(codes) for _ in range(LEAKS.permutations))]
     rates: Array = np.stack([weights @ np.equal.outer(c, c).ravel() for c in dealt]) / len(codes)
     center, deviation = rates.mean(axis=0), rates.std(axis=0)
     excess = (rates - center) / np.where(deviation > 1e-12, deviation, np.inf)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from statistics import median
 from typing import Any
@@ -27,13 +28,26 @@ from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]
 
-LEAST_PROBABILITY = 1e-3
-"""Probabilities count as at least this in the log score: one verdict cannot cost more than 6.9."""
-FALSE_ALARM = 0.05
-MOST_CLASSES = 3
-"""That a verdict may name and be right."""
-TWICE = 2.0
-"""Share of the effect over share of the trials that a location should hold."""
+
+@dataclass(frozen=True)
+class ScoringRules:
+    """What scores count; all are choices, none is fitted.
+
+    Attributes:
+        least_probability: that counts in the log score: one verdict cannot cost more than 6.9.
+        false_alarm: share of other campaigns that may count as unknown, for the rate at which the
+            unknown is found.
+        most_classes: that a verdict may name and be right.
+        location_gain: share of the effect over share of the trials that a location should hold.
+    """
+
+    least_probability: float = 1e-3
+    false_alarm: float = 0.05
+    most_classes: int = 3
+    location_gain: float = 2.0
+
+
+SCORING = ScoringRules()
 THRESHOLDS = frozenset({("catch", "slack"), ("outcome_rule", "tilt")})
 """Strengths that are tilts beyond which something acts: without the effect there is none. Engines
 state that as infinity or as a tilt that no trial reaches, from which no distance is a size."""
@@ -113,7 +127,7 @@ def right(case: Case) -> bool:
         return truth == {case.verdict.kind}
     if case.verdict.kind is VerdictKind.PAIR:
         return len(truth) > 1 and named == truth
-    return len(truth) == 1 and truth <= named and len(named) <= MOST_CLASSES
+    return len(truth) == 1 and truth <= named and len(named) <= SCORING.most_classes
 
 
 def wrong(case: Case) -> bool | None:
@@ -145,7 +159,7 @@ def in_set(case: Case) -> bool:
 def log_loss(case: Case) -> float:
     """- ln of the probability of the true class, at least 0.001."""
     found = case.class_probabilities.get(case.truth[0], 0.0)
-    return -math.log(min(1.0, max(found, LEAST_PROBABILITY)))
+    return -math.log(min(1.0, max(found, SCORING.least_probability)))
 
 
 def magnitude(case: Case) -> tuple[float, bool | None] | None:
@@ -225,6 +239,10 @@ def _end(case: Case, i: int) -> float | None:
     return None if case.verdict.gain is None else case.verdict.gain[i]
 
 
+def _located(gain: float) -> bool:
+    return gain >= SCORING.location_gain
+
+
 _ONE = (Kind.SINGLE, Kind.NONE, Kind.UNKNOWN)
 _SHARES: Mapping[ScoreCode, tuple[tuple[Kind, ...], Question]] = {
     ScoreCode.ANSWER: ((Kind.SINGLE,), lambda c: c.first[0] in c.truth),
@@ -244,7 +262,10 @@ _SHARES: Mapping[ScoreCode, tuple[tuple[Kind, ...], Question]] = {
     ScoreCode.INTERVAL: ((Kind.SINGLE,), _holds),
     ScoreCode.LOSS_FALLS: ((Kind.SINGLE,), _both(lambda low: low > 0, lambda c: _end(c, 0))),
     ScoreCode.LOSS_RISES: ((Kind.SINGLE,), _both(lambda high: high < 0, lambda c: _end(c, 1))),
-    ScoreCode.WHERE_TWICE: ((Kind.SINGLE,), _both(lambda gain: gain >= TWICE, where_gain)),
+    ScoreCode.WHERE_TWICE: (
+        (Kind.SINGLE,),
+        _both(_located, where_gain),
+    ),
     ScoreCode.WHERE_AXIS: ((Kind.SINGLE,), axis_named),
     ScoreCode.WHERE_FALSE: ((Kind.NONE,), lambda c: bool(c.verdict.where)),
     ScoreCode.UNRESOLVED: (tuple(Kind), lambda c: c.verdict.kind is VerdictKind.UNRESOLVED),
@@ -309,7 +330,7 @@ def _unknown_scores(cases: Sequence[Case]) -> Scores:
         return {}
     rows = np.column_stack([np.append(mine, other), np.repeat([1.0, 0.0], [mine.size, other.size])])
     # The least threshold that at most 5 % of the others exceed.
-    threshold = np.sort(other)[::-1][int(FALSE_ALARM * other.size)]
+    threshold = np.sort(other)[::-1][int(SCORING.false_alarm * other.size)]
     return {
         ScoreCode.UNKNOWN_AUROC: resampled(rows, area_under_roc),
         ScoreCode.UNKNOWN_RATE: proportion(int((mine > threshold).sum()), mine.size),

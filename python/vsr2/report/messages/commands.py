@@ -37,6 +37,11 @@ def interrupted_batch(result: BatchResult, folder: Path) -> str:
     )
 
 
+def interrupted_calibration(folder: Path) -> str:
+    """How much of an interrupted calibration is kept, and how to go on."""
+    return f"interrupted; what is finished is kept in {folder}. `--resume` goes on."
+
+
 def calibration_summary(result: CalibrationResult) -> str:
     """Optimism of a search, and the best value of each parameter: lines."""
     lines = [f"optimism: {result.optimism:+.3f}"] if result.folds else []

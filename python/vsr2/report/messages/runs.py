@@ -46,6 +46,31 @@ def trial_end(row: Mapping[str, Any]) -> str:
     return str(row["message"])
 
 
+INTERRUPTED_TRIALS = "interrupted: trials that had not finished have no outcome"
+
+
+def more_failures(count: int) -> str:
+    """That failures beside those listed are left out, and where they are."""
+    return f"and {count} more; see the column `status`"
+
+
+def time_spent(simulated: float, steps: int, wall: object, threads: object) -> str:
+    """What a batch simulated, and how fast.
+
+    Args:
+        simulated: [s].
+        steps: of time, in all trials.
+        wall: on the clock [s]; nothing is said where it is no number above 0.
+        threads: number of them; None: not known.
+    """
+    parts = [f"{simulated:.4g} s simulated", f"{steps} time steps"]
+    if isinstance(wall, (int, float)) and wall > 0:
+        parts += [f"{wall:.4g} s on the clock", f"{steps / wall:.4g} steps/s"]
+    if threads is not None:
+        parts.append(f"{threads} thread{'' if threads == 1 else 's'}")
+    return ", ".join(parts)
+
+
 def engine_in_use(engine: str, hand_over: str) -> str:
     """The engine that ran a trial, and why another went on with it."""
     if hand_over == NO_HAND_OVER:
