@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -21,7 +22,9 @@ from vsr2.diagnosis import (
     Scope,
     with_deviations,
 )
+from vsr2.diagnosis.simulated import nuisances
 from vsr2.diagnosis.simulated.nuisances import (
+    LogUniform,
     Uniform,
     correlated,
     distribution,
@@ -166,18 +169,48 @@ def test_distributions_have_names(numbers, at_zero, spread) -> None:
         assert np.std(drawn) == pytest.approx(spread, rel=0.05)
 
 
-def test_a_nuisance_stands_in_a_file_as_it_is() -> None:
-    for one in DEFAULT_NUISANCES:
-        content = one.to_json()
-        if isinstance(one.prior, DrawnByEffect):
-            content |= {"distribution": "normal"}
-        del content["name"]
-        for key in ("reach",) if isinstance(one.prior, DrawnByEffect) else ():
-            del content[key]
-        again = Nuisance.from_json(content)
-        assert (again.prior.sd, again.scope) == (one.prior.sd, one.scope)
-        assert (again.direction, again.relative) == (one.direction, one.relative)
-        assert again.values(0.7) == pytest.approx(one.values(0.7))
+MORE_NUISANCES = (
+    Nuisance("slenderness", "change", Uniform(-0.1, 0.1), scope=Scope.MOTION, label="wide"),
+    Nuisance("com_offset", "distance", LogUniform(1e-4, 1e-2)),
+    Nuisance("base_slope", "angle", Normal(0.1, mean=0.05), direction="azimuth"),
+    Nuisance("restitution", "energy_ratio", LogNormal(0.02, median=0.9)),
+    Nuisance("friction", "factor", LogNormal(0.1), relative=True, group="a", correlation=-0.5),
+    Nuisance("placement", "yaw", DrawnByEffect(0.5, 1.0), scope=Scope.TRIAL),
+)
+
+
+@pytest.mark.parametrize("one", [*DEFAULT_NUISANCES, *MORE_NUISANCES], ids=lambda one: one.name)
+def test_a_nuisance_is_read_from_a_file_as_it_was_written(one) -> None:
+    assert distribution(nuisances.stated(one.prior)) == one.prior
+    assert Nuisance.from_json(json.loads(json.dumps(one.to_json(), allow_nan=False))) == one
+
+
+@pytest.mark.parametrize("one", DEFAULT_NUISANCES, ids=lambda one: one.name)
+def test_a_file_may_leave_out_what_is_usual(one) -> None:
+    content = {"effect": one.effect, "parameter": one.parameter, "scope": str(one.scope),
+               "name": one.name, "distribution": "normal", "sd": one.prior.sd}  # fmt: skip
+    again = Nuisance.from_json(content)
+    assert replace(again, prior=one.prior) == one
+    assert again.prior.sd == one.prior.sd
+    assert isinstance(again.prior, DrawnByEffect) == isinstance(one.prior, DrawnByEffect)
+
+
+def test_a_file_may_make_a_user_s_effect_relative(monkeypatch) -> None:
+    monkeypatch.setattr(nuisances, "known_effects", lambda: {"louder": Louder()})
+    one = Nuisance.from_json(stated(effect="louder", distribution="normal", sd=1, relative=True))
+    assert one.relative
+    assert one.acting.name == "louder"
+
+
+def test_what_is_relative_without_a_cause_multiplies_the_nominal_value(shaken, tmp_path) -> None:
+    class Twice(Louder):
+        def nominal(self, trial):
+            return {"change": 0.25}
+
+    one = Nuisance(Twice(), "change", Normal(0.0, mean=2.0), relative=True)
+    own = simulator(shaken, tmp_path, [one])
+    (acting,) = own._built((), 1, 0, {0})[0].effects
+    assert dict(acting.values) == {"change": 0.5}
 
 
 @pytest.mark.parametrize(
@@ -194,6 +227,10 @@ def test_a_nuisance_stands_in_a_file_as_it_is() -> None:
         (stated(distribution="loguniform", low=0, high=1), "above 0"),
         (stated(distribution="normal", sd=1, scope="trail"), "scope is 'trail'; did you mean"),
         (stated(distribution="normal", sd=1, effect="slendernes"), "did you mean `slenderness`"),
+        (stated(distribution="normal", sd=1, relative=1), "relative is 1; give true or false"),
+        (stated(distribution="normal", sd=1, direction=1), "direction is 1; give text"),
+        (stated(distribution="normal", sd=1, direction="azimth"), "no parameter 'azimth'"),
+        (stated(distribution="by_effect", sd=1, reach=-1), "reach is -1; give 0 or more"),
         (stated(distribution="normal", sd=1, correlation=2), "correlation is 2; give -1 to 1"),
     ],
 )

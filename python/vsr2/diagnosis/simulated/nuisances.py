@@ -125,16 +125,15 @@ class DrawnByEffect:
         return self.sd * self.reach
 
 
-Distribution = Normal | LogNormal | Uniform | LogUniform
+Distribution = Normal | LogNormal | Uniform | LogUniform | DrawnByEffect
 DISTRIBUTIONS: Mapping[str, type[Distribution]] = {
     "normal": Normal,
     "lognormal": LogNormal,
     "uniform": Uniform,
     "loguniform": LogUniform,
+    "by_effect": DrawnByEffect,
 }
 """By the names that files give them."""
-DRAWN_BY_EFFECT = {"yaw": math.sqrt(3), "offset": 2.0}
-"""Parameters of `placement`, and how far its own draws reach in standard deviations."""
 
 
 def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Distribution:
@@ -172,12 +171,18 @@ def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Dist
             )
     elif made.sd < 0 or (isinstance(made, LogNormal) and made.median <= 0):
         raise DiagnosisError(f"{given}: sd should be 0 or more, median above 0")
+    elif isinstance(made, DrawnByEffect) and made.reach < 0:
+        raise DiagnosisError(f"reach is {made.reach:g}; give 0 or more")
     return made
 
 
 def stated(prior: Prior) -> dict[str, Any]:
-    """A prior as plain data: what :func:`distribution` reads."""
-    name = next((n for n, kind in DISTRIBUTIONS.items() if type(prior) is kind), "by the effect")
+    """A prior as plain data: what :func:`distribution` reads.
+
+    A prior of a caller's own class has the name of the class, which no file may state.
+    """
+    own = type(prior).__name__
+    name = next((n for n, kind in DISTRIBUTIONS.items() if type(prior) is kind), own)
     numbers = {key: value for key, value in vars(prior).items() if math.isfinite(value)}
     return {"distribution": name, **numbers}
 
@@ -250,7 +255,7 @@ class Nuisance:
         direction: parameter of the effect that is an azimuth [degree]: a negative value acts as
             its size in the opposite direction.
         relative: the value multiplies that of the same effect where it is a cause, or else the
-            scene's own impact energy ratio.
+            effect's nominal value of the campaign's first trial.
         label: name of the nuisance; empty: the effect's.
         group: nuisances of one group and scope are drawn together; empty: alone.
         correlation: of its draw with that of the first of its group, -1 to 1. Two others correlate
@@ -313,14 +318,15 @@ class Nuisance:
         return {self.parameter: abs(value), self.direction: 0.0 if value > 0 else 180.0}
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in the provenance of `diagnosis.json`, and in `pack.json`."""
+        """What :meth:`from_json` reads; so it stands in the provenance of `diagnosis.json`."""
         group = {"group": self.group, "correlation": self.correlation} if self.group else {}
         return {
             "name": self.name,
             "effect": self.acting.name,
             "parameter": self.parameter,
             "scope": str(self.scope),
-            "sd": self.prior.sd,
+            "direction": self.direction,
+            "relative": self.relative,
             **stated(self.prior),
             **group,
         }
@@ -330,15 +336,16 @@ class Nuisance:
         """A nuisance as a file states it.
 
         Keys are `effect`, `parameter`, `distribution` and its numbers, and where wanted `scope`,
-        `name`, `group` and `correlation`. The energy ratio of impacts is multiplied. A parameter
-        beside an azimuth acts along the shaking, its negative values against it. Each trial's
-        placement is drawn by the effect itself, uniformly and with the standard deviation of what
-        is stated.
+        `name`, `direction`, `relative`, `group` and `correlation`. `direction` is by default the
+        effect's `azimuth`, where it has one. `relative` is by default that of the nuisance of the
+        same effect and parameter in `DEFAULT_NUISANCES`. Where the effect draws that one itself, it
+        does so here, with the standard deviation of what is stated. What an effect draws belongs to
+        a trial, whatever `scope` says.
 
         Raises:
             DiagnosisError: names the key, its value and what is wanted.
         """
-        words = ("effect", "parameter", "scope", "name", "group")
+        words = ("effect", "parameter", "scope", "name", "group", "direction")
         for key in words[:2]:
             if key not in content:
                 raise DiagnosisError(f"{key} is missing; give it")
@@ -350,27 +357,39 @@ class Nuisance:
         scope = text["scope"] or Scope.CAMPAIGN
         if scope not in scopes:
             raise DiagnosisError(f"scope is {scope!r}; {near(scope, scopes)}")
-        prior: Prior = distribution(content, (*words, "correlation"))
         name, parameter = text["effect"], text["parameter"]
-        if name == "placement" and parameter in DRAWN_BY_EFFECT:
-            prior = DrawnByEffect(prior.sd, DRAWN_BY_EFFECT[parameter])
+        usual = _usual(name, parameter)
+        relative = content.get("relative", usual is not None and usual.relative)
+        if not isinstance(relative, bool):
+            raise DiagnosisError(f"relative is {relative!r}; give true or false")
+        prior = distribution(content, (*words, "relative", "correlation"))
+        own = usual and usual.prior
+        if isinstance(own, DrawnByEffect) and not isinstance(prior, DrawnByEffect):
+            prior = replace(own, sd=prior.sd)
+        if isinstance(prior, DrawnByEffect):
             scope = Scope.TRIAL
         made = cls(
             name,
             parameter,
             prior,
             Scope(scope),
-            label=text["name"],
+            direction=text["direction"],
+            relative=relative,
+            label=text["name"] if text["name"] != name else "",
             group=text["group"],
             correlation=content.get("correlation", 1.0),
         )
-        acting = made.acting
-        beside = {one.name for one in acting.parameters if one.secondary}
-        return replace(
-            made,
-            direction="azimuth" if "azimuth" in beside and parameter not in beside else "",
-            relative=acting.name == "restitution",
-        )
+        if "direction" in content:
+            return made
+        beside = {one.name for one in made.acting.parameters if one.secondary}
+        usually = "azimuth" if "azimuth" in beside and parameter not in beside else ""
+        return replace(made, direction=usually)
+
+
+def _usual(effect: str, parameter: str) -> Nuisance | None:
+    """The first of the default nuisances of an effect's parameter."""
+    same = (one for one in DEFAULT_NUISANCES if (one.effect, one.parameter) == (effect, parameter))
+    return next(same, None)
 
 
 def correlated(nuisances: Sequence[Nuisance], draws: Array) -> Array:

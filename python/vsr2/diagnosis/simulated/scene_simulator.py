@@ -263,8 +263,7 @@ class SceneSimulator:
                 causes[effect.name][one.parameter] *= values[one.parameter]
                 continue
             if one.relative:
-                ratio = self._trials[0].scene.mechanisms.impact_energy_ratio
-                values[one.parameter] *= 1.0 if np.isnan(ratio) else ratio
+                values[one.parameter] *= effect.nominal(self._trials[0])[one.parameter]
             acting.setdefault(effect.name, (effect, {}))[1].update(values)
         return [(effect, effect.complete(values)) for effect, values in acting.values()] + caused
 
