@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from vsr2.calibration.calibrate import NoBaselines
 from vsr2.diagnosis.verdict.next_measurement import BY_EFFECT, BY_STAGE, Instrument
 from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Statement
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
 from vsr2.errors import Fault
+from vsr2.report.messages.runs import no_baselines
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
 
 SAMPLES = {float: 0.25, int: 3, str: "wear", Fault: Fault.MOTION, NAMES: ("catch", "wear")}
@@ -171,3 +173,9 @@ def test_a_location_is_named_with_its_feature(kind, values, text) -> None:
     row = {"location": place, "feature": "largest_tilt", "channel": "tilt"}
     assert location(row) == f"largest_tilt: {text}"
     assert location(row | {"feature": "outcome", "channel": "outcome"}) == text
+
+
+def test_each_reason_for_no_baselines_has_a_sentence_of_its_own() -> None:
+    sentences = {no_baselines(why) for why in (None, *NoBaselines)}
+    assert len(sentences) == 1 + len(NoBaselines)
+    assert no_baselines(None) == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +39,16 @@ class LogisticRules:
 LOGISTIC = LogisticRules()
 
 
+class Fitted(StrEnum):
+    """On which trials a way of predicting was fitted, as tables spell it."""
+
+    OUT_OF_FOLD = "out of fold"
+    IN_SAMPLE = "in sample"
+    BEST_OF_ALL = "in sample, best of all sets"
+    GIVEN = ""
+    """Not by us: predictions that came with the campaign."""
+
+
 @dataclass(frozen=True, eq=False)
 class LogisticBaseline:
     """The no-physics model's probabilities of overturning.
@@ -62,13 +73,13 @@ class BaselineScore:
 
     Attributes:
         name: of the model, or of the campaign's column.
-        fitted: "out of fold", "in sample", or "" for predictions that came with the campaign.
+        fitted: on which trials.
         metrics: counts and scores.
         intervals: 95 %, by the names in :data:`vsr2.analysis.bootstrap.SCORES`.
     """
 
     name: str
-    fitted: str
+    fitted: Fitted
     metrics: Classification
     intervals: Mapping[str, Interval]
 
@@ -205,7 +216,7 @@ def baseline_scores(
     chosen = campaign.select(baseline.used)
     truth, motions = chosen.overturned == 1, chosen.motion_ids
 
-    def score(name: str, fitted: str, guess: Array, threshold: float = 0.5) -> BaselineScore:
+    def score(name: str, fitted: Fitted, guess: Array, threshold: float = 0.5) -> BaselineScore:
         known = ~np.isnan(guess)
         observed, predicted = truth[known], guess[known] > threshold
         return BaselineScore(
@@ -218,11 +229,11 @@ def baseline_scores(
         )
 
     scores = [
-        score("logistic", "out of fold", baseline.out_of_fold),
-        score("logistic", "in sample", baseline.in_sample),
+        score("logistic", Fitted.OUT_OF_FOLD, baseline.out_of_fold),
+        score("logistic", Fitted.IN_SAMPLE, baseline.in_sample),
     ]
     for name in peer_columns(campaign):
         column = campaign.extra(name)[baseline.used]
         if not np.isnan(column).all():
-            scores.append(score(name, "", column))
+            scores.append(score(name, Fitted.GIVEN, column))
     return scores

@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
-from vsr2.analysis.baseline import BaselineScore
+from vsr2.analysis.baseline import BaselineScore, Fitted
 from vsr2.calibration.calibration_study import (
     CalibrationSettings,
     CalibrationStudy,
@@ -87,6 +88,13 @@ class Screen:
     wrong: int
 
 
+class NoBaselines(StrEnum):
+    """Why a campaign gives no baselines; `vsr2.report.messages.runs` words it."""
+
+    FEW_MOTIONS = "few_motions"
+    NO_INTENSITIES = "no_intensities"
+
+
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
     """What a calibration found.
@@ -107,7 +115,7 @@ class CalibrationResult:
         fold: of each trial, -1 where there are none, shape (trials,).
         screen: None: every set was run on all trials.
         scores: of the calibrated simulator in sample and out of fold, then of the baselines.
-        no_baselines: why the campaign gives no baselines; empty: it does.
+        no_baselines: why the campaign gives no baselines; None: it does.
         profiles: of each parameter.
         provenance: versions, hashes, seeds, wall time (JSON-serialisable).
     """
@@ -125,7 +133,7 @@ class CalibrationResult:
     fold: NDArray[np.int64]
     screen: Screen | None = None
     scores: tuple[BaselineScore, ...] = ()
-    no_baselines: str = ""
+    no_baselines: NoBaselines | None = None
     profiles: tuple[Profile, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -415,14 +423,16 @@ def _search(study: CalibrationStudy, evaluate: _Remembered, seed: int) -> Search
     return search
 
 
-def _compare(result: CalibrationResult, seed: int) -> tuple[tuple[BaselineScore, ...], str]:
+def _compare(
+    result: CalibrationResult, seed: int
+) -> tuple[tuple[BaselineScore, ...], NoBaselines | None]:
     """The simulator's scores by how it was fitted, then the baselines' or why there are none."""
     campaign, observed = result.campaign, result.observed
     replicates = result.settings.replicates
-    chosen = {"out of fold": result.out_of_fold} if result.folds else {}
-    chosen["in sample"] = result.searched_predicted
+    chosen = {Fitted.OUT_OF_FOLD: result.out_of_fold} if result.folds else {}
+    chosen[Fitted.IN_SAMPLE] = result.searched_predicted
     if result.best is not result.searched:
-        chosen["in sample, best of all sets"] = result.in_sample
+        chosen[Fitted.BEST_OF_ALL] = result.in_sample
     found = tuple(
         BaselineScore(
             name="simulator",
@@ -441,6 +451,8 @@ def _compare(result: CalibrationResult, seed: int) -> tuple[tuple[BaselineScore,
     folds = result.settings.folds or min(10, len(set(campaign.motion_ids)))
     try:
         baselines = baseline_scores(campaign, folds=folds, seed=seed, replicates=replicates)
-    except (CampaignError, ResultError) as error:
-        return found, str(error)
-    return (*found, *baselines), ""
+    except CampaignError:
+        return found, NoBaselines.FEW_MOTIONS
+    except ResultError:
+        return found, NoBaselines.NO_INTENSITIES
+    return (*found, *baselines), None

@@ -21,7 +21,7 @@ from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
-from vsr2.report.messages.runs import compatible_values
+from vsr2.report.messages.runs import compatible_values, no_baselines
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_axis, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table, printable
@@ -243,7 +243,7 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
         scores=_score_table(result),
         optimism=result.optimism,
         failed=int(np.isnan(result.in_sample).sum()),
-        no_baselines=result.no_baselines,
+        no_baselines=no_baselines(result.no_baselines),
         screen=result.screen,
         values=_value_table(result),
         untried=any(cell.sets == 0 for profile in result.profiles for cell in profile.cells),

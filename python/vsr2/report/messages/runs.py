@@ -9,6 +9,7 @@ from vsr2.results import NO_HAND_OVER, Status
 
 if TYPE_CHECKING:
     from vsr2.calibration import Profile
+    from vsr2.calibration.calibrate import NoBaselines
     from vsr2.fragility import FragilityFit, FragilityResult
 
 # Batches
@@ -128,6 +129,21 @@ def lognormal_text(result: FragilityResult) -> str:
 
 
 # Calibration
+
+
+def no_baselines(why: NoBaselines | None) -> str:
+    """Why a campaign gives no baselines, and what to do about it; empty: it does."""
+    from vsr2.calibration.calibrate import NoBaselines
+
+    match why:
+        case NoBaselines.FEW_MOTIONS:
+            return "fewer motions with outcome, PGA and PGV/PGA than folds, or a single one"
+        case NoBaselines.NO_INTENSITIES:
+            return (
+                "no trial has an outcome, PGA and PGV/PGA; give the table pga_m_s2 and pgv_pga_s, "
+                "or motions"
+            )
+    return ""
 
 
 def compatible_values(profile: Profile) -> str:
