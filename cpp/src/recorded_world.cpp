@@ -1,5 +1,7 @@
 #include "vsr2/recorded_world.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "vsr2/engines.hpp"
@@ -26,6 +28,16 @@ void act(World& world, const Action& action) {
 bool Action::repeats(const Action& other) const {
   return kind == WorldState::step && kind == other.kind &&
          std::memcmp(values.data(), other.values.data(), sizeof values) == 0;
+}
+
+void WorldState::check() const {
+  for (const Action& action : actions) {
+    const bool known = action.kind >= spawn && action.kind <= step;
+    const bool counted = action.kind == step ? action.times >= 1 : action.times == 1;
+    if (!known || !counted ||
+        !std::all_of(action.values.begin(), action.values.end(), [](double v) { return std::isfinite(v); }))
+      throw InvalidInput("the state is not one of a world");
+  }
 }
 
 RecordedWorld::RecordedWorld(std::shared_ptr<const Scene> scene, Drive drive)
@@ -84,6 +96,7 @@ std::pair<std::int64_t, bool> RecordedWorld::settle(const RestCriterion& criteri
 void RecordedWorld::restore_state(const WorldState& state) {
   if (state.drive != drive_)
     throw InvalidInput("the state is of a world with another drive", InputFault::drive);
+  state.check();
   std::vector<Action> actions = state.actions;
   std::unique_ptr<World> world = make_world(scene_, drive_);
   for (const Action& action : actions)

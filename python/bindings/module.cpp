@@ -1,8 +1,10 @@
 // The Python module vsr2._native: conversions only. Python validates and allocates; the GIL is
 // released while trials run.
 
+#include <algorithm>
 #include <cstring>
 #include <functional>
+#include <type_traits>
 
 #include <pybind11/eigen.h>
 #include <pybind11/native_enum.h>
@@ -22,6 +24,32 @@ namespace {
 
 using Vector4 = Eigen::Vector4d;  // a quaternion x, y, z, w
 
+/// A number that Python's True and False do not convert to.
+template <typename T>
+struct Number {
+  T value;
+  operator T() const { return value; }
+};
+
+/// What a field of type T is taken as.
+template <typename T>
+using Taken = std::conditional_t<std::is_arithmetic_v<T> && !std::is_same_v<T, bool>, Number<T>, T>;
+
+}  // namespace
+
+template <typename T>
+struct pybind11::detail::type_caster<Number<T>> {
+  PYBIND11_TYPE_CASTER(Number<T>, make_caster<T>::name);
+  bool load(handle source, bool convert) {
+    make_caster<T> number;
+    if (PyBool_Check(source.ptr()) || !number.load(source, convert)) return false;
+    value.value = cast_op<T>(number);
+    return true;
+  }
+};
+
+namespace {
+
 /// A keyword of a record: its name, and how it is reached (a member, or a function that returns a
 /// reference to part of the record).
 template <typename Access>
@@ -38,7 +66,7 @@ using ValueOf = std::remove_cvref_t<std::invoke_result_t<decltype(F::access), T&
 template <typename T, typename... Fields>
 py::class_<T> bind_record(py::module_& m, const char* name, const Fields&... fields) {
   py::class_<T> type(m, name);
-  type.def(py::init([fields...](ValueOf<T, Fields>... values) {
+  type.def(py::init([fields...](Taken<ValueOf<T, Fields>>... values) {
              T record;
              ((std::invoke(fields.access, record) = std::move(values)), ...);
              return record;
@@ -66,6 +94,9 @@ std::vector<std::array<Scalar, 3>> rows3(const py::array& array, const char* kin
   const py::array_t<Scalar, py::array::c_style | py::array::forcecast> values(array);
   std::vector<std::array<Scalar, 3>> out(static_cast<std::size_t>(values.shape(0)));
   std::copy_n(values.data(), 3 * out.size(), out.empty() ? nullptr : out.front().data());
+  if (array.dtype().kind() == 'u' &&
+      std::any_of(values.data(), values.data() + values.size(), [](Scalar v) { return v < 0; }))
+    throw InvalidInput(std::string(what) + " must be below 2^63");
   return out;
 }
 
@@ -237,12 +268,15 @@ void bind_world(py::module_& m) {
                 state.drive, py::bytes(reinterpret_cast<const char*>(state.actions.data()), size));
           },
           [](const py::tuple& content) {
+            if (content.size() != 2 || !py::isinstance<py::bytes>(content[1]))
+              throw InvalidInput("the state is not one of a world");
             const auto bytes = content[1].cast<std::string>();
             WorldState state{content[0].cast<Drive>(), {}};
             if (bytes.size() % sizeof(WorldState::Action) != 0)
               throw InvalidInput("the state is not one of a world");
             state.actions.resize(bytes.size() / sizeof(WorldState::Action));
             if (!bytes.empty()) std::memcpy(state.actions.data(), bytes.data(), bytes.size());
+            state.check();
             return state;
           }));
 
@@ -256,7 +290,7 @@ void bind_world(py::module_& m) {
            [](RecordedWorld& world, const Eigen::Vector3d& position, const Vector4& orientation) {
              world.spawn_rock(make_pose(position, orientation));
            },
-           py::arg("position"), py::arg("orientation"))
+           py::arg("position").noconvert(), py::arg("orientation").noconvert())
       .def("delete_rock", &RecordedWorld::delete_rock)
       .def_property_readonly("has_rock", &RecordedWorld::has_rock)
       .def_property_readonly("engine", &RecordedWorld::engine, "Engine it was built with.")
@@ -276,7 +310,8 @@ void bind_world(py::module_& m) {
            py::kw_only(), py::arg("linear_speed"), py::arg("angular_speed"), py::arg("window"),
            py::arg("timeout"), py::call_guard<py::gil_scoped_release>(),
            "Holds the pedestal until the rock rests: steps taken, and whether it rests.")
-      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, py::arg("linear"), py::arg("angular"))
+      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, py::arg("linear").noconvert(),
+           py::arg("angular").noconvert())
       .def("step",
            [](RecordedWorld& world, double position, double velocity, double transverse, double vertical,
               double pitch) {

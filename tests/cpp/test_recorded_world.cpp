@@ -130,6 +130,9 @@ TEST(RecordedWorld, RefusesAStateOfAnotherDrive) {
   WorldState broken = world.save_state();
   broken.actions.push_back(broken.actions.front());
   EXPECT_THROW(world.restore_state(broken), InvalidInput);
+  WorldState empty_step = world.save_state();
+  empty_step.actions.push_back({WorldState::step, 0, {}});
+  EXPECT_THROW(world.restore_state(empty_step), InvalidInput);
   EXPECT_TRUE(test::same_bits(world.rock(), before));
 }
 

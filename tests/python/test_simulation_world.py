@@ -7,6 +7,7 @@ import gc
 import math
 import pickle
 import re
+import struct
 import weakref
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 from vsr2 import _native
-from vsr2.config.study import ORIGINAL, Contact, Material, Study
+from vsr2.config.study import ORIGINAL, Contact, Engine, Material, Study
 from vsr2.errors import Fault, SimulationError
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
@@ -153,6 +154,65 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
         _native.PitchSpring(8.0, 0.1, 0.0, 1.0)
     with pytest.raises(TypeError, match="float64"):
         _native.Samples(np.zeros(3, dtype=np.float32))
+    with pytest.raises(_native.InvalidInput, match=r"faces must be below 2\^63"):
+        _native.TrianglesPart(corners, np.array([[0, 1, 2**63 + 1]], dtype=np.uint64))
+    _native.TrianglesPart(corners, np.array([[0, 1, 2]], dtype=np.uint64))
+
+
+@pytest.mark.parametrize("value", [True, np.True_])
+@pytest.mark.parametrize("field", ["gravity", "substeps"])
+def test_the_core_takes_no_truth_value_for_a_number(field: str, value: Any) -> None:
+    numbers = Engine().model_dump(
+        exclude={"mode", "split_impulse", "split_impulse_penetration_threshold"}
+    )
+    _native.EngineSettings(kind=_native.EngineKind.auto, **numbers)
+    with pytest.raises(TypeError):
+        _native.EngineSettings(kind=_native.EngineKind.auto, **{**numbers, field: value})
+
+
+@pytest.mark.parametrize("convert", [list, np.float32])
+def test_the_world_takes_arrays_of_float64_alone(convert: Callable[[Any], Any]) -> None:
+    world = _native.World(native_scene(build_scene(study())), _native.Drive.prescribed)
+    position, orientation = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 0.0, 1.0])
+    for given in ((convert(position), orientation), (position, convert(orientation))):
+        with pytest.raises(TypeError):
+            world.spawn_rock(*given)
+    world.spawn_rock(position, orientation)
+    for given in ((convert(position), position), (position, convert(position))):
+        with pytest.raises(TypeError):
+            world.set_rock_velocity(*given)
+    world.set_rock_velocity(position, position)
+
+
+def entry(kind: int, times: int, *values: float) -> bytes:
+    """An action as the bytes of a state have it."""
+    return struct.pack("2q7d", kind, times, *values, *[0.0] * (7 - len(values)))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"\xff" * 72,
+        b"\xff" * 71,
+        entry(4, 1),
+        entry(-1, 1),
+        entry(3, 0),
+        entry(3, -1),
+        entry(0, 2, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 1.0),
+        entry(3, 1, math.nan),
+        entry(3, 1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, math.inf),
+        "text",
+    ],
+)
+def test_a_state_that_is_none_of_a_world_is_refused(content: Any) -> None:
+    drive = _native.Drive.prescribed
+    state = _native.WorldState.__new__(_native.WorldState)
+    with pytest.raises(_native.InvalidInput, match="not one of a world"):
+        state.__setstate__((drive, content))
+    with pytest.raises(_native.InvalidInput, match="not one of a world"):
+        state.__setstate__((drive,))
+    state.__setstate__((drive, entry(3, 2, 0.001)))
+    assert state.__getstate__() == (drive, entry(3, 2, 0.001))
 
 
 def test_errors_of_the_core_carry_a_code() -> None:

@@ -29,6 +29,10 @@ struct WorldState {
   };
   Drive drive = Drive::prescribed;
   std::vector<Action> actions;
+
+  /// @throws InvalidInput if an action is none of a world: its kind, its count or a number that is not
+  /// finite.
+  void check() const;
 };
 
 /// A world of the scene's engine that notes what is done to it: 72 bytes for each action, and one entry
