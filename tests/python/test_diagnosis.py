@@ -134,10 +134,17 @@ def test_a_reference_says_how_little_none_may_have_without_an_effect(protocol) -
         ).content
 
     calm = with_references(clean)
-    assert calm["provenance"]["references"][clean.name] > limit
+    (one,) = calm["provenance"]["references"]
+    assert one["campaign"] == clean.name
+    assert one["none"] > limit
     assert calm["verdict"] == alone["verdict"]
     codes = [one["code"] for one in calm["limits"]]
     assert "reference_differs" not in codes
+    # References are judged by the library that the campaign is judged by.
+    few = {"excluded": ("catch",), "budget": Budget(campaigns=CAMPAIGNS, held_out=False)}
+    lacking = protocol.diagnose(CATCH, references=(clean,), **few).content
+    own = protocol.diagnose(nuisance=11, **few).content["none_probability"]
+    assert lacking["provenance"]["references"][0]["none"] == own != one["none"]
     # The campaign itself, were it known to have no effect, forbids to call a gap.
     told = with_references(clean, same)
     assert told["verdict"]["kind"] == "none"

@@ -154,7 +154,7 @@ CONTENT = {
         "detection_limits": {"wear +": 0.1},
         "constants": {"look": {"trials": 40}},
         "excluded": [],
-        "references": {},
+        "references": [],
         "held_out": True,
         "nuisances": ["friction"],
         "simulator": "0",

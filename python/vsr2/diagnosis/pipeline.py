@@ -152,10 +152,12 @@ def diagnose_with(
         seen_look = work.look()
         trials = seen_look.responding
         posterior = work.posterior(seen_look)
-        none = [
-            float(posterior.infer(one.overturned[trials], one.features[trials]).probability[0])
+        # By the campaign's own library, as effects that it lacks raise the probability of none.
+        alike = [
+            posterior.infer(one.overturned[trials], one.features[trials], excluded)
             for one in references
         ]
+        none = [float(one.probability[0]) for one in alike]
         posterior = posterior.with_references(none)
         found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
         work.tell(Stage.JUDGEMENT, 0.0, found, posterior)
@@ -172,7 +174,10 @@ def diagnose_with(
     noted = {
         **({} if provenance is None else provenance),
         "excluded": sorted(excluded),
-        "references": dict(zip((one.name for one in question.references), none, strict=True)),
+        "references": [
+            {"campaign": one.name, "none": p}
+            for one, p in zip(question.references, none, strict=True)
+        ],
         "held_out": budget.held_out,
         "budget": spent,
         "detection_limits": {

@@ -216,7 +216,7 @@ def _limits(
 ) -> dict[tuple[str, str, int], float]:
     """Detection limits by engine, effect and sign.
 
-    A quick engine goes first: where it finds a limit, the search of the next begins.
+    A search begins at the limit that an engine before it has; name a quick engine first.
     """
     out: dict[tuple[str, str, int], float] = {}
     for engine, known in effects.items():

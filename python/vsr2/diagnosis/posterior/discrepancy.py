@@ -26,13 +26,11 @@ class DiscrepancyConstants:
         parts: of the logarithm of the largest tilt, common to a campaign, to the trials of a
             motion, and of single trials: as measured between Bullet and MuJoCo on a block with one
             contact model each.
-        least, most: ends of a factor on them, log-uniform. Contact models are drawn besides, and
-            explain most of that: gap-free campaigns of a block in MuJoCo scatter about Bullet's
-            by 0.09 in single trials where Bullet's own scatter by 0.08, and no more in common.
+        least, most: ends of a factor on them, log-uniform; chosen by hand. It is at most 1, because
+            contact models are drawn besides and explain a part of the difference.
         outcome: disturbance of an outcome, in standard deviations of what decides it, over that of
             the logarithm of the tilt; one in fourteen outcomes then differs at a factor of 1.
-        series: deviation of other features over their scatter, at a factor of 1: of a block in
-            MuJoCo their mean squares are 0.8 to 1.4 of those in Bullet.
+        series: deviation of other features over their scatter, at a factor of 1; chosen by hand.
         common: correlation of a feature's disturbance with that of the tilt.
     """
 

@@ -273,11 +273,13 @@ def _budget(budget: Mapping[str, Any], posterior: Posterior) -> Iterator[Stateme
         yield Statement.of(LimitCode.FEW_CAMPAIGNS, count=posterior.campaigns)
 
 
-def _references(none: Mapping[str, float], limit: float) -> Iterator[Statement]:
-    """Which campaigns that have no effect made the limit of none what it is."""
-    lowest = min(none, key=lambda name: none[name], default=None)
-    if lowest is not None and none[lowest] <= limit:
-        yield Statement.of(LimitCode.REFERENCE_DIFFERS, reference=lowest, probability=none[lowest])
+def _references(references: Sequence[Mapping[str, Any]], limit: float) -> Iterator[Statement]:
+    """Which campaign that has no effect made the limit of none what it is."""
+    lowest = min(references, key=lambda one: one["none"], default=None)
+    if lowest is not None and lowest["none"] <= limit:
+        yield Statement.of(
+            LimitCode.REFERENCE_DIFFERS, reference=lowest["campaign"], probability=lowest["none"]
+        )
 
 
 def repeats_scatter(layers: Mapping[str, Any]) -> Iterator[Statement]:

@@ -229,6 +229,11 @@ class _Budget(_Part):
     campaigns: Count
 
 
+class _Reference(_Part):
+    campaign: str
+    none: Share
+
+
 class _Provenance(_Part):
     """Versions, budget, constants and whatever else a simulator notes."""
 
@@ -239,7 +244,7 @@ class _Provenance(_Part):
     detection_limits: dict[str, float]
     constants: dict[str, dict[str, Any]]
     excluded: list[str]
-    references: dict[str, Share]
+    references: list[_Reference]
     held_out: bool
     nuisances: list[str]
     simulator: str
