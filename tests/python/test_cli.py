@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,10 +17,10 @@ from cyclopts import App, CycloptsError
 
 import command_line
 from vsr2.cli.main import app, main
-from vsr2.diagnosis import Budget, ProtocolCache
+from vsr2.diagnosis import Budget, Hypotheses, ProtocolCache
 from vsr2.diagnosis.api import _ProgressLines
 from vsr2.diagnosis.pipeline import Progress, Stage
-from vsr2.errors import DiagnosisError
+from vsr2.errors import BlindError, DiagnosisError
 
 STUDY = """
 name: block
@@ -292,6 +293,38 @@ def test_diagnose_hands_budget_and_cache_on(
     assert main([*line, "--simulations", "9000", "--budget-minutes", "3"]) == 2
     assert asked["budget"] == Budget(3.0, 9000, 300)
     assert asked["execution"].cache is None
+    assert main([*line, "--no-how-far"]) == 2
+    assert asked["budget"] == Budget(campaigns=300, held_out=False)
+
+
+def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    asked: list[Any] = []
+
+    def stop(campaign: Path, scene: Path, *, hypotheses: Hypotheses, **how: Any) -> None:
+        asked.extend(one.name for one in hypotheses.references)
+        raise DiagnosisError("seen enough")
+
+    monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
+    monkeypatch.setattr("vsr2.campaign.load_campaign", lambda folder: SimpleNamespace(name=folder))
+    line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path)]
+    assert main([*line, "--reference", "one", "--reference", "other"]) == 2
+    assert asked == [Path("one"), Path("other")]
+
+
+@pytest.mark.parametrize(("given", "held_out"), [([], True), (["--no-how-far"], False)])
+def test_blind_diagnose_hands_its_budget_on(
+    monkeypatch: pytest.MonkeyPatch, given: list[str], held_out: bool
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def stop(data: Path, out: Path, **how: Any) -> None:
+        asked.update(how)
+        raise BlindError("seen enough")
+
+    monkeypatch.setattr("vsr2.blind.diagnose_pack", stop)
+    for minutes in ([], ["--budget-minutes", "2"]):
+        assert main(["blind", "diagnose", "data", "--out", "out", *given, *minutes]) == 2
+        assert asked["budget"].held_out is held_out
 
 
 def test_progress_of_a_diagnosis_has_the_time_left(

@@ -131,21 +131,21 @@ class Effort:
     Attributes:
         campaigns: simulated ones of each protocol, which its campaigns share
         budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
-        how_far: simulate again what is named, to say how far the gap shrinks
+        no_how_far: do not simulate again what is named, to say how far the gap shrinks
         seed: of each diagnosis
     """
 
     campaigns: Annotated[opt.Integer, Parameter(group=BUDGET)] = USUAL.campaigns or 0
     budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
-    how_far: bool = True
+    no_how_far: bool = False
     threads: opt.Threads = None
     seed: opt.Integer = 0
 
     def budget(self) -> Budget:
         """Campaigns, or minutes where they are given."""
         if self.budget_minutes is None:
-            return Budget(campaigns=self.campaigns, held_out=self.how_far)
-        return Budget(self.budget_minutes, held_out=self.how_far)
+            return Budget(campaigns=self.campaigns, held_out=not self.no_how_far)
+        return Budget(self.budget_minutes, held_out=not self.no_how_far)
 
 
 EFFORT = Effort()

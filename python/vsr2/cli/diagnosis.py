@@ -43,7 +43,7 @@ class Effort:
         simulations: so many at most instead of a time; more where the trials need more
         campaigns: so many simulated campaigns, whatever they cost: equal numbers give equal
             verdicts, and campaigns of one set-up share them
-        how_far: simulate again what is named, to say how far the gap shrinks
+        no_how_far: do not simulate again what is named, to say how far the gap shrinks
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
         client: address of a Dask scheduler that runs trials
@@ -52,7 +52,7 @@ class Effort:
     budget_minutes: float = 10.0
     simulations: opt.Integer | None = None
     campaigns: opt.Integer | None = None
-    how_far: bool = True
+    no_how_far: bool = False
     cache: Path | None = None
     threads: opt.Threads = None
     client: str | None = None
@@ -93,7 +93,7 @@ def diagnose(
             tier=question.tier,
             out=out,
             budget=Budget(
-                effort.budget_minutes, effort.simulations, effort.campaigns, effort.how_far
+                effort.budget_minutes, effort.simulations, effort.campaigns, not effort.no_how_far
             ),
             hypotheses=Hypotheses(
                 exclude=question.exclude,
