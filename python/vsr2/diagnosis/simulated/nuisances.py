@@ -362,6 +362,9 @@ class Nuisance:
         relative = content.get("relative", usual is not None and usual.relative)
         if not isinstance(relative, bool):
             raise DiagnosisError(f"relative is {relative!r}; give true or false")
+        correlation = content.get("correlation", 1.0)
+        if isinstance(correlation, bool) or not isinstance(correlation, int | float):
+            raise DiagnosisError(f"correlation is {correlation!r}; give a number, -1 to 1")
         prior = distribution(content, (*words, "relative", "correlation"))
         own = usual and usual.prior
         if isinstance(own, DrawnByEffect) and not isinstance(prior, DrawnByEffect):
@@ -377,7 +380,7 @@ class Nuisance:
             relative=relative,
             label=text["name"] if text["name"] != name else "",
             group=text["group"],
-            correlation=content.get("correlation", 1.0),
+            correlation=correlation,
         )
         if "direction" in content:
             return made
