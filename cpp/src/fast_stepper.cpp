@@ -9,7 +9,6 @@
 #include <BulletCollision/NarrowPhaseCollision/btPointCollector.h>
 #include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
-#include "contact_sweeps.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/engines.hpp"
 
@@ -19,35 +18,12 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Bullet's allowance before a contact's distance counts [m] and its bound on every velocity
-// component [m/s], [rad/s].
-constexpr double kLinearSlop = 1e-5;
-constexpr double kGreatestVelocity = 100.0;
-constexpr double kGreatestTurn = 0.25 * M_PI;  // per step [rad]
 // Candidates for the lowest vertex reach this far above it, per radius of the rock.
 constexpr double kCandidateBand = 0.02;
 // Bullet's search takes four points that span less than this for points of one plane [m^3].
 constexpr double kFlatVolume = 1e-8;
 
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
-
-// sin(h) / h and cos(h): series near 0, where every rock but a tumbling one is and where the last
-// bit of the maths library would depend on the machine; the library beyond.
-void half_turn(double h, double& sinc, double& cosine) {
-  if (h < 0.05) {
-    const double q = h * h;
-    sinc = 1.0 + q * (-1.0 / 6 + q * (1.0 / 120 + q * (-1.0 / 5040 + q / 362880)));
-    cosine = 1.0 + q * (-0.5 + q * (1.0 / 24 + q * (-1.0 / 720 + q / 40320)));
-  } else {
-    sinc = std::sin(h) / h;
-    cosine = std::cos(h);
-  }
-}
-
-double bounded_velocity(double v) { return std::clamp(v, -kGreatestVelocity, kGreatestVelocity); }
-Vector3d bounded_velocity(const Vector3d& v) {
-  return {bounded_velocity(v.x()), bounded_velocity(v.y()), bounded_velocity(v.z())};
-}
 
 }  // namespace
 
@@ -362,121 +338,6 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
   }
   refresh(R_PB, p_PB);
   return Verdict::in_domain;
-}
-
-void FastStepper::advance(const Support& support, SupportMotor& motor, double dt) {
-  const FastModel& m = *model_;
-  Matrix3d R = state.q_WB.toRotationMatrix();
-  Vector3d v = state.v_WB;
-  Vector3d w = state.w_WB;
-
-  // Weight, gyroscopic moment, and Bullet's damping with its linear and quadratic terms.
-  {
-    const Vector3d w_B = R.transpose() * w;
-    const Vector3d turn = -m.inverse_inertia.cwiseProduct(w_B.cross(m.inertia.cwiseProduct(w_B))) -
-                          w_B * (m.engine.angular_damping + m.engine.angular_damping * w_B.norm());
-    w = bounded_velocity(Vector3d(w + dt * (R * turn)));
-    const Vector3d drag = v * (m.engine.linear_damping + m.engine.linear_damping * v.norm());
-    v = bounded_velocity(Vector3d(v + dt * (Vector3d(0, 0, -m.engine.gravity) - drag)));
-  }
-
-  motor.velocity_change = 0.0;
-  iterations_ = 0;
-  if (count_ > 0 || motor.inverse_mass > 0) {
-    // Rows along P's axes.
-    Vector3d v_P = v;
-    Vector3d w_P = w;
-    Vector3d support_v = support.v_WP;
-    Vector3d support_w = support.w_WP;
-    if (!support.level) {
-      const Matrix3d R_PW = support.R_WP.transpose();
-      R = R_PW * R;
-      v_P = R_PW * v;
-      w_P = R_PW * w;
-      support_v = R_PW * support.v_WP;
-      support_w = R_PW * support.w_WP;
-    }
-    const double denominator =
-        std::max(dt * m.pair["stiffness"] + m.pair["damping"], std::numeric_limits<double>::epsilon());
-    const double cfm = 1.0 / denominator / dt;
-    const double erp = dt * m.pair["stiffness"] / denominator;
-    const RockResponse rock{1.0 / m.mass,
-                            R * m.inverse_inertia.asDiagonal() * R.transpose()};
-    ContactProblem problem;
-    problem.count = count_;
-    problem.spinning_friction = m.pair["spinning_friction"];
-    problem.motor = {motor.inverse_mass, motor.target_velocity - support_v.x(),
-                     motor.maximum_impulse};
-    Vector3d pitch_P = Vector3d::Zero();
-    Vector3d axis_P = Vector3d::Zero();
-    if (motor.inverse_mass > 0) problem.joint = Joint::motor;
-    if (motor.pitch_response > 0) {
-      problem.joint = Joint::pitch;
-      pitch_P = support.R_WP.row(1).transpose();
-      axis_P = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
-    }
-    const bool sprung = problem.joint == Joint::pitch;
-    for (int i = 0; i < count_; ++i) {
-      const Contact& c = contacts_[i];
-      ContactRows& rows = problem.rows[i];
-      rows.friction = m.pair["lateral_friction"] * friction_scale[i];
-      const Vector3d& r = c.r_P;
-      const Vector3d rock_speed = v_P + w_P.cross(r);
-      Vector3d support_speed = support_v;
-      if (!support.level) support_speed += support_w.cross(c.s_P);
-      const Vector3d slip = rock_speed - support_speed;
-      // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.
-      Vector3d lever = Vector3d::Zero();
-      if (sprung) lever = -pitch_P.cross(c.s_P - axis_P);
-      const Vector3d yield = motor.pitch_response * lever;
-      const double approach = slip.z();
-      double wanted = -approach;
-      if (std::fabs(approach) >= m.engine.restitution_velocity_threshold)
-        wanted = std::max(0.0, m.pair["restitution"] * -approach) - approach;
-      const double distance = c.distance + kLinearSlop;
-      wanted += distance > 0 ? -distance / dt : -distance * erp / dt;
-      rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()}, wanted, cfm);
-      const double spin = support.level ? w_P.z() : w_P.z() - support_w.z();
-      rows.spin.fill(rock, {0, 0, 1}, 0.0, {-pitch_P.z(), -motor.pitch_response * pitch_P.z()}, -spin);
-      rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {-lever.y(), -yield.y()}, slip.y());
-      rows.lateral_2.fill(rock, {0, r.z(), -r.y()}, 1.0,
-                          sprung ? JointResponse{lever.x(), yield.x()}
-                                 : JointResponse{-1.0, -motor.inverse_mass},
-                          -slip.x());
-    }
-
-    iterations_ = solve(problem, m.engine.solver_iterations, m.engine.residual_threshold);
-    Vector3d dw(problem.change.angular);
-    Vector3d dv(problem.change.linear);
-    if (!support.level) {
-      dw = support.R_WP * dw;
-      dv = support.R_WP * dv;
-    }
-    w = bounded_velocity(Vector3d(w + dw));
-    v = bounded_velocity(Vector3d(v + dv));
-    motor.velocity_change = problem.change.joint;
-    for (int i = 0; i < count_; ++i) {
-      contacts_[i].normal_impulse = problem.rows[i].normal.impulse;
-      contacts_[i].lateral_impulse_1 = problem.rows[i].lateral_1.impulse;
-      contacts_[i].lateral_impulse_2 = problem.rows[i].lateral_2.impulse;
-    }
-  }
-
-  state.v_WB = v;
-  state.w_WB = w;
-  state.p_WB += dt * v;
-  const double speed = std::min(w.norm(), kGreatestTurn / dt);
-  double sinc;
-  double cosine;
-  half_turn(0.5 * speed * dt, sinc, cosine);
-  const Vector3d axis = w * (0.5 * dt * sinc);
-  const Eigen::Quaterniond& q = state.q_WB;
-  Eigen::Quaterniond next(cosine * q.w() - axis.x() * q.x() - axis.y() * q.y() - axis.z() * q.z(),
-                          cosine * q.x() + axis.x() * q.w() + axis.y() * q.z() - axis.z() * q.y(),
-                          cosine * q.y() + axis.y() * q.w() + axis.z() * q.x() - axis.x() * q.z(),
-                          cosine * q.z() + axis.z() * q.w() + axis.x() * q.y() - axis.y() * q.x());
-  next.coeffs() *= 1.0 / std::sqrt(next.squaredNorm());
-  state.q_WB = next;
 }
 
 }  // namespace vsr2

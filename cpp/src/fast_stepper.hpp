@@ -73,6 +73,9 @@ struct SupportMotor {
   double velocity_change = 0.0;  ///< result [m/s] or [rad/s]
 };
 
+template <typename Scalar>
+struct VelocityChange;
+
 class FastStepper {
  public:
   explicit FastStepper(std::shared_ptr<const FastModel> model) : model_(std::move(model)) {}
@@ -115,7 +118,7 @@ class FastStepper {
   const FastModel& model() const { return *model_; }
   int contact_count() const { return count_; }
   const Contact& contact(int i) const { return contacts_[i]; }
-  /// Sweeps of the latest step that were done one by one.
+  /// Sweeps of the latest step that were done one by one; 0: no contact slid, and none was needed.
   int iterations() const { return iterations_; }
 
  private:
@@ -130,6 +133,11 @@ class FastStepper {
   bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,
                          Eigen::Vector3d& p_W_support, double& distance) const;
   void gather_candidates(const Eigen::Vector3d& up_B);
+  struct ContactStep;
+  bool stick(const ContactStep& step, const Support& support, VelocityChange<double>& change);
+  void sweep(const ContactStep& step, const Support& support, const SupportMotor& motor,
+             VelocityChange<double>& change);
+  void move(const Eigen::Vector3d& v, const Eigen::Vector3d& w, double dt);
   void refresh(const Eigen::Matrix3d& R_PB, const Eigen::Vector3d& p_PB);
   void add(const Eigen::Vector3d& p_B, const Eigen::Vector3d& p_P, double distance);
   int slot_when_full(const Eigen::Vector3d& point, double distance) const;

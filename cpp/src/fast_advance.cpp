@@ -1,0 +1,236 @@
+// The second half of FastStepper's step: velocities, impulses, positions.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "contact_sweeps.hpp"
+#include "fast_stepper.hpp"
+#include "sticking_contacts.hpp"
+
+namespace vsr2 {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Bullet's allowance before a contact's distance counts [m] and its bound on every velocity
+// component [m/s], [rad/s].
+constexpr double kLinearSlop = 1e-5;
+constexpr double kGreatestVelocity = 100.0;
+constexpr double kGreatestTurn = 0.25 * M_PI;  // per step [rad]
+
+// sin(h) / h and cos(h): series near 0, where every rock but a tumbling one is and where the last
+// bit of the maths library would depend on the machine; the library beyond.
+void half_turn(double h, double& sinc, double& cosine) {
+  if (h < 0.05) {
+    const double q = h * h;
+    sinc = 1.0 + q * (-1.0 / 6 + q * (1.0 / 120 + q * (-1.0 / 5040 + q / 362880)));
+    cosine = 1.0 + q * (-0.5 + q * (1.0 / 24 + q * (-1.0 / 720 + q / 40320)));
+  } else {
+    sinc = std::sin(h) / h;
+    cosine = std::cos(h);
+  }
+}
+
+double bounded_velocity(double v) { return std::clamp(v, -kGreatestVelocity, kGreatestVelocity); }
+Vector3d bounded_velocity(const Vector3d& v) {
+  return {bounded_velocity(v.x()), bounded_velocity(v.y()), bounded_velocity(v.z())};
+}
+
+}  // namespace
+
+// A step's velocities and contact law, along the support's axes.
+struct FastStepper::ContactStep {
+  const ContactValues& pair;
+  double threshold;  // of the speed of approach, for restitution [m/s]
+  double dt;
+  double softness;  // of normal rows [1/kg]
+  double erp;       // part of a penetration that is undone in a step [1]
+  bool turns;       // the support, or it is turned
+  Matrix3d R_PB;
+  Vector3d v, w;                  // of the rock's mass centre
+  Vector3d support_v, support_w;  // of the support's origin
+
+  ContactStep(const FastModel& m, const RockState& rock, const Support& support, const Vector3d& v_W,
+              const Vector3d& w_W, double time_step)
+      : pair(m.pair),
+        threshold(m.engine.restitution_velocity_threshold),
+        dt(time_step),
+        turns(!support.level),
+        R_PB(rock.q_WB.toRotationMatrix()),
+        v(v_W),
+        w(w_W),
+        support_v(support.v_WP),
+        support_w(support.w_WP) {
+    const double resistance =
+        std::max(dt * pair["stiffness"] + pair["damping"], std::numeric_limits<double>::epsilon());
+    softness = 1.0 / resistance / dt;
+    erp = dt * pair["stiffness"] / resistance;
+    if (!turns) return;
+    const Matrix3d R_PW = support.R_WP.transpose();
+    R_PB = R_PW * R_PB;
+    v = R_PW * v_W;
+    w = R_PW * w_W;
+    support_v = R_PW * support.v_WP;
+    support_w = R_PW * support.w_WP;
+  }
+
+  // Of the rock over the support.
+  Vector3d slip(const Contact& at) const {
+    const Vector3d out = v + w.cross(at.r_P) - support_v;
+    return turns ? Vector3d(out - support_w.cross(at.s_P)) : out;
+  }
+  // The normal velocity that a contact wants, where it approaches so fast [m/s].
+  double target(const Contact& at, double approach) const {
+    double out = 0.0;
+    if (std::fabs(approach) >= threshold) out = std::max(0.0, pair["restitution"] * -approach);
+    const double distance = at.distance + kLinearSlop;
+    return out + (distance > 0 ? -distance / dt : -distance * erp / dt);
+  }
+};
+
+void FastStepper::advance(const Support& support, SupportMotor& motor, double dt) {
+  const FastModel& m = *model_;
+  Vector3d v = state.v_WB;
+  Vector3d w = state.w_WB;
+
+  // Weight, gyroscopic moment, and Bullet's damping with its linear and quadratic terms.
+  {
+    const Matrix3d R = state.q_WB.toRotationMatrix();
+    const Vector3d w_B = R.transpose() * w;
+    const Vector3d turn = -m.inverse_inertia.cwiseProduct(w_B.cross(m.inertia.cwiseProduct(w_B))) -
+                          w_B * (m.engine.angular_damping + m.engine.angular_damping * w_B.norm());
+    w = bounded_velocity(Vector3d(w + dt * (R * turn)));
+    const Vector3d drag = v * (m.engine.linear_damping + m.engine.linear_damping * v.norm());
+    v = bounded_velocity(Vector3d(v + dt * (Vector3d(0, 0, -m.engine.gravity) - drag)));
+  }
+
+  motor.velocity_change = 0.0;
+  iterations_ = 0;
+  if (count_ > 0 || motor.inverse_mass > 0) {
+    const ContactStep step(m, state, support, v, w, dt);
+    const bool yields = motor.inverse_mass > 0 || motor.pitch_response > 0;
+    VelocityChange<double> change;
+    if (yields || m.engine.residual_threshold > 0 || !stick(step, support, change))
+      sweep(step, support, motor, change);
+    Vector3d dw(change.angular);
+    Vector3d dv(change.linear);
+    if (!support.level) {
+      dw = support.R_WP * dw;
+      dv = support.R_WP * dv;
+    }
+    w = bounded_velocity(Vector3d(w + dw));
+    v = bounded_velocity(Vector3d(v + dv));
+    motor.velocity_change = change.joint;
+  }
+  move(v, w, dt);
+}
+
+// Impulses of contacts that all stick; false: some slide.
+bool FastStepper::stick(const ContactStep& step, const Support& support,
+                        VelocityChange<double>& change) {
+  const FastModel& m = *model_;
+  StickingProblem problem;
+  problem.count = count_;
+  problem.mass = m.mass;
+  problem.inertia = step.R_PB * m.inertia.asDiagonal() * step.R_PB.transpose();
+  problem.softness = step.softness;
+  problem.spinning_friction = m.pair["spinning_friction"];
+  problem.angular = step.w - step.support_w;
+  problem.linear = step.v - step.support_v;
+  if (step.turns) {
+    const Vector3d p_PB = support.R_WP.transpose() * (state.p_WB - support.p_WP);
+    problem.linear -= step.support_w.cross(p_PB);
+  }
+  for (int i = 0; i < count_; ++i) {
+    const Contact& c = contacts_[i];
+    problem.contacts[i] = {.x = c.r_P.x(),
+                           .y = c.r_P.y(),
+                           .z = c.r_P.z(),
+                           .target = step.target(c, step.slip(c).z()),
+                           .friction = m.pair["lateral_friction"] * friction_scale[i],
+                           .normal = c.normal_impulse};
+  }
+  if (!solve_sticking(problem)) return false;
+  for (int k = 0; k < 3; ++k) {
+    change.angular[k] = problem.angular[k];
+    change.linear[k] = problem.linear[k];
+  }
+  for (int i = 0; i < count_; ++i) {
+    contacts_[i].normal_impulse = problem.contacts[i].normal;
+    contacts_[i].lateral_impulse_1 = -problem.contacts[i].lateral_y;
+    contacts_[i].lateral_impulse_2 = problem.contacts[i].lateral_x;
+  }
+  return true;
+}
+
+// Impulses by Bullet's sweeps, with the joint by which the support yields.
+void FastStepper::sweep(const ContactStep& step, const Support& support, const SupportMotor& motor,
+                        VelocityChange<double>& change) {
+  const FastModel& m = *model_;
+  const RockResponse rock{1.0 / m.mass, step.R_PB * m.inverse_inertia.asDiagonal() *
+                                            step.R_PB.transpose()};
+  ContactProblem problem;
+  problem.count = count_;
+  problem.spinning_friction = m.pair["spinning_friction"];
+  problem.motor = {motor.inverse_mass, motor.target_velocity - step.support_v.x(),
+                   motor.maximum_impulse};
+  Vector3d pitch_P = Vector3d::Zero();
+  Vector3d axis_P = Vector3d::Zero();
+  if (motor.inverse_mass > 0) problem.joint = Joint::motor;
+  if (motor.pitch_response > 0) {
+    problem.joint = Joint::pitch;
+    pitch_P = support.R_WP.row(1).transpose();
+    axis_P = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
+  }
+  const bool sprung = problem.joint == Joint::pitch;
+  for (int i = 0; i < count_; ++i) {
+    const Contact& c = contacts_[i];
+    ContactRows& rows = problem.rows[i];
+    rows.friction = m.pair["lateral_friction"] * friction_scale[i];
+    const Vector3d& r = c.r_P;
+    const Vector3d slip = step.slip(c);
+    // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.
+    Vector3d lever = Vector3d::Zero();
+    if (sprung) lever = -pitch_P.cross(c.s_P - axis_P);
+    const Vector3d yield = motor.pitch_response * lever;
+    rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()},
+                     step.target(c, slip.z()) - slip.z(), step.softness);
+    rows.spin.fill(rock, {0, 0, 1}, 0.0, {-pitch_P.z(), -motor.pitch_response * pitch_P.z()},
+                   step.support_w.z() - step.w.z());
+    rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {-lever.y(), -yield.y()}, slip.y());
+    rows.lateral_2.fill(rock, {0, r.z(), -r.y()}, 1.0,
+                        sprung ? JointResponse{lever.x(), yield.x()}
+                               : JointResponse{-1.0, -motor.inverse_mass},
+                        -slip.x());
+  }
+  iterations_ = solve(problem, m.engine.solver_iterations, m.engine.residual_threshold);
+  change = problem.change;
+  for (int i = 0; i < count_; ++i) {
+    contacts_[i].normal_impulse = problem.rows[i].normal.impulse;
+    contacts_[i].lateral_impulse_1 = problem.rows[i].lateral_1.impulse;
+    contacts_[i].lateral_impulse_2 = problem.rows[i].lateral_2.impulse;
+  }
+}
+
+// Velocities and the positions that follow, by Bullet's rule.
+void FastStepper::move(const Vector3d& v, const Vector3d& w, double dt) {
+  state.v_WB = v;
+  state.w_WB = w;
+  state.p_WB += dt * v;
+  const double speed = std::min(w.norm(), kGreatestTurn / dt);
+  double sinc;
+  double cosine;
+  half_turn(0.5 * speed * dt, sinc, cosine);
+  const Vector3d axis = w * (0.5 * dt * sinc);
+  const Eigen::Quaterniond& q = state.q_WB;
+  Eigen::Quaterniond next(cosine * q.w() - axis.x() * q.x() - axis.y() * q.y() - axis.z() * q.z(),
+                          cosine * q.x() + axis.x() * q.w() + axis.y() * q.z() - axis.z() * q.y(),
+                          cosine * q.y() + axis.y() * q.w() + axis.z() * q.x() - axis.x() * q.z(),
+                          cosine * q.z() + axis.z() * q.w() + axis.x() * q.y() - axis.y() * q.x());
+  next.coeffs() *= 1.0 / std::sqrt(next.squaredNorm());
+  state.q_WB = next;
+}
+
+}  // namespace vsr2

@@ -1,0 +1,251 @@
+#include "sticking_contacts.hpp"
+
+#include <cmath>
+
+#include <Eigen/LU>
+
+namespace vsr2 {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+// Greatest difference of height of contacts that count as level, per their height: sweeps turn the
+// rock about an axis across by no more than its square.
+constexpr double kLevel = 1e-4;
+// Sets of closed contacts that are tried.
+constexpr int kMostSets = 8;
+
+class Solver {
+ public:
+  explicit Solver(StickingProblem& problem) : p_(problem) {
+    for (int i = 0; i < p_.count; ++i)
+      if (p_.contacts[i].normal > 0.0) closed_[size_++] = i;
+  }
+
+  bool solve() {
+    for (int tries = 0; tries < kMostSets; ++tries) {
+      if (!move()) return false;
+      if (!open_pulling() && !close_sinking()) return share();
+    }
+    return false;
+  }
+
+ private:
+  StickingContact& closed(int k) { return p_.contacts[closed_[k]]; }
+  const StickingContact& closed(int k) const { return p_.contacts[closed_[k]]; }
+
+  // Normal velocity at a contact.
+  double rise(const StickingContact& at) const { return c_ + a_ * at.y - b_ * at.x; }
+
+  // Impulses and velocity with the contacts that are taken for closed.
+  bool move() {
+    if (size_ == 0) {
+      a_ = p_.angular.x();
+      b_ = p_.angular.y();
+      c_ = p_.linear.z();
+      return true;
+    }
+    if (size_ > 1) return move_without_spin();
+    if (!(p_.spinning_friction > 0.0)) return move_about_one(0.0);
+    if (!move_without_spin()) return false;
+    const double stops = spinning_impulse();
+    if (!(lambda_[0] > 0.0) || std::fabs(stops) <= p_.spinning_friction * lambda_[0]) return true;
+    return move_about_one(std::copysign(p_.spinning_friction, stops));
+  }
+
+  bool move_without_spin() {
+    const double m = p_.mass;
+    double z = 0.0;
+    for (int k = 0; k < size_; ++k) z += closed(k).z;
+    z /= size_;
+    for (int k = 0; k < size_; ++k)
+      if (std::fabs(closed(k).z - z) > kLevel * std::fabs(z)) return false;
+    const double xx = p_.inertia(0, 0) + m * z * z, yy = p_.inertia(1, 1) + m * z * z;
+    const double xy = p_.inertia(0, 1);
+    const double over = 1.0 / (xx * yy - xy * xy);
+    const double r_xx = yy * over, r_yy = xx * over, r_xy = -xy * over;
+    const Vector3d momentum = p_.inertia * p_.angular;
+    double along_x = momentum.x() + m * z * p_.linear.y();
+    double along_y = momentum.y() - m * z * p_.linear.x();
+    a_ = r_xx * along_x + r_xy * along_y;
+    b_ = r_xy * along_x + r_yy * along_y;
+    c_ = p_.linear.z();
+    // The compliance of the normal rows, whose lower triangle Cholesky's decomposition takes.
+    double compliance[4][4];
+    for (int k = 0; k < size_; ++k) {
+      const StickingContact& at = closed(k);
+      const double by_x = r_xx * at.y - r_xy * at.x, by_y = r_xy * at.y - r_yy * at.x;
+      for (int j = 0; j <= k; ++j)
+        compliance[k][j] = (by_x * closed(j).y - by_y * closed(j).x) + 1.0 / m;
+      compliance[k][k] += p_.softness;
+      lambda_[k] = at.target - rise(at);
+    }
+    if (!solve_by_cholesky(compliance)) return false;
+    double sum = 0.0;
+    for (int k = 0; k < size_; ++k) {
+      along_x += lambda_[k] * closed(k).y;
+      along_y -= lambda_[k] * closed(k).x;
+      sum += lambda_[k];
+    }
+    a_ = r_xx * along_x + r_xy * along_y;
+    b_ = r_xy * along_x + r_yy * along_y;
+    c_ += sum / m;
+    spin_ = 0.0;
+    x_ = y_ = 0.0;
+    z_ = z;
+    return true;
+  }
+
+  // lambda_ from the right-hand side in it.
+  bool solve_by_cholesky(double (&of)[4][4]) {
+    for (int k = 0; k < size_; ++k) {
+      for (int j = 0; j < k; ++j) {
+        double sum = of[k][j];
+        for (int i = 0; i < j; ++i) sum -= of[k][i] * of[j][i];
+        of[k][j] = sum * of[j][j];
+        of[k][k] -= of[k][j] * of[k][j];
+        lambda_[k] -= of[k][j] * lambda_[j];
+      }
+      if (!(of[k][k] > 0.0)) return false;
+      of[k][k] = 1.0 / std::sqrt(of[k][k]);
+      lambda_[k] *= of[k][k];
+    }
+    for (int k = size_ - 1; k >= 0; --k) {
+      for (int j = k + 1; j < size_; ++j) lambda_[k] -= of[j][k] * lambda_[j];
+      lambda_[k] *= of[k][k];
+    }
+    return true;
+  }
+
+  // About one contact, on which the rock spins against `brake` per normal impulse [m].
+  bool move_about_one(double brake) {
+    const StickingContact& at = closed(0);
+    const double m = p_.mass;
+    const Vector3d by_x(0.0, -at.z, at.y), by_y(at.z, 0.0, -at.x);
+    const Matrix3d inertia = p_.inertia + m * (by_x * by_x.transpose() + by_y * by_y.transpose());
+    const Matrix3d response = inertia.inverse();
+    const Vector3d before = response * (p_.inertia * p_.angular +
+                                        m * (p_.linear.x() * by_x + p_.linear.y() * by_y));
+    const Vector3d by_impulse = response * Vector3d(at.y, -at.x, brake);
+    a_ = before.x();
+    b_ = before.y();
+    c_ = p_.linear.z();
+    const double compliance =
+        at.y * by_impulse.x() - at.x * by_impulse.y() + 1.0 / m + p_.softness;
+    if (!(compliance > 0.0)) return false;
+    lambda_[0] = (at.target - rise(at)) / compliance;
+    const Vector3d after = before + lambda_[0] * by_impulse;
+    a_ = after.x();
+    b_ = after.y();
+    c_ += lambda_[0] / m;
+    spin_ = after.z();
+    x_ = at.x;
+    y_ = at.y;
+    z_ = at.z;
+    return !(brake * spin_ > 0.0);
+  }
+
+  // Opens the contact that pulls most.
+  bool open_pulling() {
+    int worst = -1;
+    double least = 0.0;
+    for (int k = 0; k < size_; ++k) {
+      if (lambda_[k] > least) continue;
+      least = lambda_[k];
+      worst = k;
+    }
+    if (worst < 0) return false;
+    --size_;
+    for (int k = worst; k < size_; ++k) closed_[k] = closed_[k + 1];
+    return true;
+  }
+
+  // Closes the open contact that sinks fastest.
+  bool close_sinking() {
+    int worst = -1;
+    double greatest = 0.0;
+    for (int i = 0, k = 0; i < p_.count; ++i) {
+      if (k < size_ && closed_[k] == i) {
+        ++k;
+        continue;
+      }
+      const double sinks = p_.contacts[i].target - rise(p_.contacts[i]);
+      if (!(sinks > greatest)) continue;
+      greatest = sinks;
+      worst = i;
+    }
+    if (worst < 0) return false;
+    int k = size_++;
+    for (; k > 0 && closed_[k - 1] > worst; --k) closed_[k] = closed_[k - 1];
+    closed_[k] = worst;
+    return true;
+  }
+
+  // Changes of the velocity.
+  Vector3d turned() const { return Vector3d(a_, b_, spin_) - p_.angular; }
+  Vector3d shifted() const {
+    return Vector3d(spin_ * y_ - z_ * b_, z_ * a_ - spin_ * x_, c_) - p_.linear;
+  }
+
+  // About the vertical through the first contact.
+  double spinning_impulse() const {
+    const Vector3d lateral = p_.mass * shifted();
+    return p_.inertia.row(2).dot(turned()) -
+           (closed(0).x * lateral.y() - closed(0).y * lateral.x());
+  }
+
+  // Gives each contact its part of the lateral impulse, if friction allows it: as its normal
+  // impulse is of all, with a turn about their centre.
+  bool share() {
+    for (int i = 0; i < p_.count; ++i)
+      p_.contacts[i].normal = p_.contacts[i].lateral_x = p_.contacts[i].lateral_y = 0.0;
+    if (size_ == 0) {
+      p_.angular.setZero();
+      p_.linear.setZero();
+      return true;
+    }
+    const Vector3d dw = turned(), dv = shifted();
+    double sum = 0.0, x = 0.0, y = 0.0;
+    for (int k = 0; k < size_; ++k) {
+      sum += lambda_[k];
+      x += lambda_[k] * closed(k).x;
+      y += lambda_[k] * closed(k).y;
+    }
+    x /= sum;
+    y /= sum;
+    double polar = 0.0;
+    for (int k = 0; k < size_; ++k) {
+      const double d_x = closed(k).x - x, d_y = closed(k).y - y;
+      polar += lambda_[k] * (d_x * d_x + d_y * d_y);
+    }
+    const double f_x = p_.mass * dv.x(), f_y = p_.mass * dv.y();
+    const double torque = p_.inertia.row(2).dot(dw) - (x * f_y - y * f_x);
+    const double turn = size_ > 1 ? torque / polar : 0.0;
+    for (int k = 0; k < size_; ++k) {
+      StickingContact& at = closed(k);
+      const double s_x = f_x / sum - turn * (at.y - y), s_y = f_y / sum + turn * (at.x - x);
+      if (!(s_x * s_x + s_y * s_y < at.friction * at.friction)) return false;
+      at.normal = lambda_[k];
+      at.lateral_x = lambda_[k] * s_x;
+      at.lateral_y = lambda_[k] * s_y;
+    }
+    p_.angular = dw;
+    p_.linear = dv;
+    return true;
+  }
+
+  StickingProblem& p_;
+  int closed_[4];  // in rising order
+  int size_ = 0;
+  double lambda_[4];
+  // Relative velocity after the impulses, and the point (x, y, z) that has no lateral one.
+  double a_ = 0.0, b_ = 0.0, c_ = 0.0, spin_ = 0.0;
+  double x_ = 0.0, y_ = 0.0, z_ = 0.0;
+};
+
+}  // namespace
+
+bool solve_sticking(StickingProblem& problem) { return Solver(problem).solve(); }
+
+}  // namespace vsr2

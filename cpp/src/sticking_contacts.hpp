@@ -1,0 +1,52 @@
+#pragma once
+// Contacts that stick, solved at once; private to the core.
+//
+// Where no contact slides, the sweeps of contact_rows.hpp lead to one velocity, whatever their order.
+// This finds it without them. Closed contacts of one height z below the mass centre, two or more of
+// them, leave the rock three ways to move over the support: a turn (a, b) about the x and y axes
+// through the height z, and a rise c. Its relative velocity is then
+//
+//   w = (a, b, 0),  u = (-z b, z a, c)
+//
+// and Gauss's principle of least constraint gives it from the relative velocity (w0, u0) before all
+// impulses: with the inertia I about the mass centre and the mass m,
+//
+//   (I + m z^2) (a, b) = (I w0)_xy + m z (u0_y, -u0_x) + sum_i lambda_i (y_i, -x_i),
+//   m c = m u0_z + sum_i lambda_i.
+//
+// The normal impulses lambda_i >= 0 are the linear complementarity problem of the rows' demand
+// c + a y_i - b x_i + softness lambda_i >= target_i. One closed contact also lets the rock spin, which
+// its spinning friction may stop. Source: Featherstone, "Rigid Body Dynamics Algorithms" (2008), ch. 3
+// (constrained motion) and 11 (contact).
+
+#include <array>
+
+#include <Eigen/Core>
+
+namespace vsr2 {
+
+/// A contact as a step finds it.
+struct StickingContact {
+  double x, y, z;   ///< from the mass centre, along the support's axes [m]
+  double target;    ///< normal velocity wanted [m/s]
+  double friction;  ///< coefficient [1]
+  // Results [N s].
+  double normal = 0.0;     ///< in: greater than 0 where the contact was closed before
+  double lateral_x = 0.0;  ///< on the rock
+  double lateral_y = 0.0;
+};
+
+struct StickingProblem {
+  std::array<StickingContact, 4> contacts;
+  int count = 0;
+  double mass = 0.0;                       ///< [kg]
+  Eigen::Matrix3d inertia;                 ///< along the support's axes [kg m^2]
+  double softness = 0.0;                   ///< of the normal rows [1/kg]
+  double spinning_friction = 0.0;          ///< [m]
+  Eigen::Vector3d angular, linear;  ///< in: relative velocity; out: its change [rad/s], [m/s]
+};
+
+/// Whether all closed contacts stick; then the problem holds impulses and the change of the velocity.
+bool solve_sticking(StickingProblem& problem);
+
+}  // namespace vsr2
