@@ -22,13 +22,35 @@ double angle_between(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
   return 2.0 * std::asin(std::min(1.0, (a * b.conjugate()).vec().norm()));
 }
 
+// `fast` takes contacts that stick to where the sweeps lead in the end. Several on a level base get
+// there slowly: 3000 sweeps leave rounding where the rock rests. In an impact they begin to tell apart
+// heights that `fast` takes for one, by some 1e-5 m/s.
+bool needs_many_sweeps(RockKind kind, Drive drive) {
+  return drive == Drive::prescribed && kind != RockKind::hull && kind != RockKind::hull_off_centre;
+}
+
+// Of all contacts, on the rock [N s].
+Eigen::Vector3d total_impulse(const std::vector<ContactPoint>& contacts) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (const ContactPoint& c : contacts)
+    sum += c.normal_impulse * c.normal_W + c.lateral_impulse_1 * c.direction_1 +
+           c.lateral_impulse_2 * c.direction_2;
+  return sum;
+}
+
 class FastWorldAgreement : public ::testing::TestWithParam<std::tuple<RockKind, Drive>> {};
 
 // Both compute the same model in doubles; what differs is rounding, and Bullet's normals, which
-// lean by some 1e-13. 1e-10 m over 1000 steps leaves room for its growth while the rock rocks.
+// lean by some 1e-13. 1e-10 m over 1000 steps leaves room for its growth while the rock rocks; where
+// parity's sweeps end elsewhere, 1e-7 m, and 1e-5 m for the box that rocks askew. How contacts that stick share a lateral impulse is
+// open: then their sum is compared.
 TEST_P(FastWorldAgreement, FollowsParityStepForStep) {
   const auto [kind, drive] = GetParam();
-  const auto shared = scene(kind);
+  EngineSettings engine;
+  const bool many = needs_many_sweeps(kind, drive);
+  if (many) engine.solver_iterations = 3000;
+  const double most = !many ? 1e-10 : kind == RockKind::box_off_centre ? 1e-5 : 1e-7;
+  const auto shared = scene(kind, engine);
   const auto parity = make_bullet_world(shared, drive);
   const auto fast = make_fast_world(shared, drive);
   parity->spawn_rock(test::start(kind));
@@ -39,19 +61,24 @@ TEST_P(FastWorldAgreement, FollowsParityStepForStep) {
   for (int i = 0; i < 1000; ++i) {
     parity->step(pulse.at(i));
     fast->step(pulse.at(i));
-    ASSERT_LT((parity->rock().p_WB - fast->rock().p_WB).norm(), 1e-10) << "step " << i;
-    ASSERT_LT((parity->rock().q_WB.coeffs() - fast->rock().q_WB.coeffs()).norm(), 1e-10)
+    ASSERT_LT((parity->rock().p_WB - fast->rock().p_WB).norm(), most) << "step " << i;
+    ASSERT_LT((parity->rock().q_WB.coeffs() - fast->rock().q_WB.coeffs()).norm(), most)
         << "step " << i;
     ASSERT_NEAR(parity->pedestal().position, fast->pedestal().position, 1e-12);
     ASSERT_NEAR(parity->pedestal().velocity, fast->pedestal().velocity, 1e-10);
     parity->contacts(a);
     fast->contacts(b);
     ASSERT_EQ(a.size(), b.size()) << "step " << i;
+    // 353.8 kg at 1e-6 m/s, or 1e-4 m/s.
+    ASSERT_LT((total_impulse(a) - total_impulse(b)).norm(), many ? 4e-2 : 4e-4) << "step " << i;
     for (std::size_t k = 0; k < a.size(); ++k) {
-      ASSERT_LT((a[k].p_W_rock - b[k].p_W_rock).norm(), 1e-9) << "step " << i;
-      ASSERT_LT((a[k].p_W_pedestal - b[k].p_W_pedestal).norm(), 1e-9);
-      ASSERT_LT((a[k].normal_W - b[k].normal_W).norm(), 1e-9);
-      ASSERT_NEAR(a[k].distance, b[k].distance, 1e-10);
+      ASSERT_LT((a[k].p_W_rock - b[k].p_W_rock).norm(), 10 * most) << "step " << i;
+      ASSERT_LT((a[k].p_W_pedestal - b[k].p_W_pedestal).norm(), 10 * most);
+      ASSERT_LT((a[k].normal_W - b[k].normal_W).norm(), 10 * most);
+      ASSERT_NEAR(a[k].distance, b[k].distance, most);
+      for (std::size_t j = 0; j < kContactParameters.size(); ++j)
+        ASSERT_DOUBLE_EQ(a[k].pair.all[j], b[k].pair.all[j]) << kContactParameters[j].name;
+      if (drive == Drive::prescribed) continue;
       // 353.8 kg at 1e-6 m/s.
       ASSERT_NEAR(a[k].normal_impulse, b[k].normal_impulse, 4e-4) << "step " << i;
       ASSERT_LT(
@@ -62,8 +89,6 @@ TEST_P(FastWorldAgreement, FollowsParityStepForStep) {
           (a[k].lateral_impulse_2 * a[k].direction_2 - b[k].lateral_impulse_2 * b[k].direction_2)
               .norm(),
           4e-4);
-      for (std::size_t j = 0; j < kContactParameters.size(); ++j)
-        ASSERT_DOUBLE_EQ(a[k].pair.all[j], b[k].pair.all[j]) << kContactParameters[j].name;
     }
   }
   EXPECT_EQ(fast->handover(), Handover::none);
@@ -332,9 +357,9 @@ TEST(FastWorld, FollowsParityOnASlope) {
         if (drive == Drive::prescribed_spatial) target.excursion.pitch = 0.1 * target.position;
         parity->step(target);
         fast->step(target);
-        // Measured: hulls 3e-11 m; boxes, dropped askew, 9e-8 m.
-        const bool is_box = kind == RockKind::box || kind == RockKind::box_off_centre;
-        ASSERT_LT((parity->rock().p_WB - fast->rock().p_WB).norm(), is_box ? 3e-7 : 1e-9)
+        // Boxes are dropped askew; of a support that turns, contacts that stick have its speed at the
+        // rock's point, where parity takes that at the support's.
+        ASSERT_LT((parity->rock().p_WB - fast->rock().p_WB).norm(), 3e-7)
             << test::name(kind) << " " << test::name(drive) << " step " << i;
       }
       EXPECT_EQ(fast->handover(), Handover::none);
@@ -543,8 +568,10 @@ TEST(FastStepper, TurnsTheRockWithTheSupport) {
   EXPECT_NEAR(stepper.state.p_WB.y(), 0.5 * std::sin(turned), 2e-3);
 }
 
-// Every step of a motion with rest, rocking, sliding and impacts, taken with jumps and, from the same
-// state, sweep by sweep. Where no contact slides a jump differs by rounding, the product of 1e-16, the
+// Every step of a motion with rest, rocking, sliding and impacts, taken at once where all contacts stick,
+// else with jumps, and from the same state sweep by sweep: 150 of them, or 3000 where they are to reach
+// the end. These leave at most some 1e-6 m/s, in steps in which contacts close, and 1e-7 m/s otherwise.
+// Where no contact slides a jump differs by rounding, the product of 1e-16, the
 // 150 sweeps and the speeds of up to 1 m/s; where one slides also by the linearisation, at most
 // (1e-5 rad)^2 / 2 of a friction impulse of m g dt a jump, and by the sweep in which a contact
 // changes between sticking and sliding, whose friction differs then.
@@ -556,7 +583,10 @@ TEST(FastStepper, JumpsToWhereTheSweepsLead) {
       const auto model = std::make_shared<const FastModel>(*scene(kind));
       EngineSettings all_sweeps;
       all_sweeps.residual_threshold = std::numeric_limits<double>::denorm_min();
+      EngineSettings to_the_end = all_sweeps;
+      to_the_end.solver_iterations = 3000;
       FastStepper jumps(model);
+      FastStepper far(std::make_shared<const FastModel>(*scene(kind, to_the_end)));
       FastStepper sweeps(std::make_shared<const FastModel>(*scene(kind, all_sweeps)));
       const Pose start = test::start(kind);
       jumps.state = {start.position, start.orientation, {0.2, 0.1, 0}, {0, 0, 0.5}};
@@ -566,11 +596,14 @@ TEST(FastStepper, JumpsToWhereTheSweepsLead) {
       int steps = 0;
       int apart = 0;
       int sliding = 0;
+      int at_once = 0;
+      int far_off = 0;
       long done = 0;
       for (int i = 0; i < 2500; ++i, ++steps) {
         const double v = (pulse.at(i).position - support.p_WP.x()) / 1e-3;
         support.v_WP.x() = v;
         SupportMotor motor[2];
+        const FastStepper::Snapshot before = jumps.snapshot();
         if (with_motor)
           for (SupportMotor& m : motor) m = {1.0 / 2000.0, v, 1e4, 0.0};
         sweeps.restore(jumps.snapshot());
@@ -579,6 +612,22 @@ TEST(FastStepper, JumpsToWhereTheSweepsLead) {
         jumps.advance(support, motor[0], 1e-3);
         sweeps.advance(support, motor[1], 1e-3);
         done += jumps.iterations();
+        support.p_WP.x() += 1e-3 * v;
+        if (jumps.contact_count() > 0 && jumps.iterations() == 0) {
+          ASSERT_FALSE(with_motor);
+          support.p_WP.x() -= 1e-3 * v;
+          far.restore(before);
+          far.detect(support);
+          SupportMotor none;
+          far.advance(support, none, 1e-3);
+          const double left = std::max((jumps.state.v_WB - far.state.v_WB).norm(),
+                                       0.3 * (jumps.state.w_WB - far.state.w_WB).norm());
+          ASSERT_LT(left, 3e-6) << "step " << i;
+          far_off += left > 1e-7;
+          ++at_once;
+          support.p_WP.x() += 1e-3 * v;
+          continue;
+        }
         const double difference =
             std::max((jumps.state.v_WB - sweeps.state.v_WB).norm(),
                      0.3 * (jumps.state.w_WB - sweeps.state.w_WB).norm());
@@ -592,12 +641,16 @@ TEST(FastStepper, JumpsToWhereTheSweepsLead) {
         }
         sliding += slides;
         apart += !slides && difference > 1e-12;
-        support.p_WP.x() += 1e-3 * v;
       }
       EXPECT_LT(apart, steps / 100);
       EXPECT_GT(sliding, 10);
       EXPECT_LT(done, 60L * steps) << "jumps were to save sweeps";
-      EXPECT_GT(done, steps);
+      if (with_motor) {
+        EXPECT_GT(done, steps);
+      } else {
+        EXPECT_GT(at_once, steps / 2);
+        EXPECT_LT(far_off, at_once / 100);
+      }
     }
   }
 }
