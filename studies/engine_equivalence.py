@@ -2,13 +2,14 @@
 
     python studies/engine_equivalence.py --scene pbr_scan [--threads N]
     VSR2_LAB_DATA=FOLDER python studies/engine_equivalence.py --scene SP1 [--threads N]
+    python studies/engine_equivalence.py --scene block [--threads N]
 
 A rocking response is chaotic near its threshold, so engines that do not share every bit are judged
 on ensembles: the overturn probability and the distribution of the largest tilt over replicates
 with perturbed starts, under borderline records.
 
-Scenes: the embedded scan, which stands level on a flat base, and specimen SP1 of the laboratory
-campaign, which stands on few points (its mesh is read from VSR2_LAB_DATA, else ../shared/lab beside
+Scenes: the embedded scan, which stands level on a flat base; the block of configs/blind.yaml with
+its own contact, at 1 ms; and specimen SP1 of the laboratory campaign, which stands on few points (its mesh is read from VSR2_LAB_DATA, else ../shared/lab beside
 the repository). `exact` settles the rock once; every replicate of both engines starts from that
 pose, at rest, turned about the vertical (standard deviation 0.5 degree), leaned about a random
 horizontal axis (1e-4 rad), moved (1 mm) and lifted (up to 0.1 mm), and is shaken at once.
@@ -49,6 +50,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2, ks_2samp, norm
 
+from vsr2.config import load_study
 from vsr2.config.study import (
     ORIGINAL,
     Contact,
@@ -62,7 +64,7 @@ from vsr2.config.study import (
 )
 from vsr2.motion import Motion, synthetic_motion
 from vsr2.results.atomic import write_atomic
-from vsr2.scene import Pose, Scene, build_pedestal, build_rock
+from vsr2.scene import Pose, Scene, build_pedestal, build_rock, build_scene
 from vsr2.scene.rotation import matrix_from_quaternion, multiply, yaw_quaternion
 from vsr2.simulation import run_batch
 from vsr2.trial import Trial
@@ -102,6 +104,10 @@ def rock_of(scene: str) -> MeshRock:
 
 def scene_of(name: str, mode: str) -> Scene:
     """The rock on the default prism with the original's contact, for one engine."""
+    if name == "block":
+        study = load_study(ROOT / "configs" / "blind.yaml")
+        engine = study.engine.model_copy(update={"mode": mode, "time_step": 1e-3})
+        return build_scene(study.model_copy(update={"engine": engine}))
     pedestal = build_pedestal(PrismPedestal())
     rock = build_rock(rock_of(name), pedestal, clearance=0.002)
     engine = Engine(mode=mode, **ORIGINAL["engine"])
@@ -302,7 +308,7 @@ def equivalence(exact: np.ndarray, fast: np.ndarray, variance: np.ndarray) -> st
 def main() -> None:
     """Run what parts are missing, write the table, print the verdicts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scene", choices=("pbr_scan", "SP1"), default="pbr_scan")
+    parser.add_argument("--scene", choices=("pbr_scan", "SP1", "block"), default="pbr_scan")
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--replicates", type=int, default=300)
     parser.add_argument("--threads", type=int)
