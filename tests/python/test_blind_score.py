@@ -1,5 +1,6 @@
 """Scores of hand-made verdicts, computed by hand."""
 
+import dataclasses
 import json
 import math
 import shutil
@@ -16,8 +17,10 @@ from vsr2.blind import score_pack
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
 from vsr2.blind.form.seal import open_key
+from vsr2.blind.scoring.baselines import BASELINE
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.intervals import (
+    INTERVALS,
     Score,
     area_under_roc,
     calibration_error,
@@ -25,7 +28,10 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.blind.scoring.leaks import LEAKS
+from vsr2.blind.scoring.metadata import METADATA
 from vsr2.blind.scoring.score import (
+    SCORING,
     ScoreCode,
     axis_named,
     magnitude,
@@ -484,6 +490,17 @@ def test_an_open_pack_shows_its_campaigns_and_is_scored_again(tmp_path) -> None:
     score_pack(*pack, tmp_path / "again")
     content = json.loads((tmp_path / "again" / "scores.json").read_text())
     assert {c["id"] for c in content["campaigns"] if c["right"]} == {"a", "b", "e", "g", "i"}
+
+
+def test_scores_state_the_constants_that_they_rest_on(pack, tmp_path) -> None:
+    score_pack(*pack, tmp_path / "scores")
+    used = {
+        "scoring": SCORING, "intervals": INTERVALS, "baselines": BASELINE, "leaks": LEAKS,
+        "metadata": METADATA,
+    }  # fmt: skip
+    wanted = {name: dataclasses.asdict(one) for name, one in used.items()}
+    for path in (tmp_path / "scores" / "scores.json", pack[1] / "receipt.json"):
+        assert json.loads(path.read_text())["constants"] == wanted
 
 
 def test_a_changed_key_is_refused(pack, tmp_path) -> None:

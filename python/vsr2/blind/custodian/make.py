@@ -47,9 +47,13 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.blind.mujoco import ContactModel, Drawable, Response, draw_contact
+from vsr2.blind.mujoco.body import HULL
 from vsr2.blind.mujoco.contact import FAMILY
 from vsr2.blind.mujoco.ground import GROUND
 from vsr2.blind.mujoco.mechanisms import MECHANISMS
+from vsr2.blind.mujoco.model import MODEL
+from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
+from vsr2.blind.mujoco.table import TABLE
 from vsr2.blind.mujoco.trial import TRIAL
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
@@ -62,8 +66,22 @@ FORM = 8
 """Of the data, of what is drawn and of the steps kept; a pack of another form is not continued."""
 _STATE = "custodian.json"
 _STEPS = "steps.json"
-PLACEMENTS = 6
-"""Draws of a campaign, until its rock rests before every motion."""
+
+
+@dataclass(frozen=True)
+class MakingConstants:
+    """How a campaign is made; chosen by hand, sealed with a pack.
+
+    Attributes:
+        placements: draws of a campaign, until its rock rests before every motion.
+        least_tilt: that counts where tilts are compared [rad]: less is no response.
+    """
+
+    placements: int = 6
+    least_tilt: float = 1e-3
+
+
+MAKING = MakingConstants()
 
 
 @dataclass(frozen=True)
@@ -326,9 +344,9 @@ def _campaign(
     Where a rock does not come to rest, all draws are repeated, as it would be placed again.
 
     Raises:
-        SimulationError: nor does it in any of `PLACEMENTS` draws.
+        SimulationError: nor does it in any of `MAKING.placements` draws.
     """
-    for attempt in range(PLACEMENTS):
+    for attempt in range(MAKING.placements):
         rng = np.random.default_rng([seed, 401, planned.index, *([attempt] if attempt else [])])
         gain, inputs = draw_inputs(rng, protocol, settings)
         *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
@@ -351,7 +369,7 @@ def _campaign(
                 flips = round(flipped / len(pairs), 4)
             break
         except SimulationError:
-            if attempt == PLACEMENTS - 1:
+            if attempt == MAKING.placements - 1:
                 raise
     campaign = recorded_campaign(planned.id, protocol, seen, settings, rng)
     folder = data / planned.id
@@ -386,7 +404,7 @@ def _write_together(data: Path, names: Sequence[str]) -> None:
 
 
 def _change(a: Response, b: Response) -> float:
-    tilts = [min(max(x.peak_tilt, 1e-3), RECORDING.range) for x in (a, b)]
+    tilts = [min(max(x.peak_tilt, MAKING.least_tilt), RECORDING.range) for x in (a, b)]
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
@@ -399,10 +417,15 @@ def _axis(effects: tuple[Drawn, ...]) -> Axis:
 def _constants() -> dict[str, dict[str, Any]]:
     """Chosen numbers that a pack rests on beside `rules`, by what they are of."""
     return {
+        "making": asdict(MAKING),
         "design": asdict(DESIGN),
         "ground_motion": asdict(GROUND),
         "contact_family": asdict(FAMILY),
         "mechanisms": asdict(MECHANISMS),
+        "mujoco_hull": asdict(HULL),
+        "mujoco_model": asdict(MODEL),
+        "mujoco_rough_base": asdict(ROUGH_BASE),
+        "mujoco_table": asdict(TABLE),
         "mujoco_trial": asdict(TRIAL),
         "bullet": asdict(BULLET),
         "recording": asdict(RECORDING),
