@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from types import FrameType
@@ -155,9 +156,10 @@ def _threads(threads: int | None, client: distributed.Client | None) -> int:
             "threads does not apply with a client: the workers' own threads run the trials"
         )
     count = len(os.sched_getaffinity(0)) if threads is None else threads
-    if not 1 <= count <= 1024:
-        raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
-    return count
+    whole = isinstance(count, Integral) and not isinstance(count, bool)
+    if not whole or not 1 <= count <= 1024:
+        raise SimulationError(f"threads must be a whole number from 1 to 1024, got {threads!r}")
+    return int(count)
 
 
 def _log_begin(trials: Sequence[Trial], pending: int) -> None:
