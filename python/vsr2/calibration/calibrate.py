@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,8 +39,6 @@ from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resample
 from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
-
-_logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -259,13 +256,6 @@ def calibrate(
     with EvaluationStore(folder, digest, len(campaign)) as store:
         evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
         found = _evaluated(study, evaluator, campaign, on_evaluation)
-    _logger.info(
-        "%d sets searched, best objective %.4g; %d sets in all, %d of them simulated now",
-        len(found.steps),
-        found.searched.score,
-        len(found.evaluations),
-        evaluator.simulated,
-    )
     points = settings.method.profile_points if isinstance(settings.method, Joint) else 0
     scores, no_baselines = _compare(found, seed)
     return replace(

@@ -25,9 +25,10 @@ from vsr2.blind.custodian.design import (
 )
 from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
-from vsr2.blind.custodian.measurements import Measurements, Say, Steps, read_back
+from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.custodian.recording import RECORDING, recorded_campaign
+from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.form.seal import (
@@ -59,6 +60,7 @@ from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
 from vsr2.config.yaml_file import dump_yaml
+from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
@@ -112,7 +114,7 @@ def make_pack(
     settings: PackSettings,
     *,
     seed: int | None = None,
-    say: Say = lambda text: None,
+    say: Say = unheard,
 ) -> Made:
     """Make a pack, or continue one that was interrupted.
 
@@ -127,7 +129,7 @@ def make_pack(
         key: another folder, not within `pack/data`.
         settings: of the pack.
         seed: of everything; None: from the operating system, kept in the key folder.
-        say: gets a line of progress now and then.
+        say: gets an event now and then.
 
     Raises:
         BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
@@ -145,7 +147,7 @@ def make_pack(
     steps = Steps(key / _STEPS)
 
     def amplitudes() -> list[float]:
-        say(f"{settings.engines[0]}: amplitudes of {len(motions)} motions")
+        say(Statement.of(EventCode.AMPLITUDES, engine=settings.engines[0], motions=len(motions)))
         return [overturning_pga(engines[settings.engines[0]], motion) for motion in motions]
 
     thresholds = steps.once("overturning_pga", amplitudes)
@@ -160,7 +162,7 @@ def make_pack(
     for done, planned in enumerate(plan.campaigns, 1):
 
         def simulated(planned: Planned = planned, done: int = done) -> dict[str, Any]:
-            say(f"campaign {done} of {len(plan.campaigns)}")
+            say(Statement.of(EventCode.CAMPAIGN, number=done, of=len(plan.campaigns)))
             engine, protocol = engines[planned.engine], protocols[planned.protocol]
             return _campaign(data, planned, engine, protocol, settings, number)
 
