@@ -48,7 +48,7 @@ from vsr2.diagnosis import Budget, Execution
 from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError
 from vsr2.report.blind import write_scores
-from vsr2.report.messages.packs import diagnosed_pack, event_text
+from vsr2.report.messages.blind_packs import diagnosed_pack, event_text
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")

@@ -31,14 +31,14 @@ from vsr2.blind.mujoco import (
     with_effects,
 )
 from vsr2.blind.mujoco.ground import acceleration_of
-from vsr2.blind.mujoco.mechanisms import (
+from vsr2.blind.mujoco.model import build_model
+from vsr2.blind.mujoco.step_actions import (
     MECHANISMS,
     RelativeMotion,
     catch,
     friction,
     step_actions,
 )
-from vsr2.blind.mujoco.model import build_model
 from vsr2.effects import Circumstances
 from vsr2.effects.order import ChangePoint
 

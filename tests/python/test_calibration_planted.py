@@ -30,7 +30,7 @@ from vsr2.calibration import (
     usable_trials,
 )
 from vsr2.calibration.evaluation import campaign_sha256
-from vsr2.calibration.scores import metrics_of
+from vsr2.calibration.objective import metrics_of
 from vsr2.campaign import Campaign, load_campaign, simulate_campaign
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError

@@ -11,7 +11,7 @@ from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Stat
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
 from vsr2.errors import Fault
-from vsr2.report.messages.packs import event_text
+from vsr2.report.messages.blind_packs import event_text
 from vsr2.report.messages.runs import no_baselines
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
 

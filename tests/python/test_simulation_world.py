@@ -20,7 +20,7 @@ from vsr2.config.study import ORIGINAL, Contact, Engine, Material, Study
 from vsr2.errors import Fault, SimulationError
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
-from vsr2.simulation.scene import refusals
+from vsr2.simulation.native_scenes import refusals
 
 
 def study(**sections: object) -> Study:

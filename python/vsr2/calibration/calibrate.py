@@ -24,8 +24,8 @@ from vsr2.calibration.calibration_study import (
 )
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
+from vsr2.calibration.objective import as_predictions, metrics_of, objective_of
 from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
-from vsr2.calibration.scores import as_predictions, metrics_of, objective_of
 from vsr2.calibration.search import (
     Score,
     Step,

@@ -100,7 +100,7 @@ def make(
     from vsr2.blind import make_pack
     from vsr2.config import load_study
     from vsr2.errors import BlindError
-    from vsr2.report.messages.packs import sealed_pack
+    from vsr2.report.messages.blind_packs import sealed_pack
 
     if seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
@@ -122,7 +122,7 @@ def make(
 
 def _progress(quiet: bool) -> Say:
     from vsr2.blind.form.events import unheard
-    from vsr2.report.messages.packs import event_text
+    from vsr2.report.messages.blind_packs import event_text
 
     return unheard if quiet else lambda event: print(event_text(event), flush=True)
 
@@ -178,7 +178,7 @@ def diagnose(
         campaign: diagnose the campaign with this id (may be repeated; default: all)
     """
     from vsr2.blind import diagnose_pack
-    from vsr2.report.messages.packs import diagnosed_pack
+    from vsr2.report.messages.blind_packs import diagnosed_pack
 
     progress = diagnose_pack(
         data,

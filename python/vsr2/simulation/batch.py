@@ -42,9 +42,9 @@ from vsr2.results import (
     save_trial_log,
 )
 from vsr2.simulation.distributed import run_on_cluster
+from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
-from vsr2.simulation.scene import native_scene
 from vsr2.trial import Observation, Trial
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from vsr2.config import Study, load_study
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
 from vsr2.scene import Pose, Scene, build_scene
-from vsr2.simulation.scene import native_scene, refusals
+from vsr2.simulation.native_scenes import native_scene, refusals
 
 Array = NDArray[np.float64]
 MAX_SET_POINT = 1e6

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.blind.custodian.bullet_engine import BULLET
+from vsr2.blind.custodian.campaign_recording import RECORDING, recorded_campaign
 from vsr2.blind.custodian.design import (
     DESIGN,
     Protocol,
@@ -27,7 +28,6 @@ from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.recording import RECORDING, recorded_campaign
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import Kind, PackSettings
@@ -48,14 +48,14 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.blind.mujoco import ContactModel, Drawable, Response, draw_contact
-from vsr2.blind.mujoco.body import HULL
-from vsr2.blind.mujoco.contact import FAMILY
+from vsr2.blind.mujoco.contact_models import FAMILY
+from vsr2.blind.mujoco.driven_table import TABLE
 from vsr2.blind.mujoco.ground import GROUND
-from vsr2.blind.mujoco.mechanisms import MECHANISMS
 from vsr2.blind.mujoco.model import MODEL
 from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
-from vsr2.blind.mujoco.table import TABLE
-from vsr2.blind.mujoco.trial import TRIAL
+from vsr2.blind.mujoco.mujoco_trial import TRIAL
+from vsr2.blind.mujoco.rigid_body import HULL
+from vsr2.blind.mujoco.step_actions import MECHANISMS
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter

@@ -8,7 +8,7 @@ from vsr2.diagnosis.verdict.statements import Code, Statement
 
 
 class EventCode(Code):
-    """What happens; `vsr2.report.messages.packs` words it."""
+    """What happens; `vsr2.report.messages.blind_packs` words it."""
 
     AMPLITUDES = "amplitudes", {"engine": str, "motions": int}
     DETECTION_LIMIT = (

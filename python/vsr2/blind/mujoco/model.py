@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.blind.mujoco.body import GRAVITY
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
 
 

@@ -10,15 +10,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import (
+from vsr2.blind.mujoco.driven_table import (
     low_passed,
     pitched,
     resonated,
     saturated,
     stretched,
 )
-from vsr2.blind.mujoco.trial import Response
+from vsr2.blind.mujoco.mujoco_trial import Response
+from vsr2.blind.mujoco.situation import Situation
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]

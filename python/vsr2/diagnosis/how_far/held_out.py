@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.scores import (
+from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
     Interval,
     by_kind,

@@ -14,7 +14,7 @@ from vsr2.report.messages.runs import compatible_values
 if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
     from vsr2.calibration import CalibrationResult
-    from vsr2.diagnosis.reference import Agreement
+    from vsr2.diagnosis.reference_campaign import Agreement
     from vsr2.results import BatchResult
     from vsr2.simulation.bench import Rock
     from vsr2.simulation.effect_checks import EffectReport, Liveness

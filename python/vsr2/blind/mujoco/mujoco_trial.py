@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.body import GRAVITY
-from vsr2.blind.mujoco.mechanisms import RelativeMotion, step_actions
+from vsr2.blind.mujoco.driven_table import drive
 from vsr2.blind.mujoco.model import MODEL, build_model
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import drive
+from vsr2.blind.mujoco.step_actions import RelativeMotion, step_actions
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.body import GRAVITY
+from vsr2.blind.mujoco.driven_table import Channel
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import Channel
 
 Array = NDArray[np.float64]
 Action = Callable[[int], None]

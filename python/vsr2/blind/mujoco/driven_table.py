@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.body import GRAVITY
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 
 Array = NDArray[np.float64]
 Channel = Literal["x", "y", "z", "pitch"]
