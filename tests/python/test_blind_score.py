@@ -48,7 +48,7 @@ from vsr2.report.blind import scores_page, write_scores
 from vsr2.report.messages.scores import SCORES
 
 ROOT = Path(__file__).resolve().parents[2]
-TOLD = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
+ESTIMATE = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
 
 CAMPAIGNS = {
     # right, by its class: slenderness for table_gain
@@ -81,14 +81,14 @@ VERDICTS = {
         {"restitution": 0.9, "unknown": 0.1},
         ["restitution"],
         ["restitution", "rocking_damping"],
-        restitution={"parameters": TOLD},
+        restitution={"parameters": ESTIMATE},
     ),
     "c": diagnosis(
         "effect",
         {"restitution": 0.6, "friction": 0.3, "unknown": 0.1},
         ["restitution"],
         ["restitution", "friction", "wear"],
-        friction={"parameters": TOLD},
+        friction={"parameters": ESTIMATE},
     ),
     "d": diagnosis(
         "none", {"none": 0.8, "inertia": 0.1}, [], ["none"], closure=-0.2, gain=[-0.2, -0.1]

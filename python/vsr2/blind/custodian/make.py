@@ -377,8 +377,8 @@ def _campaign(
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
-    shared = motion_folders(settings)[planned.protocol]
-    save_campaign(campaign, folder, motions=f"../{shared}")
+    motions = motion_folders(settings)[planned.protocol]
+    save_campaign(campaign, folder, motions=f"../{motions}")
     set_time_stamps(folder)
     return {
         "kind": planned.kind,
