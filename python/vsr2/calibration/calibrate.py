@@ -206,19 +206,10 @@ def evaluations_at_most(settings: CalibrationSettings) -> int | None:
     method = settings.method
     if not isinstance(method, Joint):
         return None
-    slices = sum(
-        method.profile_points if one.values is None else len(one.values)
-        for one in settings.parameters.values()
-    )
+    slices = len(profile_values(settings.parameters, {}, method.profile_points))
     searches = 1 + settings.folds
     judged = searches if method.screen or settings.judged_with else 0
-    sets = (
-        method.design
-        + len(method.sets)
-        + searches * method.refine
-        + (slices if method.profile_points else 0)
-    )
-    return sets + judged
+    return method.design + len(method.sets) + searches * method.refine + slices + judged
 
 
 def calibrate(
