@@ -179,6 +179,7 @@ def diagnose(
     """
     from vsr2.blind import diagnose_pack
     from vsr2.report.messages.blind_packs import diagnosed_pack
+    from vsr2.report.progress_lines import ProgressLines
 
     progress = diagnose_pack(
         data,
@@ -186,7 +187,7 @@ def diagnose(
         tiers=tier or None,
         campaigns=campaign or None,
         budget=effort.budget(),
-        execution=Execution(effort.threads, progress=not quiet),
+        execution=Execution(effort.threads, report=None if quiet else ProgressLines()),
         seed=effort.seed,
         say=_progress(quiet),
     )

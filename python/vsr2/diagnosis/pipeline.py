@@ -59,12 +59,12 @@ _logger = logging.getLogger(__name__)
 
 
 class Stage(StrEnum):
-    """What a diagnosis is at."""
+    """What a diagnosis is at; `vsr2.report.progress_lines` words it."""
 
-    LOOK = "trying effects"
-    SIMULATION = "simulating"
+    LOOK = "look"
+    SIMULATION = "simulation"
     TRAINING = "training"
-    JUDGEMENT = "judging"
+    JUDGEMENT = "judgement"
 
 
 @dataclass(frozen=True)
