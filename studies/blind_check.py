@@ -45,8 +45,10 @@ from vsr2.blind.scoring.packs import RECEIPT, SCORES, check_apart, judge, read_r
 from vsr2.blind.scoring.scored import Scored
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Execution
+from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError
 from vsr2.report.blind import write_scores
+from vsr2.report.messages.blind_packs import diagnosed_pack, event_text
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINES = ("bullet", "mujoco")
@@ -139,8 +141,8 @@ def main() -> int:
         return score(options.check, folders, options.out, options.results or default, options.tier)
     limit = None if options.minutes is None else time.monotonic() + 60 * options.minutes
 
-    def say(text: str) -> None:
-        print(f"{time.strftime('%H:%M:%S')} {text}", flush=True)
+    def say(event: Statement) -> None:
+        print(f"{time.strftime('%H:%M:%S')} {event_text(event)}", flush=True)
         if limit is not None and time.monotonic() > limit:
             raise OutOfTimeError
 
@@ -160,7 +162,7 @@ def main() -> int:
                 execution=Execution(options.threads),
                 say=say,
             )
-            print(f"{folder}: {progress.done} diagnoses, {len(progress.failed)} failed")
+            print(diagnosed_pack(progress, folder))
     except OutOfTimeError:
         print("time is up; run the same command to continue")
         return 3

@@ -19,7 +19,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from vsr2.blind.form.diagnosis_form import NAMING, Verdict
+from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import commitment, write_json
 from vsr2.blind.scoring.cases import Case, case_of
@@ -190,7 +190,7 @@ def verdict_rows(cases: Sequence[Case]) -> list[dict[str, Any]]:
                 "effects": " ".join(effect["name"] for effect in case.effects),
                 "limits": " ".join(f"{effect['relative']:.4g}" for effect in case.effects),
                 "verdict": str(case.verdict.kind),
-                "named": " ".join(case.verdict.effects) if case.verdict.kind in NAMING else "",
+                "named": " ".join(case.verdict.effects) if case.verdict.kind.names_effects else "",
                 "right": int(right(case)),
                 "wrong": int(bool(wrong(case))),
                 "answer": case.first[0],

@@ -26,6 +26,7 @@ from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
+from vsr2.report.progress_lines import ProgressLines
 
 SCENE = Path(__file__).resolve().parents[1] / "configs" / "blind.yaml"
 PLANTED: tuple[Effects, ...] = (
@@ -94,7 +95,7 @@ def main() -> None:
                 SCENE,
                 out=folder,
                 budget=Budget(minutes, campaigns=affordable),
-                execution=Execution(options.threads, progress=True),
+                execution=Execution(options.threads, report=ProgressLines()),
             )
             if affordable is None:
                 # Those of the look, which all diagnoses have, do not count.

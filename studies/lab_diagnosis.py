@@ -24,6 +24,7 @@ from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
 from vsr2.report.diagnosis import diagnosis_figures, format_diagnosis, write_diagnosis_page
 from vsr2.report.panels import svg
+from vsr2.report.progress_lines import ProgressLines
 
 HERE = Path(__file__).resolve().parent
 
@@ -44,7 +45,7 @@ def main() -> None:
         out=options.out,
         budget=Budget(options.budget_minutes, campaigns=options.campaigns),
         hypotheses=Hypotheses(exclude=["base_slope"]),
-        execution=Execution(options.threads, progress=True),
+        execution=Execution(options.threads, report=ProgressLines()),
     )
     write_diagnosis_page(found, options.out)
     print(format_diagnosis(found))

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <string>
 
 #include "vsr2/engines.hpp"
 
@@ -31,12 +32,18 @@ bool Action::repeats(const Action& other) const {
 }
 
 void WorldState::check() const {
+  std::int64_t steps = 0;
   for (const Action& action : actions) {
     const bool known = action.kind >= spawn && action.kind <= step;
     const bool counted = action.kind == step ? action.times >= 1 : action.times == 1;
     if (!known || !counted ||
         !std::all_of(action.values.begin(), action.values.end(), [](double v) { return std::isfinite(v); }))
       throw InvalidInput("the state is not one of a world");
+    if (action.kind != step) continue;
+    if (action.times > kMaxSteps - steps)
+      throw InvalidInput("a state of more than " + std::to_string(kMaxSteps) +
+                         " time steps is neither saved nor restored");
+    steps += action.times;
   }
 }
 
@@ -91,6 +98,12 @@ std::pair<std::int64_t, bool> RecordedWorld::settle(const RestCriterion& criteri
     if (rest.at_rest(rock(), pedestal_motion(spec, pedestal()))) return {i, true};
   }
   return {limit, false};
+}
+
+WorldState RecordedWorld::save_state() const {
+  WorldState state{drive_, actions_};
+  state.check();
+  return state;
 }
 
 void RecordedWorld::restore_state(const WorldState& state) {

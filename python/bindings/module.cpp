@@ -31,7 +31,7 @@ struct Number {
   operator T() const { return value; }
 };
 
-/// What a field of type T is taken as.
+/// What a value of type T is taken as: a field of a record, an argument of a function.
 template <typename T>
 using Taken = std::conditional_t<std::is_arithmetic_v<T> && !std::is_same_v<T, bool>, Number<T>, T>;
 
@@ -49,6 +49,9 @@ struct pybind11::detail::type_caster<Number<T>> {
 };
 
 namespace {
+
+/// An argument that takes its own type alone.
+py::arg strict(const char* name) { return py::arg(name).noconvert(); }
 
 /// A keyword of a record: its name, and how it is reached (a member, or a function that returns a
 /// reference to part of the record).
@@ -71,7 +74,7 @@ py::class_<T> bind_record(py::module_& m, const char* name, const Fields&... fie
              ((std::invoke(fields.access, record) = std::move(values)), ...);
              return record;
            }),
-           py::kw_only(), py::arg(fields.name).noconvert()...);
+           py::kw_only(), strict(fields.name)...);
   return type;
 }
 
@@ -199,7 +202,7 @@ void bind_scene(py::module_& m) {
 
   py::class_<HullPart>(m, "HullPart")
       .def(py::init([](const py::array& array) { return HullPart{points(array, "hull points")}; }),
-           py::arg("points").noconvert());
+           strict("points"));
   bind_record<BoxPart>(
       m, "BoxPart", Field{"size", &BoxPart::size},
       Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }},
@@ -209,7 +212,7 @@ void bind_scene(py::module_& m) {
              return TrianglesPart{points(vertices, "vertices"),
                                   rows3<std::int64_t>(faces, "iu", "faces")};
            }),
-           py::arg("vertices").noconvert(), py::arg("faces").noconvert());
+           strict("vertices"), strict("faces"));
 
   bind_record<PitchSpring>(m, "PitchSpring", Field{"frequency", &PitchSpring::frequency},
                            Field{"damping", &PitchSpring::damping},
@@ -290,7 +293,7 @@ void bind_world(py::module_& m) {
            [](RecordedWorld& world, const Eigen::Vector3d& position, const Vector4& orientation) {
              world.spawn_rock(make_pose(position, orientation));
            },
-           py::arg("position").noconvert(), py::arg("orientation").noconvert())
+           strict("position"), strict("orientation"))
       .def("delete_rock", &RecordedWorld::delete_rock)
       .def_property_readonly("has_rock", &RecordedWorld::has_rock)
       .def_property_readonly("engine", &RecordedWorld::engine, "Engine it was built with.")
@@ -300,25 +303,25 @@ void bind_world(py::module_& m) {
       .def("restore_state", &RecordedWorld::restore_state, py::arg("state"),
            py::call_guard<py::gil_scoped_release>())
       .def("settle",
-           [](RecordedWorld& world, double linear_speed, double angular_speed, double window,
-              double timeout) {
+           [](RecordedWorld& world, Taken<double> linear_speed, Taken<double> angular_speed,
+              Taken<double> window, Taken<double> timeout) {
              return world.settle({.linear_speed = linear_speed,
                                   .angular_speed = angular_speed,
                                   .window = window},
                                  timeout);
            },
-           py::kw_only(), py::arg("linear_speed"), py::arg("angular_speed"), py::arg("window"),
-           py::arg("timeout"), py::call_guard<py::gil_scoped_release>(),
+           py::kw_only(), strict("linear_speed"), strict("angular_speed"), strict("window"),
+           strict("timeout"), py::call_guard<py::gil_scoped_release>(),
            "Holds the pedestal until the rock rests: steps taken, and whether it rests.")
-      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, py::arg("linear").noconvert(),
-           py::arg("angular").noconvert())
+      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, strict("linear"),
+           strict("angular"))
       .def("step",
-           [](RecordedWorld& world, double position, double velocity, double transverse, double vertical,
-              double pitch) {
+           [](RecordedWorld& world, Taken<double> position, Taken<double> velocity,
+              Taken<double> transverse, Taken<double> vertical, Taken<double> pitch) {
              world.step({position, velocity, {transverse, vertical, pitch}});
            },
-           py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
-           py::arg("vertical") = 0.0, py::arg("pitch") = 0.0)
+           strict("position"), strict("velocity"), strict("transverse") = 0.0,
+           strict("vertical") = 0.0, strict("pitch") = 0.0)
       .def_property_readonly("pedestal",
                              [](const RecordedWorld& world) {
                                const PedestalState s = world.pedestal();
@@ -400,21 +403,22 @@ void bind_trial(py::module_& m) {
                       {"failed", Outcome::failed}});
 
   py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
-      .def(py::init(&borrow), py::arg("values").noconvert());
+      .def(py::init(&borrow), strict("values"));
 
   py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive, const Eigen::Vector3d& position,
-                       const Vector4& orientation, double linear_speed, double angular_speed,
-                       double window, double timeout, std::int64_t log_every) {
+                       const Vector4& orientation, Taken<double> linear_speed,
+                       Taken<double> angular_speed, Taken<double> window, Taken<double> timeout,
+                       Taken<std::int64_t> log_every) {
              return std::make_shared<SettledStart>(
                  std::move(scene), drive, make_pose(position, orientation),
                  RestCriterion{.linear_speed = linear_speed,
                                .angular_speed = angular_speed,
                                .window = window}, timeout, log_every);
            }),
-           py::kw_only(), py::arg("scene"), py::arg("drive"), py::arg("position"),
-           py::arg("orientation"), py::arg("linear_speed"), py::arg("angular_speed"),
-           py::arg("window"), py::arg("timeout"), py::arg("log_every"));
+           py::kw_only(), py::arg("scene"), py::arg("drive"), strict("position"),
+           strict("orientation"), strict("linear_speed"), strict("angular_speed"),
+           strict("window"), strict("timeout"), strict("log_every"));
 
   using T = TrialSpec;
   bind_record<T>(
@@ -457,15 +461,17 @@ void bind_trial(py::module_& m) {
            "Contact log, columns contact_columns(); may be taken once.");
 
   py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
-      .def(py::init<int>(), py::arg("threads"))
+      .def(py::init([](Taken<int> threads) { return new Batch(threads); }), strict("threads"))
       .def("add", &Batch::add, py::arg("trial"))
       .def("close", &Batch::close)
       // Python signals are handled between the short waits, so Ctrl-C is noticed at once.
-      .def("wait", &Batch::wait, py::arg("timeout"), py::call_guard<py::gil_scoped_release>())
+      .def("wait", [](Batch& batch, Taken<double> timeout) { return batch.wait(timeout); },
+           strict("timeout"), py::call_guard<py::gil_scoped_release>())
       .def("exhausted", &Batch::exhausted, py::call_guard<py::gil_scoped_release>())
       .def("cancel", &Batch::cancel)
       .def("join", &Batch::join, py::call_guard<py::gil_scoped_release>())
-      .def("take", &Batch::take, py::arg("index"));
+      .def("take", [](Batch& batch, Taken<std::size_t> index) { return batch.take(index); },
+           strict("index"));
 }
 
 }  // namespace

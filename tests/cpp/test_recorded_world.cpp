@@ -133,6 +133,11 @@ TEST(RecordedWorld, RefusesAStateOfAnotherDrive) {
   WorldState empty_step = world.save_state();
   empty_step.actions.push_back({WorldState::step, 0, {}});
   EXPECT_THROW(world.restore_state(empty_step), InvalidInput);
+  WorldState longest = world.save_state();
+  longest.actions.push_back({WorldState::step, WorldState::kMaxSteps, {}});
+  EXPECT_NO_THROW(longest.check());
+  longest.actions.push_back({WorldState::step, 1, {}});
+  EXPECT_THROW(world.restore_state(longest), InvalidInput);
   EXPECT_TRUE(test::same_bits(world.rock(), before));
 }
 

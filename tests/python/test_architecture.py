@@ -135,6 +135,15 @@ def test_no_drawers() -> None:
     assert not names & {"utils", "util", "helpers", "misc", "common"}
 
 
+def test_no_two_modules_share_a_name() -> None:
+    rooms = {p.name for p in PACKAGE.iterdir() if p.is_dir()}
+    verbs = [p for p in MODULES if p.parent == PACKAGE / "cli"]
+    of_rooms = [p for p in MODULES if p.parent == PACKAGE / "report" and p.stem in rooms]
+    others = {*MODULES} - {*verbs, *of_rooms}
+    stems = [p.stem for p in others if p.stem != "__init__"]
+    assert {stem for stem in stems if stems.count(stem) > 1} == {"build"}
+
+
 def test_the_core_knows_no_python() -> None:
     for path in (ROOT / "cpp").rglob("*.?pp"):
         assert not re.search(r"#include\s*[<\"](Python\.h|pybind11)", path.read_text()), path

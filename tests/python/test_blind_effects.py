@@ -31,14 +31,14 @@ from vsr2.blind.mujoco import (
     with_effects,
 )
 from vsr2.blind.mujoco.ground import acceleration_of
-from vsr2.blind.mujoco.mechanisms import (
+from vsr2.blind.mujoco.model import build_model
+from vsr2.blind.mujoco.step_actions import (
     MECHANISMS,
     RelativeMotion,
     catch,
     friction,
     step_actions,
 )
-from vsr2.blind.mujoco.model import build_model
 from vsr2.effects import Circumstances
 from vsr2.effects.order import ChangePoint
 
@@ -327,13 +327,13 @@ def test_rolling_resistance_is_that_of_the_equation_of_motion_on_average() -> No
     assert model.geom_friction[:, 2].max() == 0.01
     # Impacts scatter by some 3 % of the next peak, so over 13 of them: the logarithm of what
     # resistance takes, a tenth, within a fifth.
-    taken, foretold = [], []
+    taken, predicted = [], []
     for strength in np.linspace(5.8, 7.0, 13):
         first, second = next_peaks(strength, rolling_resistance=0.01)
         taken.append(math.log(second / planar_peak(first)))
-        foretold.append(math.log(planar_peak(first, arm=0.01) / planar_peak(first)))
-    assert np.mean(foretold) == pytest.approx(-0.1, abs=0.01)
-    assert np.mean(taken) == pytest.approx(np.mean(foretold), rel=0.2)
+        predicted.append(math.log(planar_peak(first, arm=0.01) / planar_peak(first)))
+    assert np.mean(predicted) == pytest.approx(-0.1, abs=0.01)
+    assert np.mean(taken) == pytest.approx(np.mean(predicted), rel=0.2)
 
 
 def test_restitution_multiplies_the_ratio_that_is_there() -> None:

@@ -15,6 +15,7 @@ from blind_check import pool_packs
 from blind_samples import hand_made, stand_in
 from vsr2.blind import diagnose_pack, score_pack
 from vsr2.blind.form.diagnosis_form import verdict_of
+from vsr2.blind.form.events import EventCode
 from vsr2.blind.form.pack_form import Listed
 from vsr2.blind.form.seal import key_slips, open_key, read_pack
 from vsr2.blind.pack_diagnoses import _excluded, pack_nuisances
@@ -709,7 +710,9 @@ def test_what_is_withheld_may_lie_outside_the_library(name, fault, tmp_path) -> 
         return
     kept = _excluded(tmp_path, Listed(id="c", exclude=(name, "catch")), said.append)
     assert kept == ("catch",)
-    assert said == ["c: exclude names 'wind', which the library lacks anyway"]
+    (event,) = said
+    assert event.code is EventCode.EXCLUDED_ANYWAY
+    assert event.values == {"campaign": "c", "effect": "wind"}
 
 
 @pytest.mark.parametrize("place", ["data", "data/deeper", "kept"])

@@ -14,10 +14,10 @@ import pytest
 import vsr2.blind.custodian.make as make_module
 from blind_samples import QuickEngine, make, pulses
 from vsr2.blind import PackSettings
+from vsr2.blind.custodian.campaign_recording import recorded_campaign
 from vsr2.blind.custodian.design import draw_protocol
 from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.plan import directions, draw_plan
-from vsr2.blind.custodian.recording import recorded_campaign
 from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import CLASSES
 from vsr2.blind.form.seal import open_key

@@ -22,8 +22,8 @@ from vsr2.blind.mujoco import (
     read_hull,
     run_trial,
 )
+from vsr2.blind.mujoco.driven_table import low_passed, pitched, resonated, saturated, stretched
 from vsr2.blind.mujoco.ground import acceleration_of
-from vsr2.blind.mujoco.table import low_passed, pitched, resonated, saturated, stretched
 
 G = 9.80665
 BLOCK = block(0.4, 0.55, 0.95, 2700.0)
@@ -164,7 +164,7 @@ def test_what_slides_hops() -> None:
 
 
 def test_what_leans_at_the_end_has_overturned() -> None:
-    from vsr2.blind.mujoco.trial import _judged
+    from vsr2.blind.mujoco.mujoco_trial import _judged
 
     for lean, fallen in ((0.55, True), (0.45, False)):
         half = lean * BLOCK.slenderness_angle / 2
@@ -178,7 +178,7 @@ def test_what_leans_at_the_end_has_overturned() -> None:
 def test_a_body_that_a_pitching_table_carries_is_at_rest_on_it() -> None:
     from scipy.spatial.transform import Rotation
 
-    from vsr2.blind.mujoco.mechanisms import RelativeMotion
+    from vsr2.blind.mujoco.step_actions import RelativeMotion
 
     turn = Rotation.from_euler("zyx", [0.4, 0.2, -0.1])
     x, y, z, w = turn.as_quat()

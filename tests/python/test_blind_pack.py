@@ -18,15 +18,19 @@ import vsr2.blind.custodian.make as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
 from vsr2.blind.custodian.bullet_engine import BULLET
+from vsr2.blind.custodian.campaign_recording import RECORDING, recorded_campaign
 from vsr2.blind.custodian.design import DESIGN, draw_inputs
 from vsr2.blind.custodian.plan import Planned
-from vsr2.blind.custodian.recording import RECORDING, recorded_campaign
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.mujoco import Response, draw_contact
-from vsr2.blind.mujoco.contact import FAMILY
+from vsr2.blind.mujoco.contact_models import FAMILY
+from vsr2.blind.mujoco.driven_table import TABLE
 from vsr2.blind.mujoco.ground import GROUND, acceleration_of
-from vsr2.blind.mujoco.mechanisms import MECHANISMS
-from vsr2.blind.mujoco.trial import TRIAL
+from vsr2.blind.mujoco.model import MODEL
+from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
+from vsr2.blind.mujoco.mujoco_trial import TRIAL
+from vsr2.blind.mujoco.rigid_body import HULL
+from vsr2.blind.mujoco.step_actions import MECHANISMS
 from vsr2.campaign import (
     check_campaign,
     load_campaign,
@@ -79,7 +83,9 @@ def test_the_constants_that_a_pack_rests_on_are_sealed(quick, study, tmp_path) -
     sealed = open_key(tmp_path / "data", tmp_path / "key")["constants"]
     used = {
         "design": DESIGN, "ground_motion": GROUND, "contact_family": FAMILY,
-        "mechanisms": MECHANISMS, "mujoco_trial": TRIAL, "bullet": BULLET, "recording": RECORDING,
+        "mechanisms": MECHANISMS, "mujoco_hull": HULL, "mujoco_model": MODEL,
+        "mujoco_rough_base": ROUGH_BASE, "mujoco_table": TABLE, "mujoco_trial": TRIAL,
+        "bullet": BULLET, "recording": RECORDING, "making": make_module.MAKING,
     }  # fmt: skip
     assert sealed == json.loads(json.dumps({k: dataclasses.asdict(v) for k, v in used.items()}))
 

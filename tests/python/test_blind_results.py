@@ -85,7 +85,7 @@ def test_what_is_committed_is_of_its_key(pack) -> None:
 
 
 def test_all_tables_follow_from_what_is_committed(pack, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(intervals, "REPLICATES", 2)
+    monkeypatch.setattr(intervals, "INTERVALS", replace(intervals.INTERVALS, replicates=2))
     data, _, out, _, content = pack
     committed, tables = tmp_path / "committed", tmp_path / "tables"
     committed.mkdir()

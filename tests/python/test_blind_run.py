@@ -28,6 +28,7 @@ from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
 from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.custodian.make import Made
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
+from vsr2.blind.form.events import EventCode
 from vsr2.blind.form.pack_settings import KINDS
 from vsr2.blind.form.seal import folder_sha256, open_key, read_json
 from vsr2.blind.mujoco import ContactModel
@@ -205,8 +206,11 @@ def test_what_cannot_be_used_is_found_before_the_first_simulation(small, tmp_pat
     progress = diagnose_pack(small, tmp_path / "out", tiers=["B", "M"], say=said.append)
     assert progress.failed == (f"{names[-1]} B", f"{names[-1]} M")
     # Said first, and nothing was diagnosed yet.
-    assert f"{names[-1]} B: failed: " in said[1]
-    assert "campaign.yaml: row 2, key name: must be text; put it in quotes" in said[1]
+    assert [event.code for event in said[:2]] == [EventCode.CHECKING, EventCode.FAILED]
+    assert said[1].values["campaign"] == names[-1]
+    assert said[1].values["tier"] == "B"
+    wanted = "campaign.yaml: row 2, key name: must be text; put it in quotes"
+    assert wanted in said[1].values["error"]
     for name in names[:-1]:
         (small / name / "trials.csv").write_text("none")
     with pytest.raises(BlindError, match=r"(?s)no campaign can be diagnosed at tier M: .*--tier"):

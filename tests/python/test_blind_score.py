@@ -1,5 +1,6 @@
 """Scores of hand-made verdicts, computed by hand."""
 
+import dataclasses
 import json
 import math
 import shutil
@@ -16,8 +17,10 @@ from vsr2.blind import score_pack
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
 from vsr2.blind.form.seal import open_key
+from vsr2.blind.scoring.baselines import BASELINE
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.intervals import (
+    INTERVALS,
     Score,
     area_under_roc,
     calibration_error,
@@ -25,7 +28,10 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.blind.scoring.leaks import LEAKS
+from vsr2.blind.scoring.metadata import METADATA
 from vsr2.blind.scoring.score import (
+    SCORING,
     ScoreCode,
     axis_named,
     magnitude,
@@ -42,7 +48,7 @@ from vsr2.report.blind import scores_page, write_scores
 from vsr2.report.messages.scores import SCORES
 
 ROOT = Path(__file__).resolve().parents[2]
-TOLD = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
+ESTIMATE = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
 
 CAMPAIGNS = {
     # right, by its class: slenderness for table_gain
@@ -75,14 +81,14 @@ VERDICTS = {
         {"restitution": 0.9, "unknown": 0.1},
         ["restitution"],
         ["restitution", "rocking_damping"],
-        restitution={"parameters": TOLD},
+        restitution={"parameters": ESTIMATE},
     ),
     "c": diagnosis(
         "effect",
         {"restitution": 0.6, "friction": 0.3, "unknown": 0.1},
         ["restitution"],
         ["restitution", "friction", "wear"],
-        friction={"parameters": TOLD},
+        friction={"parameters": ESTIMATE},
     ),
     "d": diagnosis(
         "none", {"none": 0.8, "inertia": 0.1}, [], ["none"], closure=-0.2, gain=[-0.2, -0.1]
@@ -484,6 +490,17 @@ def test_an_open_pack_shows_its_campaigns_and_is_scored_again(tmp_path) -> None:
     score_pack(*pack, tmp_path / "again")
     content = json.loads((tmp_path / "again" / "scores.json").read_text())
     assert {c["id"] for c in content["campaigns"] if c["right"]} == {"a", "b", "e", "g", "i"}
+
+
+def test_scores_state_the_constants_that_they_rest_on(pack, tmp_path) -> None:
+    score_pack(*pack, tmp_path / "scores")
+    used = {
+        "scoring": SCORING, "intervals": INTERVALS, "baselines": BASELINE, "leaks": LEAKS,
+        "metadata": METADATA,
+    }  # fmt: skip
+    wanted = {name: dataclasses.asdict(one) for name, one in used.items()}
+    for path in (tmp_path / "scores" / "scores.json", pack[1] / "receipt.json"):
+        assert json.loads(path.read_text())["constants"] == wanted
 
 
 def test_a_changed_key_is_refused(pack, tmp_path) -> None:

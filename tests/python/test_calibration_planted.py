@@ -30,7 +30,7 @@ from vsr2.calibration import (
     usable_trials,
 )
 from vsr2.calibration.evaluation import campaign_sha256
-from vsr2.calibration.scores import metrics_of
+from vsr2.calibration.objective import metrics_of
 from vsr2.campaign import Campaign, load_campaign, simulate_campaign
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError
@@ -107,7 +107,7 @@ def same_result(one: Path, other: Path) -> None:
     assert left == right
 
 
-def test_a_killed_calibration_goes_on_to_the_same_result(planted):
+def test_a_killed_calibration_goes_on_to_the_same_result(planted, caplog):
     folder = planted / "killed"
     code = (
         "from vsr2.calibration import *\n"
@@ -128,11 +128,14 @@ def test_a_killed_calibration_goes_on_to_the_same_result(planted):
     with pytest.raises(ResultError, match="--resume"):
         run(planted / "study.yaml", "--out", folder, "--quiet")
     # With another number of threads, on which nothing depends.
-    assert run(planted / "study.yaml", "--out", folder, "--resume", "--quiet", "--no-figures",
-               "--threads", 2) == 0  # fmt: skip
+    with caplog.at_level("INFO", "vsr2.cli.calibration"):
+        assert run(planted / "study.yaml", "--out", folder, "--resume", "--quiet", "--no-figures",
+                   "--threads", 2) == 0  # fmt: skip
     provenance = json.loads((folder / "provenance.json").read_text())
     assert 3 <= done < provenance["evaluations"]
     assert provenance["simulated_in_this_run"] == provenance["evaluations"] - done
+    said = f"{provenance['evaluations']} sets in all, {provenance['simulated_in_this_run']} of them"
+    assert f"; {said} simulated now" in caplog.text
     same_result(folder, planted / "whole")
 
 

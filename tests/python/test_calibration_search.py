@@ -20,7 +20,7 @@ from vsr2.calibration import (
     sequential_search,
 )
 from vsr2.calibration.calibration_study import Joint, Sequential, at_share, share_of, within
-from vsr2.calibration.scores import metrics_of, objective_of, objective_replicates
+from vsr2.calibration.objective import metrics_of, objective_of, objective_replicates
 from vsr2.calibration.search import (
     best_step,
     design_values,

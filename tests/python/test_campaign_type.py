@@ -131,6 +131,10 @@ def test_columns_and_selections_keep_the_order_and_drop_unused_motions():
     full = campaign(motions={"pulse": record("pulse"), "spare": record("spare")})
     np.testing.assert_array_equal(full.overturned, [0.0, 1.0, np.nan])
     assert full.motion_ids.tolist() == ["pulse one", "pulse one", "other"]
+    orders = [3, 9, 5]
+    moved = [replace(t, order=o) for t, o in zip(full.trials, orders, strict=True)]
+    assert replace(full, trials=tuple(moved)).relative_order.tolist() == [0.0, 1.0, 1 / 3]
+    assert full.select([True, False, False]).relative_order.tolist() == [0.0]
     assert full.extra_columns == ("x_peer", "x_other")
     np.testing.assert_array_equal(full.extra("x_other"), [-2.5e-7, np.nan, np.nan])
     assert [t.trial for t in full.with_motion().trials] == ["A1", "A2"]

@@ -18,9 +18,9 @@ from cyclopts import App, CycloptsError
 import command_line
 from vsr2.cli.main import app, main
 from vsr2.diagnosis import Budget, Hypotheses, ProtocolCache
-from vsr2.diagnosis.api import _ProgressLines
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.errors import BlindError, DiagnosisError
+from vsr2.report.progress_lines import STAGES, ProgressLines
 
 STUDY = """
 name: block
@@ -332,7 +332,7 @@ def test_progress_of_a_diagnosis_has_the_time_left(
 ) -> None:
     clock = iter((100.0, 130.0, 131.0, 140.0))
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
-    say = _ProgressLines()
+    say = ProgressLines()
     say(Progress(Stage.LOOK, 0.0))
     say(Progress(Stage.LOOK, 0.25))
     say(Progress(Stage.SIMULATION, 0.5, 300.0, {"wear": 0.6, "none": 0.1}))
@@ -344,3 +344,4 @@ def test_progress_of_a_diagnosis_has_the_time_left(
         "vsr2 diagnose: simulating  50%, 5 min left; leading: wear 0.60, none 0.10",
         "vsr2 diagnose: judging 100%",
     ]
+    assert set(STAGES) == set(Stage)

@@ -11,8 +11,7 @@ from diagnosis_samples import linear, linear_rehearsal, quick_training
 from planar.library import PLANAR_LIBRARY
 from planted import shaken_campaign
 from vsr2.diagnosis.how_far import held_out as module
-from vsr2.diagnosis.how_far.held_out import HELD_OUT, LOSSES, HowFar, judge, rows, simulations
-from vsr2.diagnosis.how_far.scores import (
+from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
     Interval,
     by_kind,
@@ -20,6 +19,7 @@ from vsr2.diagnosis.how_far.scores import (
     outcome_loss,
     resampled_means,
 )
+from vsr2.diagnosis.how_far.held_out import HELD_OUT, LOSSES, HowFar, judge, rows, simulations
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.simulated.cache import SimulationCache

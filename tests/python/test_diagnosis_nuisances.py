@@ -228,7 +228,10 @@ def test_what_is_relative_without_a_cause_multiplies_the_nominal_value(shaken, t
         (stated(distribution="normal", sd=1, scope="trail"), "scope is 'trail'; did you mean"),
         (stated(distribution="normal", sd=1, effect="slendernes"), "did you mean `slenderness`"),
         (stated(distribution="normal", sd=1, relative=1), "relative is 1; give true or false"),
-        (stated(distribution="normal", sd=1, correlation="x"), "correlation is 'x'; give a number"),
+        (
+            stated(distribution="normal", sd=1, correlation="x"),
+            "correlation is 'x'; give a finite number",
+        ),
         (stated(distribution="normal", sd=1, direction=1), "direction is 1; give text"),
         (stated(distribution="normal", sd=1, direction="azimth"), "no parameter 'azimth'"),
         (stated(distribution="by_effect", sd=1, reach=-1), "reach is -1; give 0 or more"),

@@ -134,8 +134,8 @@ def test_a_target_pga_replaces_the_scale_but_its_sign():
 
 def test_a_baseline_is_part_of_the_chain():
     drift = 0.05 * (T / 8) ** 2
-    bent = Record("r", 1 / RATE, displacement=X + drift)
-    motion = build_recorded_motion(bent, STEP, baseline=2)
+    drifting = Record("r", 1 / RATE, displacement=X + drift)
+    motion = build_recorded_motion(drifting, STEP, baseline=2)
     assert "baseline of degree 2, no filter" in motion.source
     clean = build_recorded_motion(Record("r", 1 / RATE, displacement=X), STEP)
     # a wave of a second in eight is no parabola

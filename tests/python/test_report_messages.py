@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pytest
 
+from vsr2.blind.form.events import EventCode
 from vsr2.calibration.calibrate import NoBaselines
 from vsr2.diagnosis.verdict.next_measurement import BY_EFFECT, BY_STAGE, Instrument
 from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Statement
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
 from vsr2.errors import Fault
+from vsr2.report.messages.blind_packs import event_text
 from vsr2.report.messages.runs import no_baselines
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
 
@@ -179,3 +181,20 @@ def test_each_reason_for_no_baselines_has_a_sentence_of_its_own() -> None:
     sentences = {no_baselines(why) for why in (None, *NoBaselines)}
     assert len(sentences) == 1 + len(NoBaselines)
     assert no_baselines(None) == ""
+
+
+@pytest.mark.parametrize("code", EventCode)
+def test_an_event_is_told_with_all_its_values(code) -> None:
+    values = {name: f"<{name}>" if kind is str else 7 for name, kind in code.types.items()}
+    text = event_text(Statement.of(code, **values))
+    assert all(value in text for value in values.values() if isinstance(value, str))
+    assert text.count("7") == sum(kind is not str for kind in code.types.values())
+
+
+def test_events_are_worded_briefly() -> None:
+    limit = {"engine": "mujoco", "effect": "wear", "sign": -1, "limit": 0.012345}
+    assert event_text(Statement.of(EventCode.DETECTION_LIMIT, **limit)) == (
+        "detection limit of mujoco wear -1: 0.0123"
+    )
+    failed = {"campaign": "c1", "tier": "B", "error": "no motion"}
+    assert event_text(Statement.of(EventCode.FAILED, **failed)) == "c1 B: failed: no motion"

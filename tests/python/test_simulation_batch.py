@@ -12,6 +12,7 @@ import threading
 import weakref
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -166,6 +167,10 @@ def test_impossible_requests_are_refused_before_any_work() -> None:
         run_batch([])
     with pytest.raises(SimulationError, match="threads"):
         run_batch(block_study(), threads=0)
+    count: Any
+    for count in (True, 1.5):
+        with pytest.raises(SimulationError, match="whole number from 1 to 1024"):
+            run_batch(block_study(), threads=count)
     trial = study_trials(block_study())[0]
     slow = cosine_motion(0.1, 1.0, 2e-3)
     with pytest.raises(SimulationError, match="resample"):

@@ -20,7 +20,7 @@ from vsr2.config.study import ORIGINAL, Contact, Engine, Material, Study
 from vsr2.errors import Fault, SimulationError
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
-from vsr2.simulation.scene import refusals
+from vsr2.simulation.native_scenes import refusals
 
 
 def study(**sections: object) -> Study:
@@ -114,12 +114,12 @@ def test_values_of_another_type_are_refused_with_a_remedy() -> None:
     simulation: Any = Simulation(study())
     with pytest.raises(SimulationError, match="got a NoneType; give what save_state returned"):
         simulation.restore_state(None)
-    for value in ("a", None, [0.0], 1j):
+    for value in ("a", None, [0.0], 1j, True, np.True_):
         with pytest.raises(SimulationError, match="give numbers in m"):
             simulation.step(value)
         with pytest.raises(SimulationError, match="give numbers in m"):
             simulation.step(0.0, transverse=value)
-    for steps in ("a", 1.5, 0):
+    for steps in ("a", 1.5, 0, True):
         with pytest.raises(SimulationError, match="whole number of 1 or more"):
             simulation.step(0.0, steps=steps)
     simulation.step(np.float32(0.001), steps=np.int64(2))
@@ -168,6 +168,47 @@ def test_the_core_takes_no_truth_value_for_a_number(field: str, value: Any) -> N
     _native.EngineSettings(kind=_native.EngineKind.auto, **numbers)
     with pytest.raises(TypeError):
         _native.EngineSettings(kind=_native.EngineKind.auto, **{**numbers, field: value})
+
+
+@pytest.mark.parametrize("value", [True, np.True_])
+def test_no_function_of_the_core_takes_a_truth_value_for_a_number(value: Any) -> None:
+    drive, scene = _native.Drive.prescribed_spatial, native_scene(build_scene(study()))
+    world, batch = _native.World(scene, drive), _native.Batch(threads=1)
+    position, orientation = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 0.0, 1.0])
+    world.spawn_rock(position, orientation)
+    rest = {"linear_speed": 1e-3, "angular_speed": 2e-3, "window": 0.25, "timeout": 0.01}
+    pose = {"scene": scene, "drive": drive, "position": position, "orientation": orientation}
+    target = dict.fromkeys(("position", "velocity", "transverse", "vertical", "pitch"), 0.0)
+    taken: list[tuple[Callable[..., Any], dict[str, Any], set[str]]] = [
+        (world.step, target, set(target)),
+        (world.settle, rest, set(rest)),
+        (_native.SettledStart, pose | rest | {"log_every": 0}, {*rest, "log_every"}),
+        (_native.Batch, {"threads": 1}, {"threads"}),
+        (batch.wait, {"timeout": 0.0}, {"timeout"}),
+    ]
+    for function, given, numbers in taken:
+        function(**given)
+        for name in numbers:
+            with pytest.raises(TypeError, match="incompatible"):
+                function(**{**given, name: value})
+    with pytest.raises(TypeError, match="incompatible"):
+        batch.take(index=value)
+    for name in ("position", "orientation"):
+        with pytest.raises(TypeError, match="incompatible"):
+            _native.SettledStart(**pose | rest | {"log_every": 0, name: list(pose[name])})
+
+
+def test_a_state_has_a_greatest_number_of_steps() -> None:
+    state, drive = _native.WorldState.__new__(_native.WorldState), _native.Drive.prescribed
+    most = 10_000_000
+    for content in (
+        entry(3, most + 1),
+        entry(3, 2**62) + entry(3, 2**62),
+        entry(3, most) + entry(3, 1),
+    ):
+        with pytest.raises(_native.InvalidInput, match="more than 10000000 time steps"):
+            state.__setstate__((drive, content))
+    state.__setstate__((drive, entry(3, most)))
 
 
 @pytest.mark.parametrize("convert", [list, np.float32])

@@ -21,7 +21,7 @@ from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
 from vsr2.results import BatchResult
 from vsr2.scene import Hull, Mechanisms, Pose, Scene, build_scene
 from vsr2.simulation import native_scene, plan_sha256, run_batch
-from vsr2.simulation import scene as module
+from vsr2.simulation import native_scenes as module
 from vsr2.simulation.worker import _Unpickler, pack, packed_part
 from vsr2.trial import Trial
 

@@ -16,6 +16,7 @@ from vsr2.blind.form.diagnosis_form import (
     Verdict,
     read_verdict,
 )
+from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import TIERS, Listed, Pack
 from vsr2.blind.form.seal import (
     KEY_FILE,
@@ -43,6 +44,7 @@ from vsr2.diagnosis.observed.observations import (
     series_sampling,
 )
 from vsr2.diagnosis.simulated.nuisances import with_stated
+from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
 
@@ -125,7 +127,7 @@ def diagnose_pack(
     budget: Budget = BUDGET,
     execution: Execution = EXECUTION,
     seed: int = 0,
-    say: Callable[[str], None] = lambda text: None,
+    say: Say = unheard,
 ) -> Progress:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
@@ -144,7 +146,7 @@ def diagnose_pack(
         budget: of each diagnosis.
         execution: of each diagnosis; its cache is the pack's.
         seed: of each diagnosis.
-        say: gets a line for each campaign.
+        say: gets an event for each campaign.
 
     Raises:
         BlindError: a seed below 0, no pack, one of a wrong form, a campaign or tier that it does
@@ -168,7 +170,7 @@ def diagnose_pack(
     chosen.sort(key=lambda name: listed[name].protocol)
     asked = [(tier, name) for tier in wanted for name in chosen]
     due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
-    say(f"checking {len(due)} of {len(asked)} campaigns and tiers; the others are diagnosed")
+    say(Statement.of(EventCode.CHECKING, due=len(due), of=len(asked)))
     unfit = _unfit(data, asked, due)
     _begin(out, pack, how, older)
     cache = ProtocolCache(out, series="T" in pack.tiers)
@@ -192,7 +194,11 @@ def diagnose_pack(
 
         error = (verdict := _save(diagnosed, out / name / tier)).failed
         failed += [f"{name} {tier}"] if error else []
-        say(f"{name} {tier}: {f'failed: {error}' if error else verdict.kind}")
+        of = {"campaign": name, "tier": tier}
+        if error:
+            say(Statement.of(EventCode.FAILED, **of, error=error))
+        else:
+            say(Statement.of(EventCode.DIAGNOSED, **of, verdict=str(verdict.kind)))
     return Progress(len(asked) - len(failed), tuple(failed))
 
 
@@ -203,7 +209,7 @@ def _effort(budget: Budget) -> dict[str, float]:
     return (given or {"budget_minutes": minutes}) | {"held_out": held_out}
 
 
-def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Callable[[str], None]) -> Hypotheses:
+def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Say) -> Hypotheses:
     """What a campaign is diagnosed against."""
     excluded = _excluded(data, entry, say)
     return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
@@ -312,7 +318,7 @@ def _check_folder(out: Path, data: Path) -> None:
             raise BlindError(f"{out}: lies in a {what} folder, {other}; choose another --out")
 
 
-def _excluded(data: Path, entry: Listed, say: Callable[[str], None]) -> tuple[str, ...]:
+def _excluded(data: Path, entry: Listed, say: Say) -> tuple[str, ...]:
     """What to leave out of the library for a campaign.
 
     A custodian may withhold effects that the library never had; a name that is nearly one of the
@@ -326,7 +332,7 @@ def _excluded(data: Path, entry: Listed, say: Callable[[str], None]) -> tuple[st
                 f"{data / PACK_FILE}: exclude of {entry.id} names {name!r}, which the library "
                 f"lacks; if {near[0]} is meant, publish that name"
             )
-        say(f"{entry.id}: exclude names {name!r}, which the library lacks anyway")
+        say(Statement.of(EventCode.EXCLUDED_ANYWAY, campaign=entry.id, effect=name))
     return tuple(name for name in entry.exclude if name in known)
 
 

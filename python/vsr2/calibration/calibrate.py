@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,8 +24,8 @@ from vsr2.calibration.calibration_study import (
 )
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
+from vsr2.calibration.objective import as_predictions, metrics_of, objective_of
 from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
-from vsr2.calibration.scores import as_predictions, metrics_of, objective_of
 from vsr2.calibration.search import (
     Score,
     Step,
@@ -40,8 +39,6 @@ from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resample
 from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
-
-_logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -209,19 +206,10 @@ def evaluations_at_most(settings: CalibrationSettings) -> int | None:
     method = settings.method
     if not isinstance(method, Joint):
         return None
-    slices = sum(
-        method.profile_points if one.values is None else len(one.values)
-        for one in settings.parameters.values()
-    )
+    slices = len(profile_values(settings.parameters, {}, method.profile_points))
     searches = 1 + settings.folds
     judged = searches if method.screen or settings.judged_with else 0
-    sets = (
-        method.design
-        + len(method.sets)
-        + searches * method.refine
-        + (slices if method.profile_points else 0)
-    )
-    return sets + judged
+    return method.design + len(method.sets) + searches * method.refine + slices + judged
 
 
 def calibrate(
@@ -259,13 +247,6 @@ def calibrate(
     with EvaluationStore(folder, digest, len(campaign)) as store:
         evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
         found = _evaluated(study, evaluator, campaign, on_evaluation)
-    _logger.info(
-        "%d sets searched, best objective %.4g; %d sets in all, %d of them simulated now",
-        len(found.steps),
-        found.searched.score,
-        len(found.evaluations),
-        evaluator.simulated,
-    )
     points = settings.method.profile_points if isinstance(settings.method, Joint) else 0
     scores, no_baselines = _compare(found, seed)
     return replace(

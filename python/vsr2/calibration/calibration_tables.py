@@ -27,7 +27,7 @@ from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import CalibrationStudy, study_values
 from vsr2.calibration.evaluation import RUNNING
 from vsr2.calibration.evaluation_store import EVALUATIONS_FILE
-from vsr2.calibration.scores import metrics_of, objective_of
+from vsr2.calibration.objective import metrics_of, objective_of
 from vsr2.calibration.search import Step
 from vsr2.config import dump_study
 from vsr2.errors import ResultError

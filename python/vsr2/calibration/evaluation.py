@@ -212,11 +212,10 @@ class Evaluator:
             )
             for trial in self._campaign.trials
         ]
-        order = np.array([trial.order for trial in self._campaign.trials], dtype=np.float64)
         return apply_effects(
             trials,
             study.effects,
-            orders=(order - order.min()) / max(1.0, float(np.ptp(order))),
+            orders=list(self._campaign.relative_order),
             sessions=[trial.session for trial in self._campaign.trials],
             seed=study.seed,
         )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vsr2.calibration.calibration_study import Parameter, at_share, share_of
 from vsr2.calibration.evaluation_store import Evaluation
-from vsr2.calibration.scores import objective_of, objective_replicates
+from vsr2.calibration.objective import objective_of, objective_replicates
 from vsr2.config.extended import Plain
 
 Array = NDArray[np.float64]

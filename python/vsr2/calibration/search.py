@@ -210,13 +210,11 @@ def _by_evolution(
     done = 0
     while done < count:
         population = strategy.ask()
-        if count - done < len(population):
-            for point in population[: count - done]:
-                step(dict(zip(parameters, point, strict=True)))
-            return
-        scores = [step(dict(zip(parameters, point, strict=True))) for point in population]
-        strategy.tell(population, [-value for value in scores])
-        done += len(population)
+        asked = population[: count - done]
+        scores = [step(dict(zip(parameters, point, strict=True))) for point in asked]
+        done += len(asked)
+        if done < count:
+            strategy.tell(population, [-value for value in scores])
 
 
 def _distribution(parameter: Parameter) -> Any:
@@ -250,9 +248,7 @@ def profile_values(
 ) -> list[dict[str, Plain]]:
     """Sets with all parameters but one at their best, each parameter over its range or list."""
     sets = []
-    for name, parameter in parameters.items():
-        if points == 0:
-            break
+    for name, parameter in parameters.items() if points else ():
         tried: Sequence[Plain]
         if parameter.values is not None:
             tried = parameter.values

@@ -407,6 +407,13 @@ class Campaign:
         return np.array([trial.motion for trial in self.trials], dtype=np.str_)
 
     @property
+    def relative_order(self) -> Array:
+        """Order of each trial, 0 the first and 1 the last, shape (trials,); of one trial 0."""
+        order = np.array([trial.order for trial in self.trials], dtype=np.float64)
+        found: Array = (order - order.min()) / max(float(np.ptp(order)), 1.0)
+        return found
+
+    @property
     def extra_columns(self) -> tuple[str, ...]:
         """Names of the extra columns, in the order of their first appearance."""
         return tuple(dict.fromkeys(name for trial in self.trials for name in trial.extra))

@@ -82,9 +82,9 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
     trials = read_trials(folder, description, problems)
     arrays = ArrayFiles(folder, problems)
     motions: dict[str, Record] = {}
-    shared = MOTIONS if description is None else description.motions or MOTIONS
+    motions_folder = MOTIONS if description is None else description.motions or MOTIONS
     for file, row in trials.motion_files.items():
-        record = arrays.motion(file, row, shared)
+        record = arrays.motion(file, row, motions_folder)
         if record is not None:
             motions[file] = record
     series = {trial: arrays.series(trial) for trial in trials.ids}

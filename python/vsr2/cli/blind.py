@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -40,6 +39,8 @@ def _pack() -> Any:
 
 PACK: Any = _pack()()
 if TYPE_CHECKING:
+    from vsr2.blind.form.events import Say
+
     Pack: TypeAlias = Any
 else:
     Pack = type(PACK)
@@ -99,7 +100,7 @@ def make(
     from vsr2.blind import make_pack
     from vsr2.config import load_study
     from vsr2.errors import BlindError
-    from vsr2.report.messages.commands import sealed_pack
+    from vsr2.report.messages.blind_packs import sealed_pack
 
     if seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
@@ -119,8 +120,11 @@ def make(
     return 0
 
 
-def _progress(quiet: bool) -> Callable[[str], None]:
-    return (lambda text: None) if quiet else (lambda text: print(text, flush=True))
+def _progress(quiet: bool) -> Say:
+    from vsr2.blind.form.events import unheard
+    from vsr2.report.messages.blind_packs import event_text
+
+    return unheard if quiet else lambda event: print(event_text(event), flush=True)
 
 
 @Parameter(name="*")
@@ -174,6 +178,8 @@ def diagnose(
         campaign: diagnose the campaign with this id (may be repeated; default: all)
     """
     from vsr2.blind import diagnose_pack
+    from vsr2.report.messages.blind_packs import diagnosed_pack
+    from vsr2.report.progress_lines import ProgressLines
 
     progress = diagnose_pack(
         data,
@@ -181,11 +187,11 @@ def diagnose(
         tiers=tier or None,
         campaigns=campaign or None,
         budget=effort.budget(),
-        execution=Execution(effort.threads, progress=not quiet),
+        execution=Execution(effort.threads, report=None if quiet else ProgressLines()),
         seed=effort.seed,
         say=_progress(quiet),
     )
-    print(f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed")
+    print(diagnosed_pack(progress, out))
     return 1 if progress.failed else 0
 
 

@@ -16,6 +16,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     --resume goes on from there, and it extends a search that is done). docs/how-to/calibrate.md
     explains.
     """
+    import logging
     import sys
 
     import numpy as np
@@ -33,6 +34,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     from vsr2.report.calibration import write_calibration_report
     from vsr2.report.messages.commands import (
         baseline_table,
+        calibration_search,
         calibration_summary,
         interrupted_calibration,
     )
@@ -56,6 +58,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     except (CalibrationInterrupted, KeyboardInterrupt):
         print(f"vsr2: {interrupted_calibration(folder)}", file=sys.stderr)
         return 130
+    logging.getLogger(__name__).info(calibration_search(result))
     written = save_calibration(result, loaded, folder)
     if not options.no_figures:
         written += write_calibration_report(result, folder)

@@ -125,7 +125,7 @@ def compare(
     from vsr2.campaign import load_campaign
     from vsr2.config import load_study
     from vsr2.diagnosis import Hypotheses
-    from vsr2.diagnosis.reference import compare_reference
+    from vsr2.diagnosis.reference_campaign import compare_reference
     from vsr2.report.messages.commands import reference_table
 
     found = compare_reference(

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
-from vsr2.config.load import apply_override, build_study, places
+from vsr2.config.load import apply_override, build_study, locator
 from vsr2.config.problems import Problem, config_error, problems_of, shown, unknown_key
 from vsr2.config.section import Section
 from vsr2.config.study import Study
@@ -133,7 +133,7 @@ def load_extended(
     for override in overrides:
         apply_override(data, override)
 
-    place = places(label, document.lines)
+    place = locator(label, document.lines)
     known = [*Study.model_fields, *own.model_fields]
     odd = [key for key in data if key not in known]
     if odd:

@@ -43,12 +43,12 @@ def load_study(
     for override in overrides:
         apply_override(document.data, override)
     _logger.debug("%s: read; %d settings replaced", label, len(overrides))
-    place = places(label, document.lines)
+    place = locator(label, document.lines)
     base = Path.cwd().joinpath(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)
 
 
-def places(label: str, lines: Mapping[KeyPath, int]) -> Callable[[KeyPath], str]:
+def locator(label: str, lines: Mapping[KeyPath, int]) -> Callable[[KeyPath], str]:
     """Tells where in a file a key path stands, as `file:line`.
 
     Args:
@@ -63,15 +63,15 @@ def places(label: str, lines: Mapping[KeyPath, int]) -> Callable[[KeyPath], str]
     return place
 
 
-def places_in(label: str | os.PathLike[str]) -> Callable[[KeyPath], str]:
-    """As :func:`places`, for a file that was read before; its name alone where there is none."""
+def file_locator(label: str | os.PathLike[str]) -> Callable[[KeyPath], str]:
+    """As :func:`locator`, for a file that was read before; its name alone where there is none."""
     name = os.fspath(label)
     if not os.path.isfile(name):
-        return places(name, {})
+        return locator(name, {})
     try:
-        return places(name, read_yaml(name).lines)
+        return locator(name, read_yaml(name).lines)
     except ConfigError:
-        return places(name, {})
+        return locator(name, {})
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:

@@ -48,13 +48,13 @@ _UNIT = re.compile(r"\s*\[([^\[\]]+)\]")
 
 def reference_markdown() -> str:
     """The text of `docs/reference/configuration.md`: every key, its type, default and meaning."""
-    places: dict[type[Section], list[str]] = {}
+    headings: dict[type[Section], list[str]] = {}
     for above, section in all_sections(Study):
-        known = places.setdefault(section, [])
+        known = headings.setdefault(section, [])
         if _place(above) not in known:
             known.append(_place(above))
     parts = [_HEAD]
-    for section, known in places.items():
+    for section, known in headings.items():
         parts += _table(known, section)
     return "\n".join(parts)
 
@@ -64,11 +64,11 @@ def _place(parts: tuple[str, ...]) -> str:
     return f"{keys} ({parts[-1]})" if parts and ": " in parts[-1] else keys
 
 
-def _table(places: list[str], section: type[Section]) -> Iterator[str]:
+def _table(headings: list[str], section: type[Section]) -> Iterator[str]:
     if section is Study:
         yield "## Top level\n"
     else:
-        yield f"## {', '.join(f'`{place}`' for place in places)}\n"
+        yield f"## {', '.join(f'`{place}`' for place in headings)}\n"
         yield _one_line(section.__doc__ or "") + "\n"
     yield "| key | type | default | unit | meaning |"
     yield "| --- | --- | --- | --- | --- |"

@@ -15,8 +15,8 @@ from vsr2.diagnosis.simulated.nuisances import (
     with_deviations,
 )
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
+from vsr2.diagnosis.verdict.diagnosis_schema import schema
 from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis
-from vsr2.diagnosis.verdict.schema import schema
 
 __all__ = [
     "DEFAULT_NUISANCES",

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import sys
-import time
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,7 +11,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.pipeline import Progress, Question, diagnose_with
+from vsr2.diagnosis.pipeline import Question, Report, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
@@ -34,13 +31,13 @@ class Execution:
         client: of a Dask cluster that runs the trials.
         cache: folder that diagnoses of several campaigns of the same trials share: simulate and
             train once.
-        progress: write stage, share done, time left and leading effects to standard error.
+        report: gets stage, share done, time left and leading effects as it goes on.
     """
 
     threads: int | None = None
     client: distributed.Client | None = None
     cache: ProtocolCache | None = None
-    progress: bool = False
+    report: Report | None = None
 
     def __post_init__(self) -> None:
         if self.threads is not None and self.threads < 1:
@@ -75,7 +72,7 @@ def diagnose(
         budget: wall time, judging included, or numbers of simulations or of simulated campaigns;
             equal numbers of campaigns give equal verdicts.
         hypotheses: effects that may be the cause, and what is uncertain about the set-up.
-        execution: threads or a cluster, a cache that several diagnoses share, progress.
+        execution: threads or a cluster, a cache that several diagnoses share, who gets progress.
         seed: of everything random.
 
     Returns:
@@ -113,7 +110,7 @@ def diagnose(
         Question(seen.tier, simulator.excluded, tuple(hypotheses.references), seed),
         cache=folder if cache is None else cache,
         budget=budget,
-        report=_ProgressLines() if execution.progress else None,
+        report=execution.report,
         provenance={
             "scene": study.name,
             "left_out": len(given) - len(seen),
@@ -137,33 +134,3 @@ def _made(folder: Path) -> Path:
             f"{folder}: cannot be used ({error.strerror}); choose another folder"
         ) from error
     return folder
-
-
-class _ProgressLines:
-    """Lines on standard error, at most two a second."""
-
-    def __init__(self) -> None:
-        self._last = 0.0
-        self._stage = ""
-        self._began = 0.0
-
-    def __call__(self, progress: Progress) -> None:
-        now, stage, share = time.monotonic(), str(progress.stage), progress.share
-        if stage == self._stage and now - self._last < 0.5 and share < 1:
-            return
-        if stage != self._stage:
-            self._began = now
-        self._last, self._stage = now, stage
-        best = ", ".join(f"{name} {p:.2f}" for name, p in progress.leading.items())
-        left = ""
-        if not math.isnan(progress.left_s):
-            left = f", {_duration(progress.left_s)} left"
-        elif 0 < share < 1 and now > self._began:
-            left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
-        line = f"vsr2 diagnose: {stage} {share:4.0%}{left}{'; leading: ' + best if best else ''}"
-        end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
-        print(f"{line:<100}", end=end, file=sys.stderr, flush=True)
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"

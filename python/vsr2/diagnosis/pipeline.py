@@ -59,12 +59,12 @@ _logger = logging.getLogger(__name__)
 
 
 class Stage(StrEnum):
-    """What a diagnosis is at."""
+    """What a diagnosis is at; `vsr2.report.progress_lines` words it."""
 
-    LOOK = "trying effects"
-    SIMULATION = "simulating"
+    LOOK = "look"
+    SIMULATION = "simulation"
     TRAINING = "training"
-    JUDGEMENT = "judging"
+    JUDGEMENT = "judgement"
 
 
 @dataclass(frozen=True)
@@ -142,13 +142,13 @@ def diagnose_with(
     excluded, seed = question.excluded, question.seed
     seen = observe_campaign(campaign, question.tier)
     references = [_reference(one, seen) for one in question.references]
-    shared = ProtocolCache(cache) if isinstance(cache, Path) else cache
+    kept = ProtocolCache(cache) if isinstance(cache, Path) else cache
     budget = Budget() if budget is None else budget
-    with SimulationCache(simulator, None if shared is None else shared.simulations) as store:
+    with SimulationCache(simulator, None if kept is None else kept.simulations) as store:
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
         schedule = Schedule(budget, store, len(seen), simulator.library, started)
-        work = _Work(store, seen, schedule, shared, excluded, seed, report)
+        work = _Work(store, seen, schedule, kept, excluded, seed, report)
         seen_look = work.look()
         trials = seen_look.responding
         posterior = work.posterior(seen_look)
@@ -160,17 +160,17 @@ def diagnose_with(
         none = [float(one.probability[0]) for one in alike]
         posterior = posterior.with_references(none)
         found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
-        work.tell(Stage.JUDGEMENT, 0.0, found, posterior)
+        work.advance(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
         how_far = judge(
             store, seen, trials, posterior, found.residuals,
             _judged(verdict, posterior) if budget.held_out else (), seed=seed,
-            progress=lambda n, m: work.tell(Stage.JUDGEMENT, n / m, found, posterior),
+            progress=lambda n, m: work.advance(Stage.JUDGEMENT, n / m, found, posterior),
         )  # fmt: skip
         layers = noise_floor(store, seen, trials, posterior.standard.probability)
         where = where_it_lies(seen, trials, found.residuals, posterior.gap_free, seed)
         spent = work.budget_of(posterior)
-        work.tell(Stage.JUDGEMENT, 1.0, found, posterior)
+        work.advance(Stage.JUDGEMENT, 1.0, found, posterior)
     noted = {
         **({} if provenance is None else provenance),
         "excluded": sorted(excluded),
@@ -231,7 +231,7 @@ class _Work:
     seed: int
     report: Report | None
 
-    def tell(
+    def advance(
         self,
         stage: Stage,
         share: float,
@@ -249,7 +249,7 @@ class _Work:
         return look(
             self.store, len(self.seen), most=self.schedule.look_trials,
             plain=self.schedule.plain, seed=self.seed,
-            progress=lambda n, m: self.tell(Stage.LOOK, n / m),
+            progress=lambda n, m: self.advance(Stage.LOOK, n / m),
         )  # fmt: skip
 
     def posterior(self, found: Look) -> Posterior:
@@ -274,14 +274,14 @@ class _Work:
                     ),
                     first,
                 )
-        self.tell(Stage.TRAINING, 0.0)
+        self.advance(Stage.TRAINING, 0.0)
         return self._trained(campaigns, trials, done)
 
     def _simulated(self, done: int, trials: int, leading: tuple[Found, Posterior] | None) -> None:
         budget = self.schedule.spent_s
         share, left_s = self.schedule.progress(done, trials)
         found, posterior = (None, None) if leading is None else leading
-        self.tell(Stage.SIMULATION, share, found, posterior, left_s)
+        self.advance(Stage.SIMULATION, share, found, posterior, left_s)
         _logger.debug("%d campaigns after %.0f s", done, budget)
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:

@@ -126,10 +126,10 @@ def _changed(trial: Trial, one: Effect, values: dict[str, float], made: dict[Any
     if key not in made:
         made[key] = _made(trial, one, values)
     found = made[key]
-    shared = {name: getattr(found, name) for name in ("scene", "start", "outcome", "settling")}
+    reused = {name: getattr(found, name) for name in ("scene", "start", "outcome", "settling")}
     if one.stage not in _BEFORE_MOTION:
-        shared |= {"motion": found.motion, "drive": found.drive}
-    return replace(trial, **shared)
+        reused |= {"motion": found.motion, "drive": found.drive}
+    return replace(trial, **reused)
 
 
 def _made(trial: Trial, one: Effect, values: dict[str, float]) -> Trial:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import get_args
 
-from vsr2.config.load import places_in
+from vsr2.config.load import file_locator
 from vsr2.config.problems import Problem, config_error
 from vsr2.effects import (
     actuation,
@@ -135,7 +135,7 @@ def check_study_effects(
             except ConfigError as error:
                 problems.append(Problem(("effects", name, *list(values)[:1]), error.message))
     if problems:
-        raise config_error(problems, os.fspath(label), places_in(label))
+        raise config_error(problems, os.fspath(label), file_locator(label))
 
 
 def in_order(effects: Mapping[str, Effect]) -> list[Effect]:

@@ -78,8 +78,8 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
     above = points[np.setdiff1d(hull.vertices, touched)]
     if shrunk > 0 and len(above):
         # The engine dilates all of the hull, the part above included.
-        whole = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
-        above = whole.intersections[(whole.intersections - center) @ down < 0]
+        dilated = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
+        above = dilated.intersections[(dilated.intersections - center) @ down < 0]
     pieces.append(above)
     distinct = _merged(np.unique(np.vstack(pieces), axis=0))
     outline: Array = distinct[np.sort(ConvexHull(distinct).vertices)]

@@ -130,7 +130,7 @@ class Recorded:
         """
         record, filter = self.record, self.filter
         interval = record.sample_interval
-        displacement, how = _displacement(record, self.used, self.baseline, filter, self.noise)
+        displacement, how = self._displacement()
         driven = resample(
             self.scale * taper_ends(displacement, interval), interval, time_step, name=record.label
         )
@@ -155,6 +155,27 @@ class Recorded:
             recorded=self,
         )
 
+    def _displacement(self) -> tuple[Array, str]:
+        """What drives (n,) [m], and how it came about."""
+        record, channel, baseline, filter = self.record, self.used, self.baseline, self.filter
+        how = f"{channel} channel"
+        if channel == "fused":
+            fused = fuse(record, noise=self.noise, baseline=baseline)
+            displacement, seen = fused.displacement, fused.noise
+            how = (
+                f"displacement and acceleration fused (noise {seen.displacement.deviation:.3g} m "
+                f"and {seen.acceleration.deviation:.3g} m/s^2, consistency {fused.consistency:.3g})"
+            )
+        elif channel == "displacement":
+            displacement = channel_signal(record, channel, baseline)
+        else:
+            integrated = kinematics(record, channel=channel, filter=filter, baseline=baseline)
+            return integrated.displacement, how
+        if filter is not None:
+            interval = record.sample_interval
+            displacement = band_pass(displacement, interval, filter, name=record.label)
+        return displacement, how
+
 
 def build_recorded_motion(
     record: Record,
@@ -173,32 +194,6 @@ def build_recorded_motion(
         MotionError: as :class:`Recorded` and its `motion`.
     """
     return Recorded(record, channel, baseline, filter, scale, noise).motion(time_step, name=name)
-
-
-def _displacement(
-    record: Record,
-    channel: Channel,
-    baseline: int | None,
-    filter: Filter | None,
-    noise: ChannelNoise | None,
-) -> tuple[Array, str]:
-    """What drives (n,) [m], and how it came about."""
-    how = f"{channel} channel"
-    if channel == "fused":
-        fused = fuse(record, noise=noise, baseline=baseline)
-        displacement, seen = fused.displacement, fused.noise
-        how = (
-            f"displacement and acceleration fused (noise {seen.displacement.deviation:.3g} m and "
-            f"{seen.acceleration.deviation:.3g} m/s^2, consistency {fused.consistency:.3g})"
-        )
-    elif channel == "displacement":
-        displacement = channel_signal(record, channel, baseline)
-    else:
-        integrated = kinematics(record, channel=channel, filter=filter, baseline=baseline)
-        return integrated.displacement, how
-    if filter is not None:
-        displacement = band_pass(displacement, record.sample_interval, filter, name=record.label)
-    return displacement, how
 
 
 def _single_cosine(source: SingleCosine, time_step: float) -> Motion:

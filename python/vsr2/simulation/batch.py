@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, fields
+from numbers import Integral
 from os import PathLike
 from pathlib import Path
 from types import FrameType
@@ -41,9 +42,9 @@ from vsr2.results import (
     save_trial_log,
 )
 from vsr2.simulation.distributed import run_on_cluster
+from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
-from vsr2.simulation.scene import native_scene
 from vsr2.trial import Observation, Trial
 
 if TYPE_CHECKING:
@@ -155,9 +156,10 @@ def _threads(threads: int | None, client: distributed.Client | None) -> int:
             "threads does not apply with a client: the workers' own threads run the trials"
         )
     count = len(os.sched_getaffinity(0)) if threads is None else threads
-    if not 1 <= count <= 1024:
-        raise SimulationError(f"threads must lie in 1 to 1024, got {threads}")
-    return count
+    whole = isinstance(count, Integral) and not isinstance(count, bool)
+    if not whole or not 1 <= count <= 1024:
+        raise SimulationError(f"threads must be a whole number from 1 to 1024, got {threads!r}")
+    return int(count)
 
 
 def _log_begin(trials: Sequence[Trial], pending: int) -> None:

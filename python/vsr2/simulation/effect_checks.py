@@ -35,7 +35,7 @@ from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import run_batch
 from vsr2.simulation.bench import EffectBench, Rock, with_tail
-from vsr2.simulation.scene import native_scene
+from vsr2.simulation.native_scenes import native_scene
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]

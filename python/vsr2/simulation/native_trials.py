@@ -13,8 +13,8 @@ from vsr2.config.study import Settling
 from vsr2.motion import Motion
 from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, Outcome, Status, TrialLog
 from vsr2.scene import Pose
+from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.planning import log_bytes
-from vsr2.simulation.scene import native_scene
 from vsr2.trial import Trial
 
 POLL = 0.1

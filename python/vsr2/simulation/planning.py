@@ -14,7 +14,7 @@ from vsr2.errors import Fault, SimulationError
 from vsr2.motion import build_motions
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
 from vsr2.scene import build_scene
-from vsr2.simulation.scene import native_scene
+from vsr2.simulation.native_scenes import native_scene
 from vsr2.trial import Trial
 
 MAX_LOG_BYTES = 2e9

@@ -15,7 +15,7 @@ from vsr2.config import Study, load_study
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
 from vsr2.scene import Pose, Scene, build_scene
-from vsr2.simulation.scene import native_scene, refusals
+from vsr2.simulation.native_scenes import native_scene, refusals
 
 Array = NDArray[np.float64]
 MAX_SET_POINT = 1e6
@@ -187,10 +187,13 @@ class Simulation:
 
         It holds what was done since the world was built: about 72 bytes for each change of the
         set-point.
+
+        Raises:
+            SimulationError: more than 10 million time steps were made.
         """
-        return SimulationState(
-            self.scene.sha256, self._world.save_state(), self._start, self._steps, self._command
-        )
+        with refusals("save_state"):
+            world = self._world.save_state()
+        return SimulationState(self.scene.sha256, world, self._start, self._steps, self._command)
 
     def restore_state(self, state: SimulationState) -> None:
         """Go on from a saved state with the bits of a simulation that was not interrupted.
@@ -245,7 +248,10 @@ class Simulation:
                 follow, or fewer than 1 step.
         """
         world, given = self._world, (position, velocity, transverse, vertical, pitch)
-        if not all(isinstance(value, Real) and abs(value) <= MAX_SET_POINT for value in given):
+        if not all(
+            isinstance(value, Real) and not isinstance(value, bool) and abs(value) <= MAX_SET_POINT
+            for value in given
+        ):
             raise SimulationError(
                 f"step: the set-point {given} is not of finite numbers, or beyond "
                 f"{MAX_SET_POINT:g} m or m/s; give numbers in m, m/s and rad"
@@ -260,7 +266,7 @@ class Simulation:
             raise SimulationError(
                 "step: the pedestal pitches on a spring and takes no set-points of pitch"
             )
-        if not isinstance(steps, Integral) or steps < 1:
+        if not isinstance(steps, Integral) or isinstance(steps, bool) or steps < 1:
             raise SimulationError(f"step: steps must be a whole number of 1 or more, got {steps!r}")
         for _ in range(steps):
             world.step(position, velocity, *excursion)

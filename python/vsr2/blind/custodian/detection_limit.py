@@ -33,6 +33,10 @@ class SignalRules:
             at most.
         tilts: to which largest tilts are clipped [rad].
         search_steps: magnitudes that a search tries at most.
+        search_shares: of the strength's range that a search tries at least and, where no magnitude
+            is near, first.
+        search_close: least and greatest signal over the detected one that end a search.
+        search_factor: between two magnitudes at most.
         attempts: draws of an effect for a campaign, until one is measured in `window`.
         step: by which a measured draw moves the next ones at most.
     """
@@ -43,6 +47,9 @@ class SignalRules:
     most_deviations: float = 3.0
     tilts: tuple[float, float] = (0.005, 1.0)
     search_steps: int = 6
+    search_shares: tuple[float, float] = (0.001, 0.3)
+    search_close: tuple[float, float] = (0.85, 1.2)
+    search_factor: float = 10.0
     attempts: int = 8
     step: float = 4.0
 
@@ -202,7 +209,8 @@ class SignalMeter:
             near: magnitude to try first, such as another engine's limit; infinity: not known.
         """
         low, high = effect.strength.reach()[sign]
-        least = max(low, 0.001 * high)
+        share, first = RULES.search_shares
+        least = max(low, share * high)
         found: dict[float, float] = {}
 
         def ratio_at(magnitude: float) -> float:
@@ -216,16 +224,17 @@ class SignalMeter:
         below, above = 0.0, math.inf
         if low < least and ratio_at(least) >= 1:
             return math.inf
-        magnitude = max(least, min(near, high) if math.isfinite(near) else 0.3 * high)
+        magnitude = max(least, min(near, high) if math.isfinite(near) else first * high)
         for _ in range(RULES.search_steps):
             ratio = ratio_at(magnitude)
             if ratio >= 1:
                 above = min(above, magnitude)
             else:
                 below = max(below, magnitude)
-            if 0.85 < ratio < 1.2:
+            if RULES.search_close[0] < ratio < RULES.search_close[1]:
                 break
-            after = magnitude / min(max(ratio, 0.1), 10.0)
+            factor = RULES.search_factor
+            after = magnitude / min(max(ratio, 1 / factor), factor)
             if below > 0 and above < math.inf and not below < after < above:
                 after = math.sqrt(below * above)
             magnitude = min(high, max(least, after))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.blind.custodian.bullet_engine import BULLET
+from vsr2.blind.custodian.campaign_recording import RECORDING, recorded_campaign
 from vsr2.blind.custodian.design import (
     DESIGN,
     Protocol,
@@ -25,9 +26,9 @@ from vsr2.blind.custodian.design import (
 )
 from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
-from vsr2.blind.custodian.measurements import Measurements, Say, Steps, read_back
+from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.recording import RECORDING, recorded_campaign
+from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.form.seal import (
@@ -47,14 +48,19 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.blind.mujoco import ContactModel, Drawable, Response, draw_contact
-from vsr2.blind.mujoco.contact import FAMILY
+from vsr2.blind.mujoco.contact_models import FAMILY
+from vsr2.blind.mujoco.driven_table import TABLE
 from vsr2.blind.mujoco.ground import GROUND
-from vsr2.blind.mujoco.mechanisms import MECHANISMS
-from vsr2.blind.mujoco.trial import TRIAL
+from vsr2.blind.mujoco.model import MODEL
+from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
+from vsr2.blind.mujoco.mujoco_trial import TRIAL
+from vsr2.blind.mujoco.rigid_body import HULL
+from vsr2.blind.mujoco.step_actions import MECHANISMS
 from vsr2.campaign import save_campaign
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
 from vsr2.config.yaml_file import dump_yaml
+from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
@@ -62,8 +68,22 @@ FORM = 8
 """Of the data, of what is drawn and of the steps kept; a pack of another form is not continued."""
 _STATE = "custodian.json"
 _STEPS = "steps.json"
-PLACEMENTS = 6
-"""Draws of a campaign, until its rock rests before every motion."""
+
+
+@dataclass(frozen=True)
+class MakingConstants:
+    """How a campaign is made; chosen by hand, sealed with a pack.
+
+    Attributes:
+        placements: draws of a campaign, until its rock rests before every motion.
+        least_tilt: that counts where tilts are compared [rad]: less is no response.
+    """
+
+    placements: int = 6
+    least_tilt: float = 1e-3
+
+
+MAKING = MakingConstants()
 
 
 @dataclass(frozen=True)
@@ -94,7 +114,7 @@ def make_pack(
     settings: PackSettings,
     *,
     seed: int | None = None,
-    say: Say = lambda text: None,
+    say: Say = unheard,
 ) -> Made:
     """Make a pack, or continue one that was interrupted.
 
@@ -109,7 +129,7 @@ def make_pack(
         key: another folder, not within `pack/data`.
         settings: of the pack.
         seed: of everything; None: from the operating system, kept in the key folder.
-        say: gets a line of progress now and then.
+        say: gets an event now and then.
 
     Raises:
         BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
@@ -127,7 +147,7 @@ def make_pack(
     steps = Steps(key / _STEPS)
 
     def amplitudes() -> list[float]:
-        say(f"{settings.engines[0]}: amplitudes of {len(motions)} motions")
+        say(Statement.of(EventCode.AMPLITUDES, engine=settings.engines[0], motions=len(motions)))
         return [overturning_pga(engines[settings.engines[0]], motion) for motion in motions]
 
     thresholds = steps.once("overturning_pga", amplitudes)
@@ -142,7 +162,7 @@ def make_pack(
     for done, planned in enumerate(plan.campaigns, 1):
 
         def simulated(planned: Planned = planned, done: int = done) -> dict[str, Any]:
-            say(f"campaign {done} of {len(plan.campaigns)}")
+            say(Statement.of(EventCode.CAMPAIGN, number=done, of=len(plan.campaigns)))
             engine, protocol = engines[planned.engine], protocols[planned.protocol]
             return _campaign(data, planned, engine, protocol, settings, number)
 
@@ -326,9 +346,9 @@ def _campaign(
     Where a rock does not come to rest, all draws are repeated, as it would be placed again.
 
     Raises:
-        SimulationError: nor does it in any of `PLACEMENTS` draws.
+        SimulationError: nor does it in any of `MAKING.placements` draws.
     """
-    for attempt in range(PLACEMENTS):
+    for attempt in range(MAKING.placements):
         rng = np.random.default_rng([seed, 401, planned.index, *([attempt] if attempt else [])])
         gain, inputs = draw_inputs(rng, protocol, settings)
         *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
@@ -351,14 +371,14 @@ def _campaign(
                 flips = round(flipped / len(pairs), 4)
             break
         except SimulationError:
-            if attempt == PLACEMENTS - 1:
+            if attempt == MAKING.placements - 1:
                 raise
     campaign = recorded_campaign(planned.id, protocol, seen, settings, rng)
     folder = data / planned.id
     if folder.exists():
         shutil.rmtree(folder)
-    shared = motion_folders(settings)[planned.protocol]
-    save_campaign(campaign, folder, motions=f"../{shared}")
+    motions = motion_folders(settings)[planned.protocol]
+    save_campaign(campaign, folder, motions=f"../{motions}")
     set_time_stamps(folder)
     return {
         "kind": planned.kind,
@@ -386,7 +406,7 @@ def _write_together(data: Path, names: Sequence[str]) -> None:
 
 
 def _change(a: Response, b: Response) -> float:
-    tilts = [min(max(x.peak_tilt, 1e-3), RECORDING.range) for x in (a, b)]
+    tilts = [min(max(x.peak_tilt, MAKING.least_tilt), RECORDING.range) for x in (a, b)]
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
@@ -399,10 +419,15 @@ def _axis(effects: tuple[Drawn, ...]) -> Axis:
 def _constants() -> dict[str, dict[str, Any]]:
     """Chosen numbers that a pack rests on beside `rules`, by what they are of."""
     return {
+        "making": asdict(MAKING),
         "design": asdict(DESIGN),
         "ground_motion": asdict(GROUND),
         "contact_family": asdict(FAMILY),
         "mechanisms": asdict(MECHANISMS),
+        "mujoco_hull": asdict(HULL),
+        "mujoco_model": asdict(MODEL),
+        "mujoco_rough_base": asdict(ROUGH_BASE),
+        "mujoco_table": asdict(TABLE),
         "mujoco_trial": asdict(TRIAL),
         "bullet": asdict(BULLET),
         "recording": asdict(RECORDING),

@@ -12,11 +12,11 @@ from typing import Any
 from vsr2.blind.custodian.design import Protocol
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import Engine
+from vsr2.blind.form.events import EventCode, Say
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import read_json, write_json
 from vsr2.blind.mujoco import Drawable
-
-Say = Callable[[str], None]
+from vsr2.diagnosis.verdict.statements import Statement
 
 
 def read_back(content: Any) -> Any:
@@ -48,7 +48,7 @@ class Measurements:
         protocols: of the pack.
         settings: of the pack.
         seed: of all measuring.
-        say: gets a line for each measurement.
+        say: gets an event for each measurement.
     """
 
     def __init__(
@@ -77,7 +77,8 @@ class Measurements:
 
         def measured() -> float | None:
             found = self._meter(engine, 0).limit(effect, sign, near)
-            self._say(f"detection limit of {label}: {found:.3g}")
+            of = {"engine": engine, "effect": effect.name, "sign": sign}
+            self._say(Statement.of(EventCode.DETECTION_LIMIT, **of, limit=found))
             return found if math.isfinite(found) else None
 
         found = self._steps.once(f"detection limit of {label}", measured)
@@ -89,7 +90,7 @@ class Measurements:
         """Signal of drawn values over that at the detection limit, on a campaign's protocol."""
 
         def measured() -> float:
-            self._say("measuring the signal of a draw")
+            self._say(Statement.of(EventCode.SIGNAL, engine=engine, effect=effect.name))
             return self._meter(engine, protocol).signal(effect.name, values) / RULES.detected
 
         drawn = f"{engine} {protocol} {effect.name} {json.dumps(values, sort_keys=True)}"

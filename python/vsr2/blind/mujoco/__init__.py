@@ -5,8 +5,8 @@ implementation of every effect. A diagnosis that was built on VSR2's core is exa
 without meeting its own equations again.
 """
 
-from vsr2.blind.mujoco.body import Body, block, read_hull
-from vsr2.blind.mujoco.contact import NOMINAL, ContactModel, draw_contact
+from vsr2.blind.mujoco.contact_models import NOMINAL, ContactModel, draw_contact
+from vsr2.blind.mujoco.driven_table import TableMotion, drive
 from vsr2.blind.mujoco.ground import GroundMotion, ground_motion
 from vsr2.blind.mujoco.mujoco_effects import (
     EFFECTS,
@@ -16,9 +16,9 @@ from vsr2.blind.mujoco.mujoco_effects import (
     observe,
     with_effects,
 )
+from vsr2.blind.mujoco.mujoco_trial import Response, run_trial
+from vsr2.blind.mujoco.rigid_body import Body, block, read_hull
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import TableMotion, drive
-from vsr2.blind.mujoco.trial import Response, run_trial
 
 __all__ = [
     "EFFECTS",

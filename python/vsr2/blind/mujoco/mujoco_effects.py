@@ -10,15 +10,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import (
+from vsr2.blind.mujoco.driven_table import (
     low_passed,
     pitched,
     resonated,
     saturated,
     stretched,
 )
-from vsr2.blind.mujoco.trial import Response
+from vsr2.blind.mujoco.mujoco_trial import Response
+from vsr2.blind.mujoco.situation import Situation
 
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
@@ -117,6 +117,24 @@ class Effect(Drawable):
     apply: Callable[[Situation, Values, TrialContext], Situation]
 
 
+@dataclass(frozen=True)
+class RoughBaseConstants:
+    """From what the bumps under a rough base are drawn; chosen by hand, sealed with a pack.
+
+    Attributes:
+        bumps: under a base.
+        evenness: of the weights of the base's corners, of a Dirichlet law: below 1 near a corner.
+        within: of the way from the middle that they lie at most.
+        heights: ends of a uniform draw, over the effect's height.
+    """
+
+    bumps: int = 8
+    evenness: float = 0.4
+    within: float = 0.9
+    heights: tuple[float, float] = (0.3, 1.0)
+
+
+ROUGH_BASE = RoughBaseConstants()
 _FIRST = TrialContext()
 
 
@@ -184,9 +202,9 @@ def _base_asperity(s: Situation, v: Values, context: TrialContext) -> Situation:
     rng = _rng(context.campaign_seed, "bumps")
     base = s.body.base
     middle = base.mean(axis=0)
-    weights = rng.dirichlet(np.full(len(base), 0.4), size=8)
-    points = middle + 0.9 * (weights @ base - middle)
-    heights = v["height"] * rng.uniform(0.3, 1.0, size=8)
+    weights = rng.dirichlet(np.full(len(base), ROUGH_BASE.evenness), size=ROUGH_BASE.bumps)
+    points = middle + ROUGH_BASE.within * (weights @ base - middle)
+    heights = v["height"] * rng.uniform(*ROUGH_BASE.heights, size=ROUGH_BASE.bumps)
     rows = zip(points, heights, strict=True)
     return replace(s, bumps=tuple((float(x), float(y), float(h)) for (x, y), h in rows))
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vsr2.blind.mujoco.body import Body
-from vsr2.blind.mujoco.contact import NOMINAL, ContactModel
-from vsr2.blind.mujoco.table import TableMotion
+from vsr2.blind.mujoco.contact_models import NOMINAL, ContactModel
+from vsr2.blind.mujoco.driven_table import TableMotion
+from vsr2.blind.mujoco.rigid_body import Body
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,27 @@ from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]
 
-SET_LEVEL = 0.9
+
+@dataclass(frozen=True)
+class BaselineRules:
+    """How baselines are fitted; all are choices, none is fitted.
+
+    Attributes:
+        set_level: probability that the set of a baseline holds.
+        inverse_penalty: C of the logistic regression of answers, on standardised numbers.
+        iterations: of it, at most.
+        curve_inverse_penalty: C of a campaign's logistic curve, weak beside its trials.
+        curve_iterations: of it, at most.
+    """
+
+    set_level: float = 0.9
+    inverse_penalty: float = 1.0
+    iterations: int = 5000
+    curve_inverse_penalty: float = 10.0
+    curve_iterations: int = 2000
+
+
+BASELINE = BaselineRules()
 
 
 def overturn_rate(campaign: Campaign, _: Path) -> list[float]:
@@ -43,7 +63,8 @@ def logistic_in_pga(campaign: Campaign, _: Path) -> list[float]:
     known = np.isfinite(truth)
     if np.unique(truth[known]).size < 2:
         return [float(np.nanmean(truth)), 0.0, 0.0]
-    model = LogisticRegression(C=10.0, max_iter=2000).fit(terms[known], truth[known])
+    model = LogisticRegression(C=BASELINE.curve_inverse_penalty, max_iter=BASELINE.curve_iterations)
+    model.fit(terms[known], truth[known])
     return [float(model.intercept_[0]), *(float(c) for c in model.coef_[0])]
 
 
@@ -98,7 +119,9 @@ def baseline_cases(
 def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
     ranked = sorted(zip(answers, probability, strict=True), key=lambda pair: -pair[1])
     total = np.cumsum([p for _, p in ranked])
-    chosen = [name for name, _ in ranked[: 1 + int(np.searchsorted(total, SET_LEVEL - 1e-12))]]
+    chosen = [
+        name for name, _ in ranked[: 1 + int(np.searchsorted(total, BASELINE.set_level - 1e-12))]
+    ]
     first = ranked[0][0]
     named = first not in (NONE, UNKNOWN)
     return Verdict(
@@ -151,7 +174,8 @@ def _guess(x: Array, labels: NDArray[np.str_], z: Array) -> tuple[list[str], Arr
     names = [str(name) for name in np.unique(labels)]
     if len(names) == 1:
         return names, np.ones((len(z), 1))
-    model = make_pipeline(StandardScaler(), LogisticRegression(C=1.0, max_iter=5000))
+    regression = LogisticRegression(C=BASELINE.inverse_penalty, max_iter=BASELINE.iterations)
+    model = make_pipeline(StandardScaler(), regression)
     return names, np.asarray(model.fit(x, labels).predict_proba(z), dtype=np.float64)
 
 

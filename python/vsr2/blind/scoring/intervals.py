@@ -10,9 +10,28 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-LEVEL = 0.95
-ENDS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
-REPLICATES = 2000
+
+@dataclass(frozen=True)
+class IntervalRules:
+    """How intervals are made; all are choices, none is fitted.
+
+    Attributes:
+        level: of all intervals.
+        replicates: of a bootstrap, and draws of true probabilities.
+        bins: of probability, for calibration errors.
+    """
+
+    level: float = 0.95
+    replicates: int = 2000
+    bins: int = 10
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Quantiles that an interval lies between."""
+        return (1 - self.level) / 2, (1 + self.level) / 2
+
+
+INTERVALS = IntervalRules()
 
 
 @dataclass(frozen=True)
@@ -40,7 +59,7 @@ def proportion(hits: int, count: int) -> Score:
         return NOTHING
     from scipy.stats import binomtest
 
-    interval = binomtest(hits, count).proportion_ci(LEVEL, method="exact")
+    interval = binomtest(hits, count).proportion_ci(INTERVALS.level, method="exact")
     return Score(hits / count, float(interval.low), float(interval.high), count)
 
 
@@ -62,12 +81,12 @@ def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: i
     if count == 0:
         return NOTHING
     rng = np.random.default_rng(seed)
-    draws = statistic(rows[rng.integers(count, size=(REPLICATES, count))])
+    draws = statistic(rows[rng.integers(count, size=(INTERVALS.replicates, count))])
     known = draws[np.isfinite(draws)]
     value = float(statistic(rows[None])[0])
     if not known.size or count == 1:
         return Score(value, np.nan, np.nan, count)
-    low, high = np.quantile(known, ENDS)
+    low, high = np.quantile(known, INTERVALS.ends)
     return Score(value, float(min(low, value)), float(max(high, value)), count)
 
 
@@ -92,14 +111,13 @@ def area_under_roc(samples: Array) -> Array:
     return out
 
 
-def calibration_error(samples: Array, bins: int = 10) -> Array:
+def calibration_error(samples: Array) -> Array:
     """Expected calibration error over equally wide bins of probability (Naeini et al. 2015).
 
     Args:
         samples: stated probability and whether it came true (1 or 0), shape (samples, n, 2).
-        bins: number of them.
     """
-    stated, true = samples[..., 0], samples[..., 1]
+    stated, true, bins = samples[..., 0], samples[..., 1], INTERVALS.bins
     inside = np.minimum((stated * bins).astype(int), bins - 1)
     gaps = [np.abs(((stated - true) * (inside == i)).sum(axis=1)) for i in range(bins)]
     total: Array = np.sum(gaps, axis=0) / stated.shape[1]
@@ -120,7 +138,7 @@ def calibration_noise(stated: ArrayLike, *, seed: int = 0) -> Score:
     p = np.asarray(stated, dtype=np.float64)
     if not len(p):
         return NOTHING
-    true = np.random.default_rng(seed).random((REPLICATES, len(p))) < p
+    true = np.random.default_rng(seed).random((INTERVALS.replicates, len(p))) < p
     draws = calibration_error(np.stack([np.broadcast_to(p, true.shape), true], axis=-1))
-    low, high = np.quantile(draws, ENDS)
+    low, high = np.quantile(draws, INTERVALS.ends)
     return Score(float(draws.mean()), float(low), float(high), len(p))

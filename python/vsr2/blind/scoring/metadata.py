@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,20 @@ from vsr2.campaign.trials_table import TRIALS
 
 CAMPAIGN_FILE = "campaign.yaml"
 _RESPONSE = ("overturned", "peak_tilt_rad")
-_FALLING = 1.0
-"""Tilt beyond which a series may end with the fall [rad]."""
+
+
+@dataclass(frozen=True)
+class MetadataRules:
+    """What of series is metadata; chosen by hand.
+
+    Attributes:
+        falling: tilt beyond which a series may end with the fall [rad].
+    """
+
+    falling: float = 1.0
+
+
+METADATA = MetadataRules()
 
 
 def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
@@ -76,7 +89,7 @@ def _end(campaign: Campaign) -> float:
         record, series = campaign.record(trial), trial.series
         if series is None or series.tilt is None or record is None:
             continue
-        if np.nanmax(series.tilt) < _FALLING:
+        if np.nanmax(series.tilt) < METADATA.falling:
             interval = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
             beyond = float(series.time[-1]) - record.duration
             ends.append(interval * math.ceil(beyond / interval - 1e-6))

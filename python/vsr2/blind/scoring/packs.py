@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.seal import (
     canonical,
     folder_sha256,
@@ -24,6 +25,7 @@ from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.leaks import find_leaks
 from vsr2.blind.scoring.score import score_cases
 from vsr2.blind.scoring.scored import Scored
+from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError, ResultError
 
 RECEIPT = "receipt.json"
@@ -40,7 +42,7 @@ def score_pack(
     *,
     training: tuple[Path, Path] | None = None,
     tiers: Sequence[str] | None = None,
-    say: Callable[[str], None] = lambda text: None,
+    say: Say = unheard,
 ) -> Scored:
     """Score the diagnoses of a pack and write `scores.json`.
 
@@ -56,7 +58,7 @@ def score_pack(
         training: data and key folder of a development pack that trains the trivial baselines;
             None: there are none.
         tiers: to be scored; None: all of the pack.
-        say: gets a line for each stage.
+        say: gets an event for each stage.
 
     Raises:
         BlindError: a hash is wrong, a diagnosis is missing or of a wrong form, other diagnoses of
@@ -78,9 +80,9 @@ def score_pack(
             f"{receipt}: the pack was scored on {left.get('scored')}, with other "
             f"diagnoses than those in {diagnoses} now; a pack is scored once: make a new one"
         )
-    say(f"{key}: opened, and all that it seals found right")
+    say(Statement.of(EventCode.OPENED, key=str(key)))
     for slip in (slips := key_slips(opened)):
-        say(slip)
+        say(Statement.of(EventCode.SLIP, slip=slip))
     scored = judge([(data, opened, diagnoses)], training=training, tiers=tiers)
     content = scored.to_json() | {
         "pack": read_pack(data).commitment.sha256,

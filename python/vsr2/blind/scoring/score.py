@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.diagnosis_form import NAMING, NONE, UNKNOWN
+from vsr2.blind.form.diagnosis_form import NONE, UNKNOWN
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.scoring.cases import Case, groups
@@ -108,7 +108,7 @@ BEST_LOW = (ScoreCode.CALIBRATION, ScoreCode.LOG_SCORE, ScoreCode.WRONG, ScoreCo
 
 def is_named(case: Case) -> bool:
     """Whether the verdict names effects."""
-    return case.verdict.kind in NAMING
+    return case.verdict.kind.names_effects
 
 
 def detected(case: Case) -> bool:

@@ -7,13 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from vsr2.blind.scoring.baselines import BASELINES
+from vsr2.blind.scoring.baselines import BASELINE, BASELINES
 from vsr2.blind.scoring.cases import ALL, Case
-from vsr2.blind.scoring.intervals import Score
-from vsr2.blind.scoring.leaks import Leak
+from vsr2.blind.scoring.intervals import INTERVALS, Score
+from vsr2.blind.scoring.leaks import LEAKS, Leak
+from vsr2.blind.scoring.metadata import METADATA
 from vsr2.blind.scoring.score import (
     BEST_HIGH,
     BEST_LOW,
+    SCORING,
     ScoreCode,
     Scores,
     detected,
@@ -78,6 +80,13 @@ class Scored:
                 for tier, value in self.margins(score, group).items()
             ],
             "leaks": [[asdict(leak) for leak in one] for one in self.leaks],
+            "constants": {
+                "scoring": asdict(SCORING),
+                "intervals": asdict(INTERVALS),
+                "baselines": asdict(BASELINE),
+                "leaks": asdict(LEAKS),
+                "metadata": asdict(METADATA),
+            },
         }
         if self.development:
             out["campaigns"] = [

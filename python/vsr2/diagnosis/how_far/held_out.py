@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.scores import (
+from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
     Interval,
     by_kind,
@@ -80,52 +81,41 @@ class HowFar:
     motion: NDArray[np.int64]
     names: tuple[str, ...]
 
-    def _means(self) -> tuple[dict[str, float], dict[str, Array]]:
+    @cached_property
+    def _means(self) -> dict[str, Array]:
+        """Mean losses by name, then those of each replicate, shape (1 + replicates,)."""
         values = np.stack([self.losses[name] for name in LOSSES])
-        draws = resampled_means(values, self.motion)
-        means = values.mean(axis=1)
-        return (
-            {name: float(m) for name, m in zip(LOSSES, means, strict=True)},
-            {name: draws[:, k] for k, name in enumerate(LOSSES)},
-        )
+        means = np.vstack([values.mean(axis=1), resampled_means(values, self.motion)])
+        return dict(zip(LOSSES, means.T, strict=True))
 
     def mean(self, name: str) -> Interval:
         """Mean loss."""
-        means, draws = self._means()
-        return interval(means[name], draws[name])
+        return interval(self._means[name])
 
     def excess(self, name: str) -> Interval:
         """Mean loss over the floor."""
-        means, draws = self._means()
-        return interval(means[name] - means["floor"], draws[name] - draws["floor"])
+        return interval(self._means[name] - self._means["floor"])
 
     def gain(self) -> Interval:
         """Mean loss before minus after, of equal trials."""
-        means, draws = self._means()
-        return interval(means["before"] - means["after"], draws["before"] - draws["after"])
+        return interval(self._means["before"] - self._means["after"])
 
     def closure(self, name: str) -> Interval:
         """(before - model) / (before - floor); none where there is no gap."""
-        means, draws = self._means()
-        gap = means["before"] - means["floor"]
-        if gap <= 0:
-            return Interval(np.nan, np.nan, np.nan)
-        gaps = np.maximum(draws["before"] - draws["floor"], 1e-9)
-        return interval(
-            (means["before"] - means[name]) / gap, (draws["before"] - draws[name]) / gaps
-        )
+        return self._share(self._means["before"] - self._means[name])
 
     def headline(self) -> Interval:
         """Closure minus that of the better control, or minus 0 where both make it worse."""
-        means, draws = self._means()
-        gap = means["before"] - means["floor"]
-        if gap <= 0 or not self.names:
+        controls = [self._means[name] for name in ("before", "recalibrated", "dealt")]
+        return self._share(np.min(controls, axis=0) - self._means["after"])
+
+    def _share(self, part: Array) -> Interval:
+        """A difference of mean losses over the gap, of equal replicates."""
+        gap = self._means["before"] - self._means["floor"]
+        if gap[0] <= 0:
             return Interval(np.nan, np.nan, np.nan)
-        gaps = np.maximum(draws["before"] - draws["floor"], 1e-9)
-        controls = ("before", "recalibrated", "dealt")
-        best = min(means[name] for name in controls)
-        bests = np.min([draws[name] for name in controls], axis=0)
-        return interval((best - means["after"]) / gap, (bests - draws["after"]) / gaps)
+        gap[1:] = np.maximum(gap[1:], 1e-9)
+        return interval(part / gap)
 
 
 def simulations(trials: int) -> int:

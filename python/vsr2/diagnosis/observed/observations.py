@@ -204,7 +204,6 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
                 raw = rest_logarithm(rest[:, k], OBSERVED.rest_resolution[k], rest_noise[k])
                 columns.append(np.where(overturned < 0.5, raw, np.nan))
                 measured.append(feature)
-    order = np.array([trial.order for trial in used.trials], dtype=np.float64)
     measures = intensity_measures(used)
     still = np.flatnonzero(~(measures.pga > 0))
     if still.size:
@@ -227,7 +226,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         motion=_index([trial.motion for trial in used.trials]),
         session=_index([trial.session for trial in used.trials]),
         specimen=_index([trial.specimen for trial in used.trials]),
-        order=(order - order.min()) / max(float(np.ptp(order)), 1.0),
+        order=used.relative_order,
         log_pga=log_pga,
         log_ratio=log_ratio,
     )

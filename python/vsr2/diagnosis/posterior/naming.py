@@ -23,6 +23,11 @@ class VerdictKind(StrEnum):
     UNKNOWN = "unknown"
     UNRESOLVED = "unresolved"
 
+    @property
+    def names_effects(self) -> bool:
+        """Whether it says which effects are missing."""
+        return self in (VerdictKind.EFFECT, VerdictKind.CLASS, VerdictKind.PAIR)
+
 
 @dataclass(frozen=True)
 class NamingConstants:

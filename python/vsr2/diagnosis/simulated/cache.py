@@ -153,12 +153,12 @@ class SimulationCache:
             self.simulated += len(part)
             if progress is not None:
                 progress(len(requests) - len(pending) + start + len(part), len(requests))
-        places = [self._place[key] for key in keys]
-        if len({self._tables[t].shape[1] for t, _ in places}) > 1:
+        at = [self._place[key] for key in keys]
+        if len({self._tables[t].shape[1] for t, _ in at}) > 1:
             raise ResultError(
                 f"{self._path}: damaged (simulations of different lengths); {_KIND.damaged}"
             )
-        rows = [self._tables[t][i] for t, i in places]
+        rows = [self._tables[t][i] for t, i in at]
         table = np.array(rows, dtype=np.float64).reshape(len(requests), -1)
         features = table[:, 2:].copy() if table.shape[1] > 2 else None
         return Responses(table[:, 0].copy(), table[:, 1].copy(), features)

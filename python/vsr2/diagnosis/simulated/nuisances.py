@@ -155,9 +155,7 @@ def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Dist
     for key, value in given.items():
         if key not in numbers:
             raise DiagnosisError(f"{key}: no number of {name}; {near(key, [*numbers, *more])}")
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not (number and math.isfinite(value)):
-            raise DiagnosisError(f"{key} is {value!r}; give a finite number")
+        _number(key, value)
     for key, needed in numbers.items():
         if needed and key not in given:
             raise DiagnosisError(f"{key} is missing; {name} has {', '.join(numbers)}")
@@ -174,6 +172,13 @@ def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Dist
     elif isinstance(made, DrawnByEffect) and made.reach < 0:
         raise DiagnosisError(f"reach is {made.reach:g}; give 0 or more")
     return made
+
+
+def _number(key: str, value: Any) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (number and math.isfinite(value)):
+        raise DiagnosisError(f"{key} is {value!r}; give a finite number")
+    return value  # type: ignore[no-any-return]
 
 
 def stated(prior: Prior) -> dict[str, Any]:
@@ -362,9 +367,7 @@ class Nuisance:
         relative = content.get("relative", usual is not None and usual.relative)
         if not isinstance(relative, bool):
             raise DiagnosisError(f"relative is {relative!r}; give true or false")
-        correlation = content.get("correlation", 1.0)
-        if isinstance(correlation, bool) or not isinstance(correlation, int | float):
-            raise DiagnosisError(f"correlation is {correlation!r}; give a number, -1 to 1")
+        correlation = _number("correlation", content.get("correlation", 1.0))
         prior = distribution(content, (*words, "relative", "correlation"))
         own = usual and usual.prior
         if isinstance(own, DrawnByEffect) and not isinstance(prior, DrawnByEffect):

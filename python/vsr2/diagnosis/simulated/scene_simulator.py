@@ -123,8 +123,7 @@ class SceneSimulator:
                 Filter(),
             )
         self._varied: dict[int, list[Trial]] = {}
-        orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
-        self._orders = list((orders - orders.min()) / max(float(np.ptp(orders)), 1.0))
+        self._orders = list(campaign.relative_order)
         self._sessions = [trial.session for trial in campaign.trials]
         self.excluded = tuple(sorted(hypotheses.exclude))
         motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))

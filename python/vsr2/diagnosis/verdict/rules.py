@@ -29,8 +29,7 @@ class Verdict:
     @property
     def named(self) -> tuple[str, ...]:
         """Effects that it says are missing; none where it says something else."""
-        kinds = (VerdictKind.EFFECT, VerdictKind.CLASS, VerdictKind.PAIR)
-        return self.effects if self.kind in kinds else ()
+        return self.effects if self.kind.names_effects else ()
 
 
 def verdict_of(found: Found, posterior: Posterior) -> Verdict:
@@ -42,44 +41,33 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
     """
     said, levels = found.naming, posterior.levels
     names = tuple(posterior.sets.names[e] for e in said.effects)
-    none = float(found.probability[0])
-    wanted, probability = levels.least_name, float(said.probability)
+    none, probability = float(found.probability[0]), float(said.probability)
+    against_none = {"none": none, "limit": levels.none_limit}
     if said.kind is VerdictKind.NONE:
-        reasons = [Statement.of(ReasonCode.NO_GAP, none=none, limit=levels.none_limit)]
+        reasons = [Statement.of(ReasonCode.NO_GAP, **against_none)]
         best = int(found.probability.argmax())
         if best != 0:
-            members = posterior.sets.members[best]
-            favoured = " + ".join(
-                n for n, m in zip(posterior.sets.names, members, strict=True) if m
-            )
-            reasons.append(
-                Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=favoured or "unknown")
-            )
+            held = posterior.sets.members[best]
+            members = [n for n, m in zip(posterior.sets.names, held, strict=True) if m]
+            favoured = " + ".join(members) or "unknown"
+            reasons.append(Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=favoured))
         return Verdict(said.kind, (), none, GapState.NOT_FOUND, tuple(reasons))
-    reasons = [Statement.of(ReasonCode.GAP, none=none, limit=levels.none_limit)]
-    if said.kind is VerdictKind.UNKNOWN:
-        reasons.append(Statement.of(ReasonCode.OUTSIDE_OUTWEIGHS, probability=probability))
-    elif said.kind is VerdictKind.PAIR:
-        reasons.append(
-            Statement.of(ReasonCode.PAIR_REACHED, probability=probability, wanted=wanted)
-        )
-    elif said.kind is VerdictKind.UNRESOLVED:
-        reasons.append(
-            Statement.of(
-                ReasonCode.TOO_MANY_NEEDED,
-                effects=names,
-                probability=probability,
-                wanted=wanted,
-                classes=said.classes,
-            )
-        )
-    else:
-        reasons.append(
-            Statement.of(ReasonCode.NAME_REACHED, probability=probability, wanted=wanted)
-        )
-        if said.alike:
-            reasons.append(Statement.of(ReasonCode.EQUIVALENT_HERE))
-        two = found.probability[1 + len(posterior.sets.names) : -1].sum() / max(1 - none, 1e-12)
-        if two > 0.5:
-            reasons.append(Statement.of(ReasonCode.SECOND_EFFECT_LIKELY, probability=float(two)))
+    reasons = [Statement.of(ReasonCode.GAP, **against_none)]
+    reached = {"probability": probability, "wanted": levels.least_name}
+    match said.kind:
+        case VerdictKind.UNKNOWN:
+            reasons.append(Statement.of(ReasonCode.OUTSIDE_OUTWEIGHS, probability=probability))
+        case VerdictKind.PAIR:
+            reasons.append(Statement.of(ReasonCode.PAIR_REACHED, **reached))
+        case VerdictKind.UNRESOLVED:
+            needed = {"effects": names, "classes": said.classes}
+            reasons.append(Statement.of(ReasonCode.TOO_MANY_NEEDED, **reached, **needed))
+        case _:
+            reasons.append(Statement.of(ReasonCode.NAME_REACHED, **reached))
+            if said.alike:
+                reasons.append(Statement.of(ReasonCode.EQUIVALENT_HERE))
+            pairs = found.probability[1 + len(posterior.sets.names) : -1]
+            two = float(pairs.sum() / max(1 - none, 1e-12))
+            if two > 0.5:
+                reasons.append(Statement.of(ReasonCode.SECOND_EFFECT_LIKELY, probability=two))
     return Verdict(said.kind, names, probability, GapState.FOUND, tuple(reasons))

@@ -114,7 +114,7 @@ class Statement:
     """A code and its values.
 
     Attributes:
-        code: of a reason or limit.
+        code: of what is stated: a reason, a limit, an event.
         values: one of each name that the code declares, of its type.
 
     Raises:

@@ -195,7 +195,7 @@ def scan(
     excess = observed**2 - (null**2).mean(axis=0)
     out = []
     for c, feature in enumerate(features):
-        whole = float(excess[c].sum())
+        total = float(excess[c].sum())
         for j, one in enumerate(family):
             count = max(int(np.count_nonzero(known[c] * (weights[j] != 0))), 1)
             size = float(score[c, j] / np.sqrt(count))
@@ -203,8 +203,8 @@ def scan(
             members = np.flatnonzero(weights[j] > 0)
             share = members.size / weights.shape[1]
             concentration = 0.0
-            if whole > 0 and members.size:
-                concentration = float(excess[c, members].sum()) / whole / share
+            if total > 0 and members.size:
+                concentration = float(excess[c, members].sum()) / total / share
             out.append(
                 Location(
                     one.kind, one.values, feature, size, float(p_value[c, j]), concentration,

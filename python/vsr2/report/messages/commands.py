@@ -13,9 +13,8 @@ from vsr2.report.messages.runs import compatible_values
 
 if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
-    from vsr2.blind.custodian.make import Made
     from vsr2.calibration import CalibrationResult
-    from vsr2.diagnosis.reference import Agreement
+    from vsr2.diagnosis.reference_campaign import Agreement
     from vsr2.results import BatchResult
     from vsr2.simulation.bench import Rock
     from vsr2.simulation.effect_checks import EffectReport, Liveness
@@ -40,6 +39,15 @@ def interrupted_batch(result: BatchResult, folder: Path) -> str:
 def interrupted_calibration(folder: Path) -> str:
     """How much of an interrupted calibration is kept, and how to go on."""
     return f"interrupted; what is finished is kept in {folder}. `--resume` goes on."
+
+
+def calibration_search(result: CalibrationResult) -> str:
+    """What a calibration searched, and how much of it was simulated now."""
+    return (
+        f"{len(result.steps)} sets searched, best objective {result.searched.score:.4g}; "
+        f"{len(result.evaluations)} sets in all, {result.provenance['simulated_in_this_run']} of "
+        "them simulated now"
+    )
 
 
 def calibration_summary(result: CalibrationResult) -> str:
@@ -162,21 +170,3 @@ def _ratios(found: Mapping[Rock, Liveness]) -> str:
         f"{one.ratio:.3g} times the floor on the {rock} ({one.feature})"
         for rock, one in found.items()
     )
-
-
-def sealed_pack(made: Made, pack: Path) -> str:
-    """What a blind pack holds, and which effects were not drawn: lines."""
-    lines = [f"{pack / 'data'}: {made.campaigns} campaigns, sealed as {made.commitment}"]
-    lines += [
-        f"{engine}: no magnitudes from 0.5 to 6 detection limits, not drawn: {', '.join(effects)}"
-        for engine, effects in made.not_drawn.items()
-        if effects
-    ]
-    for engine, refused in made.refused.items():
-        if refused:
-            counts = ", ".join(f"{name} ({count})" for name, count in refused.items())
-            lines.append(
-                f"{engine}: every draw measured outside 0.5 to 6 detection limits, not drawn for "
-                f"so many campaigns: {counts}"
-            )
-    return "\n".join(lines)

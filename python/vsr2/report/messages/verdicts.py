@@ -99,7 +99,7 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         found=standing_out(content),
         **content,
     )
-    if verdict["kind"] not in (VerdictKind.EFFECT, VerdictKind.CLASS, VerdictKind.PAIR):
+    if not VerdictKind(verdict["kind"]).names_effects:
         return said
     closed = gap["closure"]["value"]
     sure = closed is not None and min(gap[k]["ci95"][0] for k in ("headline", "closure")) > 0

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.body import GRAVITY
-from vsr2.blind.mujoco.mechanisms import RelativeMotion, step_actions
-from vsr2.blind.mujoco.model import TABLE_MASS, build_model
+from vsr2.blind.mujoco.driven_table import drive
+from vsr2.blind.mujoco.model import MODEL, build_model
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import drive
+from vsr2.blind.mujoco.step_actions import RelativeMotion, step_actions
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,8 @@ class TrialConstants:
             passed.
         tail: longest time after the motion [s].
         settling: for which the body settles before the motion [s].
+        kept_speed: while it settles, share of its speed that is left after 1 ms.
+        leaning: tilt at the end, over the slenderness angle, from which it has overturned.
         look: between two looks whether a trial has ended [s].
         calm: looks in a row that find the body at rest, as it may pause for one where it turns
             back.
@@ -39,6 +41,8 @@ class TrialConstants:
     stop: float = 1.3
     tail: float = 5.0
     settling: float = 0.3
+    kept_speed: float = 0.95
+    leaning: float = 0.5
     look: float = 0.05
     calm: int = 5
     slow: float = 3e-3
@@ -98,7 +102,7 @@ def run_trial(situation: Situation, *, series_interval: float = 0.02) -> Respons
         data.qpos[:joints], data.qvel[:joints] = positions[last_held], velocities[last_held]
         data.qpos[joints:] = _carried(situation, used, rest, positions[[last_held]])[0]
         data.qvel[joints:] = relative.table()
-    path = (positions, velocities, accelerations * TABLE_MASS)
+    path = (positions, velocities, accelerations * MODEL.table_mass)
     actions = step_actions(situation, model, data, relative)
     last = _shake(model, data, path, rows, first, actions, round(TRIAL.look / step))
     return _judged(rows[:last], rest, situation, round(series_interval / step), step)
@@ -118,7 +122,7 @@ def _settle(model: Any, data: Any, situation: Situation, table: Array) -> None:
         mujoco.mj_step(model, data)
         data.qpos[:joints] = table
         data.qvel[:joints] = 0
-        data.qvel *= 0.95 ** (situation.contact.step / 0.001)
+        data.qvel *= TRIAL.kept_speed ** (situation.contact.step / 0.001)
     data.qvel[:] = 0
 
 
@@ -227,7 +231,8 @@ def _judged(rows: Array, rest: Array, situation: Situation, every: int, step: fl
         np.clip(1 - 2 * (orientation[:, 0] ** 2 + orientation[:, 1] ** 2), -1.0, 1.0)
     )
     peak = float(tilt.max())
-    fallen = peak >= TRIAL.fallen or tilt[-1] > 0.5 * situation.body.slenderness_angle
+    leaning = TRIAL.leaning * situation.body.slenderness_angle
+    fallen = peak >= TRIAL.fallen or tilt[-1] > leaning
     kept = slice(None, None, every)
     return Response(
         overturned=bool(fallen),

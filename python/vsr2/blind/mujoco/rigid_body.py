@@ -13,8 +13,22 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 GRAVITY = 9.80665
 """[m/s^2]"""
-FLAT = 1e-3
-"""Height above a hull's lowest point up to which points are of its base [m]."""
+
+
+@dataclass(frozen=True)
+class HullConstants:
+    """What of a hull touches the table; chosen by hand, sealed with a pack.
+
+    Attributes:
+        flat: height above the lowest point up to which points are of the base [m].
+        reach: share of the height below which points can touch the table.
+    """
+
+    flat: float = 1e-3
+    reach: float = 0.5
+
+
+HULL = HullConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,8 +119,8 @@ def block(width: float, depth: float, height: float, density: float) -> Body:
 def read_hull(path: Path, density: float) -> Body:
     """The convex hull of an OBJ file's vertices [m], standing as the file has it.
 
-    Points within `FLAT` of the lowest are the base and are brought to z = 0; of the others those
-    below half the height can touch the table.
+    Points within `HULL.flat` of the lowest are the base and are brought to z = 0; of the others
+    those below `HULL.reach` of the height can touch the table.
 
     Args:
         path: an OBJ file in metres, z up.
@@ -127,13 +141,13 @@ def read_hull(path: Path, density: float) -> Body:
     center = np.array(hull.center_mass)
     outer = np.array(hull.vertices)
     lowest = vertices[:, 2].min()
-    base = outer[:, 2] < lowest + FLAT
+    base = outer[:, 2] < lowest + HULL.flat
     if base.sum() < 3:
         raise ValueError(f"{path}: its base has {base.sum()} vertices; level it")
     height = np.ptp(vertices[:, 2])
-    kept = outer[outer[:, 2] < lowest + 0.5 * height]
+    kept = outer[outer[:, 2] < lowest + HULL.reach * height]
     origin = np.array([center[0], center[1], lowest])
     points = kept - origin
-    points[points[:, 2] < FLAT, 2] = 0.0
+    points[points[:, 2] < HULL.flat, 2] = 0.0
     inward = -points[:, :2] / np.maximum(np.linalg.norm(points[:, :2], axis=1), 1e-9)[:, None]
     return Body(points, inward, float(hull.mass), center - origin, np.array(hull.moment_inertia))

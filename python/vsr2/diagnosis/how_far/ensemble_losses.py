@@ -98,10 +98,10 @@ class Interval:
         return {"value": self.value, "ci95": [self.low, self.high]}
 
 
-def interval(value: float, draws: Array) -> Interval:
-    """The 2.5 and 97.5 % quantiles about an estimate."""
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return Interval(float(value), float(low), float(high))
+def interval(values: Array) -> Interval:
+    """The first value, and the 2.5 and 97.5 % quantiles of the others."""
+    low, high = np.quantile(values[1:], [0.025, 0.975])
+    return Interval(float(values[0]), float(low), float(high))
 
 
 def resampled_means(

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.body import GRAVITY
+from vsr2.blind.mujoco.driven_table import Channel
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 from vsr2.blind.mujoco.situation import Situation
-from vsr2.blind.mujoco.table import Channel
 
 Array = NDArray[np.float64]
 Action = Callable[[int], None]
@@ -25,6 +25,8 @@ class MechanismConstants:
     Attributes:
         apart: time without contact after which a touch is an impact [s].
         impact: time that an impact takes, over the contact's time constant.
+        resting: energy per mass below which a touch is no impact [J/kg]: slower than 3 mm/s a body
+            is at rest as far as anybody can see.
         full: share of Housner's loss from which an impact is a full one.
         uplifted: tilt from which a body rocks [rad].
         catch_stiffness: of the tether, in m g R per radian: it holds a body within 1/40 rad.
@@ -32,6 +34,7 @@ class MechanismConstants:
 
     apart: float = 0.005
     impact: float = 1.5
+    resting: float = 0.5e-5
     full: float = 0.7
     uplifted: float = 1e-3
     catch_stiffness: float = 40.0
@@ -146,8 +149,7 @@ class _Impacts:
                     now - self._left.get(geom, now) > self._apart for geom in fresh
                 ):
                     energy = self._energy(self._before - self._motion.table())
-                    # slower than 3 mm/s: at rest as far as anybody can see
-                    if energy > 0.5e-5 * self._mass:
+                    if energy > MECHANISMS.resting * self._mass:
                         self._due = (now + self._lasting, energy)
         if self._due is not None and now >= self._due[0]:
             carried = self._motion.table()

@@ -8,11 +8,25 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.mujoco.body import GRAVITY
+from vsr2.blind.mujoco.rigid_body import GRAVITY
 
 Array = NDArray[np.float64]
 Channel = Literal["x", "y", "z", "pitch"]
 CHANNELS: tuple[Channel, ...] = ("x", "y", "z", "pitch")
+
+
+@dataclass(frozen=True)
+class TableConstants:
+    """How the table swings; chosen by hand, sealed with a pack.
+
+    Attributes:
+        pitch_damping: damping ratio of the pitching mode [1].
+    """
+
+    pitch_damping: float = 0.1
+
+
+TABLE = TableConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +136,9 @@ def pitched(acceleration: Array, interval: float, gain: float, frequency: float)
         acceleration: shape (n,) [m/s^2].
         interval: [s].
         gain: [rad per g].
-        frequency: of the pitching mode [Hz]; its damping ratio is 0.1.
+        frequency: of the pitching mode [Hz]; its damping ratio is `TABLE.pitch_damping`.
     """
-    return -gain / GRAVITY * _second_order(acceleration, interval, frequency, 0.1)
+    return -gain / GRAVITY * _second_order(acceleration, interval, frequency, TABLE.pitch_damping)
 
 
 def _delayed(samples: Array, interval: float, delay: float) -> Array:

@@ -15,7 +15,7 @@ from vsr2.campaign import Campaign, load_campaign, save_campaign, simulate_campa
 from vsr2.config import load_study
 from vsr2.diagnosis import Hypotheses
 from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.reference import (
+from vsr2.diagnosis.reference_campaign import (
     REFERENCE,
     Agreement,
     ReferenceConstants,
@@ -113,7 +113,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_known_effect_stands_in_the_scene(folder, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("vsr2.diagnosis.reference.REFERENCE", ReferenceConstants(19, 2))
+    monkeypatch.setattr("vsr2.diagnosis.reference_campaign.REFERENCE", ReferenceConstants(19, 2))
     said = {}
     for name, code in (("known", 0), ("plain", 1)):
         line = ["campaign", "compare", folder / f"{name}.yaml", folder / "campaign"]

@@ -1,0 +1,58 @@
+"""Sentences about blind packs: what happens to them, and what was made and diagnosed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vsr2.blind.form.events import EventCode
+
+if TYPE_CHECKING:
+    from vsr2.blind.custodian.make import Made
+    from vsr2.blind.pack_diagnoses import Progress
+    from vsr2.diagnosis.verdict.statements import Statement
+
+EVENTS: Mapping[str, str] = {
+    EventCode.AMPLITUDES: "{engine}: amplitudes of {motions} motions",
+    EventCode.DETECTION_LIMIT: "detection limit of {engine} {effect} {sign:+d}: {limit:.3g}",
+    EventCode.SIGNAL: "{engine}: measuring the signal of a draw of {effect}",
+    EventCode.CAMPAIGN: "campaign {number} of {of}",
+    EventCode.CHECKING: "checking {due} of {of} campaigns and tiers; the others are diagnosed",
+    EventCode.EXCLUDED_ANYWAY: (
+        "{campaign}: exclude names {effect!r}, which the library lacks anyway"
+    ),
+    EventCode.DIAGNOSED: "{campaign} {tier}: {verdict}",
+    EventCode.FAILED: "{campaign} {tier}: failed: {error}",
+    EventCode.OPENED: "{key}: opened, and all that it seals found right",
+    EventCode.SLIP: "{slip}",
+}
+"""Templates of the values."""
+
+
+def event_text(event: Statement) -> str:
+    """What happened: a line."""
+    return EVENTS[event.code].format(**event.values)
+
+
+def diagnosed_pack(progress: Progress, out: Path) -> str:
+    """How many diagnoses there are, and how many failed."""
+    return f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed"
+
+
+def sealed_pack(made: Made, pack: Path) -> str:
+    """What a blind pack holds, and which effects were not drawn: lines."""
+    lines = [f"{pack / 'data'}: {made.campaigns} campaigns, sealed as {made.commitment}"]
+    lines += [
+        f"{engine}: no magnitudes from 0.5 to 6 detection limits, not drawn: {', '.join(effects)}"
+        for engine, effects in made.not_drawn.items()
+        if effects
+    ]
+    for engine, refused in made.refused.items():
+        if refused:
+            counts = ", ".join(f"{name} ({count})" for name, count in refused.items())
+            lines.append(
+                f"{engine}: every draw measured outside 0.5 to 6 detection limits, not drawn for "
+                f"so many campaigns: {counts}"
+            )
+    return "\n".join(lines)

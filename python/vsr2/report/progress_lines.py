@@ -1,0 +1,48 @@
+"""How far a diagnosis is, line by line."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+
+from vsr2.diagnosis.pipeline import Progress, Stage
+
+STAGES: Mapping[Stage, str] = {
+    Stage.LOOK: "trying effects",
+    Stage.SIMULATION: "simulating",
+    Stage.TRAINING: "training",
+    Stage.JUDGEMENT: "judging",
+}
+
+
+class ProgressLines:
+    """Writes how far a diagnosis is to standard error, at most two lines a second."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+        self._stage = ""
+        self._began = 0.0
+
+    def __call__(self, progress: Progress) -> None:
+        """Write a line, if it is time for one."""
+        now, stage, share = time.monotonic(), STAGES[progress.stage], progress.share
+        if stage == self._stage and now - self._last < 0.5 and share < 1:
+            return
+        if stage != self._stage:
+            self._began = now
+        self._last, self._stage = now, stage
+        best = ", ".join(f"{name} {p:.2f}" for name, p in progress.leading.items())
+        left = ""
+        if not math.isnan(progress.left_s):
+            left = f", {_duration(progress.left_s)} left"
+        elif 0 < share < 1 and now > self._began:
+            left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
+        line = f"vsr2 diagnose: {stage} {share:4.0%}{left}{'; leading: ' + best if best else ''}"
+        end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
+        print(f"{line:<100}", end=end, file=sys.stderr, flush=True)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
