@@ -112,6 +112,11 @@ class Schedule:
             self.look_trials = max(LOOK.fewest, min(LOOK.trials, share))
 
     @property
+    def campaigns(self) -> int | None:
+        """Number of simulated campaigns, where the budget states it."""
+        return self._budget.campaigns
+
+    @property
     def spent_s(self) -> float:
         """Wall time since the start [s]."""
         return time.monotonic() - self._started

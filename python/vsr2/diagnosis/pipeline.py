@@ -255,6 +255,9 @@ class _Work:
     def posterior(self, found: Look) -> Posterior:
         """Simulated campaigns until the budget is spent, and what is learnt from them."""
         trials = found.responding
+        known = self._known(self.schedule.campaigns)
+        if known is not None:
+            return known
         campaigns = plain_campaigns(self.store, trials, self.schedule.plain)
         done, answered = 0, False
         leading: tuple[Found, Posterior] | None = None
@@ -284,19 +287,24 @@ class _Work:
         self.advance(Stage.SIMULATION, share, found, posterior, left_s)
         _logger.debug("%d campaigns after %.0f s", done, budget)
 
+    def _known(self, campaigns: int | None) -> Posterior | None:
+        """What an earlier diagnosis learnt from so many campaigns."""
+        if self.cache is None or campaigns is None:
+            return None
+        return load_posterior(self._path(self.cache, campaigns), self.store.simulator.library)
+
+    def _path(self, cache: ProtocolCache, campaigns: int) -> Path:
+        return cache.posterior(self.store.simulator.identity, self.seen, campaigns, self.seed)
+
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:
-        library, identity = self.store.simulator.library, self.store.simulator.identity
-        path = None
-        if self.cache is not None:
-            path = self.cache.posterior(identity, self.seen, done, self.seed)
-            known = load_posterior(path, library)
-            if known is not None:
-                return known
+        known = self._known(done)
+        if known is not None:
+            return known
         started = time.monotonic()
-        made = train(self.seen, campaigns, library, trials, seed=self.seed)
+        made = train(self.seen, campaigns, self.store.simulator.library, trials, seed=self.seed)
         self.schedule.trained(len(campaigns), time.monotonic() - started)
-        if path is not None:
-            save_posterior(made, path)
+        if self.cache is not None:
+            save_posterior(made, self._path(self.cache, done))
         return made
 
     def budget_of(self, posterior: Posterior) -> dict[str, Any]:
