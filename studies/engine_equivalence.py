@@ -9,10 +9,11 @@ on ensembles: the overturn probability and the distribution of the largest tilt 
 with perturbed starts, under borderline records.
 
 Scenes: the embedded scan, which stands level on a flat base; the block of configs/blind.yaml with
-its own contact, at 1 ms; and specimen SP1 of the laboratory campaign, which stands on few points (its mesh is read from VSR2_LAB_DATA, else ../shared/lab beside
-the repository). `exact` settles the rock once; every replicate of both engines starts from that
-pose, at rest, turned about the vertical (standard deviation 0.5 degree), leaned about a random
-horizontal axis (1e-4 rad), moved (1 mm) and lifted (up to 0.1 mm), and is shaken at once.
+its own contact, at 1 ms; and specimen SP1 of the laboratory campaign, which stands on few points
+(its mesh is read from VSR2_LAB_DATA, else ../shared/lab beside the repository). `exact` settles the
+rock once; every replicate of both engines starts from that pose, at rest, turned about the vertical
+(standard deviation 0.5 degree), leaned about a random horizontal axis (1e-4 rad), moved (1 mm) and
+lifted (up to 0.1 mm), and is shaken at once.
 `fast` runs twice: from the starts of `exact` (paired: differences are of the engines alone, as far
 as chaos does not part them) and from starts of its own (independent: a check of the first).
 

@@ -261,10 +261,13 @@ def test_what_is_written_are_the_numbers_of_the_posterior(found) -> None:
 def test_a_second_diagnosis_neither_simulates_campaigns_nor_trains(
     protocol, found, monkeypatch
 ) -> None:
-    trainings = []
+    trainings, gathered = [], []
     module = sys.modules["vsr2.diagnosis.pipeline"]
-    train = module.train
+    train, gather = module.train, module.plain_campaigns
     monkeypatch.setattr(module, "train", lambda *a, **k: trainings.append(1) or train(*a, **k))
+    monkeypatch.setattr(
+        module, "plain_campaigns", lambda *a, **k: gathered.append(1) or gather(*a, **k)
+    )
     again = protocol.diagnose(CATCH)
     assert again.content["provenance"]["budget"]["simulated"] == 0
     assert without_cost(again) == without_cost(found)
@@ -275,6 +278,7 @@ def test_a_second_diagnosis_neither_simulates_campaigns_nor_trains(
     # Whatever is left out.
     protocol.diagnose(nuisance=42, excluded=("wear", "catch"))
     assert not trainings
+    assert not gathered, "campaigns are for training alone"
     protocol.diagnose(nuisance=42, tier="B")
     assert len(trainings) == 1, "another tier has a posterior of its own"
 
