@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
 from vsr2.blind.form.reader import (
     Interval,
@@ -46,14 +46,23 @@ def _or_infinite(value: object) -> object:
     return math.inf if value is None else value
 
 
+def _or_null(value: object) -> object:
+    """As the file says it."""
+    if isinstance(value, (list, tuple)):
+        return [_or_null(one) for one in value]
+    return None if value == math.inf else value
+
+
 class Estimate(Part):
     """A number with its 90 % interval, where one is given."""
 
     model_config = ConfigDict(allow_inf_nan=True)
     nullable = frozenset({"mean"})
 
-    mean: Annotated[float, BeforeValidator(_or_infinite)]
-    ci90: Annotated[Interval | None, BeforeValidator(_or_infinite)] = None
+    mean: Annotated[float, BeforeValidator(_or_infinite), PlainSerializer(_or_null)]
+    ci90: Annotated[Interval | None, BeforeValidator(_or_infinite), PlainSerializer(_or_null)] = (
+        None
+    )
 
 
 class Location(Part):

@@ -36,6 +36,14 @@ SERIES_TILT = Feature("series_tilt", "tilt", "strong shaking")
 """Logarithm of the series' own largest tilt [rad], of rocks noted as overturned."""
 CONTRADICTION = Feature("contradiction", "label", "whole response")
 """1 where the noted outcome contradicts the series, else 0."""
+LATE_FEATURES = (
+    Feature("excursions", "tilt", "strong shaking"),
+    Feature("time_aloft", "tilt", "strong shaking"),
+    Feature("rest_time", "tilt", "free decay"),
+)
+"""Of all excursions to the last: the logarithms of one more than their number and of the time spent
+in them [s], and the end of the last one [s]. Correct simulators agree on them less than on others,
+so that no location rests on them."""
 EXCURSIONS = 4
 """That are described one by one."""
 _NUMBERS = ("first", "second", "third", "fourth")
@@ -47,15 +55,11 @@ TILT_FEATURES = (
         for number in _NUMBERS
         for what in ("start", "excursion", "duration")
     ),
-    Feature("excursions", "tilt", "strong shaking"),
-    Feature("time_aloft", "tilt", "strong shaking"),
-    Feature("rest_time", "tilt", "free decay"),
+    *LATE_FEATURES,
     Feature("fall_time", "tilt", "fall"),
 )
 """Of each of the first four excursions its start [s] and the logarithms of its largest tilt [rad]
-and of its duration [s]; the logarithms of one more than the number of excursions, and of the time
-spent
-in them [s]; the end of the last one [s]; the time at which the rock fell [s]."""
+and of its duration [s]; what is late; the time at which the rock fell [s]."""
 REST_FEATURES = (
     Feature("final_yaw", "yaw", "rest pose"),
     Feature("final_travel", "slip", "rest pose"),
