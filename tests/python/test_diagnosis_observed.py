@@ -96,7 +96,18 @@ def test_a_noted_outcome_may_contradict_the_series() -> None:
     np.testing.assert_allclose(
         np.exp(noted[:, 0]), [np.nan, 0.3, np.nan, SERIES.fallen, np.nan], rtol=1e-3
     )
-    np.testing.assert_array_equal(noted[:, 2:], found[:, 2:])
+    aloft = NAMES.index("time_aloft")
+    np.testing.assert_array_equal(noted[:, aloft], [*found[:2, aloft], np.nan, np.nan, np.nan])
+    others = [k for k in range(2, len(NAMES)) if k != aloft]
+    np.testing.assert_array_equal(noted[:, others], found[:, others])
+
+
+def test_how_far_a_fall_is_seen_does_not_matter() -> None:
+    time, rocked = bumps((0.5, 0.8, 0.3))
+    tilt = rocked + np.where(time > 1.5, np.minimum((time - 1.5) ** 2, np.pi / 2), 0.0)
+    seen = [tilt_features(time[tilt < cut], tilt[tilt < cut]) for cut in (1.2, 1.4, 2.0)]
+    noted = noted_tilt_features(np.array(seen), np.ones(3))
+    np.testing.assert_array_equal(noted[1:], noted[[0, 0]])
 
 
 def test_a_campaign_with_series_shows_its_contradictions() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planted import shaken_campaign
-from vsr2.diagnosis.observed.features import LARGEST_TILT, LATE_FEATURES
+from vsr2.diagnosis.observed.features import LARGEST_TILT
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import (
@@ -289,12 +289,3 @@ def test_what_is_scanned_are_outcomes_features_and_the_table() -> None:
         }  # fmt: skip
     # Trials that were not simulated have no place.
     assert max(max(one.trials) for one in locations) == trials.size - 1
-
-    # No location rests on what correct simulators agree on least.
-    late = dataclasses.replace(campaign(1.0), measured=(LARGEST_TILT, *LATE_FEATURES))
-    null = rng.standard_normal((100, 5 * trials.size))
-    own = np.concatenate([rng.standard_normal(74), np.full(3 * trials.size, 9.0)])
-    locations = where_it_lies(late, trials, own, null, 0)
-    assert {one.feature.name for one in locations if one.feature.channel == "tilt"} == {
-        LARGEST_TILT.name
-    }

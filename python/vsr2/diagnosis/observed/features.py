@@ -36,14 +36,8 @@ SERIES_TILT = Feature("series_tilt", "tilt", "strong shaking")
 """Logarithm of the series' own largest tilt [rad], of rocks noted as overturned."""
 CONTRADICTION = Feature("contradiction", "label", "whole response")
 """1 where the noted outcome contradicts the series, else 0."""
-LATE_FEATURES = (
-    Feature("excursions", "tilt", "strong shaking"),
-    Feature("time_aloft", "tilt", "strong shaking"),
-    Feature("rest_time", "tilt", "free decay"),
-)
-"""Of all excursions to the last: the logarithms of one more than their number and of the time spent
-in them [s], and the end of the last one [s]. Correct simulators agree on them less than on others,
-so that no location rests on them."""
+TIME_ALOFT = Feature("time_aloft", "tilt", "strong shaking")
+"""Logarithm of the time spent in excursions [s], of rocks that do not fall."""
 EXCURSIONS = 4
 """That are described one by one."""
 _NUMBERS = ("first", "second", "third", "fourth")
@@ -55,11 +49,14 @@ TILT_FEATURES = (
         for number in _NUMBERS
         for what in ("start", "excursion", "duration")
     ),
-    *LATE_FEATURES,
+    Feature("excursions", "tilt", "strong shaking"),
+    TIME_ALOFT,
+    Feature("rest_time", "tilt", "free decay"),
     Feature("fall_time", "tilt", "fall"),
 )
 """Of each of the first four excursions its start [s] and the logarithms of its largest tilt [rad]
-and of its duration [s]; what is late; the time at which the rock fell [s]."""
+and of its duration [s]; the logarithm of one more than the number of excursions; the end of the
+last one [s]; the time at which the rock fell [s]."""
 REST_FEATURES = (
     Feature("final_yaw", "yaw", "rest pose"),
     Feature("final_travel", "slip", "rest pose"),
@@ -160,13 +157,15 @@ def noted_tilt_features(found: Array, overturned: Array) -> Array:
         overturned: noted outcomes, 1 or 0, shape (...).
 
     Returns:
-        Shape (..., 18): the series' largest tilt of rocks noted as overturned alone, and 1 where
-        outcome and series contradict each other.
+        Shape (..., 18): the series' largest tilt of rocks noted as overturned alone, the time aloft
+        of those that do not fall alone, and 1 where outcome and series contradict each other.
     """
     out = np.array(found, dtype=np.float64)
-    # How far a fall is seen is a matter of the camera, or of when a simulation stops.
+    # How far a fall is seen, and how long, is a matter of the camera, or of when a simulation stops.
     capped = np.minimum(out[..., 0], np.log(SERIES.fallen))
     out[..., 0] = np.where(overturned > 0.5, capped, np.nan)
+    aloft = TILT_FEATURES.index(TIME_ALOFT)
+    out[..., aloft] = np.where(np.isnan(out[..., -1]), out[..., aloft], np.nan)
     # A series says that its rock stood, the outcome that it fell, or the other way round.
     same = (overturned > 0.5) == (out[..., 1] > 0.5)
     out[..., 1] = np.where(np.isnan(out[..., 1]), np.nan, same)

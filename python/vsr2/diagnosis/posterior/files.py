@@ -20,7 +20,8 @@ from vsr2.diagnosis.simulated.library import Library
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 2
+FORMAT = 3
+"""Of the file, and of what features are: a posterior of another form is trained anew."""
 
 
 def save_posterior(posterior: Posterior, path: Path) -> None:

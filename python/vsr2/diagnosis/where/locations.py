@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.features import LATE_FEATURES, Feature
+from vsr2.diagnosis.observed.features import Feature
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.observed.table_motion import TABLE_FEATURES, table_residuals
 from vsr2.diagnosis.where.scan import OUTCOME, Conditions, Location, scan
@@ -20,7 +20,7 @@ def where_it_lies(
     gap_free: Array,
     seed: int,
 ) -> list[Location]:
-    """Scan outcomes, features but late ones and, where it was recorded twice, the table.
+    """Scan outcomes, features and, where it was recorded twice, the table.
 
     Args:
         seen: the observed campaign.
@@ -39,11 +39,9 @@ def where_it_lies(
         _names(seen.session, [trial.session for trial in seen.campaign.trials]),
         _names(seen.specimen, [trial.specimen for trial in seen.campaign.trials]),
     )
-    measured = (OUTCOME, *seen.measured)
-    scanned = [k for k, feature in enumerate(measured) if feature not in LATE_FEATURES]
-    own = residuals.reshape(-1, trials.size)[scanned]
-    null = gap_free.reshape(len(gap_free), -1, trials.size)[:, scanned]
-    features: tuple[Feature, ...] = tuple(measured[k] for k in scanned)
+    own = residuals.reshape(-1, trials.size)
+    null = gap_free.reshape(len(gap_free), -1, trials.size)
+    features: tuple[Feature, ...] = (OUTCOME, *seen.measured)
     used = seen.campaign.select(np.isin(np.arange(len(seen)), trials))
     table = table_residuals(used, null=len(null), seed=seed)
     if table is not None:
