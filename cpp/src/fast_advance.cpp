@@ -78,15 +78,17 @@ struct FastStepper::ContactStep {
 
   // Of the rock over the support.
   Vector3d slip(const Contact& at) const {
-    const Vector3d out = v + w.cross(at.r_P) - support_v;
-    return turns ? Vector3d(out - support_w.cross(at.s_P)) : out;
+    Vector3d support_speed = support_v;
+    if (turns) support_speed += support_w.cross(at.s_P);
+    return v + w.cross(at.r_P) - support_speed;
   }
-  // The normal velocity that a contact wants, where it approaches so fast [m/s].
-  double target(const Contact& at, double approach) const {
-    double out = 0.0;
-    if (std::fabs(approach) >= threshold) out = std::max(0.0, pair["restitution"] * -approach);
+  // The normal velocity that a contact wants is the sum of both [m/s].
+  double rebound(double approach) const {
+    return std::fabs(approach) >= threshold ? std::max(0.0, pair["restitution"] * -approach) : 0.0;
+  }
+  double closing(const Contact& at) const {
     const double distance = at.distance + kLinearSlop;
-    return out + (distance > 0 ? -distance / dt : -distance * erp / dt);
+    return distance > 0 ? -distance / dt : -distance * erp / dt;
   }
 };
 
@@ -112,7 +114,8 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
     const ContactStep step(m, state, support, v, w, dt);
     const bool yields = motor.inverse_mass > 0 || motor.pitch_response > 0;
     VelocityChange<double> change;
-    if (yields || m.engine.residual_threshold > 0 || !stick(step, support, change))
+    const bool solves = m.engine.converged_contacts && !yields && !(m.engine.residual_threshold > 0);
+    if (!solves || !stick(step, support, change))
       sweep(step, support, motor, change);
     Vector3d dw(change.angular);
     Vector3d dv(change.linear);
@@ -148,7 +151,7 @@ bool FastStepper::stick(const ContactStep& step, const Support& support,
     problem.contacts[i] = {.x = c.r_P.x(),
                            .y = c.r_P.y(),
                            .z = c.r_P.z(),
-                           .target = step.target(c, step.slip(c).z()),
+                           .target = step.rebound(step.slip(c).z()) + step.closing(c),
                            .friction = m.pair["lateral_friction"] * friction_scale[i],
                            .normal = c.normal_impulse};
   }
@@ -196,7 +199,7 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
     if (sprung) lever = -pitch_P.cross(c.s_P - axis_P);
     const Vector3d yield = motor.pitch_response * lever;
     rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()},
-                     step.target(c, slip.z()) - slip.z(), step.softness);
+                     (step.rebound(slip.z()) - slip.z()) + step.closing(c), step.softness);
     rows.spin.fill(rock, {0, 0, 1}, 0.0, {-pitch_P.z(), -motor.pitch_response * pitch_P.z()},
                    step.support_w.z() - step.w.z());
     rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {-lever.y(), -yield.y()}, slip.y());

@@ -252,4 +252,5 @@ def test_each_contact_has_the_friction_of_its_own_slip() -> None:
             state = simulation.step(0.0)
             assert state is not None
         states.append(np.concatenate([state.position, state.velocity, state.angular_velocity]))
-    np.testing.assert_allclose(states[0], states[1], atol=1e-9)
+    # `fast` lets all contacts stick as soon as they can, in the one step in which sliding ends.
+    np.testing.assert_allclose(states[0], states[1], atol=2e-6)

@@ -62,6 +62,8 @@ struct EngineSettings {
   int substeps = 1;          ///< solver steps per time_step
   int solver_iterations = 150;
   double residual_threshold = 0.0;               ///< [(m/s)^2]
+  /// Engine `fast`: contacts that stick are solved to where the sweeps lead in the end.
+  bool converged_contacts = true;
   double restitution_velocity_threshold = 0.2;   ///< [m/s]
   bool cone_friction = true;
   bool deterministic_overlapping_pairs = true;

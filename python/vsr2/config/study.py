@@ -62,6 +62,9 @@ class Engine(Section):
     residual_threshold: NonNegative = 0.0
     """Stop the sweeps once the largest squared velocity change is at most this [(m/s)^2]; 0:
     never."""
+    converged_contacts: Flag = True
+    """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end; false: every
+    step is swept, as Bullet does. `preset: original` takes false."""
     restitution_velocity_threshold: NonNegative = 0.2
     """Approach speed under which an impact does not bounce [m/s]."""
     cone_friction: Flag = True
@@ -352,7 +355,7 @@ class Output(Section):
 
 
 ORIGINAL: Mapping[str, Mapping[str, Any]] = {
-    "engine": {"linear_damping": 0.04, "angular_damping": 0.04},
+    "engine": {"linear_damping": 0.04, "angular_damping": 0.04, "converged_contacts": False},
     "contact": {body: {"spinning_friction": 0.5} for body in ("rock", "pedestal")},
 }
 """What `preset: original` puts in place of the defaults."""
