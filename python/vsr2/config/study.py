@@ -63,8 +63,8 @@ class Engine(Section):
     """Stop the sweeps once the largest squared velocity change is at most this [(m/s)^2]; 0:
     never."""
     converged_contacts: Flag = True
-    """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end; false: every
-    step is swept, as Bullet does. `preset: original` takes false."""
+    """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end; false:
+    every step is swept, as Bullet does. `preset: original` takes false."""
     restitution_velocity_threshold: NonNegative = 0.2
     """Approach speed under which an impact does not bounce [m/s]."""
     cone_friction: Flag = True

@@ -161,7 +161,7 @@ def noted_tilt_features(found: Array, overturned: Array) -> Array:
         of those that do not fall alone, and 1 where outcome and series contradict each other.
     """
     out = np.array(found, dtype=np.float64)
-    # How far a fall is seen, and how long, is a matter of the camera, or of when a simulation stops.
+    # How far a fall is seen, and how long, is the camera's matter, or of when a simulation stops.
     capped = np.minimum(out[..., 0], np.log(SERIES.fallen))
     out[..., 0] = np.where(overturned > 0.5, capped, np.nan)
     aloft = TILT_FEATURES.index(TIME_ALOFT)
