@@ -160,17 +160,17 @@ def diagnose_with(
         none = [float(one.probability[0]) for one in alike]
         posterior = posterior.with_references(none)
         found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
-        work.advance(Stage.JUDGEMENT, 0.0, found, posterior)
+        work.notify(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
         how_far = judge(
             store, seen, trials, posterior, found.residuals,
             _judged(verdict, posterior) if budget.held_out else (), seed=seed,
-            progress=lambda n, m: work.advance(Stage.JUDGEMENT, n / m, found, posterior),
+            progress=lambda n, m: work.notify(Stage.JUDGEMENT, n / m, found, posterior),
         )  # fmt: skip
         layers = noise_floor(store, seen, trials, posterior.standard.probability)
         where = where_it_lies(seen, trials, found.residuals, posterior.gap_free, seed)
         spent = work.budget_of(posterior)
-        work.advance(Stage.JUDGEMENT, 1.0, found, posterior)
+        work.notify(Stage.JUDGEMENT, 1.0, found, posterior)
     noted = {
         **({} if provenance is None else provenance),
         "excluded": sorted(excluded),
@@ -231,7 +231,7 @@ class _Work:
     seed: int
     report: Report | None
 
-    def advance(
+    def notify(
         self,
         stage: Stage,
         share: float,
@@ -249,7 +249,7 @@ class _Work:
         return look(
             self.store, len(self.seen), most=self.schedule.look_trials,
             plain=self.schedule.plain, seed=self.seed,
-            progress=lambda n, m: self.advance(Stage.LOOK, n / m),
+            progress=lambda n, m: self.notify(Stage.LOOK, n / m),
         )  # fmt: skip
 
     def posterior(self, found: Look) -> Posterior:
@@ -277,14 +277,14 @@ class _Work:
                     ),
                     first,
                 )
-        self.advance(Stage.TRAINING, 0.0)
+        self.notify(Stage.TRAINING, 0.0)
         return self._trained(campaigns, trials, done)
 
     def _simulated(self, done: int, trials: int, leading: tuple[Found, Posterior] | None) -> None:
         budget = self.schedule.spent_s
         share, left_s = self.schedule.progress(done, trials)
         found, posterior = (None, None) if leading is None else leading
-        self.advance(Stage.SIMULATION, share, found, posterior, left_s)
+        self.notify(Stage.SIMULATION, share, found, posterior, left_s)
         _logger.debug("%d campaigns after %.0f s", done, budget)
 
     def _known(self, campaigns: int | None) -> Posterior | None:
