@@ -97,19 +97,19 @@ class MujocoRock:
         )
         return (time.process_time() - begin) / forces.shape[1]
 
-    def overturned(self, motions: Sequence[Motion], threads: int, *, segment: int = 1000) -> int:
-        """Run the motions by `mujoco.rollout` and count the rocks that fall.
+    def overturned(self, forces: Sequence[Array], threads: int, *, segment: int = 1000) -> int:
+        """Run motions by `mujoco.rollout` and count the rocks that fall.
 
         Rollouts have one length. So they go on a segment at a time, and trials that have fallen or
         come to the end of their motion are dropped in between. Nothing is run after a motion.
 
         Args:
-            motions: of any lengths.
+            forces: of each motion, as :meth:`forces` gives them, of any lengths.
             threads: of MuJoCo's own pool.
             segment: steps of a rollout; the last one of a motion is filled up by rest.
         """
         datas = [mujoco.MjData(self.model) for _ in range(threads)]
-        waiting = [self.forces(motion) for motion in motions]
+        waiting = list(forces)
         start = self.rest[4:8]
         fallen = 0
         with mujoco.rollout.Rollout(nthread=threads) as pool:
