@@ -265,8 +265,9 @@ def main() -> None:
     times = rounds_of(shaken, motion, options.rounds)
     hull = len(native_scene(scene_of(rock, "parity")).rock_hull_vertices)
     print(
-        f"{options.mesh.name}: {hull} hull vertices, {options.steps} steps, "
-        f"{options.rounds} rounds; CPU microseconds a step; {base_provenance()['processor']}"
+        f"{options.mesh.name}: {hull} hull vertices, strength {options.strength:g}, "
+        f"{options.steps} steps, {options.rounds} rounds; CPU microseconds a step; "
+        f"{base_provenance()['processor']}"
     )
     header = ["engine", "drive", "median", "min", "max", "times PyBullet", "times MuJoCo"]
     header += ["largest tilt [mrad]", "table carried [mm]", "rock carried [mm]"]
@@ -286,8 +287,8 @@ def main() -> None:
         with options.out.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows(
                 [
-                    ["mesh", "hull_vertices", *header],
-                    *([options.mesh.stem, hull, *row] for row in rows),
+                    ["mesh", "hull_vertices", "strength", *header],
+                    *([options.mesh.stem, hull, options.strength, *row] for row in rows),
                 ]
             )
 

@@ -16,7 +16,7 @@ std::unique_ptr<World> make_world(std::shared_ptr<const Scene> scene, Drive driv
 
 /// The engine `parity`: a world that steps exactly as PyBullet does.
 std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive);
-/// The engine `exact`: the same bits on every step, at more than twice its speed.
+/// The engine `exact`: the same bits on every step, at about twice its speed.
 std::unique_ptr<World> make_exact_world(std::shared_ptr<const Scene> scene, Drive drive);
 /// The engine `fast`: a stepper of its own for one convex rock on the flat top of a box pedestal.
 ///

@@ -48,7 +48,7 @@ class Engine(Section):
 
     mode: Literal["auto", "parity", "exact", "fast"] = "auto"
     """`parity`: Bullet's own code, bit-identical with PyBullet on the same machine; `exact`: the
-    same bits, two to four times sooner; `fast`: the same model in a stepper of our own for one
+    same bits, in about half the time; `fast`: the same model in a stepper of our own for one
     convex rock on a prism's flat top, equal to rounding (which a chaotic response enlarges within
     seconds), so equal in ensembles; `auto`: `fast` where it takes the scene, else `exact`."""
     gravity: Annotated[float, Strict(), Field(gt=0, le=1000)] = 9.81
