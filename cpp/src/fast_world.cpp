@@ -148,6 +148,55 @@ class FastWorld final : public World {
 
   Handover handover() const override { return handover_; }
 
+  std::optional<Foothold> foothold() const override {
+    if (bullet_ || joint_ || !prescribes(drive_) || !moves()) return std::nullopt;
+    const FastModel& model = stepper_.model();
+    const Eigen::Matrix3d R_TB = last_turn_.transpose() * stepper_.state.q_WB.toRotationMatrix();
+    Foothold foothold{.R_WT = last_turn_,
+                      .friction = model.pair["lateral_friction"] *
+                                  std::min(1.0, scene_->mechanisms().friction_ratio),
+                      .stiffness = model.pair["stiffness"],
+                      .damping = model.pair["damping"],
+                      .mass = model.mass,
+                      .inertia_T = R_TB * model.inertia.asDiagonal() * R_TB.transpose()};
+    for (int i = 0; i < stepper_.contact_count(); ++i) {
+      const FastStepper::Contact& c = stepper_.contact(i);
+      if (c.normal_impulse > 0) foothold.r_T[foothold.count++] = c.r_P;
+    }
+    if (foothold.count == 0) return std::nullopt;
+    return foothold;
+  }
+
+  void carry(const DriveTarget& from, const DriveTarget& to) override {
+    if (!foothold() || to.excursion.pitch != pedestal_.excursion.pitch) return World::carry(from, to);
+    const PedestalState start{from.position, 0.0, from.excursion, {}};
+    const Eigen::Vector3d before = motion_now().p_WP;
+    pedestal_ = on_the_way(drive_, start, start, to, 1, 1, scene_->engine().time_step);
+    const Eigen::Vector3d way = motion_now().p_WP - before;
+    stepper_.state.p_WB += way;
+    last_rock_ += way;
+    last_support_ += way;
+    const PedestalMotion motion = pedestal_motion(scene_->pedestal(), pedestal_);
+    stepper_.state.v_WB = motion.velocity_at(stepper_.state.p_WB);
+    stepper_.state.w_WB = motion.w_WP;
+    if (mechanics_) mechanics_->carry(stepper_.state, motion, way);
+  }
+
+  std::unique_ptr<World> copy() const override {
+    if (bullet_) return nullptr;
+    auto out = std::make_unique<FastWorld>(scene_, drive_);
+    out->stepper_ = stepper_;
+    out->pedestal_ = pedestal_;
+    out->last_rock_ = last_rock_;
+    out->last_support_ = last_support_;
+    out->last_turn_ = last_turn_;
+    out->joint_ = joint_;
+    if (mechanics_) out->mechanics_ = mechanics_->independent();
+    out->has_rock_ = has_rock_;
+    out->diverged_ = diverged_;
+    return out;
+  }
+
  private:
   bool moves() const { return has_rock_ && !diverged_; }
 

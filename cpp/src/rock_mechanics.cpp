@@ -88,6 +88,19 @@ void RockMechanics::start(const RockState& rock, const PedestalMotion& pedestal)
   start_height_ = -lowest;
 }
 
+void RockMechanics::carry(const RockState& rock, const PedestalMotion& pedestal, const Vector3d& way) {
+  pedestal_ = pedestal;
+  before_ = rock;
+  centre_W_ += way;
+}
+
+RockMechanics RockMechanics::independent() const {
+  RockMechanics out = *this;
+  out.outline_ = std::make_shared<Outline>(*outline_);
+  out.outline_->footprint.reserve(outline_->footprint.capacity());
+  return out;
+}
+
 bool RockMechanics::begin_step(RockState& rock, double dt) {
   before_ = rock;
   bool changed = resist_rocking(rock, dt);

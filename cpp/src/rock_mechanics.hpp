@@ -31,6 +31,10 @@ class RockMechanics {
 
   /// A rock was put down: forgets all that was.
   void start(const RockState& rock, const PedestalMotion& pedestal);
+  /// The rock, at rest on the pedestal, was moved with it by `way` [m], without turning.
+  void carry(const RockState& rock, const PedestalMotion& pedestal, const Eigen::Vector3d& way);
+  /// A copy that another thread may go on with.
+  RockMechanics independent() const;
   /// Adds the forces of a step to the rock's velocity; false: nothing changed.
   bool begin_step(RockState& rock, double dt);
   /// Factor of the coefficient of friction at a contact.

@@ -6,6 +6,7 @@
 #include <exception>
 
 #include "drive_law.hpp"
+#include "quiet_stretch.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -21,6 +22,10 @@ constexpr std::int64_t kLeaningWindows = 8;
 // A rock that trembles on few points creeps while it counts as resting; it is stopped early only if
 // so many times its creep over the rest of the tail leaves the outcome as it is.
 constexpr double kCreepAllowance = 2.0;
+
+// A rock that is as slow as this for so long is at rest before a quiet stretch: what it would rise by
+// at that speed is 0.05 um.
+constexpr RestCriterion kStill{1e-3, 2e-3, 0.25};
 
 bool finite(const RockState& rock) {
   return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
@@ -80,19 +85,34 @@ void append_row(std::vector<double>& log, double time, double commanded,
   log.insert(log.end(), row.begin(), row.end());
 }
 
+std::unique_ptr<World> world_with_rock(const std::shared_ptr<const Scene>& scene, Drive drive,
+                                       const Pose& X_WB) {
+  std::unique_ptr<World> world = make_world(scene, drive);
+  world->spawn_rock(X_WB);
+  return world;
+}
+
+// The world in which the rock settled, unless the motion starts elsewhere.
+std::unique_ptr<World> settled_world(const TrialSpec& spec) {
+  const DriveTarget at = set_point(spec, 0, 0.0);
+  const Excursion& x = at.excursion;
+  const bool starts_there = at.position == 0 && x.transverse == 0 && x.vertical == 0 && x.pitch == 0;
+  return starts_there ? spec.start->settled_world() : nullptr;
+}
+
 // One world with a rock in it, and what of its story both settling and shaking need.
 class Run {
  public:
-  Run(const std::shared_ptr<const Scene>& scene, Drive drive, const Pose& X_WB,
+  // Goes on with a world that has a rock.
+  Run(std::unique_ptr<World> world, const std::shared_ptr<const Scene>& scene, Drive drive,
       const std::atomic<bool>& cancel, TrialResult& result)
-      : world_(make_world(scene, drive)),
+      : world_(std::move(world)),
         engine_(choose_engine(*scene)),
         cancel_(cancel),
         result_(result),
         pedestal_spec_(scene->pedestal()),
         spatial_(drive == Drive::prescribed_spatial),
         dt_(scene->engine().time_step) {
-    world_->spawn_rock(X_WB);
     read();
   }
 
@@ -114,6 +134,14 @@ class Run {
   }
   double dt() const { return dt_; }
   bool swings() const { return pedestal_spec_.pitch_spring.has_value(); }
+
+  std::optional<Foothold> foothold() const { return world_->foothold(); }
+  // Moves pedestal and rock as one body.
+  void carry(const DriveTarget& from, const DriveTarget& to) {
+    world_->carry(from, to);
+    read();
+  }
+  std::unique_ptr<World> release() { return std::move(world_); }
 
   // Advances one step; false: the trial ends here (diverged or cancelled).
   bool advance(const DriveTarget& target) {
@@ -178,18 +206,14 @@ class Trial {
  public:
   Trial(const TrialSpec& spec, const std::atomic<bool>& cancel, const TrialResult& settled,
         TrialResult& result)
-      : spec_(spec),
-        result_(result),
-        run_(spec.start->scene(), spec.start->drive(), settled.X_WB_settled, cancel, result),
-        dt_(run_.dt()),
-        tail_rest_(spec.tail_rest, dt_, run_.swings()) {}
+      : Trial(spec, settled_world(spec), cancel, settled, result) {}
 
   void run(const TrialResult& settled) {
-    const SettledStart& start = *spec_.start;
-    const bool rests =
-        run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every());
-    run_.note_engine();
-    if (!rests) return;
+    if (goes_on_) {
+      result_.settling_time = 0.0;
+    } else if (!settle_again()) {
+      return;
+    }
     // The shared settling came before this trial's own.
     std::vector<double> earlier = settled.log;
     for (std::size_t row = 0; row < earlier.size(); row += kLogColumns)
@@ -199,7 +223,7 @@ class Trial {
                               settled.excursions.end());
     result_.settling_time += settled.settling_time;
     begin();
-    if (shake() && come_to_rest()) judge();
+    if (shake() && (rests_to_end_ ? rest_through_tail() : come_to_rest())) judge();
     result_.log.shrink_to_fit();
     result_.excursions.shrink_to_fit();
     result_.contacts.shrink_to_fit();
@@ -207,6 +231,33 @@ class Trial {
   }
 
  private:
+  Trial(const TrialSpec& spec, std::unique_ptr<World> world, const std::atomic<bool>& cancel,
+        const TrialResult& settled, TrialResult& result)
+      : spec_(spec),
+        result_(result),
+        goes_on_(world != nullptr),
+        run_(world ? std::move(world)
+                   : world_with_rock(spec.start->scene(), spec.start->drive(), settled.X_WB_settled),
+             spec.start->scene(), spec.start->drive(), cancel, result),
+        dt_(run_.dt()),
+        size_(static_cast<std::int64_t>(spec.position.size())),
+        tail_rest_(spec.tail_rest, dt_, run_.swings()),
+        quiet_(spec),
+        still_(kStill, dt_, run_.swings()) {
+    const RestCriterion& settling = spec.start->rest();
+    if (spec.start->timeout() > 0 && settling.linear_speed <= kStill.linear_speed &&
+        settling.angular_speed <= kStill.angular_speed && settling.window >= kStill.window)
+      still_.rested(still_.window_steps());
+  }
+
+  bool settle_again() {
+    const SettledStart& start = *spec_.start;
+    const bool rests =
+        run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every());
+    run_.note_engine();
+    return rests;
+  }
+
   void begin() {
     const RockState& rock = run_.rock();
     result_.X_WB_settled = {rock.p_WB, rock.q_WB};
@@ -227,23 +278,64 @@ class Trial {
     observe(0, set_point(spec_, 0, 0.0));
   }
 
-  bool shake() {
+  // At step `k`, 0 at the start; past the motion it is held at its last set-point.
+  DriveTarget target_at(std::int64_t k) const {
+    if (k >= size_) return set_point(spec_, static_cast<std::size_t>(size_ - 1), 0.0);
+    const auto i = static_cast<std::size_t>(k);
+    if (i == 0) return set_point(spec_, i, 0.0);
     const Samples& x = spec_.position;
-    for (std::size_t k = 1; k < x.size(); ++k) {
-      const double v = spec_.velocity ? (*spec_.velocity)[k] : (x[k] - x[k - 1]) / dt_;
-      const DriveTarget target = set_point(spec_, k, v);
+    return set_point(spec_, i, spec_.velocity ? (*spec_.velocity)[i] : (x[i] - x[i - 1]) / dt_);
+  }
+
+  bool shake() {
+    while (true) {
+      skip_quiet();
+      if (shaken_ == size_ - 1) return true;
+      const DriveTarget target = target_at(shaken_ + 1);
       if (!run_.advance(target)) return false;
       ++shaken_;
       observe(shaken_, target);
       if (overturned_ && spec_.stop_early) return true;
+      still_.at_rest(run_.rock(), run_.pedestal_motion());
     }
+  }
+
+  // Passes over steps in which a rock at rest is bound to stay so. Logs of contacts need every step.
+  void skip_quiet() {
+    if (!spec_.start->scene()->engine().skip_quiet || spec_.contacts_every > 0) return;
+    if (shaken_ < ask_from_ || !still_.at_rest_for(1)) return;
+    const std::optional<Foothold> foothold = run_.foothold();
+    if (!foothold) return;
+    const std::int64_t last = quiet_.last(*foothold, shaken_, size_, ask_from_);
+    rests_to_end_ = last == size_;
+    rest_until(std::min(last, size_ - 1));
+  }
+
+  void rest_until(std::int64_t k) {
+    if (k <= shaken_) return;
+    const auto carry_to = [&](std::int64_t at) { run_.carry(target_at(at - 1), target_at(at)); };
+    const std::int64_t every = spec_.log_every;
+    for (std::int64_t at = every > 0 ? (shaken_ / every + 1) * every : k; at < k; at += every) {
+      carry_to(at);
+      run_.log(static_cast<double>(at) * dt_, target_at(at));
+    }
+    carry_to(k);
+    shaken_ = k;
+    observe(k, target_at(k));
+  }
+
+  bool rest_through_tail() {
+    const std::int64_t limit = steps_in(spec_.tail, dt_);
+    const std::int64_t window = tail_rest_.window_steps();
+    rest_until(shaken_ + (spec_.stop_early ? std::min(limit, window) : limit));
+    if (limit > 0 && limit < window) run_.end(Status::tail_timeout);
     return true;
   }
 
   bool come_to_rest() {
     if (overturned_ && spec_.stop_early) return true;
     const std::int64_t limit = steps_in(spec_.tail, dt_);
-    const DriveTarget hold = set_point(spec_, spec_.position.size() - 1, 0.0);
+    const DriveTarget hold = target_at(size_);
     bool resting = false;
     for (std::int64_t i = 0; i < limit; ++i) {
       if (!run_.advance(hold)) return false;
@@ -343,9 +435,15 @@ class Trial {
 
   const TrialSpec& spec_;
   TrialResult& result_;
+  bool goes_on_;  ///< with the world in which the rock settled
   Run run_;
   double dt_;
+  std::int64_t size_;  ///< set-points of the motion
   RestClock tail_rest_;
+  QuietStretches quiet_;
+  RestClock still_;
+  std::int64_t ask_from_ = 0;  ///< first step from which quiet_ may give more
+  bool rests_to_end_ = false;
   std::vector<ContactPoint> contacts_;
   Pose settled_;  ///< on the pedestal
   Pose quiet_since_;  ///< on the pedestal, when the rock was last not slow
@@ -396,12 +494,13 @@ const TrialResult& SettledStart::settle(const std::atomic<bool>& cancel) {
         settled_.status = Status::ok;
         return;
       }
-      Run run(scene_, drive_, X_WB0_, cancel, settled_);
+      Run run(world_with_rock(scene_, drive_, X_WB0_), scene_, drive_, cancel, settled_);
       const bool rests = run.settle(rest_, timeout_, {}, log_every_);
       run.note_engine();
       if (!rests) return;
       settled_.X_WB_settled = {run.rock().p_WB, run.rock().q_WB};
       settled_.status = Status::ok;
+      if (scene_->engine().skip_quiet) world_ = run.release();
     } catch (const std::exception& error) {
       settled_.status = Status::error;
       settled_.message = error.what();

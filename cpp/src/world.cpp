@@ -34,6 +34,10 @@ void require_no_rock(bool has_rock) {
   if (has_rock) throw InvalidInput("there is a rock already; delete it first", InputFault::rock_present);
 }
 
+void World::carry(const DriveTarget&, const DriveTarget&) {
+  throw InvalidInput("this world cannot carry its rock");
+}
+
 void check_start(const Pose& X_WB) {
   // The original's start orientation has five digits and is used as it stands.
   constexpr double tolerance = 1e-3;

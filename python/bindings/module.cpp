@@ -193,6 +193,7 @@ void bind_scene(py::module_& m) {
                  Field{"solver_iterations", &E::solver_iterations},
                  Field{"residual_threshold", &E::residual_threshold},
                  Field{"converged_contacts", &E::converged_contacts},
+                 Field{"skip_quiet", &E::skip_quiet},
                  Field{"restitution_velocity_threshold", &E::restitution_velocity_threshold},
                  Field{"cone_friction", &E::cone_friction},
                  Field{"deterministic_overlapping_pairs", &E::deterministic_overlapping_pairs},

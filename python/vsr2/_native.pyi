@@ -74,7 +74,7 @@ class FastRefusal(enum.Enum):
     def __new__(cls, value):
         ...
 class EngineSettings:
-    def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, converged_contacts: bool, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
+    def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, converged_contacts: bool, skip_quiet: bool, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
         ...
 class HullPart:
     def __init__(self, points: numpy.ndarray) -> None:

@@ -23,6 +23,9 @@ class RestClock {
   RestClock(const RestCriterion& criterion, double time_step, bool pedestal_swings);
   /// Takes note of a time step; true: it has rested for a window.
   bool at_rest(const RockState& rock, const PedestalMotion& pedestal);
+  /// It is known to have rested for so many time steps more.
+  void rested(std::int64_t steps) { quiet_ += steps; }
+  std::int64_t window_steps() const { return needed_; }
   bool at_rest_for(std::int64_t windows) const { return quiet_ >= windows * needed_; }
   std::int64_t quiet_steps() const { return quiet_; }
 

@@ -64,6 +64,8 @@ struct EngineSettings {
   double residual_threshold = 0.0;               ///< [(m/s)^2]
   /// Engine `fast`: contacts that stick are solved to where the sweeps lead in the end.
   bool converged_contacts = true;
+  /// Engine `fast`: a rock at rest is not stepped while it is bound to stay so.
+  bool skip_quiet = true;
   double restitution_velocity_threshold = 0.2;   ///< [m/s]
   bool cone_friction = true;
   bool deterministic_overlapping_pairs = true;

@@ -136,8 +136,8 @@ struct TrialResult {
 };
 
 /// Where a rock comes to rest from a start pose. Trials that share one settle it once, in a world of
-/// its own; each trial then starts a fresh world from the pose of rest and settles there again,
-/// briefly. Thread safe.
+/// its own. Each trial goes on with a copy of that world where the engine gives one; else it starts a
+/// fresh world from the pose of rest and settles there again, briefly. Thread safe.
 class SettledStart {
  public:
   /// `timeout` [s], 0: no settling; `log_every` as in TrialSpec, 0: no settling log.
@@ -153,6 +153,8 @@ class SettledStart {
   /// Settles on the first call, for all who call. Uses of the result: status, message,
   /// settling_time, X_WB_settled and log (times from the end of settling).
   const TrialResult& settle(const std::atomic<bool>& cancel);
+  /// After settle(): a copy of the world in which the rock came to rest, or null.
+  std::unique_ptr<World> settled_world() const { return world_ ? world_->copy() : nullptr; }
 
  private:
   std::shared_ptr<const Scene> scene_;
@@ -163,6 +165,7 @@ class SettledStart {
   std::int64_t log_every_;
   std::once_flag once_;
   TrialResult settled_;
+  std::unique_ptr<const World> world_;
 };
 
 /// Tilt of R_WB away from R_WB0: angle between the body's settled vertical and the vertical [rad].

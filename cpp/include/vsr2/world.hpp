@@ -1,7 +1,9 @@
 #pragma once
 // A world: one rock on one driven pedestal, advanced step by step.
 
+#include <array>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "vsr2/scene.hpp"
@@ -74,6 +76,18 @@ struct ContactPoint {
   ContactValues pair;  ///< that the solver used
 };
 
+/// What a rock stands on: the contacts by which the flat top of a pedestal presses on it.
+struct Foothold {
+  int count = 0;  ///< at most 4
+  std::array<Eigen::Vector3d, 4> r_T;  ///< from the mass centre, along axes T, z the top's normal [m]
+  Eigen::Matrix3d R_WT;
+  double friction = 0.0;   ///< least coefficient at rest [1]
+  double stiffness = 0.0;  ///< of each contact [N/m]
+  double damping = 0.0;    ///< of each contact [N s/m]
+  double mass = 0.0;       ///< of the rock [kg]
+  Eigen::Matrix3d inertia_T;  ///< about its mass centre [kg m^2]
+};
+
 /// Why a world of the engine `fast` went on with Bullet.
 enum class Handover {
   none,
@@ -107,6 +121,16 @@ class World {
   virtual void contacts(std::vector<ContactPoint>& out) const = 0;
   /// Since the rock was spawned.
   virtual Handover handover() const { return Handover::none; }
+
+  // What the engine `fast` can besides, as long as Bullet has not taken over.
+
+  /// None where it is not known: where the world cannot carry(), or the rock is in the air.
+  virtual std::optional<Foothold> foothold() const { return std::nullopt; }
+  /// Moves pedestal and rock as one body to set-point `to`, as if the time step before had led there
+  /// from `from`, without turning. @throws InvalidInput where there is no foothold.
+  virtual void carry(const DriveTarget& from, const DriveTarget& to);
+  /// A world that goes on from here with the same bits; null where it cannot be had.
+  virtual std::unique_ptr<World> copy() const { return nullptr; }
 };
 
 }  // namespace vsr2

@@ -66,6 +66,10 @@ class Engine(Section):
     converged_contacts: Flag = True
     """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end; false:
     every step is swept, as Bullet does. `preset: original` takes false."""
+    skip: Literal["quiet", "none"] = "quiet"
+    """Engine `fast`: `quiet`: a rock at rest is not stepped while its contacts can bear the
+    pedestal's acceleration, and trials go on from where the rock settled; `none`: every step is
+    taken, and each trial settles again. `preset: original` takes `none`."""
     restitution_velocity_threshold: NonNegative = 0.2
     """Approach speed under which an impact does not bounce [m/s]."""
     cone_friction: Flag = True
@@ -356,7 +360,12 @@ class Output(Section):
 
 
 ORIGINAL: Mapping[str, Mapping[str, Any]] = {
-    "engine": {"linear_damping": 0.04, "angular_damping": 0.04, "converged_contacts": False},
+    "engine": {
+        "linear_damping": 0.04,
+        "angular_damping": 0.04,
+        "converged_contacts": False,
+        "skip": "none",
+    },
     "contact": {body: {"spinning_friction": 0.5} for body in ("rock", "pedestal")},
 }
 """What `preset: original` puts in place of the defaults."""

@@ -281,7 +281,7 @@ TRIAL_COLUMNS: dict[str, str] = {
     "pgv": "of the driven motion [m/s]",
     "pgv_pga": "of the driven motion [s]",
     **dict(_native.result_columns()),
-    "steps": "time steps, settling included [1]",
+    "steps": "time steps that were taken, the trial's own settling included [1]",
     "engine": "engine that it began with: parity, exact, fast; empty: none ran",
     "hand_over": "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
     "message": "of the exception that ended a trial of status `error`; else empty",

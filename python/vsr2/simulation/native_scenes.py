@@ -118,8 +118,9 @@ def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
 
 def _native_engine(engine: Engine) -> _native.EngineSettings:
     values = engine.model_dump(
-        exclude={"mode", "split_impulse", "split_impulse_penetration_threshold"}
+        exclude={"mode", "skip", "split_impulse", "split_impulse_penetration_threshold"}
     )
+    values["skip_quiet"] = engine.skip == "quiet"
     # Bullet's own default damping is the single-precision 0.04; parity needs its bits.
     for key in ("linear_damping", "angular_damping"):
         values[key] = float(np.float32(values[key]))

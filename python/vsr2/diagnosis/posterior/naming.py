@@ -114,7 +114,7 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
         if chosen and not gain.max() > 0:
             break
         chosen.append(int(np.argmax(gain)))
-        covered.append((covered[-1] if covered else 0.0) + float(gain[chosen[-1]]))
+        covered.append(min(1.0, (covered[-1] if covered else 0.0) + float(gain[chosen[-1]])))
         left[sets.members[:, chosen[-1]]] = 0.0
         counts.append(classes(chosen, alike))
         if counts[-1] > NAMING.classes:
