@@ -36,6 +36,11 @@ struct Form {
     for (int w = 0; w < kGroups; ++w) out.group[w] = a * b.group[w];
     return out;
   }
+  friend VSR2_INLINE Form operator/(const Form& a, double b) {
+    Form out;
+    for (int w = 0; w < kGroups; ++w) out.group[w] = a.group[w] / b;
+    return out;
+  }
   friend VSR2_INLINE Form operator+(const Form& a, const Form& b) {
     Form out = a;
     return out += b;
@@ -45,11 +50,17 @@ struct Form {
     for (int w = 0; w < kGroups; ++w) out.group[w] = a.group[w] - b.group[w];
     return out;
   }
+  VSR2_INLINE Form operator-() const {
+    Form out;
+    for (int w = 0; w < kGroups; ++w) out.group[w] = -group[w];
+    return out;
+  }
   VSR2_INLINE Form& operator+=(const Form& b) {
     for (int w = 0; w < kGroups; ++w) group[w] += b.group[w];
     return *this;
   }
   friend VSR2_INLINE const Form& with_constant(const Form& linear, double) { return linear; }
+  friend VSR2_INLINE Form driven(const Form&, const Form&) { return {}; }
 };
 
 // Motor, 4 normal, 4 spinning and 8 lateral rows.
@@ -230,6 +241,7 @@ class Jump {
       for (int q = 1; q < jump.count_; ++q) variable_[q].set(q - 1, 1.0);
     }
 
+    VSR2_INLINE Linear& motor() { return variable_[0]; }
     VSR2_INLINE Linear& normal(std::size_t i) {
       return jump_.v_.normal[i] < 0 ? open_[i] : variable_[jump_.v_.normal[i]];
     }
@@ -237,11 +249,8 @@ class Jump {
     VSR2_INLINE Linear& lateral_1(std::size_t i) { return variable_[jump_.v_.lateral[i]]; }
     VSR2_INLINE Linear& lateral_2(std::size_t i) { return variable_[jump_.v_.lateral[i] + 1]; }
 
-    VSR2_INLINE void drive(VelocityChange<Linear>& v) {
-      for (int w = 0; w < kIn; ++w)
-        variable_[0].group[w] = -v.joint.group[w] / jump_.p_.motor.inverse_mass;
-      v.joint = {};
-    }
+    VSR2_INLINE void bound_motor(const Linear&) {}
+    VSR2_INLINE void note_motor(const Linear&) {}
 
     // What an open row would take is noted, and nothing of it applied.
     VSR2_INLINE bool takes_normal(std::size_t i, const Linear& next) {
@@ -453,7 +462,7 @@ template <Joint kJoint>
 void add(ContactProblem& p, const Variables& v, const double* e) {
   if constexpr (kJoint == Joint::motor) {
     p.motor.impulse += e[0];
-    p.change.joint += p.motor.inverse_mass * e[0];
+    p.motor.apply(e[0], p.change);
   }
   const auto add_to = [&](auto& row, double amount) {
     row.impulse += amount;

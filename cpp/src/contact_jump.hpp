@@ -19,13 +19,20 @@ struct Pattern {
 // One sweep over all rows, in Bullet's order: of numbers, with `Rows` the bounds and their pattern,
 // or of linear forms within a pattern. `Rows` holds the impulses and says what becomes of those
 // that the rows demand:
-//   drive(v)               takes the motor's row
+//   bound_motor(next)      bounds `next`, the impulse demanded of the motor
 //   takes_normal(i, next)  bounds `next`, the impulse demanded; false: the row does nothing
 //   has_spin(i), bound_spin(i, next); has_lateral(i), bound_lateral(i, next_1, next_2)
 //   note_...(i, change)    is told what was applied
 template <Joint kJoint, typename Scalar, typename Rows>
 VSR2_INLINE void sweep(const ContactProblem& p, Rows& rows, VelocityChange<Scalar>& v) {
-  if constexpr (kJoint == Joint::motor) rows.drive(v);
+  if constexpr (kJoint == Joint::motor) {
+    Scalar next = p.motor.demanded(rows.motor(), v);
+    rows.bound_motor(next);
+    const Scalar change = next - rows.motor();
+    rows.motor() = next;
+    p.motor.apply(change, v);
+    rows.note_motor(change);
+  }
   const auto count = static_cast<std::size_t>(p.count);
   for (std::size_t i = 0; i < count; ++i) {
     const NormalRow& row = p.rows[i].normal;

@@ -50,6 +50,10 @@ struct VelocityChange {
 /// changes between sweeps.
 inline double with_constant(double linear, double constant) { return linear + constant; }
 
+/// The joint's speed after its motor's impulse, which changes it by `change`. The motor of a linear
+/// form is free, so that it undoes the whole speed, without rounding.
+inline double driven(double speed, double change) { return speed + change; }
+
 /// Response of the rock to unit impulses.
 struct RockResponse {
   double inverse_mass;              ///< [1/kg]
@@ -153,5 +157,25 @@ VSR2_INLINE void apply_pair(const Lateral1Row& row_1, const Scalar& amount_1,
   if constexpr (kJoint == Joint::pitch)
     v.joint += row_1.joint_response * amount_1 + row_2.joint_response * amount_2;
 }
+
+/// The row of a joint motor along x, which acts on the support alone: J_i v = q.
+struct MotorRow {
+  double inverse_mass = 0.0;  ///< k_i, of the support; 0: no motor [1/kg]
+  double wanted = 0.0;        ///< b_i, change of the joint's speed [m/s]
+  double limit = 0.0;         ///< of the impulse [N s]
+  double impulse = 0.0;       ///< [N s]
+  double change = 0.0;        ///< of the impulse in the latest sweep [N s]
+
+  /// As those of a ContactRow.
+  template <typename Scalar>
+  VSR2_INLINE Scalar demanded(const Scalar& present, const VelocityChange<Scalar>& v) const {
+    return present + with_constant(-v.joint, wanted) / inverse_mass;
+  }
+  template <typename Scalar>
+  VSR2_INLINE void apply(const Scalar& amount, VelocityChange<Scalar>& v) const {
+    v.joint = driven(v.joint, inverse_mass * amount);
+  }
+  double bounded(double demand) const { return std::clamp(demand, -limit, limit); }
+};
 
 }  // namespace vsr2

@@ -19,21 +19,18 @@ class NumberRows {
   }
   double greatest() const { return greatest_; }
 
+  double& motor() { return p_.motor.impulse; }
   double& normal(std::size_t i) { return p_.rows[i].normal.impulse; }
   double& spin(std::size_t i) { return p_.rows[i].spin.impulse; }
   double& lateral_1(std::size_t i) { return p_.rows[i].lateral_1.impulse; }
   double& lateral_2(std::size_t i) { return p_.rows[i].lateral_2.impulse; }
 
-  VSR2_INLINE void drive(VelocityChange<double>& v) {
-    MotorRow& motor = p_.motor;
-    const double sum = motor.impulse + (motor.wanted - v.joint) / motor.inverse_mass;
-    const double bounded = std::clamp(sum, -motor.limit, motor.limit);
-    motor.change = bounded - motor.impulse;
-    pattern_.motor_bounded = bounded != sum;
-    motor.impulse = bounded;
-    v.joint += motor.inverse_mass * motor.change;
-    note(motor.change * motor.inverse_mass);
+  VSR2_INLINE void bound_motor(double& next) {
+    const double bounded = p_.motor.bounded(next);
+    pattern_.motor_bounded = bounded != next;
+    next = bounded;
   }
+  VSR2_INLINE void note_motor(double change) { note(p_.motor, change); }
 
   VSR2_INLINE bool takes_normal(std::size_t i, double& next) {
     NormalRow& row = p_.rows[i].normal;

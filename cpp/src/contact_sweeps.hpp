@@ -19,15 +19,6 @@ struct ContactRows {
   double friction;  ///< coefficient of the lateral rows [1]
 };
 
-/// A joint motor along x: a row of its own on the support alone.
-struct MotorRow {
-  double inverse_mass = 0.0;  ///< of the support; 0: no motor [1/kg]
-  double wanted = 0.0;        ///< change of the joint's speed [m/s]
-  double limit = 0.0;         ///< of the impulse [N s]
-  double impulse = 0.0;       ///< [N s]
-  double change = 0.0;        ///< of the impulse in the latest sweep [N s]
-};
-
 struct ContactProblem {
   std::array<ContactRows, 4> rows;
   int count = 0;

@@ -177,8 +177,7 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
   ContactProblem problem;
   problem.count = count_;
   problem.spinning_friction = m.pair["spinning_friction"];
-  problem.motor = {motor.inverse_mass, motor.target_velocity - step.support_v.x(),
-                   motor.maximum_impulse};
+  problem.motor = motor.row(step.support_v.x());
   Vector3d pitch_P = Vector3d::Zero();
   Vector3d axis_P = Vector3d::Zero();
   if (motor.inverse_mass > 0) problem.joint = Joint::motor;

@@ -186,18 +186,18 @@ bool FastStepper::closest_by_bullet(const Support& support, Vector3d& p_W_rock,
 
 // New places and distances of the kept contacts; those that opened or slid away are dropped, the
 // last taking the place of a dropped one.
-void FastStepper::refresh(const Matrix3d& R_PB, const Vector3d& p_PB) {
+void FastStepper::refresh(const RockOverTop& rock) {
   const double limit = model_->breaking_threshold;
   for (int i = 0; i < count_; ++i) {
     Contact& c = contacts_[i];
-    c.r_P = R_PB * c.p_B;
+    c.r_P = rock.R_PB * c.p_B;
     c.s_P = c.p_P;
-    c.distance = (p_PB.z() + c.r_P.z()) - c.s_P.z();
+    c.distance = (rock.p_PB.z() + c.r_P.z()) - c.s_P.z();
   }
   for (int i = count_ - 1; i >= 0; --i) {
     const Contact& c = contacts_[i];
-    const double dx = (p_PB.x() + c.r_P.x()) - c.s_P.x();
-    const double dy = (p_PB.y() + c.r_P.y()) - c.s_P.y();
+    const double dx = (rock.p_PB.x() + c.r_P.x()) - c.s_P.x();
+    const double dy = (rock.p_PB.y() + c.r_P.y()) - c.s_P.y();
     if (c.distance > limit || dx * dx + dy * dy > limit * limit) {
       --count_;
       if (i != count_)
@@ -258,85 +258,98 @@ void FastStepper::add(const Vector3d& p_B, const Vector3d& p_P, double distance)
 }
 
 FastStepper::Verdict FastStepper::detect(const Support& support) {
-  const FastModel& m = *model_;
-  Matrix3d R_PB = state.q_WB.toRotationMatrix();
-  Vector3d p_PB = state.p_WB - support.p_WP;
+  RockOverTop rock{state.q_WB.toRotationMatrix(), state.p_WB - support.p_WP};
   if (!support.level) {
-    R_PB = support.R_WP.transpose() * R_PB;
-    p_PB = support.R_WP.transpose() * p_PB;
+    rock.R_PB = support.R_WP.transpose() * rock.R_PB;
+    rock.p_PB = support.R_WP.transpose() * rock.p_PB;
   }
+  const Verdict verdict = model_->is_box ? detect_box(rock) : detect_hull(rock, support);
+  if (verdict == Verdict::in_domain) refresh(rock);
+  return verdict;
+}
+
+// Near the edge another direction than the vertical may part the two at less depth.
+bool FastStepper::is_off_the_edge(const Vector3d& point, double depth) const {
+  const FastModel& m = *model_;
+  const double guard = m.guard + 2.0 * std::max(depth, 0.0);
+  return !(std::fabs(point.x()) < m.support_half.x() - guard &&
+           std::fabs(point.y()) < m.support_half.y() - guard);
+}
+
+// Bullet leaves a wrapped part alone, and forgets its contacts, while the boxes around it and the
+// support are apart.
+bool FastStepper::boxes_meet(const RockOverTop& rock) const {
+  const FastModel& m = *model_;
+  const Matrix3d R_PC = rock.R_PB * m.R_BC;
+  const double centre =
+      rock.p_PB.z() + rock.R_PB.row(2).dot(m.p_BC) + R_PC.row(2).dot(m.bounds_centre);
+  return centre - R_PC.row(2).cwiseAbs().dot(m.bounds_half) <= m.support_half.z();
+}
+
+FastStepper::Verdict FastStepper::detect_box(const RockOverTop& rock) {
+  const FastModel& m = *model_;
   const double top = m.support_half.z();
-  // Near the edge another direction than the vertical may part the two at less depth.
-  const auto inside = [&](const Vector3d& point, double depth) {
-    const double guard = m.guard + 2.0 * std::max(depth, 0.0);
-    return std::fabs(point.x()) < m.support_half.x() - guard &&
-           std::fabs(point.y()) < m.support_half.y() - guard;
-  };
-  const auto near_top = [&] {
-    // Bullet leaves a wrapped part alone, and forgets its contacts, while the boxes around it and
-    // the support are apart.
-    const Matrix3d R_PC = R_PB * m.R_BC;
-    const double centre =
-        p_PB.z() + R_PB.row(2).dot(m.p_BC) + R_PC.row(2).dot(m.bounds_centre);
-    return centre - R_PC.row(2).cwiseAbs().dot(m.bounds_half) <= top;
-  };
-  if (m.is_box) {
-    const Matrix3d R_PC = R_PB * m.R_BC;
-    const Vector3d p_PC = p_PB + R_PB * m.p_BC;
-    const Vector3d nr = R_PC.row(2).transpose();
-    const double lowest = p_PC.z() - nr.cwiseAbs().dot(m.box_half);
-    const double depth = top - lowest;
-    if (depth > m.deepest) return Verdict::too_deep;
-    // The face that looks down most, as Bullet picks it.
-    const Vector3d anr = nr.cwiseAbs();
-    const int axis = anr.y() > anr.x() ? (anr.y() > anr.z() ? 1 : 2) : (anr.x() > anr.z() ? 0 : 2);
-    const int a1 = axis == 0 ? 1 : 0;
-    const int a2 = axis == 2 ? 1 : 2;
-    std::array<Vector3d, 4> corner_B;
-    std::array<Vector3d, 4> corner_P;
-    constexpr double signs[4][2] = {{-1, -1}, {-1, 1}, {1, 1}, {1, -1}};
+  const Matrix3d R_PC = rock.R_PB * m.R_BC;
+  const Vector3d p_PC = rock.p_PB + rock.R_PB * m.p_BC;
+  const Vector3d nr = R_PC.row(2).transpose();
+  const double lowest = p_PC.z() - nr.cwiseAbs().dot(m.box_half);
+  const double depth = top - lowest;
+  if (depth > m.deepest) return Verdict::too_deep;
+  // The face that looks down most, as Bullet picks it.
+  const Vector3d anr = nr.cwiseAbs();
+  const int axis = anr.y() > anr.x() ? (anr.y() > anr.z() ? 1 : 2) : (anr.x() > anr.z() ? 0 : 2);
+  const int a1 = axis == 0 ? 1 : 0;
+  const int a2 = axis == 2 ? 1 : 2;
+  std::array<Vector3d, 4> corner_B;
+  std::array<Vector3d, 4> corner_P;
+  constexpr double signs[4][2] = {{-1, -1}, {-1, 1}, {1, 1}, {1, -1}};
+  for (std::size_t k = 0; k < 4; ++k) {
+    Vector3d corner;
+    corner[axis] = nr[axis] < 0 ? m.box_half[axis] : -m.box_half[axis];
+    corner[a1] = signs[k][0] * m.box_half[a1];
+    corner[a2] = signs[k][1] * m.box_half[a2];
+    corner_B[k] = m.p_BC + m.R_BC * corner;
+    corner_P[k] = rock.p_PB + rock.R_PB * corner_B[k];
+    if (is_off_the_edge(corner_P[k], depth)) return Verdict::off_the_top;
+  }
+  if (m.is_wrapped) refresh(rock);
+  if (m.rock_is_first && !boxes_meet(rock)) count_ = 0;
+  if (depth >= 0) {
     for (std::size_t k = 0; k < 4; ++k) {
-      Vector3d corner;
-      corner[axis] = nr[axis] < 0 ? m.box_half[axis] : -m.box_half[axis];
-      corner[a1] = signs[k][0] * m.box_half[a1];
-      corner[a2] = signs[k][1] * m.box_half[a2];
-      corner_B[k] = m.p_BC + m.R_BC * corner;
-      corner_P[k] = p_PB + R_PB * corner_B[k];
-      if (!inside(corner_P[k], depth)) return Verdict::off_the_top;
-    }
-    if (m.is_wrapped) refresh(R_PB, p_PB);
-    if (m.rock_is_first && !near_top()) count_ = 0;
-    if (depth >= 0) {
-      for (std::size_t k = 0; k < 4; ++k) {
-        const double distance = corner_P[k].z() - top;
-        if (distance <= 0) add(corner_B[k], {corner_P[k].x(), corner_P[k].y(), top}, distance);
-      }
-    }
-  } else {
-    const Vector3d up_B = R_PB.row(2).transpose();
-    const std::size_t i = lowest_vertex(up_B);
-    const Vector3d vertex = m.vertices.view().at(i);
-    Vector3d point = p_PB + R_PB * vertex;
-    point.z() -= m.margin;
-    const double distance = point.z() - top;
-    if (!inside(point, -distance)) return Verdict::off_the_top;
-    if (-distance > m.deepest) return Verdict::too_deep;
-    if (m.is_wrapped) refresh(R_PB, p_PB);
-    const bool look = !m.rock_is_first || near_top();
-    if (!look) count_ = 0;
-    // The margin lies along the support's normal, not in the rock's frame.
-    if (look && is_only_lowest(i, up_B)) {
-      add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
-    } else if (look) {
-      Vector3d p_W_rock;
-      Vector3d p_W_support;
-      double between;
-      if (closest_by_bullet(support, p_W_rock, p_W_support, between))
-        add(state.q_WB.conjugate() * (p_W_rock - state.p_WB),
-            support.R_WP.transpose() * (p_W_support - support.p_WP), between);
+      const double distance = corner_P[k].z() - top;
+      if (distance <= 0) add(corner_B[k], {corner_P[k].x(), corner_P[k].y(), top}, distance);
     }
   }
-  refresh(R_PB, p_PB);
+  return Verdict::in_domain;
+}
+
+FastStepper::Verdict FastStepper::detect_hull(const RockOverTop& rock, const Support& support) {
+  const FastModel& m = *model_;
+  const double top = m.support_half.z();
+  const Vector3d up_B = rock.R_PB.row(2).transpose();
+  const std::size_t i = lowest_vertex(up_B);
+  const Vector3d vertex = m.vertices.view().at(i);
+  Vector3d point = rock.p_PB + rock.R_PB * vertex;
+  point.z() -= m.margin;
+  const double distance = point.z() - top;
+  if (is_off_the_edge(point, -distance)) return Verdict::off_the_top;
+  if (-distance > m.deepest) return Verdict::too_deep;
+  if (m.is_wrapped) refresh(rock);
+  if (m.rock_is_first && !boxes_meet(rock)) {
+    count_ = 0;
+    return Verdict::in_domain;
+  }
+  // The margin lies along the support's normal, not in the rock's frame.
+  if (is_only_lowest(i, up_B)) {
+    add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
+    return Verdict::in_domain;
+  }
+  Vector3d p_W_rock;
+  Vector3d p_W_support;
+  double between;
+  if (closest_by_bullet(support, p_W_rock, p_W_support, between))
+    add(state.q_WB.conjugate() * (p_W_rock - state.p_WB),
+        support.R_WP.transpose() * (p_W_support - support.p_WP), between);
   return Verdict::in_domain;
 }
 

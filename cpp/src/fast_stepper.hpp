@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <memory>
 
+#include "contact_rows.hpp"
 #include "hull_scan.hpp"
 #include "vsr2/scene.hpp"
 #include "vsr2/world.hpp"
@@ -71,10 +72,12 @@ struct SupportMotor {
   double pitch_response = 0.0;   ///< rate of pitch by an angular impulse [1 / (kg m^2)]
   Eigen::Vector3d p_WA = Eigen::Vector3d::Zero();  ///< of the pitch axis [m]
   double velocity_change = 0.0;  ///< result [m/s] or [rad/s]
-};
 
-template <typename Scalar>
-struct VelocityChange;
+  /// The motor's row, at a velocity of the support along x [m/s].
+  MotorRow row(double velocity) const {
+    return {inverse_mass, target_velocity - velocity, maximum_impulse};
+  }
+};
 
 class FastStepper {
  public:
@@ -138,7 +141,16 @@ class FastStepper {
   void sweep(const ContactStep& step, const Support& support, const SupportMotor& motor,
              VelocityChange<double>& change);
   void move(const Eigen::Vector3d& v, const Eigen::Vector3d& w, double dt);
-  void refresh(const Eigen::Matrix3d& R_PB, const Eigen::Vector3d& p_PB);
+  // The rock's pose in the support's frame.
+  struct RockOverTop {
+    Eigen::Matrix3d R_PB;
+    Eigen::Vector3d p_PB;
+  };
+  Verdict detect_box(const RockOverTop& rock);
+  Verdict detect_hull(const RockOverTop& rock, const Support& support);
+  bool is_off_the_edge(const Eigen::Vector3d& point, double depth) const;
+  bool boxes_meet(const RockOverTop& rock) const;
+  void refresh(const RockOverTop& rock);
   void add(const Eigen::Vector3d& p_B, const Eigen::Vector3d& p_P, double distance);
   int slot_when_full(const Eigen::Vector3d& point, double distance) const;
 

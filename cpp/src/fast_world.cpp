@@ -219,10 +219,10 @@ class FastWorld final : public World {
       if (mechanics_ && scene_->mechanisms().sets_friction()) set_friction();
       stepper_.advance(support, motor, dt);
     } else if (motor.inverse_mass > 0) {
-      motor.velocity_change =
-          std::clamp((motor.target_velocity - next.velocity) / motor.inverse_mass,
-                     -motor.maximum_impulse, motor.maximum_impulse) *
-          motor.inverse_mass;
+      const MotorRow row = motor.row(next.velocity);
+      VelocityChange<double> change;
+      row.apply(row.bounded(row.demanded(0.0, change)), change);
+      motor.velocity_change = change.joint;
     }
     if (joint_) {
       next.excursion_rate.pitch = support.w_WP.y() + motor.velocity_change;
@@ -250,9 +250,15 @@ class FastWorld final : public World {
   // The top, without its velocity.
   Support top_of(const PedestalMotion& now) const {
     Support support;
-    support.p_WP = now.p_WP + now.R_WP * p_LP_;
-    support.R_WP = top_is_turned_ ? Eigen::Matrix3d(now.R_WP * R_LP_) : now.R_WP;
-    support.level = drive_ != Drive::prescribed_spatial && !top_is_turned_;
+    if (drive_ == Drive::prescribed_spatial) {
+      support.p_WP = now.p_WP + now.R_WP * p_LP_;
+      support.R_WP = top_is_turned_ ? Eigen::Matrix3d(now.R_WP * R_LP_) : now.R_WP;
+      support.level = false;
+    } else {
+      support.p_WP = now.p_WP + p_LP_;
+      support.R_WP = R_LP_;
+      support.level = !top_is_turned_;
+    }
     return support;
   }
 
