@@ -14,8 +14,9 @@ PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState
   const double arm = pedestal.p_WP0.z() - pedestal.pitch_pivot;
   const Excursion& x = state.excursion;
   const Excursion& rate = state.excursion_rate;
-  const double sine = std::sin(x.pitch);
-  const double cosine = std::cos(x.pitch);
+  // Most pedestals never pitch.
+  const double sine = x.pitch == 0 ? 0.0 : std::sin(x.pitch);
+  const double cosine = x.pitch == 0 ? 1.0 : std::cos(x.pitch);
   PedestalMotion motion;
   motion.p_WP = pedestal.p_WP0 + Eigen::Vector3d(state.position + arm * sine, x.transverse,
                                                  x.vertical + arm * (cosine - 1.0));

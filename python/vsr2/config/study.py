@@ -47,11 +47,12 @@ class Engine(Section):
     """The physics engine (supplement S1.2)."""
 
     mode: Literal["auto", "parity", "exact", "fast"] = "auto"
-    """`parity`: Bullet's own code, bit-identical with PyBullet on the same machine; `exact`: the
-    same bits, in about half the time; `fast`: the same model in a stepper of our own for one
-    convex rock on a prism's flat top, whose contacts are solved to the end unless
-    `converged_contacts` is false, then equal to rounding (which a chaotic response enlarges within
-    seconds); `auto`: `fast` where it takes the scene, else `exact`."""
+    """`parity`: Bullet's own code, bit-identical on the same machine with PyBullet whose bodies
+    `createMultiBody` made, not `loadURDF`; `exact`: the same bits, in about half the time; `fast`:
+    the same model in a stepper of our own for one convex rock on a prism's flat top, whose contacts
+    are solved to the end unless `converged_contacts` is false, then equal to rounding (which a
+    chaotic response enlarges within seconds); `auto`: `fast` where it takes the scene, else
+    `exact`."""
     gravity: Annotated[float, Strict(), Field(gt=0, le=1000)] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
     time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = 0.001
