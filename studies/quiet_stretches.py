@@ -1,0 +1,165 @@
+"""Show what the quiet stretches of `fast` leave out: nothing that a move of the start does not.
+
+    python studies/quiet_stretches.py [--scenes NAME ...] [--records N] [--replicates N]
+    VSR2_LAB_DATA=FOLDER python studies/quiet_stretches.py --scenes SP1
+
+With `engine.skip: quiet` the engine `fast` does not step a rock that is bound to rest
+(docs/explanation/engines.md). Replicates with perturbed starts under borderline records, as in
+engine_equivalence.py, are run three times: with every step, with quiet stretches from the same
+starts, and with every step from starts that are moved and lifted by 1e-6 m and turned by 2e-6 rad.
+A rocking response is chaotic, so single outcomes differ in all three; quiet stretches may flip no
+more of them than the move does, and the overturn probability has to stay.
+
+The rock settles by the default criterion, where specimen SP1 takes half a minute. The contact and
+the damping are VSR2's. Each ensemble is written to `--parts` when it is done, and a run that was
+stopped goes on from there. Writes `quiet_stretches.csv`, one row a scene.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from engine_equivalence import (
+    ROOT,
+    borderline,
+    part,
+    record,
+    replicates,
+    scene_of,
+    settled_pose,
+    vars_of,
+)
+from vsr2.config.study import Contact, Engine, Settling
+from vsr2.motion import Motion
+from vsr2.results.atomic import write_atomic
+from vsr2.scene import Pose, Scene
+from vsr2.simulation import run_batch
+from vsr2.trial import Trial
+
+SCENES = ("block", "pbr_scan", "SP1")
+MOVE = 1e-6
+"""Of the start [m]; turned by as much about x, y and z, as components of the quaternion."""
+SETTLING = Settling(timeout=120.0)
+
+
+def scene(name: str, skip: str) -> Scene:
+    """The rock of a scene with VSR2's own contact and damping."""
+    given = scene_of(name, "fast")
+    contact = given.contact if name == "block" else Contact()
+    return Scene(given.rock, given.pedestal, Engine(mode="fast", skip=skip), contact)
+
+
+def moved(trial: Trial) -> Trial:
+    """From a start that is moved and turned."""
+    x, y, z = trial.start_pose.position
+    turned = np.add(trial.start_pose.orientation, (MOVE, -MOVE, MOVE, 0.0))
+    turned /= np.linalg.norm(turned)
+    return replace(trial, start=Pose((x + MOVE, y, z + MOVE), tuple(turned.tolist())))
+
+
+def ensembles(name: str, base: Pose, motion: Motion, seed: int, count: int) -> dict[str, Any]:
+    """Outcomes, steps and CPU time of the three runs under one record."""
+    found: dict[str, Any] = {}
+    for run, skip in (("every", "none"), ("quiet", "quiet"), ("moved", "none")):
+        trials = [
+            replace(trial, settling=SETTLING)
+            for trial in replicates(scene(name, skip), base, motion, count, [13, seed, 0])
+        ]
+        if run == "moved":
+            trials = [moved(trial) for trial in trials]
+        begun = time.process_time()
+        result = run_batch(trials, threads=1, keep_logs=False)
+        found[f"{run}_cpu_s"] = time.process_time() - begun
+        bad = ~np.isin(result["status"], ("ok", "tail_timeout"))
+        if bad.any():
+            raise SystemExit(f"{bad.sum()} trials failed: {result['status'][bad][0]}")
+        found[run] = (result["outcome"] == "overturned").tolist()
+        found[f"{run}_steps"] = int(result["steps"].sum())
+    return found
+
+
+def row_of(name: str, found: list[dict[str, Any]]) -> dict[str, str]:
+    """One row of the table."""
+    every, quiet, move = (np.array([f[run] for f in found]) for run in ("every", "quiet", "moved"))
+    difference = quiet.mean(axis=1) - every.mean(axis=1)
+    flipped = (quiet != every).mean(axis=1)
+    # McNemar's variance of a paired difference, with one pseudo-count.
+    n = every.shape[1]
+    variance = np.maximum(flipped + 1 / n - difference**2, 1 / n) / n
+    total = {
+        key: sum(f[key] for f in found) for key in found[0] if not isinstance(found[0][key], list)
+    }
+    return {
+        "scene": name,
+        "records": str(len(found)),
+        "replicates": str(n),
+        "overturned_every_step": f"{every.mean():.4f}",
+        "overturned_quiet": f"{quiet.mean():.4f}",
+        "overturned_moved": f"{move.mean():.4f}",
+        "difference_quiet": f"{difference.mean():+.4f}",
+        "standard_error": f"{math.sqrt(variance.sum()) / len(found):.4f}",
+        "flipped_quiet": f"{flipped.mean():.4f}",
+        "flipped_moved": f"{(move != every).mean():.4f}",
+        "steps_quiet_over_every": f"{total['quiet_steps'] / total['every_steps']:.3f}",
+        "cpu_quiet_over_every": f"{total['quiet_cpu_s'] / total['every_cpu_s']:.3f}",
+    }
+
+
+def main() -> None:
+    """Run what parts are missing and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
+    parser.add_argument("--records", type=int, default=20)
+    parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--parts", type=Path, default=ROOT / "out" / "quiet_stretches")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
+    options = parser.parse_args()
+    rows = []
+    for name in options.scenes:
+        folder = options.parts / f"{name}_{options.replicates}"
+        folder.mkdir(parents=True, exist_ok=True)
+        every = scene(name, "none")
+        pose = part(folder / "start.json", lambda every=every: vars_of(settled_pose(every)))
+        base = Pose(tuple(pose["position"]), tuple(pose["orientation"]))
+        found: list[dict[str, Any]] = []
+        for seed in range(10 * options.records):
+            factor = part(
+                folder / f"factor_{seed:03d}.json",
+                lambda every=every, base=base, seed=seed: {
+                    "factor": borderline(every, base, seed, 1)
+                },
+            )["factor"]
+            if factor is None:
+                continue
+            motion = record(seed, factor)
+            found.append(
+                part(
+                    folder / f"runs_{seed:03d}.json",
+                    lambda name=name, base=base, motion=motion, seed=seed: ensembles(
+                        name, base, motion, seed, options.replicates
+                    ),
+                )
+            )
+            if len(found) == options.records:
+                break
+        rows.append(row_of(name, found))
+        print(*rows[-1].values(), flush=True)
+    table = io.StringIO()
+    writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    options.out.mkdir(parents=True, exist_ok=True)
+    write_atomic(options.out / "quiet_stretches.csv", lambda f: f.write(table.getvalue().encode()))
+
+
+if __name__ == "__main__":
+    main()
