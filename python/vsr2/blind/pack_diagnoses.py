@@ -28,6 +28,7 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.diagnosis import (
     Budget,
@@ -44,7 +45,6 @@ from vsr2.diagnosis.observed.observations import (
     series_sampling,
 )
 from vsr2.diagnosis.simulated.nuisances import with_stated
-from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
 

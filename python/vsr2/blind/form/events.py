@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vsr2.diagnosis.verdict.statements import Code, Statement
+from vsr2.codes import Code, Statement
 
 
 class EventCode(Code):

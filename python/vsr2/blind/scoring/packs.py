@@ -25,7 +25,7 @@ from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.leaks import find_leaks
 from vsr2.blind.scoring.score import score_cases
 from vsr2.blind.scoring.scored import Scored
-from vsr2.diagnosis.verdict.statements import Statement
+from vsr2.codes import Statement
 from vsr2.errors import BlindError, ResultError
 
 RECEIPT = "receipt.json"

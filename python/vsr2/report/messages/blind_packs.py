@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsr2.blind.form.events import EventCode
+from vsr2.report.messages.templates import filled_in
 
 if TYPE_CHECKING:
     from vsr2.blind.custodian.make import Made
     from vsr2.blind.pack_diagnoses import Progress
-    from vsr2.diagnosis.verdict.statements import Statement
+    from vsr2.codes import Statement
 
 EVENTS: Mapping[str, str] = {
     EventCode.AMPLITUDES: "{engine}: amplitudes of {motions} motions",
@@ -32,7 +33,7 @@ EVENTS: Mapping[str, str] = {
 
 def event_text(event: Statement) -> str:
     """What happened: a line."""
-    return EVENTS[event.code].format(**event.values)
+    return filled_in(EVENTS[event.code], event.values)
 
 
 def diagnosed_pack(progress: Progress, out: Path) -> str:
