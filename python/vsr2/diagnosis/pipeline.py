@@ -59,7 +59,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Stage(StrEnum):
-    """What a diagnosis is at; `vsr2.report.progress_lines` words it."""
+    """What a diagnosis is at; `vsr2.report.messages.progress_lines` words it."""
 
     LOOK = "look"
     SIMULATION = "simulation"

@@ -1,13 +1,19 @@
-"""Sentences about what campaigns and models hold."""
+"""Sentences about what campaigns, models and motions hold."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.templates import filled_in
 from vsr2.scene import SceneNote
+
+if TYPE_CHECKING:
+    from vsr2.motion import Motion
+    from vsr2.motion.measures import IntensityMeasures
 
 SCENE_NOTES: Mapping[str, str] = {
     SceneNote.MERGED_VERTICES: (
@@ -150,3 +156,16 @@ def inertia_text(summary: Mapping[str, Any]) -> str:
     if not summary["slenderness"]:
         lines.append("  stands in none of the poses: the mass centre is outside every support")
     return "\n".join(lines)
+
+
+def motion_peaks(motion: Motion, file: Path) -> str:
+    """Peaks of a motion that was written to a file."""
+    return f"{file}: PGA {motion.pga / STANDARD_GRAVITY:.4g} g, PGV {motion.pgv:.4g} m/s"
+
+
+def motion_measures(measures: IntensityMeasures, file: Path) -> str:
+    """Measures of a motion that was written to a file."""
+    return (
+        f"{file}: PGA {measures.pga_g:.4g} g, PGV/PGA {measures.pgv_pga:.4g} s, "
+        f"significant duration {measures.duration_5_95:.4g} s"
+    )
