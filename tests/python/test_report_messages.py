@@ -206,10 +206,14 @@ def test_a_note_on_a_scene_says_all_its_values(code) -> None:
 
 @pytest.mark.parametrize("code", EventCode)
 def test_an_event_is_told_with_all_its_values(code) -> None:
-    values = {name: f"<{name}>" if kind is str else 7 for name, kind in code.types.items()}
+    values = {
+        name: f"<{name}>" if kind is str else ("a", "b") if kind is NAMES else 7
+        for name, kind in code.types.items()
+    }
     text = event_text(Statement.of(code, **values))
     assert all(value in text for value in values.values() if isinstance(value, str))
-    assert text.count("7") == sum(kind is not str for kind in code.types.values())
+    assert text.count("7") == sum(kind in (int, float) for kind in code.types.values())
+    assert text.count("a, b") == sum(kind is NAMES for kind in code.types.values())
 
 
 def test_events_are_worded_briefly() -> None:

@@ -82,13 +82,13 @@ def score_pack(
         )
     say(Statement.of(EventCode.OPENED, key=str(key)))
     for slip in (slips := key_slips(opened)):
-        say(Statement.of(EventCode.SLIP, slip=slip))
+        say(slip)
     scored = judge([(data, opened, diagnoses)], training=training, tiers=tiers)
     content = scored.to_json() | {
         "pack": read_pack(data).commitment.sha256,
         "submission": submission,
         "development": is_open(opened),
-        "slips": slips,
+        "slips": [slip.to_json() for slip in slips],
     }
     canonical(content)
     make_folder(out)

@@ -26,7 +26,15 @@ EVENTS: Mapping[str, str] = {
     EventCode.DIAGNOSED: "{campaign} {tier}: {verdict}",
     EventCode.FAILED: "{campaign} {tier}: failed: {error}",
     EventCode.OPENED: "{key}: opened, and all that it seals found right",
-    EventCode.SLIP: "{slip}",
+    EventCode.UNKNOWN_EFFECT: (
+        "{campaign}: the library has no effect {effect!r}; {near} may be meant"
+    ),
+    EventCode.NEAR_PARAMETER: (
+        "{campaign}: the library has no parameter of {effect} {parameter!r}; {near} may be meant"
+    ),
+    EventCode.UNKNOWN_PARAMETER: (
+        "{campaign}: the library has no parameter of {effect} {parameter!r}; it has {known}"
+    ),
 }
 """Templates of the values."""
 
