@@ -124,7 +124,7 @@ def effect_report(report: EffectReport) -> str:
     if report.right is None:
         lines.append(
             "  right: not part of the installed package; VSR2's own tests hold "
-            f"`{report.effect.name}` in studies/effect_closed_forms.py"
+            f"`{report.effect.name}` in studies/effect_closed_forms"
         )
     elif not report.right:
         lines.append("  right: NO, its `verify` gives no check")
