@@ -192,14 +192,18 @@ def diagnose_pack(
                 execution=replace(execution, cache=sampled),
             )  # fmt: skip
 
-        error = (verdict := _save(diagnosed, out / name / tier)).failed
-        failed += [f"{name} {tier}"] if error else []
-        of = {"campaign": name, "tier": tier}
-        if error:
-            say(Statement.of(EventCode.FAILED, **of, error=error))
-        else:
-            say(Statement.of(EventCode.DIAGNOSED, **of, verdict=str(verdict.kind)))
+        verdict = _save(diagnosed, out / name / tier)
+        failed += [f"{name} {tier}"] if verdict.failed else []
+        say(_event(name, tier, verdict))
     return Progress(len(asked) - len(failed), tuple(failed))
+
+
+def _event(campaign: str, tier: Tier, verdict: Verdict) -> Statement:
+    """How a diagnosis ended."""
+    of = {"campaign": campaign, "tier": tier}
+    if verdict.failed:
+        return Statement.of(EventCode.FAILED, **of, error=verdict.failed)
+    return Statement.of(EventCode.DIAGNOSED, **of, verdict=str(verdict.kind))
 
 
 def _effort(budget: Budget) -> dict[str, float]:
