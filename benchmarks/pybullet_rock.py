@@ -1,4 +1,4 @@
-"""The original system's scene in PyBullet, as the benchmarks step it.
+"""The original system's scene in PyBullet, as the benchmarks and the parity tests step it.
 
 The table follows its motion in either of two ways. `motor`: Bullet's joint motor, as in the
 original system. `prescribed`: the joint is put at the sample and given the velocity that leads to
@@ -41,7 +41,8 @@ class PyBulletRock:
 
     def seconds(self, motion: Motion) -> float:
         """CPU time of a step, stepped from Python without reading the state [s]."""
-        with _World(self._scene, self._mesh, self._drive) as world:
+        with PyBulletWorld(self._scene, self._mesh, self._drive) as world:
+            world.settle()
             step, samples = world.stepper(motion), motion.displacement.size - 1
             begin = time.process_time()
             for k in range(samples):
@@ -55,7 +56,8 @@ class PyBulletRock:
             Displacement of table [m] and mass centre [m] along x, tilt away from the start [rad],
             after every step, each of shape (samples - 1,).
         """
-        with _World(self._scene, self._mesh, self._drive) as world:
+        with PyBulletWorld(self._scene, self._mesh, self._drive) as world:
+            world.settle()
             step = world.stepper(motion)
             place, start = world.rock()
             rows = []
@@ -69,29 +71,37 @@ class PyBulletRock:
         return table, rock, tilt
 
 
-class _World:
-    """One connection, with the rock settled."""
+class PyBulletWorld:
+    """One connection, with the rock at its start.
 
-    def __init__(self, scene: Scene, mesh: Path, drive: str) -> None:
+    Args:
+        scene: with default prism and base.
+        mesh: the rock's file; None: the box of the scene.
+        drive: motor or prescribed.
+    """
+
+    def __init__(self, scene: Scene, mesh: Path | None, drive: str = "motor") -> None:
         self._drive = drive
-        self._client: dict[str, int] = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
-        c, engine = self._client, scene.engine
+        self.client: dict[str, int] = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
+        c, engine = self.client, scene.engine
         pybullet.setGravity(0, 0, -engine.gravity, **c)
         pybullet.setTimeStep(engine.time_step, **c)
         pybullet.setPhysicsEngineParameter(
             numSolverIterations=engine.solver_iterations,
             enableConeFriction=1,
             deterministicOverlappingPairs=1,
+            useSplitImpulse=1,
+            splitImpulsePenetrationThreshold=-0.04,
             solverResidualThreshold=0,
             **c,
         )
         pybullet.setAdditionalSearchPath(pybullet_data.getDataPath(), **c)
         pybullet.loadURDF("plane.urdf", **c)
-        self._robot = self._table(scene.pedestal.mass)
-        self._rock = self._body(scene, mesh)
+        self.robot = self._table(scene.pedestal.mass)
+        self.body = self._body(scene, mesh)
         for body, index, material in (
-            (self._robot, 0, scene.contact.pedestal),
-            (self._rock, -1, scene.contact.rock),
+            (self.robot, 0, scene.contact.pedestal),
+            (self.body, -1, scene.contact.rock),
         ):
             pybullet.changeDynamics(
                 body,
@@ -103,11 +113,20 @@ class _World:
                 contactDamping=material.damping,
                 **c,
             )
+        if engine.linear_damping == 0:  # else PyBullet's own, which nobody sets
+            for body in (self.robot, self.body):
+                pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, **c)
+        start = scene.body_pose(scene.rock.start)
+        pybullet.resetBasePositionAndOrientation(self.body, start.position, start.orientation, **c)
+        pybullet.resetBaseVelocity(self.body, [0, 0, 0], [0, 0, 0], **c)
+
+    def settle(self) -> None:
+        """Let the rock come to rest."""
         for _ in range(SETTLING):
-            pybullet.stepSimulation(**c)
+            pybullet.stepSimulation(**self.client)
 
     def _table(self, mass: float) -> int:
-        c = self._client
+        c = self.client
         base = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[25, 7, 1], **c)
         link = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[5, 5, 0.25], **c)
         robot = pybullet.createMultiBody(
@@ -126,15 +145,21 @@ class _World:
             linkJointAxis=[[1, 0, 0]],
             **c,
         )
+        for index in (-1, 0):
+            pybullet.setCollisionFilterGroupMask(robot, index, 1, 1, **c)
         if self._drive == "prescribed":
             # PyBullet puts a motor on every joint.
             pybullet.setJointMotorControl2(robot, 0, pybullet.VELOCITY_CONTROL, force=0, **c)
             pybullet.changeDynamics(robot, -1, linearDamping=0, angularDamping=0, **c)
         return int(robot)
 
-    def _body(self, scene: Scene, mesh: Path) -> int:
-        c, frame = self._client, scene.body_frame
-        shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(mesh), **c)
+    def _body(self, scene: Scene, mesh: Path | None) -> int:
+        c, frame = self.client, scene.body_frame
+        if mesh is None:
+            half = [0.5 * size for size in scene.rock.parts[0].size]
+            shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, **c)
+        else:
+            shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(mesh), **c)
         body = pybullet.createMultiBody(
             baseMass=scene.rock.mass.mass,
             baseCollisionShapeIndex=shape,
@@ -142,15 +167,14 @@ class _World:
             baseInertialFrameOrientation=frame.orientation,
             **c,
         )
-        inertia = scene.rock.mass.principal_inertia.tolist()
-        pybullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, **c)
-        start = scene.body_pose(scene.rock.start)
-        pybullet.resetBasePositionAndOrientation(body, start.position, start.orientation, **c)
+        if not scene.rock.inertia_from_aabb:
+            inertia = scene.rock.mass.principal_inertia.tolist()
+            pybullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, **c)
         return int(body)
 
     def stepper(self, motion: Motion) -> Callable[[int], None]:
         """Does step k, from sample k to the next."""
-        c, robot, places = self._client, self._robot, motion.displacement.tolist()
+        c, robot, places = self.client, self.robot, motion.displacement.tolist()
 
         def motor(k: int) -> None:
             pybullet.setJointMotorControl2(
@@ -167,14 +191,14 @@ class _World:
 
     def rock(self) -> tuple[Any, Any]:
         """Mass centre [m] and orientation x, y, z, w."""
-        return pybullet.getBasePositionAndOrientation(self._rock, **self._client)
+        return pybullet.getBasePositionAndOrientation(self.body, **self.client)
 
     def table(self) -> float:
         """Displacement along x [m]."""
-        return float(pybullet.getJointState(self._robot, 0, **self._client)[0])
+        return float(pybullet.getJointState(self.robot, 0, **self.client)[0])
 
-    def __enter__(self) -> _World:
+    def __enter__(self) -> PyBulletWorld:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        pybullet.disconnect(self._client["physicsClientId"])
+        pybullet.disconnect(self.client["physicsClientId"])

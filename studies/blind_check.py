@@ -43,9 +43,9 @@ from vsr2.blind.form.seal import (
 from vsr2.blind.scoring.cases import read_cases
 from vsr2.blind.scoring.packs import RECEIPT, SCORES, check_apart, judge, read_receipt
 from vsr2.blind.scoring.scored import Scored
+from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Execution
-from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError
 from vsr2.report.blind import write_scores
 from vsr2.report.messages.blind_packs import diagnosed_pack, event_text

@@ -26,7 +26,7 @@ from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Effects, Request
-from vsr2.report.progress_lines import ProgressLines
+from vsr2.report.messages.progress_lines import ProgressLines
 
 SCENE = Path(__file__).resolve().parents[1] / "configs" / "blind.yaml"
 PLANTED: tuple[Effects, ...] = (

@@ -30,6 +30,7 @@ from diagnosis_planar import write
 from planted import Rehearsal, shaken_campaign
 from vsr2.campaign import Campaign, Tier
 from vsr2.config import study_from_mapping
+from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.verdict.rules import verdict_of
@@ -94,6 +95,34 @@ def recorded(motions: int, scalings: int, interval: float) -> Campaign:
     return replace(plain, motions=records)
 
 
+def judged(wanted: set[str], found: Found, posterior: Posterior) -> dict[str, Any]:
+    """The verdict on a defect, whether it is right, and what leads.
+
+    Args:
+        wanted: effects one of which has to be named; none: no gap is to be found.
+        found: in the campaign.
+        posterior: by which it was found.
+    """
+    verdict = verdict_of(found, posterior)
+    acts = posterior.sets.marginal(found.probability)
+    best = posterior.sets.names[int(acts.argmax())]
+    values = posterior.parameters.sample(best, found.residuals)[:, 0]
+    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
+    right = wanted & set(verdict.named) if wanted else verdict.kind == VerdictKind.NONE
+    return {
+        "verdict": verdict.kind,
+        "effects": " ".join(verdict.effects),
+        "right": int(bool(right)),
+        "leading": best,
+        "acts": f"{acts.max():.3f}",
+        "value": f"{middle:.3g}",
+        "low": f"{low:.3g}",
+        "high": f"{high:.3g}",
+        "none": f"{found.probability[0]:.3f}",
+        "unknown": f"{found.probability[-1]:.3f}",
+    }
+
+
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -149,33 +178,8 @@ def main() -> None:
             for draw in range(1, options.campaigns + 1):
                 seen = rehearsal.observed(truth, tier=tier, nuisance=draw)
                 found = rehearsal.infer(seen)
-                verdict = verdict_of(found, posterior)
-                wanted = WANTED.get(defect, set())
-                acts = posterior.sets.marginal(found.probability)
-                best = posterior.sets.names[int(acts.argmax())]
-                values = posterior.parameters.sample(best, found.residuals)[:, 0]
-                low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
-                rows.append(
-                    {
-                        "defect": defect,
-                        "tier": tier,
-                        "draw": draw,
-                        "verdict": verdict.kind,
-                        "effects": " ".join(verdict.effects),
-                        "right": int(
-                            bool(wanted & set(verdict.named))
-                            if wanted
-                            else verdict.kind == VerdictKind.NONE
-                        ),
-                        "leading": best,
-                        "acts": f"{acts.max():.3f}",
-                        "value": f"{middle:.3g}",
-                        "low": f"{low:.3g}",
-                        "high": f"{high:.3g}",
-                        "none": f"{found.probability[0]:.3f}",
-                        "unknown": f"{found.probability[-1]:.3f}",
-                    }
-                )
+                case = {"defect": defect, "tier": tier, "draw": draw}
+                rows.append(case | judged(WANTED.get(defect, set()), found, posterior))
                 print(rows[-1], flush=True)
                 write(options.out / "table.csv", rows)
 

@@ -3,6 +3,7 @@
     python studies/engine_equivalence.py --scene pbr_scan [--threads N]
     VSR2_LAB_DATA=FOLDER python studies/engine_equivalence.py --scene SP1 [--threads N]
     python studies/engine_equivalence.py --scene block [--threads N]
+    python studies/engine_equivalence.py --scene block --records 16 --sweeps 150 3000
 
 A rocking response is chaotic near its threshold, so engines that do not share every bit are judged
 on ensembles: the overturn probability and the distribution of the largest tilt over replicates
@@ -32,6 +33,10 @@ Writes `engine_equivalence_SCENE.csv` (one row a record) and `.txt` (the verdict
 - the greatest distance of the two engines' mass centres in the first 1000 steps of a record from
   the same start; and, beside it, of `exact` from itself when the start is moved by 1e-15 m or so
   (the greatest of eight moves): no engine that rounds otherwise can be nearer than that.
+
+With `--sweeps` it runs `fast` alone, from the starts of `exact`, with contacts that are swept so
+many times and with contacts that are solved at once, prints overturn probabilities and writes no
+table.
 """
 
 from __future__ import annotations
@@ -44,7 +49,8 @@ import math
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -306,6 +312,57 @@ def equivalence(exact: np.ndarray, fast: np.ndarray, variance: np.ndarray) -> st
     )
 
 
+def borderline_records(
+    scene: Scene, base: Pose, parts: Path, options: argparse.Namespace
+) -> Iterator[tuple[int, Motion]]:
+    """Seeds and records, searched now unless an earlier run did."""
+    found = 0
+    for seed in range(10 * options.records):
+        factor = part(
+            parts / f"factor_{seed:03d}.json",
+            lambda seed=seed: {"factor": borderline(scene, base, seed, options.threads)},
+        )["factor"]
+        if factor is not None:
+            yield seed, record(seed, factor)
+            found += 1
+        if found == options.records:
+            return
+
+
+def ensemble(
+    scene: Scene, base: Pose, motion: Motion, seed: list[int], options: argparse.Namespace
+) -> dict[str, Any]:
+    """Replicates of one engine under one record."""
+    begun = time.process_time()
+    trials = replicates(scene, base, motion, options.replicates, seed)
+    fell, tilt = responses(trials, options.threads)
+    used = time.process_time() - begun
+    return {"overturned": fell.tolist(), "tilt": tilt.tolist(), "cpu_s": used}
+
+
+def by_solver(scene: Scene, base: Pose, parts: Path, options: argparse.Namespace) -> str:
+    """Overturn probabilities of `fast` from the same starts, by how contacts are solved."""
+    solvers = {
+        f"swept_{count}": {"converged_contacts": False, "solver_iterations": count}
+        for count in options.sweeps
+    } | {"at_once": {"converged_contacts": True}}
+    fell: dict[str, list[float]] = {name: [] for name in solvers}
+    for seed, motion in borderline_records(scene, base, parts, options):
+        for name, settings in solvers.items():
+            solved = replace(scene, engine=scene.engine.model_copy(update=settings))
+            found = part(
+                parts / f"{name}_{seed:03d}.json",
+                lambda solved=solved, motion=motion, seed=seed: ensemble(
+                    solved, base, motion, [13, seed, 0], options
+                ),
+            )
+            fell[name].append(float(np.mean(found["overturned"])))
+    return "\n".join(
+        f"{name}: overturned {np.mean(shares):.4f} over {len(shares)} records"
+        for name, shares in fell.items()
+    )
+
+
 def main() -> None:
     """Run what parts are missing, write the table, print the verdicts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -313,6 +370,7 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--replicates", type=int, default=300)
     parser.add_argument("--threads", type=int)
+    parser.add_argument("--sweeps", type=int, nargs="+")
     parser.add_argument("--parts", type=Path, default=ROOT / "out" / "engine_equivalence")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
     options = parser.parse_args()
@@ -321,30 +379,18 @@ def main() -> None:
     scenes = {mode: scene_of(options.scene, mode) for mode in ENGINES}
     found = part(parts / "start.json", lambda: vars_of(settled_pose(scenes["exact"])))
     base = Pose(tuple(found["position"]), tuple(found["orientation"]))
+    if options.sweeps:
+        print(by_solver(scenes["fast"], base, parts, options))
+        return
     rows: list[dict[str, str]] = []
     tilts = []
     cpu = dict.fromkeys(ENGINES, 0.0)
-
-    def run(scene: Scene, motion: Motion, seed: list[int]) -> dict[str, Any]:
-        begun = time.process_time()
-        trials = replicates(scene, base, motion, options.replicates, seed)
-        fell, tilt = responses(trials, options.threads)
-        used = time.process_time() - begun
-        return {"overturned": fell.tolist(), "tilt": tilt.tolist(), "cpu_s": used}
-
-    for seed in range(10 * options.records):
-        factor = part(
-            parts / f"factor_{seed:03d}.json",
-            lambda seed=seed: {"factor": borderline(scenes["fast"], base, seed, options.threads)},
-        )["factor"]
-        if factor is None:
-            continue
-        motion = record(seed, factor)
+    for seed, motion in borderline_records(scenes["fast"], base, parts, options):
         results = {
             name: part(
                 parts / f"{name}_{seed:03d}.json",
-                lambda engine=engine, motion=motion, which=which, seed=seed: run(
-                    scenes[engine], motion, [13, seed, which]
+                lambda engine=engine, motion=motion, which=which, seed=seed: ensemble(
+                    scenes[engine], base, motion, [13, seed, which], options
                 ),
             )
             for name, (engine, which) in RUNS.items()
@@ -355,8 +401,6 @@ def main() -> None:
         for engine in ENGINES:
             cpu[engine] += results[engine]["cpu_s"]
         print(*rows[-1].values(), flush=True)
-        if len(rows) == options.records:
-            break
     table = io.StringIO()
     writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()

@@ -23,8 +23,8 @@ import numpy as np
 from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
 from vsr2.report.diagnosis import diagnosis_figures, format_diagnosis, write_diagnosis_page
+from vsr2.report.messages.progress_lines import ProgressLines
 from vsr2.report.panels import svg
-from vsr2.report.progress_lines import ProgressLines
 
 HERE = Path(__file__).resolve().parent
 

@@ -83,10 +83,11 @@ def read_config(path: Path) -> None:
 
 
 def read_ros2(path: Path) -> None:
-    from vsr2.config import describe, dump_study, import_ros2
+    from vsr2.config import dump_study, import_ros2
+    from vsr2.report.messages.ros2_import import import_text
 
     imported = import_ros2(path)
-    describe(imported)
+    import_text(imported)
     dump_study(imported.study)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +31,7 @@ def make_log(
     position: Array | None = None,
     settled: Rotation | None = None,
     axes: Rotation | None = None,
-    foot: Sequence[float] = (0.0, 0.0, -0.5),
     mass_center: Sequence[float] = (0.0, 0.0, 0.0),
-    contacts: Array | None = None,
 ) -> TrialLog:
     """A log whose rock is at rest on a pedestal at rest, but for what is given.
 
@@ -53,10 +52,10 @@ def make_log(
     state[:, 8:12] = settled.as_quat() if rotations is None else rotations.as_quat()
     return TrialLog(
         state=state,
-        contacts=np.empty((0, len(CONTACT_COLUMNS))) if contacts is None else contacts,
+        contacts=np.empty((0, len(CONTACT_COLUMNS))),
         settled_position=np.array([0.0, 0.0, CENTER_HEIGHT]),
         settled_orientation=settled.as_quat(),
-        foot=np.asarray(foot, dtype=np.float64),
+        foot=np.array([0.0, 0.0, -0.5]),
         mass_center=np.asarray(mass_center, dtype=np.float64),
         principal_axes=(Rotation.identity() if axes is None else axes).as_quat(),
     )
@@ -69,7 +68,7 @@ def falling_log(
     time = np.linspace(0.0, duration, rows)
     command = 0.1 * (1 - np.cos(2 * np.pi * time / duration))
     rotations = about("y", end * np.sin(0.5 * np.pi * time / duration) ** 2)
-    contacts = None
+    contacts = np.empty((0, len(CONTACT_COLUMNS)))
     if seed is not None:
         contacts = np.random.default_rng(seed).normal(size=(3 * rows, len(CONTACT_COLUMNS)))
         contacts[:, 0] = np.repeat(time, 3)
@@ -78,7 +77,7 @@ def falling_log(
         contacts[:, 4:7] = contacts[:, 1:4]
         contacts[:, 7:10] = (0.0, 0.0, 1.0)
         contacts[:, 11] = np.abs(contacts[:, 11])
-    return make_log(time, command=command, rotations=rotations, contacts=contacts)
+    return replace(make_log(time, command=command, rotations=rotations), contacts=contacts)
 
 
 def make_trials(count: int, **columns: object) -> dict[str, NDArray[np.generic]]:

@@ -30,7 +30,9 @@ from vsr2.blind.scoring.score import (
     wrong,
 )
 from vsr2.cli.main import main
+from vsr2.codes import Statement
 from vsr2.errors import BlindError, ConfigError
+from vsr2.report.messages.blind_packs import event_text
 
 SALT = "5a17"
 TRIALS = ("run-b", "run-a", "extra.1")
@@ -432,10 +434,15 @@ def test_misspelt_names_of_a_key_are_said_with_the_nearest(tmp_path) -> None:
     listed = [{"id": "Hall.1", "protocol": 2, "exclude": ["wind"]}, {"id": "Hall.2"},
               {"id": "hall-3", "exclude": ["friction"]}]  # fmt: skip
     data, kept = write_pack(tmp_path, key, {"campaigns": listed})
-    assert key_slips(open_key(data, kept)) == [
+    slips = key_slips(open_key(data, kept))
+    assert [event_text(slip) for slip in slips] == [
         "Hall.1: the library has no effect 'table_gian'; table_gain may be meant",
         "hall-3: the library has no parameter of friction 'facter'; factor may be meant",
     ]
+    other["values"] = {"speed": 0.8}
+    (_, slip) = key_slips(key)
+    of = {"campaign": "hall-3", "effect": "friction", "parameter": "speed"}
+    assert slip == Statement.of(EventCode.UNKNOWN_PARAMETER, **of, known=("factor",))
     assert key_slips(KEY) == []
 
 

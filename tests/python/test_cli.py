@@ -20,7 +20,7 @@ from vsr2.cli.main import app, main
 from vsr2.diagnosis import Budget, Hypotheses, ProtocolCache
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.errors import BlindError, DiagnosisError
-from vsr2.report.progress_lines import STAGES, ProgressLines
+from vsr2.report.messages.progress_lines import STAGES, ProgressLines
 
 STUDY = """
 name: block

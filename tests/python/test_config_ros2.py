@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsr2.config import describe, dump_study, import_ros2, load_study
+from vsr2.codes import NUMBERS, Statement
+from vsr2.config import dump_study, import_ros2, load_study
+from vsr2.config.ros2_notes import KINDS, Assumed, Ignored, Kept, NotKept
 from vsr2.errors import ConfigError
+from vsr2.report.messages.ros2_import import NOTES, import_note, import_text
 
 ENGINE = """\
 /**:
@@ -88,12 +91,13 @@ def write(package, *texts):
     return paths
 
 
-def notes_of(kind, imported):
-    return [note.text for note in imported.notes if note.kind == kind]
+def values_of(imported):
+    """Of the notes by code."""
+    return {note.code: note.values for note in imported.notes}
 
 
 def ignored(imported):
-    return notes_of("ignored by the original", imported)
+    return [import_note(note) for note in imported.notes if isinstance(note.code, Ignored)]
 
 
 def test_the_original_physics_is_kept(package):
@@ -156,8 +160,13 @@ def test_what_the_original_ignored_is_told(package):
 
 
 def test_nothing_is_called_ignored_that_counts(package):
-    notes = ignored(import_ros2(write(package, ENGINE, TABLE, MESH)))
-    names = {name.split(".")[-1] for note in notes for name in note.split(": ")[0].split(", ")}
+    values = values_of(import_ros2(write(package, ENGINE, TABLE, MESH)))
+    names = {
+        name.split(".")[-1]
+        for code, found in values.items()
+        if isinstance(code, Ignored)
+        for name in (*found.get("names", ()), found.get("name", ""))
+    }
     assert "meshScale" in names
     assert not names & {
         "gravity",
@@ -174,16 +183,17 @@ def test_nothing_is_called_ignored_that_counts(package):
 
 def test_keys_the_original_never_knew_are_told(package):
     extra = "/**:\n  ros__parameters:\n    surprise: 1\n    rock_structure: {mass: 2.0}\n"
-    told = ignored(import_ros2(write(package, TABLE, MESH, extra)))
-    assert "surprise: unknown to the original" in told
-    assert "rock_structure.mass: an older name, which no node declares" in told
+    values = values_of(import_ros2(write(package, TABLE, MESH, extra)))
+    assert values[Ignored.UNKNOWN] == {"names": ("surprise",)}
+    assert values[Ignored.OLDER_NAME] == {"names": ("rock_structure.mass",)}
 
 
 def test_a_mesh_pedestal_cannot_be_reached(package):
     mesh = "/**:\n  ros__parameters:\n    structure: {pedestal: {mesh: p.obj, meshScale: [1.0]}}\n"
     imported = import_ros2(write(package, TABLE, MESH, mesh))
     assert imported.study.pedestal.shape == "prism"
-    assert any("mesh pedestal cannot be reached" in note for note in ignored(imported))
+    names = ("structure.pedestal.mesh", "structure.pedestal.meshScale")
+    assert values_of(imported)[Ignored.PEDESTAL_MESH] == {"names": names}
 
 
 def test_a_box_rock_keeps_the_pedestals_contact(package):
@@ -203,9 +213,11 @@ def test_the_box_may_be_asked_for_where_both_rocks_are_given(package):
 def test_a_box_inertia_is_told_only_where_it_differs_from_the_solids(package):
     # 1200/12 (0.8^2 + 1.4^2) = 260, 1200/12 (0.6^2 + 1.4^2) = 232, 1200/12 (0.6^2 + 0.8^2) = 100.
     solid = import_ros2(write(package, BOX))
-    assert not any("localInertiaDiagonal" in note.text for note in solid.notes)
+    assert NotKept.BOX_INERTIA not in values_of(solid)
     other = import_ros2(write(package, BOX.replace("232.0", "300.0")))
-    assert any("homogeneous (260, 232, 100 kg m^2)" in n for n in notes_of("not kept", other))
+    found = values_of(other)[NotKept.BOX_INERTIA]
+    assert found["stated"] == (260.0, 300.0, 100.0)
+    assert found["solid"] == pytest.approx((260.0, 232.0, 100.0))
 
 
 def test_the_base_ends_where_the_original_has_its_top(package):
@@ -213,22 +225,23 @@ def test_the_base_ends_where_the_original_has_its_top(package):
     paths = write(package, TABLE.replace("12.0, 2.0]", "12.0, 3.0]"), MESH)
     imported = import_ros2(paths)
     assert imported.study.pedestal.base.size == (40.0, 12.0, 2.5)
-    assert any("centred at z = 1 m" in n for n in notes_of("kept as in the original", imported))
+    assert values_of(imported)[Kept.BASE_CENTER] == {"height": 3.0, "top": 2.5}
 
 
 @pytest.mark.parametrize(
-    ("time_step", "words"),
+    ("time_step", "code", "values"),
     [
-        ("0.001", "played 1 step(s) a sample, 1.25 times too fast, accelerations 1.562 times"),
-        ("0.00125", "played 1 step(s) a sample, 1 times too fast"),
-        ("0.002", "not played at all"),
+        (0.001, NotKept.RECORDINGS_RETIMED, {"steps": 1, "speed": 1.25, "acceleration": 1.5625}),
+        (0.00125, NotKept.RECORDINGS_RETIMED, {"steps": 1, "speed": 1.0, "acceleration": 1.0}),
+        (0.0005, NotKept.RECORDINGS_RETIMED, {"steps": 2, "speed": 1.25, "acceleration": 1.5625}),
+        (0.002, NotKept.RECORDINGS_UNPLAYED, {}),
     ],
 )
-def test_the_time_base_of_recordings_is_told(package, time_step, words):
+def test_the_time_base_of_recordings_is_told(package, time_step, code, values):
     mode = "/**:\n  ros__parameters: {motion_mode: all_recordings}\n"
-    engine = ENGINE.replace("0.0005", time_step)
+    engine = ENGINE.replace("0.0005", str(time_step))
     imported = import_ros2(write(package, engine, MESH, mode))
-    assert any(words in note for note in notes_of("not kept", imported))
+    assert values_of(imported)[code] == pytest.approx({"time_step": time_step, **values})
 
 
 def test_recordings_use_the_originals_filter_and_folder(package):
@@ -245,28 +258,29 @@ def test_recordings_use_the_originals_filter_and_folder(package):
 
 
 @pytest.mark.parametrize(
-    ("mode", "kind", "words"),
+    ("mode", "kind", "code"),
     [
-        ("grid_cosine", "grid_cosine", "fixed in its code"),
-        ("single_cosine", "single_cosine", "set motion.amplitude"),
-        ("earthquake_batch", "grid_cosine", "velocity records"),
-        ("single_recording_range", "all_recordings", "the range of tests"),
-        ("nonsense", "grid_cosine", "none of the original's"),
+        ("grid_cosine", "grid_cosine", Kept.COSINE_GRID),
+        ("single_cosine", "single_cosine", Assumed.COSINE_GOAL),
+        ("earthquake_batch", "grid_cosine", NotKept.VELOCITY_RECORDS),
+        ("single_recording_range", "all_recordings", NotKept.NO_TEST_RANGE),
+        ("nonsense", "grid_cosine", Assumed.UNKNOWN_MODE),
     ],
 )
-def test_motion_modes(package, mode, kind, words):
+def test_motion_modes(package, mode, kind, code):
     text = f"control_node:\n  ros__parameters: {{motion_mode: {mode}}}\n"
     imported = import_ros2(write(package, MESH, text))
     assert imported.study.motion.mode == kind
-    assert any(words in note.text for note in imported.notes)
+    assert code in values_of(imported)
 
 
 def test_a_missing_motion_mode_is_assumed_and_told(package):
     imported = import_ros2(write(package, MESH))
     assert imported.study.motion.mode == "grid_cosine"
     assert imported.study.motion.pga.count * imported.study.motion.pgv_pga.count == 9
-    assert any("motion_mode is not given" in note for note in notes_of("assumed", imported))
-    assert any("engineSettings.timeStep" in note for note in notes_of("assumed", imported))
+    values = values_of(imported)
+    assert Assumed.NO_MODE in values
+    assert "engineSettings.timeStep" in values[Assumed.DEFAULTS]["names"]
 
 
 def test_later_files_count(package):
@@ -281,10 +295,10 @@ def test_names_of_nodes(package):
     plain = ENGINE.replace("/**", "simulation_node")
     imported = import_ros2(write(package, named, foreign, plain))
     assert imported.study.contact.rock.restitution == 0.25
-    told = "\n".join(ignored(imported))
-    assert "parameters of node 'camera'" in told
-    assert "everything under simulation_node wherever" in told
-    assert "rate" not in told
+    values = values_of(imported)
+    assert values[Ignored.FOREIGN_NODE] == {"node": "'camera'"}
+    assert values[Ignored.NAMED_NODES] == {"names": ("simulation_node",)}
+    assert Ignored.UNKNOWN not in values
 
 
 def test_the_study_is_complete_and_loads_once_its_files_exist(package):
@@ -303,7 +317,7 @@ def test_placeholders_of_the_workspace_are_understood(package):
 
 def test_a_missing_mesh_is_told_not_refused(package):
     imported = import_ros2(write(package, MESH.replace("boulder", "gone")))
-    assert any("models/gone.urdf is not found" in n for n in notes_of("assumed", imported))
+    assert values_of(imported)[Assumed.PATH_NOT_FOUND]["path"] == "models/gone.urdf"
 
 
 def test_a_mesh_that_is_no_urdf_takes_the_mass_of_the_file(package):
@@ -313,11 +327,25 @@ def test_a_mesh_that_is_no_urdf_takes_the_mass_of_the_file(package):
 
 def test_the_description_has_all_notes_under_their_headings(package):
     imported = import_ros2(write(package, ENGINE, TABLE, MESH))
-    text = describe(imported)
+    text = import_text(imported)
     assert "0.yaml" in text
-    assert "The original ignored in these files:" in text
+    headings = [line for line in text.splitlines() if line.endswith(":")]
+    assert headings[0] == "The original ignored in these files:"
+    assert len(headings) == 4
     for note in imported.notes:
-        assert note.text in text
+        assert f"  - {import_note(note)}\n" in f"{text}\n"
+
+
+def test_every_note_has_a_sentence_with_its_values():
+    assert set(NOTES) == {code for kind in KINDS for code in kind}
+    samples = {str: ("wear", "wear"), int: (77, "77"), float: (0.0123, "0123"),
+               NUMBERS: ((1.5, 2.25), "1.5, 2.25")}  # fmt: skip
+    for code in NOTES:
+        values = {name: samples[kind][0] for name, kind in code.types.items()}
+        text = import_note(Statement.of(code, **values))
+        for kind, (_, said) in samples.items():
+            wanted = sum(one is kind for one in code.types.values())
+            assert text.count(said) == wanted, code
 
 
 @pytest.mark.parametrize(
@@ -385,6 +413,6 @@ def test_any_bytes_give_an_import_or_a_config_error(data):
             imported = import_ros2(path)
         except ConfigError:
             return
-        assert describe(imported).startswith("Read ")
+        assert import_text(imported).startswith("Read ")
         path.write_text(dump_study(imported.study))
         assert load_study(path, check_files=False) == imported.study

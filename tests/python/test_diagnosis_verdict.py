@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from planted import shaken_campaign
+from vsr2.codes import Statement
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.posterior.naming import candidates, decide
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
@@ -35,13 +36,7 @@ from vsr2.diagnosis.verdict.next_measurement import (
     next_measurement,
 )
 from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
-from vsr2.diagnosis.verdict.statements import (
-    GapState,
-    LimitCode,
-    ReasonCode,
-    Statement,
-    VerdictKind,
-)
+from vsr2.diagnosis.verdict.statements import GapState, LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import OUTCOME, Location, LocationKind, Third
 from vsr2.effects import library as full_library
 

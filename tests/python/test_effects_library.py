@@ -150,14 +150,14 @@ def test_right(effect: Effect, checker: EffectChecker) -> None:
 
 def test_closed_forms_of_no_effect_and_effects_without() -> None:
     assert set(FORMS) == NAMES
-    message = r"'perturbed_hull'.*`perturbed_hull\(.*studies/effect_closed_forms\.py"
+    message = r"'perturbed_hull'.*`perturbed_hull\(.*studies/effect_closed_forms"
     with pytest.raises(LookupError, match=message):
         closed_forms(PerturbedHull(), EffectBench())
 
 
 def test_the_report_says_where_the_closed_forms_of_the_library_stand() -> None:
     report = EffectReport(library()["wear"], True, {}, {}, None, FastRefusal.none)
-    assert "hold `wear` in studies/effect_closed_forms.py" in effect_report(report)
+    assert "hold `wear` in studies/effect_closed_forms" in effect_report(report)
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)

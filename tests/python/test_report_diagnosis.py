@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from vsr2.diagnosis import SCHEMA, Diagnosis, schema
-from vsr2.report.diagnosis import diagnosis_page, format_diagnosis
+from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     GREY,
     RED,
@@ -503,3 +503,14 @@ def test_hostile_names_stay_text() -> None:
     page = diagnosis_page(Diagnosis(content, tuple(rows)))
     assert "<script" not in page.lower()
     assert page.count("&lt;script&gt;") > 15
+
+
+def test_a_page_goes_with_the_diagnosis_that_it_shows(tmp_path) -> None:
+    found, page = Diagnosis(CONTENT, ROWS), tmp_path / "index.html"
+    page.write_text("mine")
+    found.save(tmp_path)
+    assert page.read_text() == "mine"
+    assert write_diagnosis_page(found, tmp_path) == page
+    assert page.read_text() == diagnosis_page(found)
+    found.save(tmp_path)
+    assert not page.exists()

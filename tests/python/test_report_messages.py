@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from vsr2.blind.form.events import EventCode
 from vsr2.calibration.calibrate import NoBaselines
+from vsr2.codes import NAMES, NUMBERS, Statement
 from vsr2.diagnosis.verdict.next_measurement import BY_EFFECT, BY_STAGE, Instrument
-from vsr2.diagnosis.verdict.statements import NAMES, LimitCode, ReasonCode, Statement
+from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
 from vsr2.errors import Fault
 from vsr2.report.messages.blind_packs import event_text
+from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import no_baselines
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
+from vsr2.scene import SceneNote
 
-SAMPLES = {float: 0.25, int: 3, str: "wear", Fault: Fault.MOTION, NAMES: ("catch", "wear")}
+SAMPLES = {
+    float: 0.25,
+    int: 3,
+    str: "wear",
+    Fault: Fault.MOTION,
+    NAMES: ("catch", "wear"),
+}
 
 
 @pytest.mark.parametrize("code", [*ReasonCode, *LimitCode])
@@ -183,12 +194,26 @@ def test_each_reason_for_no_baselines_has_a_sentence_of_its_own() -> None:
     assert no_baselines(None) == ""
 
 
+@pytest.mark.parametrize("code", SceneNote)
+def test_a_note_on_a_scene_says_all_its_values(code) -> None:
+    samples = {**SAMPLES, int: 77, float: 0.0123, NUMBERS: (1.5, 2.25)}
+    values = {name: samples[kind] for name, kind in code.types.items()}
+    text = scene_note(Statement.of(code, **values).to_json())
+    for kind, said in ((str, "wear"), (int, "77"), (float, "0123|1.23"), (tuple, "1.5, 2.25")):
+        wanted = sum(one is kind for one in code.types.values())
+        assert len(re.findall(said, text)) == wanted, kind
+
+
 @pytest.mark.parametrize("code", EventCode)
 def test_an_event_is_told_with_all_its_values(code) -> None:
-    values = {name: f"<{name}>" if kind is str else 7 for name, kind in code.types.items()}
+    values = {
+        name: f"<{name}>" if kind is str else ("a", "b") if kind is NAMES else 7
+        for name, kind in code.types.items()
+    }
     text = event_text(Statement.of(code, **values))
     assert all(value in text for value in values.values() if isinstance(value, str))
-    assert text.count("7") == sum(kind is not str for kind in code.types.values())
+    assert text.count("7") == sum(kind in (int, float) for kind in code.types.values())
+    assert text.count("a, b") == sum(kind is NAMES for kind in code.types.values())
 
 
 def test_events_are_worded_briefly() -> None:

@@ -24,6 +24,7 @@ from vsr2.errors import GeometryError
 from vsr2.scene import (
     Box,
     Hull,
+    SceneNote,
     Triangles,
     build_pedestal,
     build_rock,
@@ -183,21 +184,24 @@ def test_mesh_and_urdf_of_the_same_rock_agree() -> None:
 
 
 def test_notes_of_a_doubtful_start() -> None:
-    def notes(z: float, x: float = 0.0, size: float = 1.0) -> tuple[str, ...]:
+    def notes(z: float, x: float = 0.0, size: float = 1.0) -> list[tuple[str, list[float]]]:
         rock = BoxRock(
             shape="box", size=(size,) * 3, mass=1.0,
             start=FixedStart(mode="pose", position=(x, 0.0, z)),
         )  # fmt: skip
-        return build_rock(rock, PRISM, clearance=0.002).notes
+        found = build_rock(rock, PRISM, clearance=0.002).notes
+        return [
+            (note.code, [value for value in note.values.values() if isinstance(value, float)])
+            for note in found
+        ]
 
-    assert notes(3.0) == ()
-    assert notes(3.002) == ()
-    assert "above the pedestal" in notes(3.5)[0]
-    assert "inside the pedestal" in notes(2.95)[0]
+    assert notes(3.0) == notes(3.002) == []
+    assert notes(3.5) == [(SceneNote.ABOVE_PEDESTAL, pytest.approx([0.5]))]
+    assert notes(2.95) == [(SceneNote.INSIDE_PEDESTAL, pytest.approx([0.05]))]
     with pytest.raises(GeometryError, match="inside the pedestal"):
         notes(2.8)
-    assert "not above the pedestal" in notes(3.0, x=5.2)[0]
-    assert "unit is not the metre" in notes(102.5, size=200.0)[0]
+    assert notes(3.0, x=5.2) == [(SceneNote.BESIDE_PEDESTAL, [5.2, 0.0])]
+    assert notes(102.5, size=200.0) == [(SceneNote.UNUSUAL_SIZE, [200.0])]
 
 
 def test_the_scan_stands_with_a_margin() -> None:

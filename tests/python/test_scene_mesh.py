@@ -12,8 +12,9 @@ import trimesh
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from vsr2.codes import Statement
 from vsr2.errors import GeometryError, Vsr2Error
-from vsr2.scene import load_mesh, load_urdf, mesh_files
+from vsr2.scene import LoadedMesh, SceneNote, load_mesh, load_urdf, mesh_files
 
 ROOT = Path(__file__).resolve().parents[2]
 LAB = Path(os.environ.get("VSR2_LAB_DATA", ROOT.parent / "shared" / "lab")) / "models"
@@ -52,6 +53,15 @@ def as_obj(vertices: np.ndarray, faces: np.ndarray) -> str:
     return "\n".join(rows)
 
 
+def values_of(loaded: LoadedMesh) -> dict[str, dict[str, float]]:
+    """Of its notes by code, beside the file."""
+    assert all(note.values["file"] == "rock.obj" for note in loaded.notes)
+    return {
+        note.code: {name: value for name, value in note.values.items() if name != "file"}
+        for note in loaded.notes
+    }
+
+
 def ball() -> tuple[np.ndarray, np.ndarray]:
     sphere = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
     return np.array(sphere.vertices), np.array(sphere.faces)
@@ -82,7 +92,7 @@ def test_objects_and_groups_give_one_hull_each_and_empty_ones_none(tmp_path: Pat
     )
     loaded = load_mesh(path, closed=False)
     assert [len(points) for points in loaded.hull_points] == [6, 3]
-    assert "union of their convex hulls" in loaded.notes[0]
+    assert loaded.notes == (Statement.of(SceneNote.SEVERAL_OBJECTS, file="rock.obj", count=2),)
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r", "  \t\n"])
@@ -179,7 +189,7 @@ def test_inside_out_is_refused_and_repaired(tmp_path: Path) -> None:
         load_mesh(path)
     repaired = load_mesh(path, repair=True)
     assert repaired.mesh.volume > 0
-    assert any("flipped 320 faces" in note for note in repaired.notes)
+    assert values_of(repaired)[SceneNote.FLIPPED_FACES] == {"count": 320}
 
 
 def test_two_bodies_are_refused_but_crumbs_can_be_repaired(tmp_path: Path) -> None:
@@ -194,7 +204,8 @@ def test_two_bodies_are_refused_but_crumbs_can_be_repaired(tmp_path: Path) -> No
     with pytest.raises(GeometryError, match="separate bodies"):
         load_mesh(path)
     repaired = load_mesh(path, repair=True)
-    assert any("dropped 1 loose parts" in note for note in repaired.notes)
+    removed = values_of(repaired)[SceneNote.REMOVED_PARTS]
+    assert removed == {"count": 1, "share": pytest.approx(1e-4, rel=1e-3)}
     # The crumb must be gone from the collision hull too.
     assert max(points[:, 0].max() for points in repaired.hull_points) < 0.6
 
@@ -211,10 +222,10 @@ def test_repair_closes_holes_orients_faces_and_says_so(tmp_path: Path) -> None:
     with pytest.raises(GeometryError, match="in 2 holes"):
         load_mesh(path)
     repaired = load_mesh(path, repair=True)
-    text = " ".join(repaired.notes)
-    assert "filled 2 holes" in text
-    assert "flipped 10 faces" in text
-    assert "volume" in text
+    done = values_of(repaired)
+    assert done[SceneNote.FILLED_HOLES]["holes"] == 2
+    assert done[SceneNote.FLIPPED_FACES] == {"count": 10}
+    assert done[SceneNote.REPAIRED_VOLUME]["after"] == pytest.approx(repaired.mesh.volume)
     assert repaired.mesh.is_watertight
     assert repaired.mesh.is_winding_consistent
     # A cap of the ball is cut off: less than a hundredth of it.
@@ -230,7 +241,7 @@ def test_repair_merges_near_vertices(tmp_path: Path) -> None:
         load_mesh(path)
     repaired = load_mesh(path, repair=True)
     assert len(repaired.mesh.vertices) == len(vertices)
-    assert any("merged 798 vertices" in note for note in repaired.notes)
+    assert values_of(repaired)[SceneNote.MERGED_VERTICES] == {"count": 798, "tolerance": 1e-6}
 
 
 def test_repair_of_a_sound_mesh_changes_nothing(tmp_path: Path) -> None:
@@ -238,7 +249,7 @@ def test_repair_of_a_sound_mesh_changes_nothing(tmp_path: Path) -> None:
     plain, repaired = load_mesh(path), load_mesh(path, repair=True)
     np.testing.assert_array_equal(plain.mesh.vertices, repaired.mesh.vertices)
     np.testing.assert_array_equal(plain.mesh.faces, repaired.mesh.faces)
-    assert repaired.notes == ("rock.obj: repair: nothing to do",)
+    assert values_of(repaired) == {SceneNote.NOTHING_TO_REPAIR: {}}
 
 
 def test_open_surfaces_are_read_where_asked(tmp_path: Path) -> None:

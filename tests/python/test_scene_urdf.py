@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from vsr2.codes import Statement
 from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull, load_urdf
+from vsr2.scene import Box, Hull, SceneNote, load_urdf
 from vsr2.scene.rotation import matrix_from_rpy
 
 INERTIAL = """<inertial><origin xyz="0.1 0.2 0.3" rpy="0 0 0"/><mass value="12"/>
@@ -106,7 +107,8 @@ def test_several_parts_and_the_cylinder(tmp_path: Path) -> None:
     assert isinstance(prism, Hull)
     assert prism.points[:, 2].min() == pytest.approx(1.0)
     np.testing.assert_allclose(np.linalg.norm(prism.points[:, :2], axis=1), 0.5, rtol=1e-12)
-    assert any("64 sides" in note for note in model.notes)
+    (note,) = model.notes
+    assert note == Statement.of(SceneNote.CYLINDER_AS_PRISM, file="rock.urdf", sides=64)
     with pytest.raises(GeometryError, match="may overlap"):
         load_urdf(urdf(tmp_path, INERTIAL + body), inertia="mesh")
 
@@ -114,14 +116,17 @@ def test_several_parts_and_the_cylinder(tmp_path: Path) -> None:
 def test_inertia_that_cannot_be_the_rocks_own_gets_a_note(tmp_path: Path) -> None:
     wrong = INERTIAL.replace('ixx="3"', 'ixx="1.5"').replace('iyy="2"', 'iyy="1.3"')
     wrong = wrong.replace('izz="2.5"', 'izz="0.7"')
-    assert any(
-        "times those of the homogeneous" in n for n in load_urdf(urdf(tmp_path, wrong + BOX)).notes
-    )
+    (note,) = load_urdf(urdf(tmp_path, wrong + BOX)).notes
+    assert note.code is SceneNote.UNUSUAL_INERTIA
+    # 12/12 (2^2 + 3^2) = 13, 12/12 (1^2 + 3^2) = 10, 12/12 (1^2 + 2^2) = 5, in rising order.
+    assert note.values["solid"] == pytest.approx((5.0, 10.0, 13.0))
+    assert note.values["ratios"] == pytest.approx((0.14, 0.13, 1.5 / 13.0))
     right = INERTIAL.replace('ixx="3"', 'ixx="13"').replace('iyy="2"', 'iyy="10"')
     right = right.replace('izz="2.5"', 'izz="5"')
     assert load_urdf(urdf(tmp_path, right + BOX)).notes == ()
     far = right.replace('xyz="0.1 0.2 0.3"', 'xyz="0 0 5"')
-    assert any("mass centre lies" in n for n in load_urdf(urdf(tmp_path, far + BOX)).notes)
+    (note,) = load_urdf(urdf(tmp_path, far + BOX)).notes
+    assert note == Statement.of(SceneNote.DISTANT_MASS_CENTER, file="rock.urdf", distance=5.0)
 
 
 BROKEN = {

@@ -23,6 +23,8 @@ from vsr2.simulation import Simulation, native_scene
 
 pybullet = pytest.importorskip("pybullet", reason="the test extra installs PyBullet")
 
+from pybullet_rock import PyBulletWorld  # noqa: E402
+
 ROOT = Path(__file__).resolve().parents[2]
 MESH = ROOT / "models" / "pbr_scan.obj"
 MOTION = ROOT / "configs" / "motions" / "synthetic_12.csv"
@@ -30,86 +32,8 @@ HOLD = 300
 """Steps at rest before the motion."""
 
 
-class Reference:
-    """The original's scene in PyBullet."""
-
-    def __init__(self, scene: Scene, *, mesh: Path | None) -> None:
-        self.client = pybullet.connect(pybullet.DIRECT)
-        c = {"physicsClientId": self.client}
-        engine, rock, contact = scene.engine, scene.rock, scene.contact
-        pybullet.setGravity(0, 0, -engine.gravity, **c)
-        pybullet.setTimeStep(engine.time_step, **c)
-        pybullet.setPhysicsEngineParameter(
-            numSolverIterations=engine.solver_iterations,
-            enableConeFriction=1,
-            deterministicOverlappingPairs=1,
-            useSplitImpulse=1,
-            splitImpulsePenetrationThreshold=-0.04,
-            solverResidualThreshold=0,
-            **c,
-        )
-        import pybullet_data
-
-        pybullet.setAdditionalSearchPath(pybullet_data.getDataPath(), **c)
-        pybullet.loadURDF("plane.urdf", **c)
-        base = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[25, 7, 1], **c)
-        link = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[5, 5, 0.25], **c)
-        self.robot = pybullet.createMultiBody(
-            baseMass=0,
-            baseCollisionShapeIndex=base,
-            basePosition=[0, 0, 1],
-            linkMasses=[scene.pedestal.mass],
-            linkCollisionShapeIndices=[link],
-            linkVisualShapeIndices=[-1],
-            linkPositions=[[0, 0, 1.25]],
-            linkOrientations=[[0, 0, 0, 1]],
-            linkInertialFramePositions=[[0, 0, 0]],
-            linkInertialFrameOrientations=[[0, 0, 0, 1]],
-            linkParentIndices=[0],
-            linkJointTypes=[pybullet.JOINT_PRISMATIC],
-            linkJointAxis=[[1, 0, 0]],
-            **c,
-        )
-        for index in (-1, 0):
-            pybullet.setCollisionFilterGroupMask(self.robot, index, 1, 1, **c)
-        if mesh is None:
-            half = [0.5 * size for size in rock.parts[0].size]
-            shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, **c)
-        else:
-            shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(mesh), **c)
-        frame = scene.body_frame
-        self.rock = pybullet.createMultiBody(
-            baseMass=rock.mass.mass,
-            baseCollisionShapeIndex=shape,
-            baseInertialFramePosition=frame.position,
-            baseInertialFrameOrientation=frame.orientation,
-            **c,
-        )
-        if not rock.inertia_from_aabb:
-            pybullet.changeDynamics(
-                self.rock, -1, localInertiaDiagonal=rock.mass.principal_inertia.tolist(), **c
-            )
-        for body, index, material in (
-            (self.robot, 0, contact.pedestal),
-            (self.rock, -1, contact.rock),
-        ):
-            pybullet.changeDynamics(
-                body,
-                index,
-                restitution=material.restitution,
-                lateralFriction=material.lateral_friction,
-                spinningFriction=material.spinning_friction,
-                contactStiffness=material.stiffness,
-                contactDamping=material.damping,
-                **c,
-            )
-        if scene.engine.linear_damping == 0:  # else PyBullet's own, which nobody sets
-            for body in (self.robot, self.rock):
-                pybullet.changeDynamics(body, -1, linearDamping=0, angularDamping=0, **c)
-        start = scene.body_pose(rock.start)
-        pybullet.resetBasePositionAndOrientation(self.rock, start.position, start.orientation, **c)
-        pybullet.resetBaseVelocity(self.rock, [0, 0, 0], [0, 0, 0], **c)
-        self.c = c
+class Reference(PyBulletWorld):
+    """The original's scene in PyBullet, driven as `Simulation` is."""
 
     def step(self, position: float, velocity: float) -> np.ndarray:
         pybullet.setJointMotorControl2(
@@ -120,18 +44,15 @@ class Reference:
             targetVelocity=velocity,
             force=5e8,
             maxVelocity=200,
-            **self.c,
+            **self.client,
         )
-        pybullet.stepSimulation(**self.c)
-        p, q = pybullet.getBasePositionAndOrientation(self.rock, **self.c)
-        x, v = pybullet.getJointState(self.robot, 0, **self.c)[:2]
+        pybullet.stepSimulation(**self.client)
+        p, q = pybullet.getBasePositionAndOrientation(self.body, **self.client)
+        x, v = pybullet.getJointState(self.robot, 0, **self.client)[:2]
         return np.array([*p, *q, x, v])
 
     def inertia(self) -> np.ndarray:
-        return np.array(pybullet.getDynamicsInfo(self.rock, -1, **self.c)[2])
-
-    def close(self) -> None:
-        pybullet.disconnect(self.client)
+        return np.array(pybullet.getDynamicsInfo(self.body, -1, **self.client)[2])
 
 
 def scene_of(body: str, inertia: str, preset: str = "original") -> Scene:
@@ -179,8 +100,7 @@ def test_same_bits_as_pybullet_on_every_step(
     motion = motion_of(kind)
     drive = "motor_position_velocity" if kind == "cosine" else "motor_position"
     simulation = Simulation(scene, drive=drive)
-    reference = Reference(scene, mesh=MESH if body == "mesh" else None)
-    try:
+    with Reference(scene, MESH if body == "mesh" else None) as reference:
         np.testing.assert_array_equal(reference.inertia(), native_scene(scene).rock_inertia)
         steps = HOLD + min(motion.displacement.size + 1000, 9000)
         tilted = 0.0
@@ -201,5 +121,3 @@ def test_same_bits_as_pybullet_on_every_step(
             assert got.tobytes() == expected.tobytes(), f"step {k}: {got - expected}"
             tilted = max(tilted, float(np.abs(state.angular_velocity).max()))
         assert tilted > 0.1, "the rock never moved: the comparison proves nothing"
-    finally:
-        reference.close()

@@ -63,7 +63,7 @@ def test_contacts_stand_until_the_next_are_logged() -> None:
     rows = np.zeros((4, len(CONTACT_COLUMNS)))
     rows[:, 0] = [0.0, 0.0, 0.1, 0.3]
     rows[:, 1] = [1.0, 2.0, 3.0, 4.0]
-    replay = replay_of(make_log(np.linspace(0.0, 0.4, 41), contacts=rows))
+    replay = replay_of(replace(make_log(np.linspace(0.0, 0.4, 41)), contacts=rows))
 
     def x_at(time: float) -> list[float]:
         return replay.contacts(time)[:, 0].tolist()

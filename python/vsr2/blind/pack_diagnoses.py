@@ -28,6 +28,7 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.diagnosis import (
     Budget,
@@ -44,7 +45,6 @@ from vsr2.diagnosis.observed.observations import (
     series_sampling,
 )
 from vsr2.diagnosis.simulated.nuisances import with_stated
-from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.effects import library
 from vsr2.errors import BlindError, Vsr2Error
 
@@ -192,14 +192,18 @@ def diagnose_pack(
                 execution=replace(execution, cache=sampled),
             )  # fmt: skip
 
-        error = (verdict := _save(diagnosed, out / name / tier)).failed
-        failed += [f"{name} {tier}"] if error else []
-        of = {"campaign": name, "tier": tier}
-        if error:
-            say(Statement.of(EventCode.FAILED, **of, error=error))
-        else:
-            say(Statement.of(EventCode.DIAGNOSED, **of, verdict=str(verdict.kind)))
+        verdict = _save(diagnosed, out / name / tier)
+        failed += [f"{name} {tier}"] if verdict.failed else []
+        say(_event(name, tier, verdict))
     return Progress(len(asked) - len(failed), tuple(failed))
+
+
+def _event(campaign: str, tier: Tier, verdict: Verdict) -> Statement:
+    """How a diagnosis ended."""
+    of = {"campaign": campaign, "tier": tier}
+    if verdict.failed:
+        return Statement.of(EventCode.FAILED, **of, error=verdict.failed)
+    return Statement.of(EventCode.DIAGNOSED, **of, verdict=str(verdict.kind))
 
 
 def _effort(budget: Budget) -> dict[str, float]:

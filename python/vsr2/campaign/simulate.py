@@ -109,10 +109,8 @@ def simulate_campaign(
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
     noise = _noise(noise)
     asked, wanted = _asked(study, dict(effects or {}), series_every)
-    names = [trial.motion.name for trial in asked] if motion_ids is None else motion_ids
+    names = _motion_ids(motion_ids, asked)
     held = _sessions(sessions, len(asked))
-    if len(names) != len(asked):
-        raise CampaignError(f"motion_ids has {len(names)} entries for {len(asked)} trials")
     trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
     rows, written = _unjudged(asked, names, held, noise, seed)
@@ -139,6 +137,14 @@ def simulate_campaign(
         noise=noise,
         provenance=json.loads(json.dumps(provenance, default=str)),
     )
+
+
+def _motion_ids(given: Sequence[str] | None, asked: Sequence[Trial]) -> Sequence[str]:
+    """One a trial; none given: the names of their motions."""
+    names = [trial.motion.name for trial in asked] if given is None else given
+    if len(names) != len(asked):
+        raise CampaignError(f"motion_ids has {len(names)} entries for {len(asked)} trials")
+    return names
 
 
 def _asked(

@@ -179,7 +179,7 @@ def diagnose(
     """
     from vsr2.blind import diagnose_pack
     from vsr2.report.messages.blind_packs import diagnosed_pack
-    from vsr2.report.progress_lines import ProgressLines
+    from vsr2.report.messages.progress_lines import ProgressLines
 
     progress = diagnose_pack(
         data,

@@ -35,12 +35,13 @@ def inertia(
         scale: factor on the mesh's lengths
         repair: close a mesh that is open
     """
-    from vsr2.report.messages.data import inertia_text
+    from vsr2.report.messages.data import inertia_text, scene_note
     from vsr2.scene import inertia_summary
 
     summary = inertia_summary(mesh, scale=scale, density=density, mass=mass, repair=repair)
     if json:
-        print_json(summary)
+        notes = [{**note, "text": scene_note(note)} for note in summary["notes"]]
+        print_json({**summary, "notes": notes})
     else:
         print(inertia_text(summary))
     return 0

@@ -39,8 +39,9 @@ def import_ros2(
     """
     import sys
 
-    from vsr2.config import describe, dump_study
+    from vsr2.config import dump_study
     from vsr2.config import import_ros2 as read
+    from vsr2.report.messages.ros2_import import import_text
 
     imported = read(files)
     text = dump_study(imported.study)
@@ -49,7 +50,7 @@ def import_ros2(
     else:
         out.write_text(text, encoding="utf-8")
         print(f"wrote {out}")
-    print(describe(imported), file=sys.stderr)
+    print(import_text(imported), file=sys.stderr)
     return 0
 
 

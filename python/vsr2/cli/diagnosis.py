@@ -85,7 +85,7 @@ def diagnose(
     from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache
     from vsr2.diagnosis import diagnose as find
     from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
-    from vsr2.report.progress_lines import ProgressLines
+    from vsr2.report.messages.progress_lines import ProgressLines
 
     with opt.cluster(effort.client) as client:
         found = find(

@@ -149,6 +149,7 @@ def convert(
     """
     from vsr2.errors import MotionError
     from vsr2.motion import STANDARD_GRAVITY, build_recorded_motion, write_record
+    from vsr2.report.messages.data import motion_peaks
 
     if scale_to_pga is not None and not (math.isfinite(scale_to_pga) and scale_to_pga > 0):
         raise MotionError(f"--scale-to-pga {scale_to_pga:g}: give a PGA above 0, in g")
@@ -166,7 +167,7 @@ def convert(
     if scale_to_pga is not None:
         motion = motion.scaled_to_pga(scale_to_pga * STANDARD_GRAVITY, name=motion.name)
     write_record(motion, target, note=motion.source)
-    print(f"{target}: PGA {motion.pga / STANDARD_GRAVITY:.4g} g, PGV {motion.pgv:.4g} m/s")
+    print(motion_peaks(motion, target))
     return 0
 
 
@@ -194,14 +195,11 @@ def generate(
         time_step: [s]
     """
     from vsr2.motion import intensity_measures, synthetic_motion, write_record
+    from vsr2.report.messages.data import motion_measures
 
     motion = synthetic_motion(pga, pgv_pga, duration, seed, time_step)
     write_record(motion, target, note=motion.source)
-    measures = intensity_measures(motion)
-    print(
-        f"{target}: PGA {measures.pga_g:.4g} g, PGV/PGA {measures.pgv_pga:.4g} s, "
-        f"significant duration {measures.duration_5_95:.4g} s"
-    )
+    print(motion_measures(intensity_measures(motion), target))
     return 0
 
 

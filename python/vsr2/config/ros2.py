@@ -18,12 +18,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from vsr2.codes import Code, Statement
 from vsr2.config.load import build_study
 from vsr2.config.problems import shown
 from vsr2.config.ros2_notes import (
-    HEADINGS,
-    NoteKind,
-    Ros2Note,
+    KINDS,
+    Assumed,
+    Ignored,
+    Kept,
+    NotKept,
     difference_notes,
     ignored_notes,
 )
@@ -76,12 +79,13 @@ class Ros2Import:
 
     Attributes:
         study: reproduces the original's physics where VSR2 can; the files it names may be missing.
-        notes: what the original ignored, what is kept, what is not, what was assumed, by kind.
+        notes: what the original ignored, what is kept, what is not, what was assumed, by kind:
+            codes of `vsr2.config.ros2_notes`, which `vsr2.report.messages.ros2_import` words.
         files: the files read, in order.
     """
 
     study: Study
-    notes: tuple[Ros2Note, ...]
+    notes: tuple[Statement, ...]
     files: tuple[Path, ...]
 
 
@@ -112,16 +116,6 @@ def import_ros2(
     return _Importer(parameters, tuple(Path(path) for path in paths), rock).result()
 
 
-def describe(imported: Ros2Import) -> str:
-    """What an import found, for people: the files, then the notes by kind."""
-    lines = ["Read " + ", ".join(str(path) for path in imported.files)]
-    for kind, heading in HEADINGS.items():
-        of_kind = [note.text for note in imported.notes if note.kind == kind]
-        if of_kind:
-            lines += ["", f"{heading}:", *(f"  - {note}" for note in of_kind)]
-    return "\n".join(lines)
-
-
 class _Importer:
     """Builds the study section by section, and collects the notes."""
 
@@ -134,7 +128,7 @@ class _Importer:
         self._parameters = parameters
         self._files = files
         self._label = ", ".join(map(str, files))
-        self._notes: list[Ros2Note] = []
+        self._notes: list[Statement] = []
         self._data: dict[str, Any] = {
             "name": "imported",
             "preset": "original",
@@ -163,12 +157,11 @@ class _Importer:
             place=lambda path: nearest_above(self._standing, path) or self._label,
             check_files=False,
         )
-        order = list(HEADINGS)
-        notes = sorted(self._notes, key=lambda note: order.index(note.kind))
+        notes = sorted(self._notes, key=lambda note: KINDS.index(type(note.code)))
         return Ros2Import(study, tuple(notes), self._files)
 
-    def _note(self, kind: NoteKind, text: str) -> None:
-        self._notes.append(Ros2Note(kind, text))
+    def _note(self, code: Code, **values: Any) -> None:
+        self._notes.append(Statement.of(code, **values))
 
     def _set(self, name: str, key: str, read: Callable[[Parameters, str], Any]) -> None:
         """Set the study's `key` from the parameter `name`, where the files give it."""
@@ -203,17 +196,9 @@ class _Importer:
             # The original centres the block at z = 1 whatever its height, and stacks on its top.
             height = size[2]
             size[2] = 1.0 + height / 2
-            self._note(
-                "kept as in the original",
-                f"the base is centred at z = 1 m whatever its height ({height:g} m), so its top is "
-                f"at {size[2]:g} m; VSR2's base stands on z = 0 and ends there, too",
-            )
+            self._note(Kept.BASE_CENTER, height=height, top=size[2])
         if p.has("structure.world_box.mass") and p.number("structure.world_box.mass") != 0:
-            self._note(
-                "not kept",
-                "a base with mass (structure.world_box.mass) is not fixed in the original; VSR2's "
-                "always is",
-            )
+            self._note(NotKept.HEAVY_BASE)
 
     def _mesh_rock(self) -> None:
         p = self._parameters
@@ -228,28 +213,13 @@ class _Importer:
         rock |= {"shape": "urdf" if urdf else "mesh", "inertia": "aabb"}
         if not urdf:
             self._set(mass, "rock.mass", Parameters.number)
-            self._note(
-                "assumed",
-                f"{file} names no URDF, which is all that the original loads; read as a mesh of "
-                f"{mass}",
-            )
+            self._note(Assumed.MESH_FILE, file=file, mass=mass)
         elif p.has(mass):
             p.used.add(mass)
-            self._note(
-                "ignored by the original",
-                f"{mass}: read, but never handed to PyBullet; the URDF's mass counts",
-            )
-        self._note(
-            "kept as in the original",
-            "the rock's inertia is that of its bounding box, for the original loads URDFs without "
-            "their inertia (`rock.inertia: aabb`; `mesh` is the right one)",
-        )
+            self._note(Ignored.URDF_MASS, name=mass)
+        self._note(Kept.BOUNDING_BOX_INERTIA)
         if urdf:
-            self._note(
-                "not kept",
-                "rock_position and rock_orientation place the URDF's inertial frame in the "
-                "original, its link frame here: the same where its <inertial> has no <origin>",
-            )
+            self._note(NotKept.URDF_FRAME)
 
     def _box_rock(self) -> None:
         p = self._parameters
@@ -260,11 +230,7 @@ class _Importer:
             )
         self._data["rock"] = {"shape": "box"}
         self._set_all(_BOX)
-        self._note(
-            "kept as in the original",
-            "the box rock is loaded by the action load_pbr_action, which leaves the pedestal its "
-            "own contact values; no motion mode of the original uses it",
-        )
+        self._note(Kept.BOX_CONTACT)
         inertia = "rock_structure_box.localInertiaDiagonal"
         if p.has(inertia):
             stated = p.vector(inertia)
@@ -273,9 +239,7 @@ class _Importer:
             solid = [mass / 12 * (sum(square) - square[axis]) for axis in range(3)]
             if any(abs(a - b) > 0.01 * abs(b) for a, b in zip(stated, solid, strict=True)):
                 self._note(
-                    "not kept",
-                    f"{inertia} ({_list(stated)} kg m^2): VSR2's box is homogeneous "
-                    f"({_list(solid)} kg m^2)",
+                    NotKept.BOX_INERTIA, name=inertia, stated=tuple(stated), solid=tuple(solid)
                 )
         self._start("rock_structure_box", turned=False)
 
@@ -287,11 +251,9 @@ class _Importer:
             key = "base_orientation" if lowered else "orientation"
             self._set(f"{group}.rock_orientation", f"rock.start.{key}", Parameters.quaternion)
         elif turned:
-            self._note("assumed", f"no {group}.rock_orientation: the model stands unturned")
+            self._note(Assumed.UNTURNED, name=f"{group}.rock_orientation")
         if lowered:
-            self._note(
-                "assumed", f"no {group}.rock_position: the rock is lowered onto the pedestal"
-            )
+            self._note(Assumed.LOWERED, name=f"{group}.rock_position")
         else:
             self._set(f"{group}.rock_position", "rock.start.position", Parameters.vector)
 
@@ -309,12 +271,8 @@ class _Importer:
         p.used.update(pedestal)
         overwritten = [original for original in _MATERIAL if p.has(f"dynamics.pedestal.{original}")]
         if overwritten:
-            self._note(
-                "ignored by the original",
-                f"dynamics.pedestal.* ({', '.join(overwritten)}): overwritten by the rock's when "
-                "the rock is spawned",
-            )
-        self._note("kept as in the original", "rock and pedestal have the rock's contact values")
+            self._note(Ignored.OVERWRITTEN_CONTACT, names=tuple(overwritten))
+        self._note(Kept.ROCK_CONTACT)
 
     def _motion(self) -> dict[str, Any]:
         p = self._parameters
@@ -322,29 +280,15 @@ class _Importer:
         if mode in ("single_recording", "all_recordings", "single_recording_range"):
             return self._recordings(mode)
         if mode == "single_cosine":
-            self._note(
-                "assumed",
-                "the original takes amplitude and frequency of a single cosine from an action's "
-                "goal, not from a file: set motion.amplitude and motion.frequency instead of these "
-                "values",
-            )
+            self._note(Assumed.COSINE_GOAL)
             return {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.3}
         if mode == "earthquake_batch":
-            self._note(
-                "not kept",
-                "motion_mode earthquake_batch drives velocity records from a pickle, at whole "
-                "steps a sample; the original's grid of cosines stands in: set motion",
-            )
+            self._note(NotKept.VELOCITY_RECORDS)
+        elif not mode:
+            self._note(Assumed.NO_MODE)
         elif mode != "grid_cosine":
-            what = "motion_mode is not given (the original takes it at launch)"
-            if mode:
-                what = f"motion_mode {shown(mode)} is none of the original's"
-            self._note("assumed", f"{what}: its grid_cosine stands in; set motion")
-        self._note(
-            "kept as in the original",
-            "the grid of cosines is fixed in its code: PGA 0.1, 0.3, 0.5 g by PGV/PGA 0.1, 0.3, "
-            "0.5 s, with g = 9.807 m/s^2",
-        )
+            self._note(Assumed.UNKNOWN_MODE, mode=shown(mode))
+        self._note(Kept.COSINE_GRID)
         grid = {"min": 0.1, "max": 0.5, "step": 0.2}
         return {"mode": "grid_cosine", "pga": grid, "pgv_pga": dict(grid)}
 
@@ -354,11 +298,8 @@ class _Importer:
             folder = self._file("file_paths.folder_path")
         else:
             folder = Path("recordings")
-            self._note("assumed", "no file_paths.folder_path: set the folder of the recordings")
-        self._note(
-            "kept as in the original",
-            "recordings drive by displacement after a band-pass of order 3, 0.1-25 Hz",
-        )
+            self._note(Assumed.NO_FOLDER)
+        self._note(Kept.BAND_PASS)
         recorded = {
             "channel": "displacement",
             "filter": {"low": 0.1, "high": 25.0, "order": 3},
@@ -368,15 +309,13 @@ class _Importer:
             if p.has("test_no"):
                 number = p.integer("test_no")
             else:
-                self._note("assumed", "no test_no: set motion.file")
+                self._note(Assumed.NO_TEST_NUMBER)
             return {"mode": mode, "file": folder / f"Test{number:03d}.txt", **recorded}
         if mode == "single_recording_range":
-            chosen = p.text("test_number_range") if p.has("test_number_range") else "none given"
-            self._note(
-                "not kept",
-                f"the range of tests ({shown(chosen)}): all recordings are taken; narrow "
-                "motion.pattern",
-            )
+            if p.has("test_number_range"):
+                self._note(NotKept.TEST_RANGE, chosen=shown(p.text("test_number_range")))
+            else:
+                self._note(NotKept.NO_TEST_RANGE)
         return {"mode": "all_recordings", "folder": folder, "pattern": "Test*.txt", **recorded}
 
     def _file(self, name: str) -> Path:
@@ -388,9 +327,5 @@ class _Importer:
         for candidate in (folder / text, folder / tail, folder.parent / tail):
             if os.path.exists(candidate):
                 return candidate
-        self._note("assumed", f"{name}: {text} is not found from {given.file}; correct the path")
+        self._note(Assumed.PATH_NOT_FOUND, name=name, path=text, file=str(given.file))
         return Path(text)
-
-
-def _list(values: list[float]) -> str:
-    return ", ".join(f"{value:.6g}" for value in values)

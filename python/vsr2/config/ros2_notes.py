@@ -1,159 +1,165 @@
-"""What an import of the original's parameter files has to say of them."""
+"""What an import of the original's parameter files has to say of them, as codes with values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Literal
 
+from vsr2.codes import NAMES, NUMBERS, Code, Statement
 from vsr2.config.problems import shown
 from vsr2.config.ros2_parameters import Parameters
 
-NoteKind = Literal["ignored by the original", "kept as in the original", "not kept", "assumed"]
+
+class Ignored(Code):
+    """What the original ignored in the files; `names` are of parameters."""
+
+    SPLIT_IMPULSE = "split_impulse", {"names": NAMES}
+    SUBSTEPS = "substeps", {"names": NAMES}
+    OTHER_NAME = "other_name", {"names": NAMES}
+    NEVER_READ = "never_read", {"names": NAMES}
+    ROLLING_FRICTION = "rolling_friction", {"names": NAMES}
+    NOT_HANDED_OVER = "not_handed_over", {"names": NAMES}
+    PEDESTAL_INERTIA = "pedestal_inertia", {"names": NAMES}
+    PEDESTAL_MESH = "pedestal_mesh", {"names": NAMES}
+    MESH_SCALE = "mesh_scale", {"names": NAMES}
+    BOX_ORIENTATION = "box_orientation", {"names": NAMES}
+    OLDER_NAME = "older_name", {"names": NAMES}
+    NO_PHYSICS = "no_physics", {"names": NAMES}
+    OTHER_FILES = "other_files", {"names": NAMES}
+    BOX_NOT_LOADED = "box_not_loaded", {"names": NAMES}
+    MESH_NOT_LOADED = "mesh_not_loaded", {"names": NAMES}
+    UNKNOWN = "unknown", {"names": NAMES}
+    FOREIGN_NODE = "foreign_node", {"node": str}
+    NAMED_NODES = "named_nodes", {"names": NAMES}
+    URDF_MASS = "urdf_mass", {"name": str}
+    OVERWRITTEN_CONTACT = "overwritten_contact", {"names": NAMES}
 
 
-@dataclass(frozen=True)
-class Ros2Note:
-    """What an import has to say of one thing."""
+class Kept(Code):
+    """What is kept as in the original; lengths in [m]."""
 
-    kind: NoteKind
-    text: str
+    BASE_CENTER = "base_center", {"height": float, "top": float}
+    BOUNDING_BOX_INERTIA = "bounding_box_inertia"
+    BOX_CONTACT = "box_contact"
+    ROCK_CONTACT = "rock_contact"
+    COSINE_GRID = "cosine_grid"
+    BAND_PASS = "band_pass"
+    MOTOR = "motor"
 
 
-HEADINGS: dict[NoteKind, str] = {
-    "ignored by the original": "The original ignored in these files",
-    "kept as in the original": "Kept as in the original",
-    "not kept": "Not kept, VSR2 does otherwise",
-    "assumed": "Assumed, for these files do not say",
-}
+class NotKept(Code):
+    """What VSR2 does otherwise; times in [s], moments in [kg m^2]."""
+
+    HEAVY_BASE = "heavy_base"
+    URDF_FRAME = "urdf_frame"
+    BOX_INERTIA = "box_inertia", {"name": str, "stated": NUMBERS, "solid": NUMBERS}
+    VELOCITY_RECORDS = "velocity_records"
+    TEST_RANGE = "test_range", {"chosen": str}
+    NO_TEST_RANGE = "no_test_range"
+    WHOLE_NUMBERS = "whole_numbers", {"names": NAMES}
+    RECORDINGS_RETIMED = (
+        "recordings_retimed",
+        {"time_step": float, "steps": int, "speed": float, "acceleration": float},
+    )
+    RECORDINGS_UNPLAYED = "recordings_unplayed", {"time_step": float}
+    WALL_TIME = "wall_time", {"name": str, "value": str}
+    OUTCOME_RULE = "outcome_rule"
+    RESET = "reset"
+
+
+class Assumed(Code):
+    """What the files do not say."""
+
+    MESH_FILE = "mesh_file", {"file": str, "mass": str}
+    UNTURNED = "unturned", {"name": str}
+    LOWERED = "lowered", {"name": str}
+    COSINE_GOAL = "cosine_goal"
+    NO_MODE = "no_mode"
+    UNKNOWN_MODE = "unknown_mode", {"mode": str}
+    NO_FOLDER = "no_folder"
+    NO_TEST_NUMBER = "no_test_number"
+    PATH_NOT_FOUND = "path_not_found", {"name": str, "path": str, "file": str}
+    DEFAULTS = "defaults", {"names": NAMES}
+
+
+KINDS: tuple[type[Code], ...] = (Ignored, Kept, NotKept, Assumed)
+"""Kinds of notes, in the order of an import's."""
 
 _RECORD_INTERVAL = 0.00125
 """Sampling interval of the original's recordings [s]."""
 
-_NEVER_READ = "no node declares or reads it"
-_SPLIT = "handed to PyBullet, but Bullet solves multibody contacts without split impulse"
-_NO_PHYSICS = "paces, shows or names the run only; it has no counterpart here"
 _IGNORED = [
-    ("engineSettings.useSplitImpulse", _SPLIT),
-    ("engineSettings.splitImpulsePenetrationThreshold", _SPLIT),
-    ("engineSettings.numSubSteps", f"{_NEVER_READ}; PyBullet keeps one step per timeStep"),
-    ("engineSettings.pedestal_reset_time", "the control node reads it under another name"),
-    ("engineSettings.reset_time", _NEVER_READ),
-    ("engineSettings.wait_time", _NEVER_READ),
-    ("engineSettings.model_wait_time", _NEVER_READ),
-    ("*.rollingFriction", "never handed to PyBullet, where it stays 0"),
-    ("dynamics.world_box.*", "read, but never handed to PyBullet"),
-    ("structure.world_box.inertia", "read, but never handed to PyBullet"),
-    (
-        "structure.pedestal.inertia",
-        "read, but never handed to PyBullet, which takes the inertia of the box",
-    ),
-    (
-        "structure.pedestal.mesh*",
-        "the branch for a mesh pedestal cannot be reached: the pedestal is the box of "
-        "structure.pedestal.dimensions (VSR2 can: `pedestal: {shape: mesh, file: ...}`)",
-    ),
-    (
-        "rock_structure_mesh.meshScale",
-        "read, but never handed to PyBullet (VSR2 can: `rock.scale`)",
-    ),
-    (
-        "rock_structure_box.rock_orientation",
-        "no node declares it; the box always stands unturned",
-    ),
-    ("rock_structure.*", "an older name, which no node declares"),
-    ("simSettings.*", _NO_PHYSICS),
-    ("realtime_flag", _NO_PHYSICS),
-    ("enable_plotting", _NO_PHYSICS),
-    ("recording_folder_name", _NO_PHYSICS),
-    ("file_paths.*", "names tables and caches of the original, which VSR2 does not read"),
+    ("engineSettings.useSplitImpulse", Ignored.SPLIT_IMPULSE),
+    ("engineSettings.splitImpulsePenetrationThreshold", Ignored.SPLIT_IMPULSE),
+    ("engineSettings.numSubSteps", Ignored.SUBSTEPS),
+    ("engineSettings.pedestal_reset_time", Ignored.OTHER_NAME),
+    ("engineSettings.reset_time", Ignored.NEVER_READ),
+    ("engineSettings.wait_time", Ignored.NEVER_READ),
+    ("engineSettings.model_wait_time", Ignored.NEVER_READ),
+    ("*.rollingFriction", Ignored.ROLLING_FRICTION),
+    ("dynamics.world_box.*", Ignored.NOT_HANDED_OVER),
+    ("structure.world_box.inertia", Ignored.NOT_HANDED_OVER),
+    ("structure.pedestal.inertia", Ignored.PEDESTAL_INERTIA),
+    ("structure.pedestal.mesh*", Ignored.PEDESTAL_MESH),
+    ("rock_structure_mesh.meshScale", Ignored.MESH_SCALE),
+    ("rock_structure_box.rock_orientation", Ignored.BOX_ORIENTATION),
+    ("rock_structure.*", Ignored.OLDER_NAME),
+    ("simSettings.*", Ignored.NO_PHYSICS),
+    ("realtime_flag", Ignored.NO_PHYSICS),
+    ("enable_plotting", Ignored.NO_PHYSICS),
+    ("recording_folder_name", Ignored.NO_PHYSICS),
+    ("file_paths.*", Ignored.OTHER_FILES),
 ]
+"""Patterns of parameters that the original ignores; the first that fits counts."""
 
 
-def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[Ros2Note]:
+def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[Statement]:
     """What the original ignored, what was read otherwise, and what was not given."""
-    why: dict[str, list[str]] = {}
+    why: dict[Ignored, list[str]] = {}
     for name in p.given:
         if name in p.used:
             continue
         if rock == "mesh" and name.startswith("rock_structure_box."):
-            reason = "no motion mode loads the box rock; the mesh is spawned"
+            reason = Ignored.BOX_NOT_LOADED
         elif rock == "box" and name.startswith("rock_structure_mesh."):
-            reason = "not used by the box rock, which was asked for or found alone"
+            reason = Ignored.MESH_NOT_LOADED
         elif name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
             continue
         else:
             reason = next(
-                (text for pattern, text in _IGNORED if fnmatchcase(name, pattern)),
-                "unknown to the original",
+                (code for pattern, code in _IGNORED if fnmatchcase(name, pattern)),
+                Ignored.UNKNOWN,
             )
         why.setdefault(reason, []).append(name)
     for reason, names in why.items():
-        yield Ros2Note("ignored by the original", f"{', '.join(names)}: {reason}")
+        yield Statement.of(reason, names=tuple(names))
     for node in p.foreign:
-        yield Ros2Note(
-            "ignored by the original",
-            f"parameters of node {shown(node)}, which is neither simulation_node nor control_node",
-        )
+        yield Statement.of(Ignored.FOREIGN_NODE, node=shown(node))
     named = sorted({node for node in p.nodes if not node.endswith("*") and "/" not in node})
     if named:
-        yield Ros2Note(
-            "ignored by the original",
-            f"everything under {', '.join(named)} wherever a launch file runs the node in a "
-            "namespace (sim_1, ...): such names fit only a node without one; `/**` fits both",
-        )
+        yield Statement.of(Ignored.NAMED_NODES, names=tuple(named))
     if p.integers:
-        yield Ros2Note(
-            "not kept",
-            f"{', '.join(p.integers)}: a whole number, where ROS 2 stops the original for its "
-            "declaration wants a decimal one (5.0 for 5); read as such",
-        )
+        yield Statement.of(NotKept.WHOLE_NUMBERS, names=tuple(p.integers))
     if missing:
-        yield Ros2Note(
-            "assumed",
-            f"not given, so the defaults of `preset: original` serve: {', '.join(missing)}",
-        )
+        yield Statement.of(Assumed.DEFAULTS, names=tuple(missing))
 
 
-def difference_notes(p: Parameters, time_step: float, mode: str) -> Iterator[Ros2Note]:
+def difference_notes(p: Parameters, time_step: float, mode: str) -> Iterator[Statement]:
     """What a run differs in, whatever the files say."""
-    yield Ros2Note(
-        "kept as in the original",
-        "the pedestal is driven by the joint motor (`motion.drive: motor`), which lags by "
-        "about nine time steps and attenuates on recordings; `prescribed` has no error",
-    )
+    yield Statement.of(Kept.MOTOR)
     if mode in ("single_recording", "all_recordings") and time_step > 0:
         steps = math.floor(_RECORD_INTERVAL / time_step + 1e-9)
         if steps == 0:
-            played = "not played at all: the pedestal stands still"
+            yield Statement.of(NotKept.RECORDINGS_UNPLAYED, time_step=time_step)
         else:
             factor = _RECORD_INTERVAL / (steps * time_step)
-            played = (
-                f"played {steps} step(s) a sample, {factor:.4g} times too fast, accelerations "
-                f"{factor**2:.4g} times too large"
-            )
-        yield Ros2Note(
-            "not kept",
-            f"recordings sampled at 1.25 ms are, at a time step of {time_step:g} s, {played}; "
-            "VSR2 resamples them in time",
-        )
+            yield Statement.of(
+                NotKept.RECORDINGS_RETIMED,
+                time_step=time_step, steps=steps, speed=factor, acceleration=factor**2,
+            )  # fmt: skip
     for name in ("engineSettings.loading_wait_time", "engineSettings.response_wait_time"):
         if p.has(name):
-            yield Ros2Note(
-                "not kept",
-                f"{name} ({shown(p.given[name].value)} s) is wall time in the original; VSR2 "
-                "runs until the rock rests (`settling`, `outcome.tail`)",
-            )
-    yield Ros2Note(
-        "not kept",
-        "the original's outcome: |roll change| + |pitch change| of 0.1 rad or more counts as "
-        "toppled, and after recordings the time that follows is not simulated; VSR2 follows "
-        "the tilt until rest (`outcome`)",
-    )
-    yield Ros2Note(
-        "not kept",
-        "the original's reset restores the pose before settling, so that its first trial "
-        "differs from the rest; every trial of VSR2 starts alike",
-    )
+            yield Statement.of(NotKept.WALL_TIME, name=name, value=shown(p.given[name].value))
+    yield Statement.of(NotKept.OUTCOME_RULE)
+    yield Statement.of(NotKept.RESET)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -59,7 +59,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Stage(StrEnum):
-    """What a diagnosis is at; `vsr2.report.progress_lines` words it."""
+    """What a diagnosis is at; `vsr2.report.messages.progress_lines` words it."""
 
     LOOK = "look"
     SIMULATION = "simulation"
@@ -173,21 +173,7 @@ def diagnose_with(
         work.notify(Stage.JUDGEMENT, 1.0, found, posterior)
     noted = {
         **({} if provenance is None else provenance),
-        "excluded": sorted(excluded),
-        "references": [
-            {"campaign": one.name, "none": p}
-            for one, p in zip(question.references, none, strict=True)
-        ],
-        "held_out": budget.held_out,
-        "budget": spent,
-        "detection_limits": {
-            f"{name} {'+' if side > 0 else '-'}": limit.share
-            for (name, side), limit in seen_look.limits.items()
-        },
-        "simulator": simulator.identity,
-        "nuisances": list(simulator.nuisance_names),
-        "constants": _constants(),
-        "seed": seed,
+        **_noted(question, none, budget.held_out, spent, simulator, seen_look),
         "wall_time_s": time.monotonic() - started,
     }
     evidence = Evidence(
@@ -195,6 +181,43 @@ def diagnose_with(
         insensitive(simulator.library, seen_look.limits), layers,
     )  # fmt: skip
     return compose(seen, evidence, noted)
+
+
+def _noted(
+    question: Question,
+    none: Sequence[float],
+    held_out: bool,
+    spent: Mapping[str, Any],
+    simulator: Simulator,
+    found: Look,
+) -> dict[str, Any]:
+    """What was asked, of what it was judged, and what that cost.
+
+    Args:
+        question: with its references.
+        none: probability of none in each reference.
+        held_out: whether it was judged how far the gap shrinks.
+        spent: of the budget.
+        simulator: of the trials.
+        found: detection limits.
+    """
+    return {
+        "excluded": sorted(question.excluded),
+        "references": [
+            {"campaign": one.name, "none": p}
+            for one, p in zip(question.references, none, strict=True)
+        ],
+        "held_out": held_out,
+        "budget": spent,
+        "detection_limits": {
+            f"{name} {'+' if side > 0 else '-'}": limit.share
+            for (name, side), limit in found.limits.items()
+        },
+        "simulator": simulator.identity,
+        "nuisances": list(simulator.nuisance_names),
+        "constants": _constants(),
+        "seed": question.seed,
+    }
 
 
 def _reference(campaign: Campaign, seen: Observations) -> Observations:

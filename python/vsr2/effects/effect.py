@@ -170,7 +170,7 @@ class Effect:
     def verify(self, bench: Bench) -> Sequence[Check]:
         """Closed forms, conservation laws or independent computations that it must meet.
 
-        For effects of one's own. Those of the library stand in `studies/effect_closed_forms.py`,
+        For effects of one's own. Those of the library stand in `studies/effect_closed_forms`,
         outside the package: only VSR2's own tests run them.
         """
         return ()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis import Diagnosis
-from vsr2.diagnosis.verdict.document import PAGE_FILE, PAGE_TITLE, finite
+from vsr2.diagnosis.verdict.document import PAGE_FILE, finite
 from vsr2.report.diagnosis_figures import (
     channels_figure,
     effects_figure,
@@ -64,7 +64,7 @@ def diagnosis_page(found: Diagnosis) -> str:
     return _rendered(
         "diagnosis.html",
         found,
-        title=f"{PAGE_TITLE} {found.content['campaign']['name']}",
+        title=f"Diagnosis of {found.content['campaign']['name']}",
         drawings={name: Markup(svg(*figure)) for name, figure in diagnosis_figures(found).items()},
         provenance=json.dumps(finite(dict(found.content["provenance"])), indent=1),
     )

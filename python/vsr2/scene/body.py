@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.codes import Statement
 from vsr2.read_only import ReadOnlyArrays
 
 Array = NDArray[np.float64]
@@ -90,8 +91,8 @@ class RockBody:
     """The mesh for figures and replay; not used by the physics."""
     source: str = ""
     sha256: str = ""
-    notes: tuple[str, ...] = field(default=())
-    """What a repair changed, or other things the user should know."""
+    notes: tuple[Statement, ...] = field(default=())
+    """What a repair changed, or other things the user should know, as `SceneNote`."""
 
     def __post_init__(self) -> None:
         _keep_tuples(self, "parts", "notes")

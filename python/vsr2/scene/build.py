@@ -7,6 +7,7 @@ from importlib import import_module
 
 import numpy as np
 
+from vsr2.codes import Statement
 from vsr2.config.study import (
     BoxRock,
     FixedStart,
@@ -33,6 +34,7 @@ from vsr2.scene.mass import (
 )
 from vsr2.scene.mesh import LoadedMesh, load_mesh
 from vsr2.scene.mesh_repair import signed_volume
+from vsr2.scene.notes import SceneNote
 from vsr2.scene.placement import height_above, stands_over, start_pose
 from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import box_surface, hull_surface, join_surfaces
@@ -82,7 +84,7 @@ def build_rock(
         box = Box(size=rock.size)
         parts, surface, source, sha256 = (box,), box_surface(box), "box", ""
         mass = box_mass_properties(rock.size, density=rock.density, mass=rock.mass)
-        notes: tuple[str, ...] = ()
+        notes: tuple[Statement, ...] = ()
         from_aabb = False
     elif isinstance(rock, MeshRock):
         loaded = load_mesh(rock.file, scale=rock.scale, repair=rock.repair)
@@ -122,30 +124,29 @@ def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:
     return aabb_mass_properties(mass, loaded.hull_points, loaded.source)
 
 
-def _size_notes(source: str, surface: Triangles) -> list[str]:
+def _size_notes(source: str, surface: Triangles) -> list[Statement]:
     longest = float(np.ptp(surface.vertices, axis=0).max())
     if NOTES.unusual_size[0] <= longest <= NOTES.unusual_size[1]:
         return []
-    return [f"{source}: {longest:.4g} m long; if its unit is not the metre, set `scale`"]
+    return [Statement.of(SceneNote.UNUSUAL_SIZE, file=source, length=longest)]
 
 
-def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list[str]:
+def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list[Statement]:
     notes = []
     rotation = matrix_from_quaternion(body.start.orientation)
     center = rotation @ body.mass.mass_center + np.asarray(body.start.position)
     if not stands_over(pedestal, float(center[0]), float(center[1])):
-        notes.append(
-            f"start: the mass centre at x {center[0]:.4g} m, y {center[1]:.4g} m is not above the "
-            "pedestal"
-        )
+        x, y = float(center[0]), float(center[1])
+        notes.append(Statement.of(SceneNote.BESIDE_PEDESTAL, x=x, y=y))
     height = height_above(body.parts, body.start, pedestal) if fixed else None
     if height is not None and height > NOTES.high_start:
-        notes.append(f"start: {height:.4g} m above the pedestal; the rock drops onto it first")
+        notes.append(Statement.of(SceneNote.ABOVE_PEDESTAL, height=height))
     if height is not None and height < -NOTES.deep_start:
-        inside = f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
         if height < -NOTES.lost_start:
-            raise GeometryError(inside)
-        notes.append(inside)
+            raise GeometryError(
+                f"start: {-height:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
+            )
+        notes.append(Statement.of(SceneNote.INSIDE_PEDESTAL, depth=-height))
     return notes
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vsr2.codes import Statement
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, Triangles
 from vsr2.scene.mesh_files import MAX_FILE_BYTES, IntArray, MeshFile, bytes_of, read_mesh_file
@@ -24,6 +25,7 @@ from vsr2.scene.mesh_repair import (
     compact,
     repair_mesh,
 )
+from vsr2.scene.notes import SceneNote
 
 if TYPE_CHECKING:
     import trimesh
@@ -51,7 +53,7 @@ class LoadedMesh:
 
     mesh: trimesh.Trimesh
     hull_points: tuple[Array, ...]
-    notes: tuple[str, ...]
+    notes: tuple[Statement, ...]
     source: str
     sha256: str
     scale: Scale = 1.0
@@ -94,7 +96,7 @@ def load_mesh(
     raw = read_mesh_file(source, data)
     vertices = raw.vertices * factors
     _check_vertices(source, vertices)
-    notes: list[str] = []
+    notes: list[Statement] = []
     merged, faces = _merge_exact(vertices, raw.faces)
     check_faces_left(source, faces)
     hull_points = _hull_points(raw, factors)
@@ -108,8 +110,7 @@ def load_mesh(
         check_solid(source, merged, faces, repaired=repair)
     if len(hull_points) > 1:
         notes.append(
-            f"{source.name}: {len(hull_points)} objects; the collision shape is the union of "
-            "their convex hulls"
+            Statement.of(SceneNote.SEVERAL_OBJECTS, file=source.name, count=len(hull_points))
         )
     return LoadedMesh(
         mesh=trimesh.Trimesh(merged, faces, process=False, validate=False),

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from vsr2.codes import Statement
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array
 from vsr2.scene.mesh_files import IntArray
+from vsr2.scene.notes import SceneNote
 
 MIN_EXTENT = 1.0e-4
 """Smallest longest edge of the bounding box [m]."""
@@ -146,46 +148,46 @@ def check_solid(path: Path, vertices: Array, faces: IntArray, *, repaired: bool)
 
 def repair_mesh(
     path: Path, vertices: Array, faces: IntArray
-) -> tuple[Array, IntArray, bool, list[str]]:
+) -> tuple[Array, IntArray, bool, list[Statement]]:
     """Close and orient a mesh; returns it, whether parts were dropped, and what was done.
 
     trimesh orients the faces. Its merging and closing are not used. It merges by rounding to a
     grid, which leaves apart near vertices on two sides of a grid line. It closes holes by cycles of
     a graph, which left some open that ours closes (docs/architecture.md, "Kept libraries").
     """
-    notes: list[str] = []
+    notes: list[Statement] = []
+
+    def note(code: SceneNote, **values: float) -> None:
+        notes.append(Statement.of(code, file=path.name, **values))
+
     volume_before = signed_volume(vertices, faces)
     count, face_count = len(vertices), len(faces)
     vertices, faces = _merge_near(path, vertices, faces)
     if len(vertices) < count:
-        notes.append(
-            f"repair: merged {count - len(vertices)} vertices closer than "
-            f"{MERGE_TOLERANCE:g} of the diagonal"
-        )
+        note(SceneNote.MERGED_VERTICES, count=count - len(vertices), tolerance=MERGE_TOLERANCE)
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     vertices, faces = compact(vertices, faces[np.sort(first)])
     check_faces_left(path, faces)
     if len(faces) < face_count:
-        notes.append(f"repair: dropped {face_count - len(faces)} repeated or degenerate faces")
-    vertices, faces, dropped = _drop_fragments(vertices, faces, notes)
+        note(SceneNote.REMOVED_FACES, count=face_count - len(faces))
+    vertices, faces, fragments, share = _drop_fragments(vertices, faces)
+    if fragments:
+        note(SceneNote.REMOVED_PARTS, count=fragments, share=share)
     flipped = _orient(vertices, faces)
     faces, added, holes, widest, vertices = _close_holes(vertices, faces)
     if added:
-        notes.append(
-            f"repair: filled {holes} holes with {added} faces (widest hole {widest:.3g} m)"
-        )
+        note(SceneNote.FILLED_HOLES, holes=holes, faces=added, widest=widest)
     volume = signed_volume(vertices, faces)
     if volume < 0:
         faces, volume = faces[:, ::-1].copy(), -volume
         flipped = len(faces) - added - flipped
     if flipped:
-        notes.append(f"repair: flipped {flipped} faces")
-    notes = [f"{path.name}: {note}" for note in notes]
+        note(SceneNote.FLIPPED_FACES, count=flipped)
     if notes:
-        notes.append(f"{path.name}: repair: volume {volume_before:.6g} -> {volume:.6g} m^3")
+        note(SceneNote.REPAIRED_VOLUME, before=volume_before, after=volume)
     else:
-        notes.append(f"{path.name}: repair: nothing to do")
-    return vertices, faces, dropped, notes
+        note(SceneNote.NOTHING_TO_REPAIR)
+    return vertices, faces, fragments > 0, notes
 
 
 def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
@@ -208,25 +210,20 @@ def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, In
     return compact(vertices[representative], label[faces])
 
 
-def _drop_fragments(
-    vertices: Array, faces: IntArray, notes: list[str]
-) -> tuple[Array, IntArray, bool]:
+def _drop_fragments(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, int, float]:
+    """Without small loose parts; how many they are, and their share of the surface."""
     from trimesh import triangles
 
     edges = _Edges.of(faces)
     if edges.bodies == 1:
-        return vertices, faces, False
+        return vertices, faces, 0, 0.0
     area = triangles.area(vertices[faces])  # type: ignore[no-untyped-call]
     share = np.bincount(edges.body, weights=area) / max(float(area.sum()), 1e-300)
     small = share < FRAGMENT_AREA
     if small.all() or not small.any():
-        return vertices, faces, False
-    notes.append(
-        f"repair: dropped {int(small.sum())} loose parts, {float(share[small].sum()):.2%} of the "
-        "surface"
-    )
+        return vertices, faces, 0, 0.0
     vertices, faces = compact(vertices, faces[~small[edges.body]])
-    return vertices, faces, True
+    return vertices, faces, int(small.sum()), float(share[small].sum())
 
 
 def _orient(vertices: Array, faces: IntArray) -> int:

@@ -329,7 +329,7 @@ def inertia_summary(
     return {
         "file": str(source),
         "sha256": sha256,
-        "notes": list(notes),
+        "notes": [note.to_json() for note in notes],
         "scale": scale,
         "vertices": len(vertices),
         "faces": len(shape.faces),

@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from vsr2.codes import Statement
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, Box, Hull, MassProperties, Triangles
 from vsr2.scene.mass import (
@@ -27,6 +28,7 @@ from vsr2.scene.mass import (
 )
 from vsr2.scene.mesh import LoadedMesh, load_mesh
 from vsr2.scene.mesh_files import bytes_of
+from vsr2.scene.notes import SceneNote
 from vsr2.scene.rotation import matrix_from_rpy, quaternion_from_matrix
 from vsr2.scene.shapes import box_surface, cylinder_points, hull_surface, join_surfaces
 
@@ -59,7 +61,7 @@ class UrdfModel:
     inertia_from_aabb: bool
     source: str
     sha256: str
-    notes: tuple[str, ...]
+    notes: tuple[Statement, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +101,9 @@ def load_urdf(path: str | Path, scale: float = 1.0, *, inertia: InertiaRule = "f
     link = _only_link(source, data)
     collisions = _collisions(source, link, scale)
     notes = [note for item in collisions if item.mesh for note in item.mesh.notes]
-    notes += [
-        f"{source.name}: cylinder approximated by a prism of {CYLINDER_SIDES} sides"
-        for element in link.iter("cylinder")
-    ][:1]
+    if next(link.iter("cylinder"), None) is not None:
+        prism = {"file": source.name, "sides": CYLINDER_SIDES}
+        notes.append(Statement.of(SceneNote.CYLINDER_AS_PRISM, **prism))
     mass = _inertial(source, link, scale, rule=inertia)
     if inertia == "mesh":
         mass = _solid(source, collisions, mass.mass)
@@ -346,22 +347,17 @@ def _bounding_box(mass: MassProperties, collisions: list[_Collision]) -> MassPro
     return replace(mass, principal_inertia=box_inertia(mass.mass, size))
 
 
-def _compare(path: Path, mass: MassProperties, solid: MassProperties) -> list[str]:
+def _compare(path: Path, mass: MassProperties, solid: MassProperties) -> list[Statement]:
     """Say where the file's inertia cannot be that of the rock's own shape."""
-    ratio = np.sort(mass.principal_inertia) / np.sort(solid.principal_inertia)
+    expected = np.sort(solid.principal_inertia)
+    ratio = np.sort(mass.principal_inertia) / expected
     notes = []
     if ratio.max() > INERTIA_RATIO or ratio.min() < 1.0 / INERTIA_RATIO:
-        notes.append(
-            f"{path.name}: the file's principal moments {np.round(mass.principal_inertia, 6)} are "
-            f"{np.round(ratio, 3)} times those of the homogeneous solid "
-            f"{np.round(np.sort(solid.principal_inertia), 6)} kg m^2; check the unit, or choose "
-            "`inertia: mesh`"
-        )
+        values = {"moments": mass.principal_inertia, "ratios": ratio, "solid": expected}
+        lists = {name: tuple(found.tolist()) for name, found in values.items()}
+        notes.append(Statement.of(SceneNote.UNUSUAL_INERTIA, file=path.name, **lists))
     distance = float(np.linalg.norm(mass.mass_center - solid.mass_center))
     size = float(np.linalg.norm(np.sqrt(solid.principal_inertia / solid.mass)))
     if distance > 0.5 * size:
-        notes.append(
-            f"{path.name}: the file's mass centre lies {distance:.3g} m from the homogeneous "
-            "solid's; check <inertial><origin>"
-        )
+        notes.append(Statement.of(SceneNote.DISTANT_MASS_CENTER, file=path.name, distance=distance))
     return notes

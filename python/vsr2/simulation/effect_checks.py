@@ -9,7 +9,7 @@
   points, which any change of them may turn. Effect and no effect are compared under
   equal perturbations, once the rock is at rest again.
 - Right: it meets the closed forms of its own `verify`; those of the library are outside the package
-  (`studies/effect_closed_forms.py`).
+  (`studies/effect_closed_forms`).
 """
 
 from __future__ import annotations

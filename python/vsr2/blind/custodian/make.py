@@ -57,10 +57,10 @@ from vsr2.blind.mujoco.mujoco_trial import TRIAL
 from vsr2.blind.mujoco.rigid_body import HULL
 from vsr2.blind.mujoco.step_actions import MECHANISMS
 from vsr2.campaign import save_campaign
+from vsr2.codes import Statement
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
 from vsr2.config.yaml_file import dump_yaml
-from vsr2.diagnosis.verdict.statements import Statement
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"

@@ -16,7 +16,7 @@ from vsr2.blind.form.events import EventCode, Say
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import read_json, write_json
 from vsr2.blind.mujoco import Drawable
-from vsr2.diagnosis.verdict.statements import Statement
+from vsr2.codes import Statement
 
 
 def read_back(content: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vsr2.diagnosis.verdict.statements import Code, Statement
+from vsr2.codes import NAMES, Code, Statement
 
 
 class EventCode(Code):
@@ -22,7 +22,15 @@ class EventCode(Code):
     DIAGNOSED = "diagnosed", {"campaign": str, "tier": str, "verdict": str}
     FAILED = "failed", {"campaign": str, "tier": str, "error": str}
     OPENED = "opened", {"key": str}
-    SLIP = "slip", {"slip": str}
+    UNKNOWN_EFFECT = "unknown_effect", {"campaign": str, "effect": str, "near": str}
+    NEAR_PARAMETER = (
+        "near_parameter",
+        {"campaign": str, "effect": str, "parameter": str, "near": str},
+    )
+    UNKNOWN_PARAMETER = (
+        "unknown_parameter",
+        {"campaign": str, "effect": str, "parameter": str, "known": NAMES},
+    )
 
 
 Say = Callable[[Statement], None]

@@ -11,9 +11,11 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from vsr2.blind.form.events import EventCode
 from vsr2.blind.form.pack_form import Key, Pack
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.reader import parsed
+from vsr2.codes import Statement
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
@@ -193,27 +195,35 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
     return key
 
 
-def key_slips(key: Mapping[str, Any]) -> list[str]:
+def key_slips(key: Mapping[str, Any]) -> list[Statement]:
     """Names of a key that are nearly the library's: what no diagnosis can name rightly.
+
+    Parameters that an effect lacks, too.
 
     Args:
         key: opened.
     """
     from vsr2.effects import library
 
-    out = []
+    out, known = [], library()
     for campaign, entry in sorted(key["campaigns"].items()):
         for effect in entry.get("effects") or ():
-            name, known = effect["name"], library()
-            where, asked, names = "effect", [name], [*known]
-            if name in known:
-                where, asked = f"parameter of {name}", [*effect["values"]]
-                names = [parameter.name for parameter in known[name].parameters]
-            for word in asked:
-                near = get_close_matches(word, names, n=1, cutoff=0.6 if name in known else 0.8)
-                if word not in names and (near or name in known):
-                    meant = f"; {near[0]} may be meant" if near else f"; it has {', '.join(names)}"
-                    out.append(f"{campaign}: the library has no {where} {word!r}{meant}")
+            of = {"campaign": campaign, "effect": (name := effect["name"])}
+            if name not in known:
+                out += [
+                    Statement.of(EventCode.UNKNOWN_EFFECT, **of, near=near)
+                    for near in get_close_matches(name, known, n=1, cutoff=0.8)
+                ]
+                continue
+            names = tuple(parameter.name for parameter in known[name].parameters)
+            for word in effect["values"]:
+                if word in names:
+                    continue
+                of["parameter"] = word
+                if near := get_close_matches(word, names, n=1):
+                    out.append(Statement.of(EventCode.NEAR_PARAMETER, **of, near=near[0]))
+                else:
+                    out.append(Statement.of(EventCode.UNKNOWN_PARAMETER, **of, known=names))
     return out
 
 

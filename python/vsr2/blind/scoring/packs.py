@@ -25,7 +25,7 @@ from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.leaks import find_leaks
 from vsr2.blind.scoring.score import score_cases
 from vsr2.blind.scoring.scored import Scored
-from vsr2.diagnosis.verdict.statements import Statement
+from vsr2.codes import Statement
 from vsr2.errors import BlindError, ResultError
 
 RECEIPT = "receipt.json"
@@ -82,13 +82,13 @@ def score_pack(
         )
     say(Statement.of(EventCode.OPENED, key=str(key)))
     for slip in (slips := key_slips(opened)):
-        say(Statement.of(EventCode.SLIP, slip=slip))
+        say(slip)
     scored = judge([(data, opened, diagnoses)], training=training, tiers=tiers)
     content = scored.to_json() | {
         "pack": read_pack(data).commitment.sha256,
         "submission": submission,
         "development": is_open(opened),
-        "slips": slips,
+        "slips": [slip.to_json() for slip in slips],
     }
     canonical(content)
     make_folder(out)

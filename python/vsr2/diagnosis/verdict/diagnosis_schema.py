@@ -7,12 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from vsr2.campaign import Tier
+from vsr2.codes import NAMES, Code
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import (
-    NAMES,
     BudgetState,
-    Code,
     GapState,
     LimitCode,
     ReasonCode,

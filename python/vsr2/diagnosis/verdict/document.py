@@ -14,7 +14,6 @@ from vsr2.results.atomic import csv_text, write_text
 SCHEMA = "vsr2.diagnosis/3"
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
-PAGE_TITLE = "Diagnosis of"
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,23 +83,19 @@ class Diagnosis:
     def save(self, folder: str | Path) -> Path:
         """Write `diagnosis.json` and the tables; returns the path of the former.
 
-        The page of an earlier diagnosis is removed; the report writes a new one.
+        The page beside an earlier `diagnosis.json` is removed; the report writes a new one.
 
         Raises:
             ResultError: a file cannot be written.
         """
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
-        _remove_page(path / PAGE_FILE)
+        if (path / FILE).is_file() and (path / PAGE_FILE).is_file():
+            (path / PAGE_FILE).unlink()
         contents = {**self.tables(), FILE: self.to_json()}
         for name, text in contents.items():
             write_text(path / name, text, errors="strict")
         return path / FILE
-
-
-def _remove_page(page: Path) -> None:
-    if page.is_file() and f"<title>{PAGE_TITLE} " in page.read_text(errors="replace")[:2000]:
-        page.unlink()
 
 
 def finite(value: Any) -> Any:

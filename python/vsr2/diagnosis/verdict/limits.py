@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.codes import Statement
 from vsr2.diagnosis.how_far.held_out import HowFar
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.sets import are_alike
 from vsr2.diagnosis.posterior.training import TRAINING, Found, Posterior
 from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.diagnosis.verdict.rules import Verdict
-from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode, Statement, VerdictKind
+from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode, VerdictKind
 from vsr2.diagnosis.where.scan import SCAN, interleaved
 from vsr2.effects import effect as effect_of
 from vsr2.errors import Fault

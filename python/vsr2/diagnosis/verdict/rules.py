@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vsr2.codes import Statement
 from vsr2.diagnosis.posterior.training import Found, Posterior
-from vsr2.diagnosis.verdict.statements import GapState, ReasonCode, Statement, VerdictKind
+from vsr2.diagnosis.verdict.statements import GapState, ReasonCode, VerdictKind
 
 
 @dataclass(frozen=True)

@@ -5,17 +5,13 @@ Nothing here is worded. :mod:`vsr2.report.messages.verdicts` makes sentences of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Self
+
+from vsr2.codes import NAMES, Code
 
 # The rule of a name, by which training calibrates, decides on the kind.
 from vsr2.diagnosis.posterior.naming import VerdictKind as VerdictKind
 from vsr2.errors import Fault
-
-NAMES: type = tuple
-"""Type of a value that lists names."""
 
 
 class GapState(StrEnum):
@@ -30,19 +26,6 @@ class BudgetState(StrEnum):
 
     SUFFICIENT = "sufficient"
     EXCEEDED = "exceeded"
-
-
-class Code(StrEnum):
-    """A code, with the type of each value that goes with it."""
-
-    types: Mapping[str, type]
-
-    def __new__(cls, code: str, types: Mapping[str, type] | None = None) -> Self:
-        """A member: its text, and the types."""
-        member = str.__new__(cls, code)
-        member._value_ = code
-        member.types = {} if types is None else types
-        return member
 
 
 class ReasonCode(Code):
@@ -107,35 +90,3 @@ class LimitCode(Code):
     NO_REPEATS = "no_repeats"
     REPEATS_SCATTER = "repeats_scatter", {"pairs": int, "share": float, "expected": float}
     MEASURES_LACKING = "measures_lacking"
-
-
-@dataclass(frozen=True)
-class Statement:
-    """A code and its values.
-
-    Attributes:
-        code: of what is stated: a reason, a limit, an event.
-        values: one of each name that the code declares, of its type.
-
-    Raises:
-        TypeError: another name, or a value of another type.
-    """
-
-    code: Code
-    values: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        if set(self.values) != set(self.code.types):
-            raise TypeError(f"{self.code}: has values {sorted(self.values)}")
-        for name, kind in self.code.types.items():
-            if not isinstance(self.values[name], (int, float) if kind is float else kind):
-                raise TypeError(f"{self.code}: {name} is {self.values[name]!r}")
-
-    @classmethod
-    def of(cls, code: Code, **values: Any) -> Statement:
-        """A statement with values by name."""
-        return cls(code, values)
-
-    def to_json(self) -> dict[str, Any]:
-        """As it stands in `diagnosis.json`."""
-        return {"code": str(self.code), "values": dict(self.values)}

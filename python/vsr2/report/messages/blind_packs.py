@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsr2.blind.form.events import EventCode
+from vsr2.report.messages.templates import filled_in
 
 if TYPE_CHECKING:
     from vsr2.blind.custodian.make import Made
     from vsr2.blind.pack_diagnoses import Progress
-    from vsr2.diagnosis.verdict.statements import Statement
+    from vsr2.codes import Statement
 
 EVENTS: Mapping[str, str] = {
     EventCode.AMPLITUDES: "{engine}: amplitudes of {motions} motions",
@@ -25,14 +26,22 @@ EVENTS: Mapping[str, str] = {
     EventCode.DIAGNOSED: "{campaign} {tier}: {verdict}",
     EventCode.FAILED: "{campaign} {tier}: failed: {error}",
     EventCode.OPENED: "{key}: opened, and all that it seals found right",
-    EventCode.SLIP: "{slip}",
+    EventCode.UNKNOWN_EFFECT: (
+        "{campaign}: the library has no effect {effect!r}; {near} may be meant"
+    ),
+    EventCode.NEAR_PARAMETER: (
+        "{campaign}: the library has no parameter of {effect} {parameter!r}; {near} may be meant"
+    ),
+    EventCode.UNKNOWN_PARAMETER: (
+        "{campaign}: the library has no parameter of {effect} {parameter!r}; it has {known}"
+    ),
 }
 """Templates of the values."""
 
 
 def event_text(event: Statement) -> str:
     """What happened: a line."""
-    return EVENTS[event.code].format(**event.values)
+    return filled_in(EVENTS[event.code], event.values)
 
 
 def diagnosed_pack(progress: Progress, out: Path) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from vsr2._native import FastRefusal
 from vsr2.analysis.bootstrap import SCORES
+from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import compatible_values
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def effect_report(report: EffectReport) -> str:
     if report.right is None:
         lines.append(
             "  right: not part of the installed package; VSR2's own tests hold "
-            f"`{report.effect.name}` in studies/effect_closed_forms.py"
+            f"`{report.effect.name}` in studies/effect_closed_forms"
         )
     elif not report.right:
         lines.append("  right: NO, its `verify` gives no check")
@@ -154,7 +155,7 @@ def study_begins(name: str, trials: Sequence[Trial], engine: str) -> str:
         f"{name}: {len(trials)} trials, {Path(rock.source).name} ({rock.mass.mass:.4g} kg) on "
         f"{Path(pedestal.source).name}, engine {engine}"
     )
-    return "\n".join([first, *(f"note: {note}" for note in rock.notes)])
+    return "\n".join([first, *(f"note: {scene_note(note.to_json())}" for note in rock.notes)])
 
 
 def shard_done(shard: object, result: BatchResult, folder: Path) -> str:

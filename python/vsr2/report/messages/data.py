@@ -1,10 +1,65 @@
-"""Sentences about what campaigns and models hold."""
+"""Sentences about what campaigns, models and motions hold."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from vsr2.motion import STANDARD_GRAVITY
+from vsr2.report.messages.templates import filled_in
+from vsr2.scene import SceneNote
+
+if TYPE_CHECKING:
+    from vsr2.motion import Motion
+    from vsr2.motion.measures import IntensityMeasures
+
+SCENE_NOTES: Mapping[str, str] = {
+    SceneNote.MERGED_VERTICES: (
+        "{file}: repair: merged {count} vertices closer than {tolerance:g} of the diagonal"
+    ),
+    SceneNote.REMOVED_FACES: "{file}: repair: removed {count} repeated or degenerate faces",
+    SceneNote.REMOVED_PARTS: (
+        "{file}: repair: removed {count} loose parts, {share:.2%} of the surface"
+    ),
+    SceneNote.FILLED_HOLES: (
+        "{file}: repair: filled {holes} holes with {faces} faces (widest hole {widest:.3g} m)"
+    ),
+    SceneNote.FLIPPED_FACES: "{file}: repair: flipped {count} faces",
+    SceneNote.REPAIRED_VOLUME: "{file}: repair: volume {before:.6g} -> {after:.6g} m^3",
+    SceneNote.NOTHING_TO_REPAIR: "{file}: repair: nothing to do",
+    SceneNote.SEVERAL_OBJECTS: (
+        "{file}: {count} objects; the collision shape is the union of their convex hulls"
+    ),
+    SceneNote.CYLINDER_AS_PRISM: "{file}: cylinder approximated by a prism of {sides} sides",
+    SceneNote.UNUSUAL_INERTIA: (
+        "{file}: the file's principal moments ({moments} kg m^2) are {ratios} times those of the "
+        "homogeneous solid ({solid} kg m^2); check the unit, or choose `inertia: mesh`"
+    ),
+    SceneNote.DISTANT_MASS_CENTER: (
+        "{file}: the file's mass centre lies {distance:.3g} m from the homogeneous solid's; check "
+        "<inertial><origin>"
+    ),
+    SceneNote.UNUSUAL_SIZE: (
+        "{file}: {length:.4g} m long; if its unit is not the metre, set `scale`"
+    ),
+    SceneNote.BESIDE_PEDESTAL: (
+        "start: the mass centre at x {x:.4g} m, y {y:.4g} m is not above the pedestal"
+    ),
+    SceneNote.ABOVE_PEDESTAL: (
+        "start: {height:.4g} m above the pedestal; the rock drops onto it first"
+    ),
+    SceneNote.INSIDE_PEDESTAL: (
+        "start: {depth:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
+    ),
+}
+"""Templates of the values."""
+
+
+def scene_note(note: Mapping[str, Any]) -> str:
+    """What was changed of a body, or should be known, from its code and values."""
+    return filled_in(SCENE_NOTES[note["code"]], note["values"])
 
 
 def campaign_text(summary: Mapping[str, Any]) -> str:
@@ -70,7 +125,7 @@ def inertia_text(summary: Mapping[str, Any]) -> str:
         *(f"                  {row(line, '9.6f')}" for line in summary["principal_axes"]),
         f"  bounding box    {row(summary['bounding_box_inertia_kg_m2'])} kg m^2 "
         "(the rule `inertia: aabb`, margins left out)",
-        *(f"  note: {note}" for note in summary["notes"]),
+        *(f"  note: {scene_note(note)}" for note in summary["notes"]),
         "",
         "Stable poses on a horizontal plane, most probable first",
         "  probability  height of mass centre [m]  smallest slenderness [rad] at [deg]  "
@@ -101,3 +156,16 @@ def inertia_text(summary: Mapping[str, Any]) -> str:
     if not summary["slenderness"]:
         lines.append("  stands in none of the poses: the mass centre is outside every support")
     return "\n".join(lines)
+
+
+def motion_peaks(motion: Motion, file: Path) -> str:
+    """Peaks of a motion that was written to a file."""
+    return f"{file}: PGA {motion.pga / STANDARD_GRAVITY:.4g} g, PGV {motion.pgv:.4g} m/s"
+
+
+def motion_measures(measures: IntensityMeasures, file: Path) -> str:
+    """Measures of a motion that was written to a file."""
+    return (
+        f"{file}: PGA {measures.pga_g:.4g} g, PGV/PGA {measures.pgv_pga:.4g} s, "
+        f"significant duration {measures.duration_5_95:.4g} s"
+    )

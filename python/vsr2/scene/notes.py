@@ -1,0 +1,31 @@
+"""What reading and placing a body found, as codes with values."""
+
+from __future__ import annotations
+
+from vsr2.codes import NUMBERS, Code
+
+
+class SceneNote(Code):
+    """What was changed of a body, or should be known; `vsr2.report.messages.data` words it.
+
+    Lengths, heights and positions are in [m], volumes in [m^3], moments in [kg m^2].
+    """
+
+    MERGED_VERTICES = "merged_vertices", {"file": str, "count": int, "tolerance": float}
+    REMOVED_FACES = "removed_faces", {"file": str, "count": int}
+    REMOVED_PARTS = "removed_parts", {"file": str, "count": int, "share": float}
+    FILLED_HOLES = "filled_holes", {"file": str, "holes": int, "faces": int, "widest": float}
+    FLIPPED_FACES = "flipped_faces", {"file": str, "count": int}
+    REPAIRED_VOLUME = "repaired_volume", {"file": str, "before": float, "after": float}
+    NOTHING_TO_REPAIR = "nothing_to_repair", {"file": str}
+    SEVERAL_OBJECTS = "several_objects", {"file": str, "count": int}
+    CYLINDER_AS_PRISM = "cylinder_as_prism", {"file": str, "sides": int}
+    UNUSUAL_INERTIA = (
+        "unusual_inertia",
+        {"file": str, "moments": NUMBERS, "ratios": NUMBERS, "solid": NUMBERS},
+    )
+    DISTANT_MASS_CENTER = "distant_mass_center", {"file": str, "distance": float}
+    UNUSUAL_SIZE = "unusual_size", {"file": str, "length": float}
+    BESIDE_PEDESTAL = "beside_pedestal", {"x": float, "y": float}
+    ABOVE_PEDESTAL = "above_pedestal", {"height": float}
+    INSIDE_PEDESTAL = "inside_pedestal", {"depth": float}

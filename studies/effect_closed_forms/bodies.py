@@ -1,0 +1,251 @@
+"""Closed forms of effects on contact, geometry and inertia."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from effect_closed_forms.block import (
+    half_widths,
+    uplift_acceleration,
+)
+from effect_closed_forms.forms import closed_form
+from vsr2.config.study import Contact
+from vsr2.effects import Bench, Check, Effect
+from vsr2.effects.geometry import bump_positions
+from vsr2.effects.standing import mass_height, support_of
+
+
+@closed_form
+def contact_stiffness(effect: Effect, bench: Bench) -> list[Check]:
+    trial, decades = bench.block(), -4.0
+    still = replace(trial, motion=bench.push(0.0))
+    before = bench.run(still).position[-1, 2]
+    after = bench.run(still, effect, {"decades": decades}).position[-1, 2]
+    rock, pedestal = trial.scene.contact.rock, trial.scene.contact.pedestal
+    pair = rock.stiffness * pedestal.stiffness / (rock.stiffness + pedestal.stiffness)
+    weight = trial.scene.rock.mass.mass * trial.scene.engine.gravity
+    expected = weight / (4 * pair) * (10.0**-decades - 1)
+    return [
+        Check(
+            "sinking at rest on four points, m g / (4 k) [m]",
+            float(before - after),
+            expected,
+            0.1 * expected,
+        )
+    ]
+
+
+@closed_form
+def friction(effect: Effect, bench: Bench) -> list[Check]:
+    trial = bench.block()
+    factor = 0.306
+    mu = (
+        factor
+        * trial.scene.contact.rock.lateral_friction
+        * trial.scene.contact.pedestal.lateral_friction
+    )
+    g = trial.scene.engine.gravity
+    above = bench.run(replace(trial, motion=bench.push(1.5 * mu * g)), effect, {"factor": factor})
+    below = bench.run(replace(trial, motion=bench.push(0.9 * mu * g)), effect, {"factor": factor})
+    speed = above.velocity[:, 0]
+    kept = above.time > above.time[-1] - 0.3
+    slope = float(np.polyfit(above.time[kept], speed[kept], 1)[0])
+    travel = (below.position[:, 0] - below.pedestal) - below.position[0, 0]
+    return [
+        Check("acceleration of a sliding block, mu g [m/s^2]", slope, mu * g, 0.02 * mu * g),
+        Check(
+            "slip below the onset [m]",
+            float(np.abs(travel[below.time < 0.6]).max()),
+            0.0,
+            1e-4,
+        ),
+    ]
+
+
+@closed_form
+def spin_friction(effect: Effect, bench: Bench) -> list[Check]:
+    coefficient, rate, duration = 0.02, 1.0, 0.1
+    # Without friction along the base the contact points resist no turn.
+    block = bench.block()
+    slippery = block.scene.contact.rock.model_copy(update={"lateral_friction": 1e-3})
+    slick = block.with_scene(contact=Contact(rock=slippery, pedestal=slippery))
+    trial = effect.change(slick, {"coefficient": coefficient})
+    response = bench.release(trial, 0.0, duration, spin=rate)
+    mass = trial.scene.rock.mass
+    gravity = trial.scene.engine.gravity
+    slowing = coefficient * mass.mass * gravity / float(mass.principal_inertia[2])
+    begun = response.time > 0.03
+    fit = np.polyfit(response.time[begun], response.angular_velocity[begun, 2], 1)
+    return [
+        Check(
+            "slowing of a spinning block, coefficient m g / I_z (torque in m N) [rad/s^2]",
+            -float(fit[0]),
+            slowing,
+            0.05 * slowing,
+        )
+    ]
+
+
+@closed_form
+def slenderness(effect: Effect, bench: Bench) -> list[Check]:
+    trial = bench.block()
+    change = 0.06
+    _, b = half_widths(trial)
+    expected = trial.scene.engine.gravity * b / mass_height(trial) * (1 + change)
+    return [
+        Check(
+            "uplift at a = g (1 + change) b / h [m/s^2]",
+            uplift_acceleration(bench, trial, effect, {"change": change}, expected),
+            expected,
+            0.01 * expected,
+        )
+    ]
+
+
+@closed_form
+def com_offset(effect: Effect, bench: Bench) -> list[Check]:
+    trial, distance = bench.block(), 0.015
+    b, _ = half_widths(trial)
+    expected = trial.scene.engine.gravity * (b - distance) / mass_height(trial)
+    return [
+        Check(
+            "uplift towards the shift at a = g (b - d) / h [m/s^2]",
+            uplift_acceleration(
+                bench, trial, effect, {"distance": distance, "azimuth": 180.0}, expected
+            ),
+            expected,
+            0.01 * expected,
+        )
+    ]
+
+
+@closed_form
+def edge_rounding(effect: Effect, bench: Bench) -> list[Check]:
+    trial, radius = bench.block(), 0.015
+    _, b = half_widths(trial)
+    expected = trial.scene.engine.gravity * (b - radius) / mass_height(trial)
+    return [
+        Check(
+            "uplift at a = g (b - r) / h [m/s^2]",
+            uplift_acceleration(bench, trial, effect, {"radius": radius}, expected),
+            expected,
+            0.01 * expected,
+        ),
+        _rolling(effect, bench, radius),
+    ]
+
+
+def _rolling(effect: Effect, bench: Bench, radius: float) -> Check:
+    trial = bench.block()
+    _, b = half_widths(trial)
+    h = mass_height(trial)
+    tilt = 0.15
+    started = effect.change(trial, {"radius": radius})
+    response = bench.release(started, tilt, 0.15)
+    mass, inertia = trial.scene.rock.mass.mass, float(trial.scene.rock.mass.principal_inertia[1])
+    # Rolling on the arc about its centre, r above the ground and b - r beside the mass
+    # centre: potential energy m g (h cos t + (b - r) sin t + r (1 - cos t)).
+    g = trial.scene.engine.gravity
+    last = int(np.flatnonzero(response.tilt > 0.03)[-1])
+    kinetic = 0.5 * mass * float((response.velocity[last] ** 2).sum()) + 0.5 * inertia * float(
+        (response.angular_velocity[last] ** 2).sum()
+    )
+
+    def potential(t: float) -> float:
+        raised = h * math.cos(t) + (b - radius) * math.sin(t) + radius * (1 - math.cos(t))
+        return mass * g * raised
+
+    expected = potential(tilt) - potential(float(response.tilt[last]))
+    return Check(
+        "kinetic energy of free rolling on the round edge from 0.15 rad, by conservation [J]",
+        kinetic,
+        expected,
+        0.03 * expected,
+    )
+
+
+@closed_form
+def base_asperity(effect: Effect, bench: Bench) -> list[Check]:
+    trial, values = bench.block(), {"height": 0.002, "reach": 0.7}
+    support = support_of(trial)
+    reach = 0.7 * float(bump_positions(support.polygon)[:, 0].max())
+    expected = trial.scene.engine.gravity * reach / (support.height + 0.002)
+    return [
+        Check(
+            "uplift about the bumps at a = g x / (h + height) [m/s^2]",
+            uplift_acceleration(bench, trial, effect, values, expected),
+            expected,
+            0.03 * expected,
+        ),
+        _impact(effect, bench),
+    ]
+
+
+def _impact(effect: Effect, bench: Bench) -> Check:
+    trial, tilt, values = bench.block(), 0.1, {"height": 1e-4, "reach": 0.7}
+    support = support_of(trial)
+    edge, h = half_widths(trial)[1], support.height
+    tip = values["reach"] * float(bump_positions(support.polygon)[:, 0].max())
+    mass = trial.scene.rock.mass
+    per_mass = float(mass.principal_inertia[1]) / mass.mass + h * h
+    # Angular momentum about the new foot is kept: Housner's impact, three times.
+    expected = 1.0
+    for old, new in ((edge, tip), (tip, -tip), (-tip, -edge)):
+        expected *= (per_mass + old * new) ** 2
+        expected /= (per_mass + old * old) * (per_mass + new * new)
+    response = bench.release(effect.change(trial, values), tilt, 0.6)
+    landed = int(np.argmin(response.tilt))
+    alpha = math.atan2(edge, h)
+
+    def potential(t: float) -> float:
+        return math.cos(alpha - t) - math.cos(alpha)
+
+    return Check(
+        "energy left by an impact on low bumps, Housner's from edge to tip to tip to edge [1]",
+        potential(float(response.tilt[landed:].max())) / potential(tilt),
+        expected,
+        0.02,
+    )
+
+
+@closed_form
+def base_slope(effect: Effect, bench: Bench) -> list[Check]:
+    trial, angle = bench.block(), 1.5
+    b, _ = half_widths(trial)
+    alpha = math.atan2(b, mass_height(trial))
+    expected = trial.scene.engine.gravity * math.tan(alpha - math.radians(angle))
+    return [
+        Check(
+            "uplift downhill at a = g tan(alpha - slope) [m/s^2]",
+            uplift_acceleration(bench, trial, effect, {"angle": angle, "azimuth": 180.0}, expected),
+            expected,
+            0.01 * expected,
+        )
+    ]
+
+
+@closed_form
+def inertia(effect: Effect, bench: Bench) -> list[Check]:
+    trial, change = bench.block(), 0.15
+    started = effect.change(trial, {"change": change, "rule": 0.0})
+    tilt, duration = 0.05, 0.1
+    response = bench.release(started, tilt, duration)
+    _, b = half_widths(trial)
+    h = mass_height(trial)
+    radius, alpha = math.hypot(b, h), math.atan2(b, h)
+    mass = trial.scene.rock.mass
+    about_edge = (1 + change) * float(mass.principal_inertia[1]) + mass.mass * radius**2
+    p = math.sqrt(mass.mass * trial.scene.engine.gravity * radius / about_edge)
+    # Linearised free rocking (Housner 1963): tilt = alpha - (alpha - tilt0) cosh(p t).
+    expected = (alpha - tilt) * p * math.sinh(p * duration)
+    return [
+        Check(
+            "rate of free rocking after 0.1 s, (alpha - tilt0) p sinh(p t) [rad/s]",
+            float(np.linalg.norm(response.angular_velocity[-1])),
+            expected,
+            0.025 * expected,
+        )
+    ]
