@@ -30,9 +30,8 @@ import numpy as np
 
 from engine_equivalence import (
     ROOT,
-    borderline,
+    borderline_records,
     part,
-    record,
     replicates,
     scene_of,
     settled_pose,
@@ -66,18 +65,22 @@ def moved(trial: Trial) -> Trial:
     return replace(trial, start=Pose((x + MOVE, y, z + MOVE), tuple(turned.tolist())))
 
 
-def ensembles(name: str, base: Pose, motion: Motion, seed: int, count: int) -> dict[str, Any]:
+def ensembles(
+    name: str, base: Pose, motion: Motion, seed: int, options: argparse.Namespace
+) -> dict[str, Any]:
     """Outcomes, steps and CPU time of the three runs under one record."""
     found: dict[str, Any] = {}
     for run, skip in (("every", "none"), ("quiet", "quiet"), ("moved", "none")):
         trials = [
             replace(trial, settling=SETTLING)
-            for trial in replicates(scene(name, skip), base, motion, count, [13, seed, 0])
+            for trial in replicates(
+                scene(name, skip), base, motion, options.replicates, [13, seed, 0]
+            )
         ]
         if run == "moved":
             trials = [moved(trial) for trial in trials]
         begun = time.process_time()
-        result = run_batch(trials, threads=1, keep_logs=False)
+        result = run_batch(trials, threads=options.threads, keep_logs=False)
         found[f"{run}_cpu_s"] = time.process_time() - begun
         bad = ~np.isin(result["status"], ("ok", "tail_timeout"))
         if bad.any():
@@ -120,6 +123,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
     parser.add_argument("--records", type=int, default=20)
     parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--parts", type=Path, default=ROOT / "out" / "quiet_stretches")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
     options = parser.parse_args()
@@ -130,27 +134,15 @@ def main() -> None:
         every = scene(name, "none")
         pose = part(folder / "start.json", lambda every=every: vars_of(settled_pose(every)))
         base = Pose(tuple(pose["position"]), tuple(pose["orientation"]))
-        found: list[dict[str, Any]] = []
-        for seed in range(10 * options.records):
-            factor = part(
-                folder / f"factor_{seed:03d}.json",
-                lambda every=every, base=base, seed=seed: {
-                    "factor": borderline(every, base, seed, 1)
-                },
-            )["factor"]
-            if factor is None:
-                continue
-            motion = record(seed, factor)
-            found.append(
-                part(
-                    folder / f"runs_{seed:03d}.json",
-                    lambda name=name, base=base, motion=motion, seed=seed: ensembles(
-                        name, base, motion, seed, options.replicates
-                    ),
-                )
+        found = [
+            part(
+                folder / f"runs_{seed:03d}.json",
+                lambda name=name, base=base, motion=motion, seed=seed: ensembles(
+                    name, base, motion, seed, options
+                ),
             )
-            if len(found) == options.records:
-                break
+            for seed, motion in borderline_records(every, base, folder, options)
+        ]
         rows.append(row_of(name, found))
         print(*rows[-1].values(), flush=True)
     table = io.StringIO()
