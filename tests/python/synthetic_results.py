@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS, TRIAL_COLUMNS, BatchResult, TrialLog
+from vsr2.scene import Pose
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,14 @@ def about(axis: str, angles: Array | Sequence[float]) -> Rotation:
     return Rotation.from_rotvec(np.outer(angles, np.eye(3)["xyz".index(axis)]))
 
 
+def body_frame(
+    axes: Rotation | None = None, mass_center: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Pose:
+    """X_MB of principal axes (default: M's) and a mass centre [m]."""
+    turn = Rotation.identity() if axes is None else axes
+    return Pose(tuple(mass_center), tuple(turn.as_quat().tolist()))
+
+
 def make_log(
     time: Array,
     *,
@@ -29,18 +38,18 @@ def make_log(
     rotations: Rotation | None = None,
     position: Array | None = None,
     settled: Rotation | None = None,
-    axes: Rotation | None = None,
-    foot: Sequence[float] = (0.0, 0.0, -0.5),
-    mass_center: Sequence[float] = (0.0, 0.0, 0.0),
+    frame: Pose | None = None,
     contacts: Array | None = None,
 ) -> TrialLog:
     """A log whose rock is at rest on a pedestal at rest, but for what is given.
 
-    `rotations` are of the body frame B in the world; `position` of the mass centre.
+    `rotations` are of the body frame B in the world, `position` is of the mass centre; `frame` is
+    B in the model frame M (default: M).
     """
     count = len(time)
     zero = np.zeros(count)
     settled = Rotation.identity() if settled is None else settled
+    frame = body_frame() if frame is None else frame
     state = np.zeros((count, len(STATE_COLUMNS)))
     state[:, 0] = time
     state[:, 1] = zero if command is None else command
@@ -56,9 +65,9 @@ def make_log(
         contacts=np.empty((0, len(CONTACT_COLUMNS))) if contacts is None else contacts,
         settled_position=np.array([0.0, 0.0, CENTER_HEIGHT]),
         settled_orientation=settled.as_quat(),
-        foot=np.asarray(foot, dtype=np.float64),
-        mass_center=np.asarray(mass_center, dtype=np.float64),
-        principal_axes=(Rotation.identity() if axes is None else axes).as_quat(),
+        foot=np.array([0.0, 0.0, -0.5]),
+        mass_center=np.asarray(frame.position),
+        principal_axes=np.asarray(frame.orientation),
     )
 
 

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from synthetic_results import falling_log, make_log, make_result
+from synthetic_results import body_frame, falling_log, make_log, make_result
 from vsr2.errors import ResultError
 from vsr2.results import (
     TRIAL_COLUMNS,
@@ -156,7 +156,7 @@ def test_original_rows(tmp_path: Path) -> None:
         command=0.1 * time,
         achieved=0.09 * time,
         rotations=Rotation.concatenate([model * axes] * 4),
-        axes=axes,
+        frame=body_frame(axes),
     )
     folder = save_result(make_result([None, log]), tmp_path, npy=True)
     rows = np.load(folder / "npy" / "000001.npy")

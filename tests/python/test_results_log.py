@@ -8,7 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from synthetic_results import CENTER_HEIGHT, about, falling_log, make_log, make_result, make_trials
+from synthetic_results import (
+    CENTER_HEIGHT,
+    about,
+    body_frame,
+    falling_log,
+    make_log,
+    make_result,
+    make_trials,
+)
 from vsr2.errors import ResultError
 from vsr2.results import BatchResult, TrialLog, quaternion_product, rotate
 
@@ -80,7 +88,7 @@ def test_angles_go_on_through_full_turns() -> None:
 def test_orientation_is_of_the_model_frame(model: Rotation, axes: Rotation) -> None:
     # R_WB = R_WM R_MB
     body = model * axes
-    log = turned(Rotation.concatenate([body, body]), axes=axes)
+    log = turned(Rotation.concatenate([body, body]), frame=body_frame(axes))
     got = Rotation.from_quat(log.orientation[0])
     assert (got.inv() * model).magnitude() < 1e-7
 

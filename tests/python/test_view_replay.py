@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from synthetic_results import CENTER_HEIGHT, falling_log, make_log, make_result
+from synthetic_results import CENTER_HEIGHT, body_frame, falling_log, make_log, make_result
 from vsr2.errors import ResultError, Vsr2Error
 from vsr2.results import CONTACT_COLUMNS, TrialLog, save_models, save_result
 from vsr2.scene import Box
@@ -42,8 +42,7 @@ def test_the_model_is_drawn_where_the_body_is() -> None:
         np.linspace(0.0, 1.0, 5),
         rotations=model * axes,
         position=origin + model.apply(center),
-        axes=axes,
-        mass_center=center,
+        frame=body_frame(axes, center),
     )
     replay = replay_of(log)
     np.testing.assert_allclose(replay.rock_position, origin, atol=1e-12)
@@ -174,7 +173,9 @@ def test_what_is_drawn_stands_where_the_log_says(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     rotations = Rotation.from_quat(rng.normal(size=(3, 4)))
     time, command = np.array([0.0, 0.5, 1.0]), np.array([0.0, 0.1, -0.2])
-    log = make_log(time, command=command, rotations=rotations, mass_center=(0.1, 0.2, 0.3))
+    log = make_log(
+        time, command=command, rotations=rotations, frame=body_frame(mass_center=(0.1, 0.2, 0.3))
+    )
     with ReplayServer(saved(tmp_path, log)) as server:
         server.show(0.5)
         rock, pedestal = server._drawing._rock, server._drawing._pedestal
