@@ -8,15 +8,29 @@ import numpy as np
 
 
 def read_only(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The array where nobody can write to its memory, else a read-only copy."""
+    """The array where nobody can write to its memory, else a read-only copy.
+
+    The core borrows the first kind alone.
+    """
+    if not _is_read_only(array):
+        array = array.copy(order="K")
+        array.setflags(write=False)
+    return array
+
+
+def _is_read_only(array: np.ndarray[Any, Any]) -> bool:
+    """Whether the array and all whose memory it views are read-only."""
     owner: Any = array
     while isinstance(owner, np.ndarray):
         if owner.flags.writeable:
-            array = array.copy(order="K")
-            array.setflags(write=False)
-            return array
+            return False
         owner = owner.base
-    return array
+    if owner is None:
+        return True
+    try:
+        return memoryview(owner).readonly
+    except TypeError:  # who else can write to it is not known
+        return False
 
 
 class ReadOnlyArrays:

@@ -239,8 +239,9 @@ def test_motions_may_go_while_their_trials_run(
     alive: list[weakref.ref[Lent]] = []
 
     def lend(values: np.ndarray) -> _native.Samples:
-        array = values.copy().view(Lent)
-        array.setflags(write=False)
+        owner = values.copy()
+        owner.setflags(write=False)
+        array = owner.view(Lent)
         alive.append(weakref.ref(array))
         return _native.Samples(array)
 

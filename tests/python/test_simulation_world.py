@@ -10,6 +10,7 @@ import re
 import struct
 import weakref
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,14 @@ import pytest
 from vsr2 import _native
 from vsr2.config.study import ORIGINAL, Contact, Engine, Material, Study
 from vsr2.errors import Fault, SimulationError
+from vsr2.motion import Motion, cosine_motion
+from vsr2.read_only import read_only
 from vsr2.scene import build_scene
-from vsr2.simulation import Simulation, native_scene, pair_values, run_batch
+from vsr2.simulation import Simulation, native_scene, pair_values, run_batch, study_trials
 from vsr2.simulation.native_scenes import refusals
+from vsr2.simulation.native_trials import _settled_start, _specification
+
+RECORD = Path(__file__).resolve().parents[2] / "configs" / "motions" / "synthetic_07.csv"
 
 
 def study(**sections: object) -> Study:
@@ -146,8 +152,11 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
     corners = np.eye(3)
     with pytest.raises(TypeError, match="float64"):
         _native.TrianglesPart(vertices=corners, faces=np.array([[0.0, 1.0, 2.0]]))
-    with pytest.raises(TypeError):
-        _native.HullPart(points=np.array([["0", "1", "2"]]))
+    for wrong in (np.float32, np.longdouble, np.int64, np.uint64, ">f8", str):
+        with pytest.raises(TypeError, match="hull points must be float64"):
+            _native.HullPart(points=corners.astype(wrong))
+        with pytest.raises(TypeError, match="vertices must be float64"):
+            _native.TrianglesPart(corners.astype(wrong), np.array([[0, 1, 2]]))
     with pytest.raises(TypeError):
         _native.PitchSpring(frequency="8", damping=0.1, compliance=0.0, inertia=1.0)
     with pytest.raises(TypeError):
@@ -156,7 +165,8 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
         _native.Samples(np.zeros(3, dtype=np.float32))
     with pytest.raises(_native.InvalidInput, match=r"faces must be below 2\^63"):
         _native.TrianglesPart(corners, np.array([[0, 1, 2**63 + 1]], dtype=np.uint64))
-    _native.TrianglesPart(corners, np.array([[0, 1, 2]], dtype=np.uint64))
+    for right in (np.uint64, np.int64, np.int32, np.uint8):
+        _native.TrianglesPart(corners, np.array([[0, 1, 2]], dtype=right))
 
 
 @pytest.mark.parametrize("value", [True, np.True_])
@@ -197,6 +207,27 @@ def test_no_function_of_the_core_takes_a_truth_value_for_a_number(value: Any) ->
     for name in ("position", "orientation"):
         with pytest.raises(TypeError, match="incompatible"):
             _native.SettledStart(**pose | rest | {"log_every": 0, name: list(pose[name])})
+
+
+@pytest.mark.parametrize(
+    ("motion", "drive"),
+    [
+        ({"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1}, "prescribed"),
+        ({"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1, "drive": "motor"},
+         "motor_position_velocity"),
+        ({"mode": "single_recording", "file": RECORD, "drive": "motor"}, "motor_position"),
+    ],
+)  # fmt: skip
+def test_a_study_and_its_trials_have_one_drive(motion: dict[str, Any], drive: str) -> None:
+    chosen = study(motion=motion)
+    starts = []
+
+    def settled_start(scene: _native.Scene, used: _native.Drive, *more: Any) -> Any:
+        starts.append(used)
+        return _settled_start(scene, used, *more)
+
+    _specification(study_trials(chosen)[0], settled_start)
+    assert [Simulation(chosen).drive] == [used.name for used in starts] == [drive]
 
 
 def test_a_state_has_a_greatest_number_of_steps() -> None:
@@ -272,10 +303,9 @@ def test_samples_are_borrowed_and_given_back() -> None:
     class Lent(np.ndarray):
         """An array that can be referred to weakly."""
 
-    values = np.zeros(1000).view(Lent)
-    with pytest.raises(_native.InvalidInput, match="read-only"):
-        _native.Samples(values)
-    values.setflags(write=False)
+    owner = np.zeros(1000)
+    owner.setflags(write=False)
+    values = owner.view(Lent)
     gone = weakref.ref(values)
     samples = _native.Samples(values)
     del values
@@ -283,6 +313,38 @@ def test_samples_are_borrowed_and_given_back() -> None:
     del samples
     gc.collect()
     assert gone() is None
+
+
+def test_samples_are_lent_only_where_nobody_can_write_to_them() -> None:
+    owner, buffer = np.zeros(10), np.frombuffer(bytearray(80))
+    view = owner[2:]
+    for array in (view, buffer):
+        array.setflags(write=False)
+    for array in (owner, view, buffer):
+        with pytest.raises(_native.InvalidInput, match="must be read-only"):
+            _native.Samples(array)
+        kept = read_only(array)
+        assert not np.shares_memory(kept, array)
+        _native.Samples(kept)
+    owner.setflags(write=False)
+    for array in (owner, view, np.frombuffer(bytes(80))):
+        assert read_only(array) is array
+        _native.Samples(array)
+
+
+def through_pickle(motion: Motion) -> Motion:
+    """As a motion travels to a worker."""
+    again = pickle.loads(pickle.dumps(motion, protocol=5))
+    assert isinstance(again, Motion)
+    return again
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, through_pickle])
+def test_a_motion_is_lent_without_a_copy(copied: Callable[[Motion], Motion]) -> None:
+    motion = copied(cosine_motion(0.1, 2.0, 1e-3))
+    for array in (motion.displacement, motion.velocity):
+        assert read_only(array) is array
+        _native.Samples(array)
 
 
 @pytest.mark.parametrize("position", [math.nan, math.inf])

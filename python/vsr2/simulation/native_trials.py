@@ -13,6 +13,7 @@ from vsr2.config.study import Settling
 from vsr2.motion import Motion
 from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, Outcome, Status, TrialLog
 from vsr2.scene import Pose
+from vsr2.simulation.native_drive import native_drive
 from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.planning import log_bytes
 from vsr2.trial import Trial
@@ -44,14 +45,8 @@ def _specification(
     trial: Trial, settled_start: Callable[..., _native.SettledStart]
 ) -> _native.TrialSpec:
     """A trial as the core takes it; the motion is lent."""
-    if trial.goes_beside_x:
-        drive = _native.Drive.prescribed_spatial
-    elif trial.drive == "prescribed":
-        drive = _native.Drive.prescribed
-    elif trial.motion.kind == "cosine":
-        drive = _native.Drive.motor_position_velocity
-    else:
-        drive = _native.Drive.motor_position
+    cosine = trial.motion.kind == "cosine"
+    drive = native_drive(trial.drive, beside_x=trial.goes_beside_x, cosine=cosine)
     scene, output = trial.scene, trial.output
     body = scene.body_pose(trial.start_pose)
     log_every = output.log_every if output.log_settling else 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from vsr2.config import Study, load_study
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
 from vsr2.scene import Pose, Scene, build_scene
+from vsr2.simulation.native_drive import native_drive
 from vsr2.simulation.native_scenes import native_scene, refusals
 
 Array = NDArray[np.float64]
@@ -95,22 +96,25 @@ class Simulation:
     ) -> None:
         if isinstance(study, Scene):
             self.scene = study
-            chosen: str = drive or ("prescribed_spatial" if study.pitches else "prescribed")
+            source: Literal["prescribed", "motor"] = "prescribed"
+            cosine = False
         elif isinstance(study, Study | str | PathLike):
             loaded = study if isinstance(study, Study) else load_study(study)
             self.scene = build_scene(loaded)
-            chosen = drive or drive_name(loaded)
+            source = loaded.motion.drive
+            cosine = loaded.motion.mode in ("single_cosine", "grid_cosine")
         else:
             raise SimulationError(
                 f"simulation: got {study!r}, a {type(study).__name__}; give a Study, the path of "
                 "one, or a Scene"
             )
-        self.drive = chosen
-        if chosen not in DRIVES:
+        default = native_drive(source, beside_x=self.scene.pitches, cosine=cosine)
+        self.drive = drive or default.name
+        if self.drive not in DRIVES:
             raise SimulationError(
-                f"drive {chosen!r} is not known; choose one of {', '.join(DRIVES)}"
+                f"drive {self.drive!r} is not known; choose one of {', '.join(DRIVES)}"
             )
-        self._drive = getattr(_native.Drive, chosen)
+        self._drive = getattr(_native.Drive, self.drive)
         self._start = self.scene.rock.start
         self._begin(self._start if spawn else None)
 
@@ -342,12 +346,3 @@ class Simulation:
         step [N s], their two directions, and the pair values in force.
         """
         return list(self._world.contacts())
-
-
-def drive_name(study: Study) -> str:
-    """How the study's motion drives the pedestal (supplement S1.3)."""
-    if study.motion.drive == "prescribed":
-        return "prescribed"
-    if study.motion.mode in ("single_cosine", "grid_cosine"):
-        return "motor_position_velocity"
-    return "motor_position"

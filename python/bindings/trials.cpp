@@ -1,0 +1,214 @@
+// Trials, their results and columns, and batches of them; the GIL is released while they run.
+
+#include "bindings.hpp"
+#include "vsr2/batch.hpp"
+
+namespace vsr2::binding {
+namespace {
+
+/// Whether nobody can write to an object's memory through the buffer that it offers.
+bool is_read_only_buffer(const py::handle& object) {
+  Py_buffer buffer;
+  if (!PyObject_CheckBuffer(object.ptr())) return false;
+  if (PyObject_GetBuffer(object.ptr(), &buffer, PyBUF_FULL_RO) != 0) {
+    PyErr_Clear();
+    return false;
+  }
+  const bool read_only = buffer.readonly != 0;
+  PyBuffer_Release(&buffer);
+  return read_only;
+}
+
+/// Whether an array and all whose memory it views are read-only; as `vsr2.read_only` has it.
+bool is_read_only(const py::array& array) {
+  py::object owner = array;
+  while (py::isinstance<py::array>(owner)) {
+    const auto view = py::reinterpret_borrow<py::array>(owner);
+    if (view.writeable()) return false;
+    owner = view.base() ? py::reinterpret_borrow<py::object>(view.base()) : py::none();
+  }
+  return owner.is_none() || is_read_only_buffer(owner);
+}
+
+/// Borrows the memory of a motion's channel. The array lives until the last trial that needs it is
+/// gone, on whatever thread that is, and must stay read-only.
+Samples borrow(const py::array& array) {
+  if (array.ndim() != 1 || !is_float64(array) || (array.flags() & py::array::c_style) == 0)
+    throw py::type_error("samples must be a contiguous array of float64 of shape (n,)");
+  if (!is_read_only(array))
+    throw InvalidInput(
+        "samples are borrowed, so their array, and one that it is a view of, must be read-only; "
+        "call setflags(write=False)");
+  auto* kept = new py::array(array);
+  const auto give_back = [kept](const double*) {
+    if (!Py_IsInitialized()) return;
+    const py::gil_scoped_acquire gil;
+    delete kept;
+  };
+  return {std::shared_ptr<const double>(static_cast<const double*>(array.data()), give_back),
+          static_cast<std::size_t>(array.size())};
+}
+
+// Hands a vector to numpy without a copy.
+py::array_t<double> adopt(std::vector<double>&& values, py::ssize_t columns) {
+  auto owner = std::make_unique<std::vector<double>>(std::move(values));
+  const auto rows = static_cast<py::ssize_t>(owner->size()) / columns;
+  double* data = owner->data();
+  py::capsule guard(owner.release(), [](void* p) { delete static_cast<std::vector<double>*>(p); });
+  return py::array_t<double>({rows, columns}, data, guard);
+}
+
+/// The numbers of a trial's row, in the order of its columns.
+struct ResultColumn {
+  const char* name;
+  double TrialResult::* member;
+  const char* meaning;
+};
+constexpr ResultColumn kResultColumns[] = {
+    {"settling_time", &TrialResult::settling_time, "[s]"},
+    {"simulated_time", &TrialResult::simulated_time, "after settling [s]"},
+    {"overturning_time", &TrialResult::overturning_time,
+     "irreversibly overturned from [s]; empty: never"},
+    {"peak_tilt", &TrialResult::peak_tilt, "[rad]"},
+    {"final_tilt", &TrialResult::final_tilt, "[rad]"},
+    {"final_slip", &TrialResult::final_slip, "[m]"},
+    {"final_yaw", &TrialResult::final_yaw, "[rad]"},
+    {"peak_tracking_error", &TrialResult::peak_tracking_error,
+     "commanded against achieved pedestal position [m]"},
+};
+
+/// Names of columns with their units or meanings.
+using NamedColumns = std::vector<std::pair<std::string, std::string>>;
+template <std::size_t kCount>
+void bind_columns(py::module_& m, const char* name, const std::array<Column, kCount>& columns) {
+  m.def(name, [&columns] {
+    NamedColumns out;
+    for (const Column& column : columns) out.emplace_back(column.name, column.unit);
+    return out;
+  });
+}
+
+/// A batch goes with the GIL released: its threads may need it to give borrowed memory back.
+struct DeleteWithoutGil {
+  void operator()(Batch* batch) const {
+    const py::gil_scoped_release release;
+    delete batch;
+  }
+};
+
+void bind_endings(py::module_& m) {
+  bind_enum<Status>(m, "Status",
+                    {{"ok", Status::ok},
+                     {"settling_timeout", Status::settling_timeout},
+                     {"tail_timeout", Status::tail_timeout},
+                     {"diverged", Status::diverged},
+                     {"error", Status::error},
+                     {"cancelled", Status::cancelled},
+                     {"not_run", Status::not_run}});
+  bind_enum<Outcome>(m, "Outcome",
+                     {{"stable", Outcome::stable},
+                      {"rocked", Outcome::rocked},
+                      {"slid", Outcome::slid},
+                      {"rotated", Outcome::rotated},
+                      {"overturned", Outcome::overturned},
+                      {"failed", Outcome::failed}});
+}
+
+void bind_specification(py::module_& m) {
+  py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
+      .def(py::init(&borrow), strict("values"));
+
+  py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
+      .def(py::init([](std::shared_ptr<Scene> scene, Drive drive, const Eigen::Vector3d& position,
+                       const Vector4& orientation, Taken<double> linear_speed,
+                       Taken<double> angular_speed, Taken<double> window, Taken<double> timeout,
+                       Taken<std::int64_t> log_every) {
+             return std::make_shared<SettledStart>(
+                 std::move(scene), drive, make_pose(position, orientation),
+                 RestCriterion{.linear_speed = linear_speed,
+                               .angular_speed = angular_speed,
+                               .window = window}, timeout, log_every);
+           }),
+           py::kw_only(), py::arg("scene"), py::arg("drive"), strict("position"),
+           strict("orientation"), strict("linear_speed"), strict("angular_speed"),
+           strict("window"), strict("timeout"), strict("log_every"));
+
+  using T = TrialSpec;
+  bind_record<T>(
+      m, "TrialSpec", Field{"start", &T::start}, Field{"motion_position", &T::position},
+      Field{"motion_velocity", &T::velocity}, Field{"transverse", &T::transverse},
+      Field{"vertical", &T::vertical}, Field{"pitch", &T::pitch}, Field{"tail", &T::tail},
+      Field{"rest_linear_speed", [](T& t) -> double& { return t.tail_rest.linear_speed; }},
+      Field{"rest_angular_speed", [](T& t) -> double& { return t.tail_rest.angular_speed; }},
+      Field{"rest_window", [](T& t) -> double& { return t.tail_rest.window; }},
+      Field{"overturned_tilt", [](T& t) -> double& { return t.outcome.overturned_tilt; }},
+      Field{"toppled_tilt", [](T& t) -> double& { return t.outcome.toppled_tilt; }},
+      Field{"rocked_tilt", [](T& t) -> double& { return t.outcome.rocked_tilt; }},
+      Field{"slid_distance", [](T& t) -> double& { return t.outcome.slid_distance; }},
+      Field{"rotated_angle", [](T& t) -> double& { return t.outcome.rotated_angle; }},
+      Field{"stop_early", &T::stop_early}, Field{"log_every", &T::log_every},
+      Field{"contacts_every", &T::contacts_every});
+}
+
+void bind_result(py::module_& m) {
+  py::class_<TrialResult> result(m, "TrialResult");
+  for (const ResultColumn& column : kResultColumns)
+    result.def_readonly(column.name, column.member, column.meaning);
+  result.def_readonly("status", &TrialResult::status)
+      .def_readonly("outcome", &TrialResult::outcome)
+      .def_readonly("message", &TrialResult::message)
+      .def_readonly("engine", &TrialResult::engine, "That started it; None where none did.")
+      .def_readonly("hand_over", &TrialResult::handover, "Why `fast` went on with `exact`.")
+      .def_readonly("steps", &TrialResult::steps)
+      .def_property_readonly("settled_position",
+                             [](const TrialResult& r) { return r.X_WB_settled.position; })
+      .def_property_readonly("settled_orientation",
+                             [](const TrialResult& r) { return Vector4(r.X_WB_settled.orientation.coeffs()); })
+      .def_readonly("foot", &TrialResult::p_B_foot)
+      .def("take_log", [](TrialResult& r) { return adopt(std::move(r.log), kLogColumns); },
+           "State log, columns state_columns(); may be taken once.")
+      .def("take_excursions",
+           [](TrialResult& r) { return adopt(std::move(r.excursions), kExcursionColumns); },
+           "Transverse and vertical displacement [m], pitch [rad]: one row a row of the state log, or none "
+           "where the pedestal moved along x; may be taken once.")
+      .def("take_contacts",
+           [](TrialResult& r) { return adopt(std::move(r.contacts), kContactColumns); },
+           "Contact log, columns contact_columns(); may be taken once.");
+}
+
+void bind_batch(py::module_& m) {
+  py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
+      .def(py::init([](Taken<int> threads) { return new Batch(threads); }), strict("threads"))
+      .def("add", &Batch::add, py::arg("trial"))
+      .def("close", &Batch::close)
+      // Python signals are handled between the short waits, so Ctrl-C is noticed at once.
+      .def("wait", [](Batch& batch, Taken<double> timeout) { return batch.wait(timeout); },
+           strict("timeout"), py::call_guard<py::gil_scoped_release>())
+      .def("exhausted", &Batch::exhausted, py::call_guard<py::gil_scoped_release>())
+      .def("cancel", &Batch::cancel)
+      .def("join", &Batch::join, py::call_guard<py::gil_scoped_release>())
+      .def("take", [](Batch& batch, Taken<std::size_t> index) { return batch.take(index); },
+           strict("index"));
+}
+
+void bind_column_lists(py::module_& m) {
+  bind_columns(m, "state_columns", kStateLog);
+  bind_columns(m, "contact_columns", kContactLog);
+  m.def("result_columns", [] {
+    NamedColumns out;
+    for (const ResultColumn& column : kResultColumns) out.emplace_back(column.name, column.meaning);
+    return out;
+  });
+}
+
+}  // namespace
+
+void bind_trials(py::module_& m) {
+  bind_endings(m);
+  bind_specification(m);
+  bind_result(m);
+  bind_batch(m);
+  bind_column_lists(m);
+}
+
+}  // namespace vsr2::binding

@@ -1,0 +1,123 @@
+// Worlds that Python steps, behind vsr2.Simulation; conversions only.
+
+#include <cstring>
+
+#include "bindings.hpp"
+#include "vsr2/recorded_world.hpp"
+
+namespace vsr2::binding {
+namespace {
+
+py::dict contact_dict(const ContactPoint& c) {
+  py::dict out;
+  out["p_W_rock"] = c.p_W_rock;
+  out["p_W_pedestal"] = c.p_W_pedestal;
+  out["normal_W"] = c.normal_W;
+  out["distance"] = c.distance;
+  out["normal_impulse"] = c.normal_impulse;
+  out["lateral_impulse"] = Eigen::Vector2d(c.lateral_impulse_1, c.lateral_impulse_2);
+  out["lateral_direction_1"] = c.direction_1;
+  out["lateral_direction_2"] = c.direction_2;
+  for (std::size_t i = 0; i < kContactParameters.size(); ++i)
+    out[kContactParameters[i].name] = c.pair.all[i];
+  return out;
+}
+
+void bind_world_state(py::module_& m) {
+  py::class_<WorldState>(m, "WorldState", "State of a world, opaque; pickles and copies.")
+      .def(py::pickle(
+          [](const WorldState& state) {
+            const auto size = state.actions.size() * sizeof(WorldState::Action);
+            return py::make_tuple(
+                state.drive, py::bytes(reinterpret_cast<const char*>(state.actions.data()), size));
+          },
+          [](const py::tuple& content) {
+            if (content.size() != 2 || !py::isinstance<py::bytes>(content[1]))
+              throw InvalidInput("the state is not one of a world");
+            const auto bytes = content[1].cast<std::string>();
+            WorldState state{content[0].cast<Drive>(), {}};
+            if (bytes.size() % sizeof(WorldState::Action) != 0)
+              throw InvalidInput("the state is not one of a world");
+            state.actions.resize(bytes.size() / sizeof(WorldState::Action));
+            if (!bytes.empty()) std::memcpy(state.actions.data(), bytes.data(), bytes.size());
+            state.check();
+            return state;
+          }));
+}
+
+}  // namespace
+
+void bind_worlds(py::module_& m) {
+  bind_enum<Drive>(m, "Drive",
+                   {{"prescribed", Drive::prescribed},
+                    {"prescribed_spatial", Drive::prescribed_spatial},
+                    {"motor_position", Drive::motor_position},
+                    {"motor_position_velocity", Drive::motor_position_velocity}});
+
+  bind_world_state(m);
+
+  // The world behind vsr2.Simulation.
+  py::class_<RecordedWorld>(m, "World")
+      .def(py::init([](std::shared_ptr<Scene> scene, Drive drive) {
+             return std::make_unique<RecordedWorld>(std::move(scene), drive);
+           }),
+           py::arg("scene"), py::arg("drive"))
+      .def("spawn_rock",
+           [](RecordedWorld& world, const Eigen::Vector3d& position, const Vector4& orientation) {
+             world.spawn_rock(make_pose(position, orientation));
+           },
+           strict("position"), strict("orientation"))
+      .def("delete_rock", &RecordedWorld::delete_rock)
+      .def_property_readonly("has_rock", &RecordedWorld::has_rock)
+      .def_property_readonly("engine", &RecordedWorld::engine, "Engine it was built with.")
+      .def_property_readonly("hand_over", &RecordedWorld::handover,
+                             "Why `fast` went on with `exact`, if it did.")
+      .def("save_state", &RecordedWorld::save_state)
+      .def("restore_state", &RecordedWorld::restore_state, py::arg("state"),
+           py::call_guard<py::gil_scoped_release>())
+      .def("settle",
+           [](RecordedWorld& world, Taken<double> linear_speed, Taken<double> angular_speed,
+              Taken<double> window, Taken<double> timeout) {
+             return world.settle({.linear_speed = linear_speed,
+                                  .angular_speed = angular_speed,
+                                  .window = window},
+                                 timeout);
+           },
+           py::kw_only(), strict("linear_speed"), strict("angular_speed"), strict("window"),
+           strict("timeout"), py::call_guard<py::gil_scoped_release>(),
+           "Holds the pedestal until the rock rests: steps taken, and whether it rests.")
+      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, strict("linear"),
+           strict("angular"))
+      .def("step",
+           [](RecordedWorld& world, Taken<double> position, Taken<double> velocity,
+              Taken<double> transverse, Taken<double> vertical, Taken<double> pitch) {
+             world.step({position, velocity, {transverse, vertical, pitch}});
+           },
+           strict("position"), strict("velocity"), strict("transverse") = 0.0,
+           strict("vertical") = 0.0, strict("pitch") = 0.0)
+      .def_property_readonly("pedestal",
+                             [](const RecordedWorld& world) {
+                               const PedestalState s = world.pedestal();
+                               return std::make_pair(s.position, s.velocity);
+                             })
+      .def_property_readonly("excursion",
+                             [](const RecordedWorld& world) {
+                               const Excursion x = world.pedestal().excursion;
+                               return std::make_tuple(x.transverse, x.vertical, x.pitch);
+                             },
+                             "Transverse and vertical displacement [m], pitch [rad].")
+      .def_property_readonly("rock",
+                             [](const RecordedWorld& world) {
+                               const RockState s = world.rock();
+                               return std::make_tuple(s.p_WB, Vector4(s.q_WB.coeffs()), s.v_WB, s.w_WB);
+                             })
+      .def("contacts", [](const RecordedWorld& world) {
+        std::vector<ContactPoint> points;
+        world.contacts(points);
+        py::list out;
+        for (const ContactPoint& point : points) out.append(contact_dict(point));
+        return out;
+      });
+}
+
+}  // namespace vsr2::binding
