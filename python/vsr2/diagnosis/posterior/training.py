@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import disturbed
-from vsr2.diagnosis.posterior.naming import Naming, candidates, decide, is_wrong
+from vsr2.diagnosis.posterior.naming import Naming, VerdictKind, candidates, decide, is_wrong
 from vsr2.diagnosis.posterior.network import Network, train_network
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
@@ -367,11 +367,12 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
     )
     for least in TRAINING.names:
         said = [decide(f, none_limit=none_limit, least=least, alike=truth.alike) for f in found]
-        named = np.array([bool(s.effects) and s.kind != "unresolved" for s in said])
+        named = np.array([bool(s.effects) and s.kind is not VerdictKind.UNRESOLVED for s in said])
         wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
         share = float((weight * wrong).sum() / max((weight * named).sum(), 1e-9))
         if share <= TRAINING.wrong:
             break
+    unknown = [s.kind is VerdictKind.UNKNOWN for s in said[len(truth.index) :]]
     return Levels(
         temperature=temperature,
         none_limit=none_limit,
@@ -379,9 +380,7 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
         set_level=_set_level(probability, index, weight, truth.sets),
         wrong=share,
         named=float((weight * named).sum() / weight.sum()),
-        detection_rate=float(
-            np.mean([s.kind == "unknown" for s in said[len(truth.index) :]]) if acting.any() else 0
-        ),
+        detection_rate=float(np.mean(unknown) if unknown else 0),
     )
 
 
