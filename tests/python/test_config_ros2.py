@@ -137,8 +137,8 @@ def test_flags_are_read_in_the_words_that_ros_2_takes(package, word, flag):
     assert import_ros2(write(package, engine, TABLE, MESH)).study.engine.cone_friction is flag
 
 
-def test_what_the_original_ignored_is_told(package):
-    told = "\n".join(ignored(import_ros2(write(package, ENGINE, TABLE, BOX, MESH))))
+def test_what_the_original_ignored_is_reported(package):
+    reported = "\n".join(ignored(import_ros2(write(package, ENGINE, TABLE, BOX, MESH))))
     for words in (
         "dynamics.pedestal.* (restitution, lateralFriction, spinningFriction, contactStiffness, "
         "contactDamping): overwritten by the rock's",
@@ -152,7 +152,7 @@ def test_what_the_original_ignored_is_told(package):
         "structure.pedestal.inertia: read, but never handed",
         "rock_structure_box.dimensions",
     ):
-        assert words in told, words
+        assert words in reported, words
 
 
 def test_nothing_is_called_ignored_that_counts(package):
@@ -172,11 +172,11 @@ def test_nothing_is_called_ignored_that_counts(package):
     }
 
 
-def test_keys_the_original_never_knew_are_told(package):
+def test_keys_the_original_never_knew_are_reported(package):
     extra = "/**:\n  ros__parameters:\n    surprise: 1\n    rock_structure: {mass: 2.0}\n"
-    told = ignored(import_ros2(write(package, TABLE, MESH, extra)))
-    assert "surprise: unknown to the original" in told
-    assert "rock_structure.mass: an older name, which no node declares" in told
+    reported = ignored(import_ros2(write(package, TABLE, MESH, extra)))
+    assert "surprise: unknown to the original" in reported
+    assert "rock_structure.mass: an older name, which no node declares" in reported
 
 
 def test_a_mesh_pedestal_cannot_be_reached(package):
@@ -200,7 +200,7 @@ def test_the_box_may_be_asked_for_where_both_rocks_are_given(package):
     assert import_ros2(paths, rock="box").study.rock.shape == "box"
 
 
-def test_a_box_inertia_is_told_only_where_it_differs_from_the_solids(package):
+def test_a_box_inertia_is_reported_only_where_it_differs_from_the_solids(package):
     # 1200/12 (0.8^2 + 1.4^2) = 260, 1200/12 (0.6^2 + 1.4^2) = 232, 1200/12 (0.6^2 + 0.8^2) = 100.
     solid = import_ros2(write(package, BOX))
     assert not any("localInertiaDiagonal" in note.text for note in solid.notes)
@@ -224,7 +224,7 @@ def test_the_base_ends_where_the_original_has_its_top(package):
         ("0.002", "not played at all"),
     ],
 )
-def test_the_time_base_of_recordings_is_told(package, time_step, words):
+def test_the_time_base_of_recordings_is_reported(package, time_step, words):
     mode = "/**:\n  ros__parameters: {motion_mode: all_recordings}\n"
     engine = ENGINE.replace("0.0005", time_step)
     imported = import_ros2(write(package, engine, MESH, mode))
@@ -261,7 +261,7 @@ def test_motion_modes(package, mode, kind, words):
     assert any(words in note.text for note in imported.notes)
 
 
-def test_a_missing_motion_mode_is_assumed_and_told(package):
+def test_a_missing_motion_mode_is_assumed_and_reported(package):
     imported = import_ros2(write(package, MESH))
     assert imported.study.motion.mode == "grid_cosine"
     assert imported.study.motion.pga.count * imported.study.motion.pgv_pga.count == 9
@@ -281,10 +281,10 @@ def test_names_of_nodes(package):
     plain = ENGINE.replace("/**", "simulation_node")
     imported = import_ros2(write(package, named, foreign, plain))
     assert imported.study.contact.rock.restitution == 0.25
-    told = "\n".join(ignored(imported))
-    assert "parameters of node 'camera'" in told
-    assert "everything under simulation_node wherever" in told
-    assert "rate" not in told
+    reported = "\n".join(ignored(imported))
+    assert "parameters of node 'camera'" in reported
+    assert "everything under simulation_node wherever" in reported
+    assert "rate" not in reported
 
 
 def test_the_study_is_complete_and_loads_once_its_files_exist(package):
@@ -301,7 +301,7 @@ def test_placeholders_of_the_workspace_are_understood(package):
     assert import_ros2(write(package, text)).study.rock.file == package / "models" / "boulder.urdf"
 
 
-def test_a_missing_mesh_is_told_not_refused(package):
+def test_a_missing_mesh_is_reported_not_refused(package):
     imported = import_ros2(write(package, MESH.replace("boulder", "gone")))
     assert any("models/gone.urdf is not found" in n for n in notes_of("assumed", imported))
 

@@ -212,7 +212,7 @@ def test_effects_act_and_measures_stay_those_of_the_motion(study):
     more = run_fragility(study(gain), threads=1)
     np.testing.assert_array_equal(more.measures["pga_g"], plain.measures["pga_g"])
     assert more.overturned.sum() > plain.overturned.sum()
-    # Every replicate draws anew, and more of them leave the earlier ones as they are.
+    # Every replicate draws again, and more of them leave the earlier ones as they are.
     third = run_fragility(study(gain, ("replicates: 2", "replicates: 3")), threads=1)
     kept = np.array([one.replicate < 2 for one in third.planned])
     for name in ("peak_tilt", "final_tilt"):

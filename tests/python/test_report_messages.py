@@ -91,7 +91,7 @@ def test_every_code_has_a_sentence(code) -> None:
             "a set-up whose slenderness or inertia lies further off",
         ),
         (
-            Statement.of(LimitCode.FEW_SESSIONS, orders=6, p=1 / 6),
+            Statement.of(LimitCode.FEW_SESSIONS, permutations=6, p=1 / 6),
             "few sessions: their order can be changed in 6 ways, so that no change over the order "
             "is significant (p of 0.17 at least)",
         ),
@@ -184,7 +184,7 @@ def test_each_reason_for_no_baselines_has_a_sentence_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("code", EventCode)
-def test_an_event_is_told_with_all_its_values(code) -> None:
+def test_an_event_is_reported_with_all_its_values(code) -> None:
     values = {name: f"<{name}>" if kind is str else 7 for name, kind in code.types.items()}
     text = event_text(Statement.of(code, **values))
     assert all(value in text for value in values.values() if isinstance(value, str))

@@ -128,7 +128,7 @@ def load_fragility(
         )
     if (own.azimuths is not None or own.jitter.any) and study.study.rock.start.mode != "yaw":
         raise ConfigError(
-            f"{study.label}: rock.start: azimuths and jitter turn and lower the rock anew; use "
+            f"{study.label}: rock.start: azimuths and jitter turn and lower the rock again; use "
             "`mode: yaw` with `base_orientation`, `yaw` and `position_xy`"
         )
     return study

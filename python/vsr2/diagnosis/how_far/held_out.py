@@ -1,7 +1,7 @@
 """HOW FAR the gap shrinks: trials simulated again, without effect and with what is named.
 
 Motions are dealt into groups. Parameters of what is named come from the trials of the other groups
-alone; then the trials of the group are simulated with them, nuisances drawn anew, and judged by
+alone; then the trials of the group are simulated with them, nuisances drawn again, and judged by
 these simulations: before and after on motions that were not seen. Differences are of equal trials
 and are bootstrapped over motions. All of it is reported; nothing is named or withheld for it.
 

@@ -186,9 +186,9 @@ def scan(
         if interleaved(runs):
             p_value[:, inside] = 1.0
         elif inside.any():
-            orders = np.stack([_permutation(runs, rng) for _ in range(SCAN.permutations)])
+            moves = np.stack([_permutation(runs, rng) for _ in range(SCAN.permutations)])
             moved = _scores(
-                observed[:, orders].swapaxes(0, 1), known[:, orders].swapaxes(0, 1), weights[inside]
+                observed[:, moves].swapaxes(0, 1), known[:, moves].swapaxes(0, 1), weights[inside]
             )
             p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
     # What the squares exceed those of gap-free campaigns is the effect's.
