@@ -16,6 +16,7 @@ from vsr2.config.motion_source import AllRecordings, Filter, SingleRecording
 from vsr2.config.study import Study
 from vsr2.diagnosis.observed.features import (
     REST_FEATURES,
+    SERIES,
     TILT_FEATURES,
     Sampling,
     rest_features,
@@ -29,6 +30,7 @@ from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
     PERTURBED,
+    SIMULATION,
     Effects,
     Request,
     Responses,
@@ -52,8 +54,6 @@ _logger = logging.getLogger(__name__)
 HYPOTHESES = Hypotheses()
 """All registered effects, and the default nuisances."""
 RECORDED = SingleRecording | AllRecordings
-ROW = 0.01
-"""Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
 
 class SceneSimulator:
@@ -108,8 +108,8 @@ class SceneSimulator:
         self._campaign, self._study = campaign, study
         self._sampling = series_sampling(campaign) or sampling if series else None
         self._measured = () if self._sampling is None else (self._sampling,)
-        interval = ROW if self._sampling is None else self._sampling.interval
-        self._row = min(ROW, interval) if series else None
+        interval = SERIES.row if self._sampling is None else self._sampling.interval
+        self._row = min(SERIES.row, interval) if series else None
         self._trials = _base_trials(campaign, study, self._row)
         moved = any(one.displacement is not None for one in campaign.motions.values())
         if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
@@ -274,7 +274,7 @@ class SceneSimulator:
         out = list(self._trials)
         for i in wanted if replicate < 0 else ():
             trial = out[i]
-            shift = 1e-6 * 10.0 ** ((PERTURBED - replicate) % 3)
+            shift = SIMULATION.least_shift * 10.0 ** ((PERTURBED - replicate) % SIMULATION.shifts)
             start = trial.start or trial.scene.rock.start
             x, y, z = start.position
             turned = multiply(yaw_quaternion(shift), start.orientation)

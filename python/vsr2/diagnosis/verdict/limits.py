@@ -35,6 +35,7 @@ class LimitConstants:
         all_of_prior: share of a prior's range beyond which an interval determines no size.
         scatter: standard deviations by which repeats must differ more than expected.
         locations: the most significant that are written down, beside those of all trials.
+        sets: the most probable that are written down.
     """
 
     few_trials: int = 100
@@ -45,6 +46,7 @@ class LimitConstants:
     all_of_prior: float = 0.85
     scatter: float = 3.0
     locations: int = 20
+    sets: int = 10
 
 
 LIMITS = LimitConstants()
