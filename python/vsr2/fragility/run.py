@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vsr2.effects import apply_effects
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit, fit_fragility
-from vsr2.fragility.settings import FragilitySettings, FragilityStudy
+from vsr2.fragility.settings import FIT, FragilitySettings, FragilityStudy
 from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
 from vsr2.motion import Motion, intensity_measures
 from vsr2.results import BatchResult
@@ -171,6 +171,7 @@ def _fitted(
         | {
             "study": study.study.model_dump(mode="json"),
             "fragility": settings.model_dump(mode="json"),
+            "constants": {"fit": asdict(FIT)},
         },
     )
 
