@@ -18,7 +18,7 @@ from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.scoring.baselines import BASELINE
-from vsr2.blind.scoring.cases import groups, read_cases
+from vsr2.blind.scoring.cases import GROUPS, groups, read_cases
 from vsr2.blind.scoring.intervals import (
     INTERVALS,
     Score,
@@ -495,10 +495,10 @@ def test_an_open_pack_shows_its_campaigns_and_is_scored_again(tmp_path) -> None:
 def test_scores_state_the_constants_that_they_rest_on(pack, tmp_path) -> None:
     score_pack(*pack, tmp_path / "scores")
     used = {
-        "scoring": SCORING, "intervals": INTERVALS, "baselines": BASELINE, "leaks": LEAKS,
-        "metadata": METADATA,
+        "scoring": SCORING, "groups": GROUPS, "intervals": INTERVALS, "baselines": BASELINE,
+        "leaks": LEAKS, "metadata": METADATA,
     }  # fmt: skip
-    wanted = {name: dataclasses.asdict(one) for name, one in used.items()}
+    wanted = json.loads(json.dumps({name: dataclasses.asdict(one) for name, one in used.items()}))
     for path in (tmp_path / "scores" / "scores.json", pack[1] / "receipt.json"):
         assert json.loads(path.read_text())["constants"] == wanted
 

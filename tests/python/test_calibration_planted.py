@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from vsr2.calibration import (
     prepare_calibration_folder,
     usable_trials,
 )
+from vsr2.calibration.calibration_study import CALIBRATION
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.objective import metrics_of
 from vsr2.campaign import Campaign, load_campaign, simulate_campaign
@@ -88,6 +90,7 @@ def test_the_files_hold_together(planted):
     provenance = json.loads((complete / "provenance.json").read_text())
     assert provenance["evaluations"] == provenance["simulated_in_this_run"] == len(evaluations)
     assert provenance["seed"] == 3
+    assert provenance["constants"]["calibration"] == asdict(CALIBRATION)
     page = (complete / "report.md").read_text()
     for word in ("Optimism", "logistic", "Not identified by this campaign: restitution", "yaw"):
         assert word in page

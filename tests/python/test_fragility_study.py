@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import asdict
 from functools import partial
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import command_line
 from vsr2.errors import ConfigError
 from vsr2.fragility import fragility_trials, load_fragility
+from vsr2.fragility.settings import FIT
 from vsr2.results import JOURNAL_FILE
 from vsr2.scene.rotation import matrix_from_quaternion
 
@@ -188,6 +190,7 @@ def test_a_study_runs_to_tables_figures_and_page_and_resumes(study, tmp_path, ca
     )
     provenance = json.loads((out / "provenance.json").read_text())
     assert provenance["fragility"]["replicates"] == 2
+    assert provenance["constants"]["fit"] == asdict(FIT)
     assert not (out / JOURNAL_FILE).exists()
 
     part = tmp_path / "part"
