@@ -52,7 +52,7 @@ def main() -> None:
         cells = []
         for trials in plain.values():
             given = [(effect, effect.extreme())]
-            changed = with_effects(trials, given, orders=[1.0] * len(trials))
+            changed = with_effects(trials, given, relative_order=[1.0] * len(trials))
             ratios = []
             for _ in range(arguments.rounds):
                 off = cpu_time(trials)

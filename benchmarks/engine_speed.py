@@ -109,8 +109,8 @@ class NativeRock:
         )
         names = ("displacement", "velocity", "acceleration")
         short = replace(motion, **{name: getattr(motion, name)[:2] for name in names})
-        (whole, steps), (still, none) = map(_timed, (trial, replace(trial, motion=short)))
-        return (whole - still) / (steps - none)
+        (shaken, steps), (still, none) = map(_timed, (trial, replace(trial, motion=short)))
+        return (shaken - still) / (steps - none)
 
     def follow(self, motion: Motion) -> tuple[Array, Array, Array]:
         """Where table and rock go in the world, and how far the rock tilts.
@@ -140,9 +140,9 @@ def _timed(trial: Trial) -> tuple[float, int]:
     start = time.process_time()
     result = run_batch([trial], threads=1)
     used = time.process_time() - start
-    status, outcome = result["status"][0], result["outcome"][0]
-    if status not in ("ok", "tail_timeout") or outcome == "overturned":
-        raise SystemExit(f"a trial ended as {status}, {outcome}; take another --strength")
+    if not result.judged[0] or result.overturned[0]:
+        ended = f"{result['status'][0]}, {result['outcome'][0]}"
+        raise SystemExit(f"a trial ended as {ended}; take another --strength")
     return used, int(result["steps"][0])
 
 

@@ -65,7 +65,7 @@ def cpu_time(trial: Trial) -> float:
     start = time.process_time()
     result = run_batch([trial], threads=1)
     seconds = time.process_time() - start
-    if result["status"][0] not in ("ok", "tail_timeout"):
+    if not result.judged[0]:
         raise SystemExit(result["status"][0])
     return float(seconds / result["steps"][0])
 

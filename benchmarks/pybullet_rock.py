@@ -174,17 +174,17 @@ class PyBulletWorld:
 
     def stepper(self, motion: Motion) -> Callable[[int], None]:
         """Does step k, from sample k to the next."""
-        c, robot, places = self.client, self.robot, motion.displacement.tolist()
+        c, robot, positions = self.client, self.robot, motion.displacement.tolist()
 
         def motor(k: int) -> None:
             pybullet.setJointMotorControl2(
-                robot, 0, pybullet.POSITION_CONTROL, targetPosition=places[k + 1], force=5e8, **c
+                robot, 0, pybullet.POSITION_CONTROL, targetPosition=positions[k + 1], force=5e8, **c
             )
             pybullet.stepSimulation(**c)
 
         def prescribed(k: int) -> None:
-            speed = (places[k + 1] - places[k]) / motion.time_step
-            pybullet.resetJointState(robot, 0, places[k], speed, **c)
+            speed = (positions[k + 1] - positions[k]) / motion.time_step
+            pybullet.resetJointState(robot, 0, positions[k], speed, **c)
             pybullet.stepSimulation(**c)
 
         return {"motor": motor, "prescribed": prescribed}[self._drive]

@@ -223,13 +223,13 @@ def together(trials: list[Trial], engine: str) -> Callable[[], Done]:
     from mujoco_rock import MujocoRock
 
     rock = MujocoRock(trials[0].scene)
-    whole = [rock.forces(trial.motion) for trial in trials]
-    forces = np.stack([window(force) for force in whole])
+    driven = [rock.forces(trial.motion) for trial in trials]
+    forces = np.stack([window(force) for force in driven])
     made = (JaxBatch if engine == "mjx" else WarpBatch)(rock, forces)
     apart = np.abs(made.run() - stepped_by_mujoco(rock, forces))[:, 0]
     if not np.median(apart) < ALIKE:
         raise SystemExit(f"{engine}: rocks end {np.median(apart):.2g} m away from MuJoCo's")
-    share = sum(WINDOW / len(force) for force in whole)
+    share = sum(WINDOW / len(force) for force in driven)
 
     def run() -> Done:
         made.run()

@@ -10,7 +10,7 @@ one core); docs/validation/effects.md shows the table, `studies/effects_page.py`
 
     python studies/effect_checks.py [NAME ...]
 
-With names, only the rows of those effects are written anew.
+With names, only the rows of those effects are written again.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ def shift(effect: Effect, rock: Rock, motions: list[Motion]) -> tuple[float, flo
             orientation = multiply(turn, first.start_pose.orientation)
             start = Pose((float(x + dx), float(y + dy), z), orientation)
             trials += [replace(first, motion=m, start=start) for m in motions]
-        trials = with_effects(trials, [(effect, effect.extreme())], orders=[1.0] * len(trials))
+        trials = with_effects(
+            trials, [(effect, effect.extreme())], relative_order=[1.0] * len(trials)
+        )
         peaks = run_batch(trials, threads=1)["peak_tilt"].astype(float)
         logs.append(np.log10(np.clip(peaks, 1e-5, 1.4)))
     differences = logs[1] - logs[0]
@@ -90,7 +92,9 @@ def engines_differ(checker: EffectChecker, effect: Effect, rock: Rock, seconds: 
             trial.with_scene(engine=engine), start=perturbed_start(trial.start_pose, TURNS[rock], 0)
         )
         trials = [replace(first, motion=motion) for motion in checker.motions(rock)]
-        trials = with_effects(trials, [(effect, effect.extreme())], orders=[1.0] * len(trials))
+        trials = with_effects(
+            trials, [(effect, effect.extreme())], relative_order=[1.0] * len(trials)
+        )
         early = []
         for log in run_batch(trials, threads=1).logs:
             assert log is not None

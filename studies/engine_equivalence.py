@@ -132,7 +132,7 @@ def settled_pose(scene: Scene) -> Pose:
     trial = Trial(scene, still(2), settling=settling, outcome=Outcome(tail=1e-3))
     result = run_batch([trial], threads=1)
     log = result.logs[0]
-    if log is None or result["status"][0] not in ("ok", "tail_timeout"):
+    if log is None or not result.judged[0]:
         raise SystemExit(f"settling failed: {result['status'][0]} {result['message'][0]}")
     x, y, z, w = log.principal_axes.tolist()
     orientation = multiply(tuple(log.settled_orientation.tolist()), (-x, -y, -z, w))
@@ -174,10 +174,10 @@ def replicates(
 def responses(trials: list[Trial], threads: int | None) -> tuple[np.ndarray, np.ndarray]:
     """Whether each trial overturned, and its largest tilt [rad]."""
     result = run_batch(trials, threads=threads, keep_logs=False)
-    bad = ~np.isin(result["status"], ("ok", "tail_timeout"))
+    bad = ~result.judged
     if bad.any():
         raise SystemExit(f"{bad.sum()} trials failed: {result['status'][bad][0]}")
-    return result["outcome"] == "overturned", result["peak_tilt"]
+    return result.overturned, result["peak_tilt"]
 
 
 def record(seed: int, factor: float) -> Motion:

@@ -60,7 +60,7 @@ def values_of(one: Effect) -> dict[str, float]:
 
 def with_it(trials: list[Trial], one: Effect) -> list[Trial]:
     """Trials with the effect, late in the campaign."""
-    return with_effects(trials, [(one, values_of(one))], orders=[1.0] * len(trials))
+    return with_effects(trials, [(one, values_of(one))], relative_order=[1.0] * len(trials))
 
 
 def response(bench: EffectBench, one: Effect) -> tuple[Array, ...]:
@@ -94,7 +94,7 @@ def overturned(bench: EffectBench, standing: Trial, one: Effect | None) -> NDArr
         for ratio in RATIOS
     ]
     result = run_batch(trials if one is None else with_it(trials, one), threads=1)
-    fell: NDArray[np.bool_] = (result["outcome"] == "overturned").reshape(PGAS.size, RATIOS.size)
+    fell = result.overturned.reshape(PGAS.size, RATIOS.size)
     return fell
 
 

@@ -104,9 +104,9 @@ def main() -> int:
         ):
             row = outcomes.setdefault(motion, {"test": motion, "observed": int(observed[motion])})
             row |= {f"{name}_outcome": outcome, f"{name}_status": status}
-        judged = np.isin(result["status"], ("ok", "tail_timeout"))
+        judged = result.judged
         truth = np.array([observed[motion] for motion in result["motion"]])
-        metrics = classification_metrics(truth[judged], result["outcome"][judged] == "overturned")
+        metrics = classification_metrics(truth[judged], result.overturned[judged])
         rows.append(
             {
                 "setting": name,

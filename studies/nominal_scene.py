@@ -108,7 +108,7 @@ def in_bullet(
             )
         )
     result = run_batch(batch, threads=threads)
-    fallen = result["outcome"] == "overturned"
+    fallen = result.overturned
     return np.column_stack([fallen, result["peak_tilt"], result["final_yaw"]])
 
 

@@ -60,7 +60,7 @@ def turning_rate(response: Response) -> float:
 
 def at_order(effect: Effect, trial: Trial, values: Mapping[str, float], order: float) -> Trial:
     """The trial with the effect at an order in a campaign of the five sessions a to e."""
-    orders = [0.0, 0.25, 0.5, 0.75, 1.0]
+    execution = [0.0, 0.25, 0.5, 0.75, 1.0]
     given = [(effect, effect.complete(values))]
-    made = with_effects([trial] * 5, given, orders=orders, sessions="abcde")
-    return made[orders.index(order)]
+    made = with_effects([trial] * 5, given, relative_order=execution, sessions="abcde")
+    return made[execution.index(order)]

@@ -91,9 +91,9 @@ class PlanarSimulator:
         self._series = series
         self._seed = seed
         self._accelerations, self._motion = _accelerations(campaign)
-        orders = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
-        span = np.ptp(orders) or 1.0
-        self._order = (orders - orders.min()) / span
+        order = np.array([trial.order for trial in campaign.trials], dtype=np.float64)
+        span = np.ptp(order) or 1.0
+        self._order = (order - order.min()) / span
         digest = hashlib.sha256(self._accelerations.tobytes() + self._motion.tobytes())
         digest.update(repr((self._block, self._sd, self._order.tolist(), series, seed)).encode())
         self._identity = digest.hexdigest()

@@ -251,8 +251,8 @@ TEST(Physics, OverturningNeedsTheSlendernessAcceleration) {
 TEST(Physics, MinimumOverturningPulseMatchesThePlanarModel) {
   // A half-sine pulse of acceleration, after which the ground keeps its speed: the block overturns
   // at once or never, so the least amplitude is sharp. The reference integrates Housner's planar
-  // equation; his closed form for this pulse assumes that the verge falls together with the pulse's
-  // end, and is 10 % off here.
+  // equation; his closed form for this pulse assumes that the limit of overturning falls together
+  // with the pulse's end, and is 10 % off here.
   const double b = 0.1, h = 0.5, F = 0.8, R = std::hypot(b, h), alpha = std::atan2(b, h);
   const double p2 = 3 * 9.81 / (4 * R), omega_pulse = 2 * M_PI * F, pulse = 0.5 / F;
   const auto planar = [&](double peak) {

@@ -149,8 +149,8 @@ def test_a_change_point_acts_from_the_nearest_bound_of_sessions_on(sessions: int
     base = situation()
     for at in np.linspace(0.1, 0.9, 33):
         values = {"change_point": {"slenderness_change": -0.1, "at": float(at)}}
-        places = [TrialContext(i / 15, i * sessions // 16, sessions) for i in range(16)]
-        acts = [with_effects(base, values, context) is not base for context in places]
+        contexts = [TrialContext(i / 15, i * sessions // 16, sessions) for i in range(16)]
+        acts = [with_effects(base, values, context) is not base for context in contexts]
         # As the library has it; before and after there is a trial at least.
         names = tuple(f"S{i}" for i in range(sessions))
         expected = [
@@ -159,7 +159,7 @@ def test_a_change_point_acts_from_the_nearest_bound_of_sessions_on(sessions: int
                 Circumstances(p.order, names[p.session], names, np.random.default_rng(0)),
             )["slenderness_change"]
             != 0
-            for p in places
+            for p in contexts
         ]
         assert acts == expected, at
         assert acts == sorted(acts)
@@ -203,9 +203,9 @@ def test_inertia_changes_the_energy_of_an_impact() -> None:
 
 def test_asperities_lift_the_block_and_stand_under_it() -> None:
     base = under("base_asperity", situation(), TrialContext(campaign_seed=5), height=0.002)
-    places = np.array(base.bumps)
-    assert np.all(np.abs(places[:, :2]) <= [0.2, 0.275])
-    assert np.all((places[:, 2] >= 0.0006) & (places[:, 2] <= 0.002))
+    contexts = np.array(base.bumps)
+    assert np.all(np.abs(contexts[:, :2]) <= [0.2, 0.275])
+    assert np.all((contexts[:, 2] >= 0.0006) & (contexts[:, 2] <= 0.002))
     again = under(
         "base_asperity", situation(), TrialContext(campaign_seed=5, trial_seed=9), height=0.002
     )

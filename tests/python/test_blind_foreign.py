@@ -87,7 +87,7 @@ KEY = {
 VERDICTS = {
     # The true class by its other member, and 9 for a slack of 8 and none at infinity.
     "Hall.1": {
-        "schema": "vsr2.diagnosis/3",
+        "schema": "vsr2.diagnosis/4",
         "verdict": {"kind": "effect", "effects": ["chain"], "probability": 0.8},
         "effects": [
             {"name": "chain", "probability": 0.6},
@@ -108,11 +108,11 @@ VERDICTS = {
         "where": [{"axis": "conditions", "p_familywise": 0.01, "trials": ["run-a", "extra.1"]}],
     },
     "Hall.2": {
-        "schema": "vsr2.diagnosis/3",
+        "schema": "vsr2.diagnosis/4",
         "verdict": {"kind": "none", "effects": [], "probability": 0.9},
     },
     "hall-3": {
-        "schema": "vsr2.diagnosis/3",
+        "schema": "vsr2.diagnosis/4",
         "verdict": {"kind": "unknown", "probability": 0.7},
         "effects": [{"name": "chain", "probability": 0.2}],
         "unknown": {"probability": 0.7},
@@ -219,7 +219,7 @@ def write_diagnoses(data, out, verdicts=VERDICTS, tiers=("B", "M")):
 
 
 @pytest.fixture(autouse=True)
-def _told(monkeypatch):
+def _reported(monkeypatch):
     stand_in(monkeypatch, Told)
 
 
@@ -851,14 +851,14 @@ JUNK = (None, True, 3, -0.5, math.nan, "x", "", [], [1], ["x"], [None, 1], {}, {
 def damaged(content):
     """The content with each of its values, in turn, replaced by each piece of junk, or gone."""
 
-    def places(inner, path):
+    def steps_to_numbers(inner, path):
         items = inner.items() if isinstance(inner, dict) else enumerate(inner)
         for step, value in items:
             yield (*path, step)
             if isinstance(value, dict | list):
-                yield from places(value, (*path, step))
+                yield from steps_to_numbers(value, (*path, step))
 
-    for path in list(places(content, ())):
+    for path in list(steps_to_numbers(content, ())):
         for junk in (*JUNK, "gone"):
             out = copy.deepcopy(content)
             inner = out

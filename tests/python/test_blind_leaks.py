@@ -72,8 +72,8 @@ class UnevenEngine(QuickEngine):
 def births(data):
     """When the folders of a pack's campaigns were made [s], in order of their names."""
     folders = sorted(path for path in data.glob("c*") if path.is_dir())
-    told = subprocess.run(["stat", "-c", "%.9W", *folders], capture_output=True, text=True)
-    return np.array([float(line) for line in told.stdout.split() if line != "-"])
+    reported = subprocess.run(["stat", "-c", "%.9W", *folders], capture_output=True, text=True)
+    return np.array([float(line) for line in reported.stdout.split() if line != "-"])
 
 
 def test_when_a_campaign_was_made_tells_nothing(uneven, study, tmp_path, monkeypatch) -> None:
@@ -265,8 +265,8 @@ def test_what_may_not_be_used_does_not_tell_the_kind() -> None:
         assert chi2_contingency(table).pvalue > 0.01, trait
     for key in (lambda p: p.id, lambda p: p.index):
         ordered = [p.kind for p in sorted(plan, key=key)]
-        places = [[i for i, k in enumerate(ordered) if k == kind] for kind in ("none", "unknown")]
-        assert kruskal(*places).pvalue > 0.01
+        indices = [[i for i, k in enumerate(ordered) if k == kind] for kind in ("none", "unknown")]
+        assert kruskal(*indices).pvalue > 0.01
 
 
 def planned(seed=5, engines=("mujoco",), limits=None, **changes):
@@ -307,7 +307,7 @@ def test_each_campaign_lacks_a_class_that_is_not_its_own() -> None:
 def test_how_often_a_class_is_left_out_does_not_tell_the_kind() -> None:
     # Decoys of a class are in proportion to its unknown campaigns, up to what dealing whole
     # campaigns and a campaign's own class allow. Dealt at random they have a deviation of 3.
-    engines, told = ("mujoco", "bullet"), []
+    engines, reported = ("mujoco", "bullet"), []
     for seed in range(30):
         plan, _ = planned(
             seed, engines, single=(30, 10), none=(16, 4), unknown=(10, 4), pair=(10, 2), hidden=4
@@ -320,8 +320,10 @@ def test_how_often_a_class_is_left_out_does_not_tell_the_kind() -> None:
             np.array([alike[p.exclude] for p in plan if (p.kind == "unknown") == asked])
             for asked in (True, False)
         )
-        told.append((unknown[:, None] < others).mean() + (unknown[:, None] == others).mean() / 2)
-    assert np.mean(told) == pytest.approx(0.5, abs=0.01)
+        reported.append(
+            (unknown[:, None] < others).mean() + (unknown[:, None] == others).mean() / 2
+        )
+    assert np.mean(reported) == pytest.approx(0.5, abs=0.01)
     # Where each effect is left out in turn, as far as there are campaigns for it.
     plan, _ = planned(leave_one_out=1, none=6)
     counts = Counter((p.exclude, p.kind) for p in plan)
@@ -442,8 +444,8 @@ def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp
     for case in judged:
         assert sum(case.verdict.probabilities.values()) == pytest.approx(1.0)
     # Chance is 8 of 16; 14 or more happen by chance in 1 of 480 packs.
-    told = [case for case in judged if case.tier == "metadata" and case.kind == "single"]
-    assert sum(right(case) for case in told) < 14
+    reported = [case for case in judged if case.tier == "metadata" and case.kind == "single"]
+    assert sum(right(case) for case in reported) < 14
     assert set(rate_alone(packs[2], packs[3])) == {"none"}
 
 
@@ -518,8 +520,8 @@ def test_baselines_do_not_depend_on_units() -> None:
 
 
 def test_a_baseline_s_set_holds_nine_tenths() -> None:
-    told = _verdict(["friction", "none", "wear"], np.array([0.3, 0.61, 0.09]))
-    assert (told.kind, told.conformal) == ("none", ("none", "friction"))
+    reported = _verdict(["friction", "none", "wear"], np.array([0.3, 0.61, 0.09]))
+    assert (reported.kind, reported.conformal) == ("none", ("none", "friction"))
     assert _verdict(["friction", "none"], np.array([0.95, 0.05])).conformal == ("friction",)
 
 

@@ -197,7 +197,7 @@ def test_a_body_that_a_pitching_table_carries_is_at_rest_on_it() -> None:
     np.testing.assert_allclose(found[3:], turn.inv().apply(turning), atol=1e-12)
 
 
-def test_a_series_is_told_from_the_rest_before() -> None:
+def test_a_series_is_distinguished_from_the_rest_before() -> None:
     response = run_trial(situation(6.0, yaw=0.3, offset=(0.01, -0.02)))
     np.testing.assert_allclose(response.orientation[0], [0, 0, 0, 1], atol=1e-12)
     np.testing.assert_array_equal(response.position[0], 0.0)

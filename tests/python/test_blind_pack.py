@@ -154,7 +154,7 @@ def test_series_have_the_noise_that_is_published(quick, study, tmp_path) -> None
 def test_trials_are_shaken_off_the_recorded_motion_by_what_is_sealed(tmp_path) -> None:
     settings = PackSettings(**(SMALL | {"trials": 400, "series_interval": 0.0}))
     drawn = protocol(settings)
-    gains, told = [], []
+    gains, reported = [], []
 
     class Watching(QuickEngine):
         def run(self, shakes, series_interval):
@@ -170,10 +170,10 @@ def test_trials_are_shaken_off_the_recorded_motion_by_what_is_sealed(tmp_path) -
     for index in range(6):
         planned = Planned(index, f"c{index}", "none", "mujoco", 0)
         entry = make_module._campaign(tmp_path, planned, Watching(), drawn, settings, 7)
-        told.append(entry["nuisances"]["input_gain"])
-    assert max(told) > 1.5 * min(told)
+        reported.append(entry["nuisances"]["input_gain"])
+    assert max(reported) > 1.5 * min(reported)
     # The standard error of a standard deviation of 400 draws is 3.5 %.
-    np.testing.assert_allclose([gain.std() for gain in gains], told, rtol=0.15)
+    np.testing.assert_allclose([gain.std() for gain in gains], reported, rtol=0.15)
 
 
 def test_records_and_tilts_have_the_noise_that_is_published() -> None:
@@ -191,11 +191,11 @@ def test_records_and_tilts_have_the_noise_that_is_published() -> None:
     off["peak_tilt"] = [[trial.peak_tilt - 0.5 for trial in c.trials] for c in campaigns]
     for name, errors in off.items():
         # 2000 draws or more: 1.6 % of a standard deviation, and 1e-5 of digits beside 5e-4
-        told = getattr(campaigns[0].noise, name)
-        assert np.concatenate(errors).std() == pytest.approx(told, rel=0.06), name
+        reported = getattr(campaigns[0].noise, name)
+        assert np.concatenate(errors).std() == pytest.approx(reported, rel=0.06), name
 
 
-def test_a_finished_pack_is_not_sealed_anew(quick, study, tmp_path, monkeypatch) -> None:
+def test_a_finished_pack_is_not_sealed_again(quick, study, tmp_path, monkeypatch) -> None:
     made = make(study, tmp_path)
     files = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     # Another day, another Python: the hash may long be published.
@@ -227,9 +227,9 @@ def test_an_effect_acts_where_outcomes_or_tilts_change() -> None:
 @pytest.mark.parametrize("where", ["pack", "key"])
 def test_folders_that_cannot_be_made_begin_nothing(quick, study, tmp_path, where) -> None:
     (tmp_path / "file").write_text("")
-    places = {"pack": tmp_path / "pack", "key": tmp_path / "key"} | {where: tmp_path / "file"}
+    folders = {"pack": tmp_path / "pack", "key": tmp_path / "key"} | {where: tmp_path / "file"}
     with pytest.raises(BlindError, match="no folder can be made there"):
-        make_pack(study, *places.values(), PackSettings(**SMALL))
+        make_pack(study, *folders.values(), PackSettings(**SMALL))
     assert not list(tmp_path.rglob("custodian.json"))
 
 

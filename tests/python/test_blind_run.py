@@ -68,7 +68,7 @@ def small(quick, study, tmp_path, monkeypatch):
     return tmp_path / "data"
 
 
-def test_a_rock_that_does_not_rest_is_placed_anew(study, tmp_path, monkeypatch) -> None:
+def test_a_rock_that_does_not_rest_is_placed_again(study, tmp_path, monkeypatch) -> None:
     restless = []
 
     class Restless(QuickEngine):
@@ -106,13 +106,13 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
             assert all(t.peak_tilt is None and t.series is None for t in campaign.trials)
             assert campaign.noise.peak_tilt is None
         assert how["tier"] == "T" or campaign.noise.tilt is None
-    whole = load_campaign(small / Stub.calls[0][0].name)
-    assert at_tier(whole, "T") is whole
+    complete = load_campaign(small / Stub.calls[0][0].name)
+    assert at_tier(complete, "T") is complete
     # All tiers share one cache of simulations.
-    shared = Stub.calls[0][1]["execution"].cache
+    cache = Stub.calls[0][1]["execution"].cache
     scene = load_study(small / "scene.yaml")
     simulators = [
-        SceneSimulator(at_tier(whole, tier), scene, series=True, sampling=shared.sampling)
+        SceneSimulator(at_tier(complete, tier), scene, series=True, sampling=cache.sampling)
         for tier in ("B", "M", "T")
     ]
     assert len({simulator.identity for simulator in simulators}) == 1
@@ -451,13 +451,13 @@ def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     assert "no diagnosis at tier B" in capsys.readouterr().err
     score += ["--tier", "M", "--tier", "T"]
     assert main(score) == 0
-    told = capsys.readouterr().out
-    assert "| score | M | T |" in told
+    reported = capsys.readouterr().out
+    assert "| score | M | T |" in reported
     for group in ("all", "engine bullet", "engine mujoco", "kind single", "kind none"):
-        assert f"### {group}\n" in told
-    assert ", limits " in told
+        assert f"### {group}\n" in reported
+    assert ", limits " in reported
     # What a diagnosis calls its estimates and intervals is what scoring reads.
-    assert "| magnitude: 90 % interval holds the truth (single) |" in told
+    assert "| magnitude: 90 % interval holds the truth (single) |" in reported
     for name in ("scores.json", "scores.md", "reliability.png"):
         assert (tmp_path / "s" / name).exists()
 

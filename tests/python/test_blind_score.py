@@ -18,7 +18,7 @@ from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.diagnosis_form import Location, read_verdict, verdict_of
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.scoring.baselines import BASELINE
-from vsr2.blind.scoring.cases import groups, read_cases
+from vsr2.blind.scoring.cases import GROUPS, groups, read_cases
 from vsr2.blind.scoring.intervals import (
     INTERVALS,
     Score,
@@ -152,8 +152,8 @@ def test_sets_are_judged_by_class(scores) -> None:
 
 
 def test_the_log_score_is_that_of_the_true_class(scores) -> None:
-    told = [0.8, 0.9, 0.3, 0.1, 0.9, 0.2, 0.7, 0.1]
-    losses = [-math.log(p) for p in told]
+    reported = [0.8, 0.9, 0.3, 0.1, 0.9, 0.2, 0.7, 0.1]
+    losses = [-math.log(p) for p in reported]
     assert scores[ScoreCode.LOG_SCORE].value == pytest.approx(np.mean(losses))
 
 
@@ -173,7 +173,7 @@ def test_unknowns_are_best_their_probability(scores) -> None:
     assert figure(scores, ScoreCode.UNKNOWN_RATE) == (0.5, 2)
 
 
-def test_magnitudes_closure_and_places(scores) -> None:
+def test_magnitudes_closure_and_locations(scores) -> None:
     # b: 0.25 and inside; c: |0.12 + 0.2| / 0.2 = 1.6 and outside
     assert figure(scores, ScoreCode.ERROR) == (pytest.approx(0.925), 2)
     assert figure(scores, ScoreCode.INTERVAL) == (0.5, 2)
@@ -255,7 +255,7 @@ def test_engines_mean_the_same_size_by_the_same_value() -> None:
     assert size(effect("friction", 0.8, null=1.0)) == pytest.approx(0.2)
 
 
-def told(low, high):
+def reported(low, high):
     return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci90": [low, high]}}}
 
 
@@ -263,9 +263,9 @@ def test_bounds_are_where_they_are_said_to_be(tmp_path) -> None:
     """Intervals that miss on either side, and probabilities below the least that counts."""
     campaigns = {name: ("single", [effect("friction", 0.1)]) for name in "abcd"}
     verdicts = {
-        "a": diagnosis("effect", {"friction": 0.2}, ["friction"], friction=told(0.05, 0.2)),
-        "b": diagnosis("effect", {"friction": 0.1}, ["friction"], friction=told(0.2, 0.3)),
-        "c": diagnosis("effect", {"friction": 0.0}, ["friction"], friction=told(0.01, 0.09)),
+        "a": diagnosis("effect", {"friction": 0.2}, ["friction"], friction=reported(0.05, 0.2)),
+        "b": diagnosis("effect", {"friction": 0.1}, ["friction"], friction=reported(0.2, 0.3)),
+        "c": diagnosis("effect", {"friction": 0.0}, ["friction"], friction=reported(0.01, 0.09)),
         "d": diagnosis("effect", {"friction": 1.0}, ["friction"]),
     }
     found = score_pack(*hand_made(tmp_path, campaigns, verdicts), tmp_path / "s").scores["M", "all"]
@@ -495,10 +495,10 @@ def test_an_open_pack_shows_its_campaigns_and_is_scored_again(tmp_path) -> None:
 def test_scores_state_the_constants_that_they_rest_on(pack, tmp_path) -> None:
     score_pack(*pack, tmp_path / "scores")
     used = {
-        "scoring": SCORING, "intervals": INTERVALS, "baselines": BASELINE, "leaks": LEAKS,
-        "metadata": METADATA,
+        "scoring": SCORING, "groups": GROUPS, "intervals": INTERVALS, "baselines": BASELINE,
+        "leaks": LEAKS, "metadata": METADATA,
     }  # fmt: skip
-    wanted = {name: dataclasses.asdict(one) for name, one in used.items()}
+    wanted = json.loads(json.dumps({name: dataclasses.asdict(one) for name, one in used.items()}))
     for path in (tmp_path / "scores" / "scores.json", pack[1] / "receipt.json"):
         assert json.loads(path.read_text())["constants"] == wanted
 
@@ -600,20 +600,20 @@ def test_scoring_reads_what_a_diagnosis_writes() -> None:
 
 def test_a_bare_verdict_is_enough() -> None:
     verdict = verdict_of(
-        {"schema": "vsr2.diagnosis/3", "verdict": {"kind": "none", "probability": 0.7}}, "x"
+        {"schema": "vsr2.diagnosis/4", "verdict": {"kind": "none", "probability": 0.7}}, "x"
     )
     assert verdict.probabilities == {"none": 0.7}
     assert verdict.closure is None
 
 
-def test_none_and_unknown_may_be_told_apart_from_the_effects() -> None:
-    told = {"none_probability": 0.0, "unknown": {"probability": 0.05}}
-    content = VERDICTS["c"] | told
+def test_none_and_unknown_may_be_distinguished_from_the_effects() -> None:
+    reported = {"none_probability": 0.0, "unknown": {"probability": 0.05}}
+    content = VERDICTS["c"] | reported
     content["effects"] = content["effects"][:2]
     probabilities = verdict_of(content, "x").probabilities
     assert (probabilities["none"], probabilities["unknown"]) == (0.0, 0.05)
     # Among the effects they count first.
-    assert verdict_of(VERDICTS["c"] | told, "x").probabilities["unknown"] == 0.1
+    assert verdict_of(VERDICTS["c"] | reported, "x").probabilities["unknown"] == 0.1
 
 
 def test_broken_json_is_named(tmp_path) -> None:

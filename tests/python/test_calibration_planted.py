@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from vsr2.calibration import (
     prepare_calibration_folder,
     usable_trials,
 )
+from vsr2.calibration.calibration_study import CALIBRATION
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.objective import metrics_of
 from vsr2.campaign import Campaign, load_campaign, simulate_campaign
@@ -40,7 +42,7 @@ from vsr2.errors import CampaignError, ConfigError, ResultError
 def planted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("planted")
     path = write_planted(folder)
-    run(path, "--out", folder / "whole", "--threads", 1, "--quiet")
+    run(path, "--out", folder / "complete", "--threads", 1, "--quiet")
     return folder
 
 
@@ -52,14 +54,14 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_the_planted_azimuth_is_found_and_the_dead_knob_is_told(planted):
-    whole = planted / "whole"
-    study = load_study(whole / "best.yaml", check_files=False)
+def test_the_planted_azimuth_is_found_and_the_dead_knob_is_reported(planted):
+    complete = planted / "complete"
+    study = load_study(complete / "best.yaml", check_files=False)
     assert abs(study.rock.start.yaw - KNOWN_YAW) < 8
-    verdicts = {row["parameter"]: row["verdict"] for row in rows(whole / "profiles.csv")}
+    verdicts = {row["parameter"]: row["verdict"] for row in rows(complete / "profiles.csv")}
     # Impacts of this block are too slow for restitution to bounce.
     assert verdicts == {"yaw": "identified", "restitution": "not identified"}
-    scores = {(r["prediction"], r["fitted"]): r for r in rows(whole / "scores.csv")}
+    scores = {(r["prediction"], r["fitted"]): r for r in rows(complete / "scores.csv")}
     inside = float(scores["simulator", "in sample"]["objective"])
     outside = float(scores["simulator", "out of fold"]["objective"])
     assert inside > 0.95
@@ -68,33 +70,34 @@ def test_the_planted_azimuth_is_found_and_the_dead_knob_is_told(planted):
 
 
 def test_the_files_hold_together(planted):
-    whole = planted / "whole"
-    predictions = rows(whole / "predictions.csv")
+    complete = planted / "complete"
+    predictions = rows(complete / "predictions.csv")
     truth = load_campaign(planted / "truth")
     assert [row["trial"] for row in predictions] == [trial.trial for trial in truth.trials]
     assert all(int(r["observed"]) == t.overturned
                for r, t in zip(predictions, truth.trials, strict=True))  # fmt: skip
     observed = np.array([int(row["observed"]) for row in predictions])
     outside = np.array([int(row["out_of_fold"]) for row in predictions])
-    scores = {(r["prediction"], r["fitted"]): r for r in rows(whole / "scores.csv")}
+    scores = {(r["prediction"], r["fitted"]): r for r in rows(complete / "scores.csv")}
     accuracy = float(scores["simulator", "out of fold"]["accuracy"])
     assert accuracy == pytest.approx((observed == outside).mean())
-    folds = rows(whole / "folds.csv")
+    folds = rows(complete / "folds.csv")
     assert sum(int(row["trials"]) for row in folds) == 24
-    evaluations = rows(whole / "evaluations.csv")
-    lines = (whole / "evaluations.jsonl").read_text().splitlines()
+    evaluations = rows(complete / "evaluations.csv")
+    lines = (complete / "evaluations.jsonl").read_text().splitlines()
     assert len(evaluations) == len(lines) - 1
     assert len({row["plan_sha256"] for row in evaluations}) == len(evaluations)
-    provenance = json.loads((whole / "provenance.json").read_text())
+    provenance = json.loads((complete / "provenance.json").read_text())
     assert provenance["evaluations"] == provenance["simulated_in_this_run"] == len(evaluations)
     assert provenance["seed"] == 3
-    page = (whole / "report.md").read_text()
+    assert provenance["constants"]["calibration"] == asdict(CALIBRATION)
+    page = (complete / "report.md").read_text()
     for word in ("Optimism", "logistic", "Not identified by this campaign: restitution", "yaw"):
         assert word in page
     for name in ("profiles", "search", "predictions"):
-        assert (whole / "figures" / f"{name}.png").stat().st_size > 10_000
-        assert (whole / "figures" / f"{name}.pdf").exists()
-    assert not (whole / "running").exists()
+        assert (complete / "figures" / f"{name}.png").stat().st_size > 10_000
+        assert (complete / "figures" / f"{name}.pdf").exists()
+    assert not (complete / "running").exists()
 
 
 def same_result(one: Path, other: Path) -> None:
@@ -136,7 +139,7 @@ def test_a_killed_calibration_goes_on_to_the_same_result(planted, caplog):
     assert provenance["simulated_in_this_run"] == provenance["evaluations"] - done
     said = f"{provenance['evaluations']} sets in all, {provenance['simulated_in_this_run']} of them"
     assert f"; {said} simulated now" in caplog.text
-    same_result(folder, planted / "whole")
+    same_result(folder, planted / "complete")
 
 
 def test_an_interrupt_within_an_evaluation_keeps_the_trials_that_are_finished(
@@ -237,7 +240,7 @@ def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(plant
     path.write_text(text + "judged_with: {engine.mode: exact}\n")
     study = load_calibration(path)
     # What an earlier run without the screen knows must not change what a search with it sees.
-    shutil.copy(planted / "whole" / "evaluations.jsonl", tmp_path)
+    shutil.copy(planted / "complete" / "evaluations.jsonl", tmp_path)
     ran: list[Evaluation] = []
     known = calibrate(study, tmp_path, threads=1, on_evaluation=ran.append)
     fresh = calibrate(study, prepare_calibration_folder(tmp_path / "new"), threads=1)

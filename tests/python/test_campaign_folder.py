@@ -463,14 +463,14 @@ def test_a_save_that_fails_leaves_what_was_there(tmp_path):
 
 
 def test_a_motion_of_acceleration_alone_comes_back_without_displacement(tmp_path):
-    whole = record("pulse")
-    alone = whole.__class__(
-        name="pulse", sample_interval=whole.sample_interval, acceleration=whole.acceleration
+    complete = record("pulse")
+    alone = complete.__class__(
+        name="pulse", sample_interval=complete.sample_interval, acceleration=complete.acceleration
     )
     save_campaign(campaign(motions={"pulse": alone}), tmp_path / "c")
     read = load_campaign(tmp_path / "c").motions["pulse"]
     assert read.displacement is None
-    np.testing.assert_array_equal(read.acceleration, whole.acceleration)
+    np.testing.assert_array_equal(read.acceleration, complete.acceleration)
 
 
 def test_the_page_on_the_form_names_every_column_array_and_key():
@@ -530,7 +530,7 @@ def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
      ("slip_m", "final_slip_m"), ("sesion_", "session"), ("notes", "note"),
      ("overturn", "overturned")],
 )  # fmt: skip
-def test_a_column_of_another_name_is_told_from_the_form_s_own(folder, name, meant):
+def test_a_column_of_another_name_is_distinguished_from_the_form_s_own(folder, name, meant):
     path = folder / "trials.csv"
     head, rest = path.read_text().split("\n", 1)
     path.write_text(f"{head},{name}\n" + rest.replace("\n", ",\n"))

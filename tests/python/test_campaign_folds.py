@@ -35,7 +35,7 @@ def test_no_motion_is_on_two_sides_and_no_fold_is_empty(trials, seed, data):
     )
 
 
-def test_folds_are_stratified_as_far_as_whole_motions_allow():
+def test_folds_are_stratified_as_far_as_complete_motions_allow():
     # 40 motions of three kinds; each of ten folds can have 8 trials with 4 overturned.
     groups = np.repeat(np.arange(40), [3] * 10 + [3] * 10 + [1] * 20)
     outcomes = np.concatenate([np.ones(30), np.zeros(30), np.tile([1.0, 0.0], 10)])
@@ -65,7 +65,7 @@ def test_a_number_of_folds_that_cannot_be_is_refused(folds):
         motion_folds(grid(motions=12), folds)
 
 
-def test_resamples_draw_whole_motions_as_often_as_chance_has_it():
+def test_resamples_draw_complete_motions_as_often_as_chance_has_it():
     motions = np.array(["a", "b", "b", "c", "c", "c"])
     drawn = motion_resamples(motions, replicates=4000, seed=2)
     assert drawn.shape == (4000, 6)

@@ -158,26 +158,28 @@ def test_an_interrupted_campaign_resumes_to_the_same(study, tmp_path):
         "threads": 1,
         "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001, displacement=1e-5),
     }
-    whole = simulate_campaign(**arguments)
+    complete = simulate_campaign(**arguments)
     cut = [
         replace(t, overturned=None, peak_tilt=None, series=None, note="to people") if i % 2 else t
-        for i, t in enumerate(whole.trials)
+        for i, t in enumerate(complete.trials)
     ]
-    ends = {t.trial: "cancelled" for i, t in enumerate(whole.trials) if i % 2}
-    partly = replace(whole, trials=tuple(cut), provenance={**whole.provenance, "statuses": ends})
+    ends = {t.trial: "cancelled" for i, t in enumerate(complete.trials) if i % 2}
+    partly = replace(
+        complete, trials=tuple(cut), provenance={**complete.provenance, "statuses": ends}
+    )
     save_campaign(partly, tmp_path / "c")
     resumed = simulate_campaign(**arguments, resume=load_campaign(tmp_path / "c"))
-    assert_equal(replace(whole, provenance={}), replace(resumed, provenance={}))
+    assert_equal(replace(complete, provenance={}), replace(resumed, provenance={}))
     assert set(trial_statuses(resumed).values()) == {Status.ok}
     # A note is for people: it decides nothing.
-    noted = replace(whole, trials=tuple(replace(t, note="cancelled") for t in whole.trials))
+    noted = replace(complete, trials=tuple(replace(t, note="cancelled") for t in complete.trials))
     assert_equal(noted, simulate_campaign(**arguments, resume=noted))
-    old = {key: value for key, value in whole.provenance.items() if key != "statuses"}
-    with pytest.raises(CampaignError, match="does not say how its trials ended; simulate it anew"):
-        simulate_campaign(**arguments, resume=replace(whole, provenance=old))
-    assert_equal(whole, simulate_campaign(**arguments, resume=whole))
+    old = {key: value for key, value in complete.provenance.items() if key != "statuses"}
+    with pytest.raises(CampaignError, match="does not say how its trials ended; simulate it again"):
+        simulate_campaign(**arguments, resume=replace(complete, provenance=old))
+    assert_equal(complete, simulate_campaign(**arguments, resume=complete))
     with pytest.raises(CampaignError, match="from another study, seed or noise"):
-        simulate_campaign(**arguments, seed=1, resume=whole)
+        simulate_campaign(**arguments, seed=1, resume=complete)
 
 
 def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_path):
@@ -187,17 +189,17 @@ def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_pat
         "threads": 1,
         "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001),
     }
-    whole = simulate_campaign(**arguments)
-    folder = prepare_folder(tmp_path / "whole")
+    complete = simulate_campaign(**arguments)
+    folder = prepare_folder(tmp_path / "complete")
     kept = simulate_campaign(**arguments, checkpoint=folder)
-    assert_equal(replace(whole, provenance={}), replace(kept, provenance={}))
+    assert_equal(replace(complete, provenance={}), replace(kept, provenance={}))
     lines = (folder / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
     for finished in (0, 3, 6):
         (folder / JOURNAL_FILE).write_bytes(b"".join(lines[: finished + 1]))
         again = simulate_campaign(**arguments, checkpoint=folder)
-        assert_equal(replace(whole, provenance={}), replace(again, provenance={}))
+        assert_equal(replace(complete, provenance={}), replace(again, provenance={}))
     with pytest.raises(CampaignError, match="not both"):
-        simulate_campaign(**arguments, checkpoint=folder, resume=whole)
+        simulate_campaign(**arguments, checkpoint=folder, resume=complete)
 
 
 def test_trials_of_ones_own_with_ids(study):

@@ -120,19 +120,19 @@ def test_the_tier_is_what_all_trials_with_an_outcome_share():
 
     blank, outcome = trial(peak_tilt=0.1), trial(overturned=True)
     tilted = trial(overturned=False, peak_tilt=0.1)
-    whole = trial(overturned=False, series=series())
+    complete = trial(overturned=False, series=series())
     assert of(blank) == "B"
-    assert of(outcome, whole) == "B"
-    assert of(tilted, whole, blank) == "M"
-    assert of(whole, replace(whole, peak_tilt=0.2), blank) == "T"
+    assert of(outcome, complete) == "B"
+    assert of(tilted, complete, blank) == "M"
+    assert of(complete, replace(complete, peak_tilt=0.2), blank) == "T"
 
 
 def test_columns_and_selections_keep_the_order_and_drop_unused_motions():
     full = campaign(motions={"pulse": record("pulse"), "spare": record("spare")})
     np.testing.assert_array_equal(full.overturned, [0.0, 1.0, np.nan])
     assert full.motion_ids.tolist() == ["pulse one", "pulse one", "other"]
-    orders = [3, 9, 5]
-    moved = [replace(t, order=o) for t, o in zip(full.trials, orders, strict=True)]
+    order = [3, 9, 5]
+    moved = [replace(t, order=o) for t, o in zip(full.trials, order, strict=True)]
     assert replace(full, trials=tuple(moved)).relative_order.tolist() == [0.0, 1.0, 1 / 3]
     assert full.select([True, False, False]).relative_order.tolist() == [0.0]
     assert full.extra_columns == ("x_peer", "x_other")

@@ -123,7 +123,7 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
         ("config import-ros2", "FILES requires an argument"),
     ],
 )
-def test_usage_errors_are_told_in_two_lines_with_code_2(
+def test_usage_errors_are_reported_in_two_lines_with_code_2(
     line: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(line.split()) == 2

@@ -61,7 +61,7 @@ def test_overrides_reach_both_parts(tmp_path):
     assert (found.own.level, found.study.seed) == (5, 9)
 
 
-def test_problems_are_told_by_line_for_either_part(tmp_path):
+def test_problems_are_reported_by_line_for_either_part(tmp_path):
     with pytest.raises(ConfigError, match=r"study.yaml:2: level: must be a valid integer|level"):
         load(tmp_path, STUDY.replace("level: 3", "level: high"))
     with pytest.raises(ConfigError, match=r"study.yaml:2: levle: .*did you mean `level`"):

@@ -25,7 +25,7 @@ def sections(section: type[Section] = Study):
 def test_the_committed_reference_is_the_generated_one():
     committed = (ROOT / "docs" / "reference" / "configuration.md").read_text(encoding="utf-8")
     assert committed == reference_markdown(), (
-        "docs/reference/configuration.md is old; write it anew: python -c "
+        "docs/reference/configuration.md is old; write it again: python -c "
         "'import vsr2.config as c; "
         'open("docs/reference/configuration.md", "w").write(c.reference_markdown())\''
     )

@@ -141,8 +141,8 @@ def test_flags_are_read_in_the_words_that_ros_2_takes(package, word, flag):
     assert import_ros2(write(package, engine, TABLE, MESH)).study.engine.cone_friction is flag
 
 
-def test_what_the_original_ignored_is_told(package):
-    told = "\n".join(ignored(import_ros2(write(package, ENGINE, TABLE, BOX, MESH))))
+def test_what_the_original_ignored_is_reported(package):
+    reported = "\n".join(ignored(import_ros2(write(package, ENGINE, TABLE, BOX, MESH))))
     for words in (
         "dynamics.pedestal.* (restitution, lateralFriction, spinningFriction, contactStiffness, "
         "contactDamping): overwritten by the rock's",
@@ -156,7 +156,7 @@ def test_what_the_original_ignored_is_told(package):
         "structure.pedestal.inertia: read, but never handed",
         "rock_structure_box.dimensions",
     ):
-        assert words in told, words
+        assert words in reported, words
 
 
 def test_nothing_is_called_ignored_that_counts(package):
@@ -181,7 +181,7 @@ def test_nothing_is_called_ignored_that_counts(package):
     }
 
 
-def test_keys_the_original_never_knew_are_told(package):
+def test_keys_the_original_never_knew_are_reported(package):
     extra = "/**:\n  ros__parameters:\n    surprise: 1\n    rock_structure: {mass: 2.0}\n"
     values = values_of(import_ros2(write(package, TABLE, MESH, extra)))
     assert values[Ignored.UNKNOWN] == {"names": ("surprise",)}
@@ -210,7 +210,7 @@ def test_the_box_may_be_asked_for_where_both_rocks_are_given(package):
     assert import_ros2(paths, rock="box").study.rock.shape == "box"
 
 
-def test_a_box_inertia_is_told_only_where_it_differs_from_the_solids(package):
+def test_a_box_inertia_is_reported_only_where_it_differs_from_the_solids(package):
     # 1200/12 (0.8^2 + 1.4^2) = 260, 1200/12 (0.6^2 + 1.4^2) = 232, 1200/12 (0.6^2 + 0.8^2) = 100.
     solid = import_ros2(write(package, BOX))
     assert NotKept.BOX_INERTIA not in values_of(solid)
@@ -237,7 +237,7 @@ def test_the_base_ends_where_the_original_has_its_top(package):
         (0.002, NotKept.RECORDINGS_UNPLAYED, {}),
     ],
 )
-def test_the_time_base_of_recordings_is_told(package, time_step, code, values):
+def test_the_time_base_of_recordings_is_reported(package, time_step, code, values):
     mode = "/**:\n  ros__parameters: {motion_mode: all_recordings}\n"
     engine = ENGINE.replace("0.0005", str(time_step))
     imported = import_ros2(write(package, engine, MESH, mode))
@@ -274,7 +274,7 @@ def test_motion_modes(package, mode, kind, code):
     assert code in values_of(imported)
 
 
-def test_a_missing_motion_mode_is_assumed_and_told(package):
+def test_a_missing_motion_mode_is_assumed_and_reported(package):
     imported = import_ros2(write(package, MESH))
     assert imported.study.motion.mode == "grid_cosine"
     assert imported.study.motion.pga.count * imported.study.motion.pgv_pga.count == 9
@@ -315,7 +315,7 @@ def test_placeholders_of_the_workspace_are_understood(package):
     assert import_ros2(write(package, text)).study.rock.file == package / "models" / "boulder.urdf"
 
 
-def test_a_missing_mesh_is_told_not_refused(package):
+def test_a_missing_mesh_is_reported_not_refused(package):
     imported = import_ros2(write(package, MESH.replace("boulder", "gone")))
     assert values_of(imported)[Assumed.PATH_NOT_FOUND]["path"] == "models/gone.urdf"
 

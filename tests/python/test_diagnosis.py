@@ -146,10 +146,10 @@ def test_a_reference_says_how_little_none_may_have_without_an_effect(protocol) -
     own = protocol.diagnose(nuisance=11, **few).content["none_probability"]
     assert lacking["provenance"]["references"][0]["none"] == own != one["none"]
     # The campaign itself, were it known to have no effect, forbids to call a gap.
-    told = with_references(clean, same)
-    assert told["verdict"]["kind"] == "none"
-    assert told["posterior"]["none_limit"] == none < limit
-    (said,) = [one for one in told["limits"] if one["code"] == "reference_differs"]
+    reported = with_references(clean, same)
+    assert reported["verdict"]["kind"] == "none"
+    assert reported["posterior"]["none_limit"] == none < limit
+    (said,) = [one for one in reported["limits"] if one["code"] == "reference_differs"]
     assert said["values"] == {"reference": "same", "probability": none}
 
 

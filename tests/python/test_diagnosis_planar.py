@@ -56,8 +56,8 @@ def test_an_impact_keeps_housners_energy(ratio: float) -> None:
     _, _, features = simulate_planar(blocks(1, energy_ratio=ratio), pulse, series=True)
     assert features is not None
     names = [feature.name for feature in TILT_FEATURES]
-    places = [names.index(f"{word}_excursion") for word in ("first", "second")]
-    first, second = np.exp(features[0, places])
+    columns = [names.index(f"{word}_excursion") for word in ("first", "second")]
+    first, second = np.exp(features[0, columns])
     height = np.cos(ALPHA - np.array([first, second])) - np.cos(ALPHA)
     housner = (1 - 1.5 * np.sin(ALPHA) ** 2) ** 2
     # The impact is placed within a step of 5 ms by linear interpolation.

@@ -51,7 +51,7 @@ def test_sets_are_none_every_effect_every_pair_and_outside() -> None:
     assert len(Sets(("a",))) == 3
 
 
-def test_labels_share_the_whole_probability() -> None:
+def test_labels_share_all_of_the_probability() -> None:
     p = np.random.default_rng(0).dirichlet(np.ones(12), 5)
     labels = label_probability(p, SETS)
     np.testing.assert_allclose(labels.sum(axis=1), 1.0, rtol=1e-12)
@@ -260,9 +260,9 @@ def test_campaigns_without_effect_are_summarised_as_new_ones_are() -> None:
     fold = rng.permutation(300) % SUMMARY.folds
     summaries, found = fit_summaries([(plain - centre) / scatter] * 2, campaigns, ("a",), fold, 900)
     _, new_acts, values = drawn(300)
-    told = summaries((values - centre) / scatter)
+    reported = summaries((values - centre) / scatter)
     for rows, new_rows in ((~acts, ~new_acts), (acts, new_acts)):
-        held, fresh = found[0][rows, 0], told[new_rows, 0]
+        held, fresh = found[0][rows, 0], reported[new_rows, 0]
         assert abs(held.mean() - fresh.mean()) < 4 * held.std() / np.sqrt(rows.sum())
 
 

@@ -166,7 +166,7 @@ SimulationCache(Slow(), __import__("pathlib").Path({file!r}), chunk=4).run(REQUE
 REQUESTS = [Request(i % 40, (), i // 40, 1) for i in range(4000)]
 
 
-def test_a_killed_cache_goes_on_and_a_torn_last_record_is_dropped(tmp_path) -> None:
+def test_a_killed_cache_goes_on_and_a_torn_last_record_is_discarded(tmp_path) -> None:
     path = tmp_path / "c.jsonl"
     code = WRITER.format(path=[p for p in sys.path if p], file=str(path))
     child = subprocess.Popen([sys.executable, "-c", code])
@@ -439,7 +439,9 @@ def scene_simulator(tmp_path_factory):
 
 def contact(simulator, **values):
     given = {p.name: p.null for p in MODEL.parameters} | values
-    (trial,) = with_effects(simulator._trials[:1], [(MODEL, given)], orders=[0.0], sessions=["1"])
+    (trial,) = with_effects(
+        simulator._trials[:1], [(MODEL, given)], relative_order=[0.0], sessions=["1"]
+    )
     return trial
 
 

@@ -246,7 +246,7 @@ def test_an_effect_that_is_left_out_is_never_named(trained) -> None:
         assert np.array_equal(one.probability, other.probability) is equal
 
 
-def test_pairs_are_told_from_single_effects(trained) -> None:
+def test_pairs_are_distinguished_from_single_effects(trained) -> None:
     count = 1 + len(NAMES)
     two = trained.found(where=lambda acting: len(acting) == 2 and min(a.size for a in acting) > 2)
     one = trained.found(where=lambda acting: len(acting) == 1)

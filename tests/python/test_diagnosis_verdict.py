@@ -89,7 +89,7 @@ def test_few_sessions_are_stated() -> None:
     assert codes(0, 0, 0, 0, motion=mixed) == [LimitCode.INTERLEAVED_IN_ONE_SESSION]
     assert codes(0, 1, 0, 1, 0)[0] is LimitCode.INTERLEAVED_SESSIONS
     few = list(few_sessions(np.array([0, 0, 1, 1, 2, 2]), np.arange(6)))
-    assert few == [Statement.of(LimitCode.FEW_SESSIONS, orders=6, p=1 / 6)]
+    assert few == [Statement.of(LimitCode.FEW_SESSIONS, permutations=6, p=1 / 6)]
     eight = (0, 0, 1, 1, 2, 2, 3, 3)
     assert codes(*eight, motion=eight) == []
     motions = (0, 1, 0, 1, 0, 1, 0, 1)
@@ -363,11 +363,11 @@ def test_a_pair_needs_both_instruments_and_an_unknown_cause_a_look_at_what_is_le
     assert both.instruments == (Instrument.SLACK, Instrument.REPEAT_FIRST_TRIALS)
     excess = np.zeros(40)
     excess[17] = 1.0
-    places = [
+    locations = [
         Location(LocationKind.INTENSITY, {"pga": Third.HIGH}, OUTCOME, 1.0, p, 3.0)
         for p in (0.01, 0.2)
     ]
     name = forty.campaign.trials[17].trial
-    for given, location in ((places, places[0].to_json()), (places[1:], None), ([], None)):
+    for given, location in ((locations, locations[0].to_json()), (locations[1:], None), ([], None)):
         found = measurement_out_of_library(forty, excess, given)
         assert (found.trial, found.tier, found.location) == (name, "B", location)

@@ -213,11 +213,11 @@ def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
     everywhere = planted(there, np.ones(there.order.size))
     assert everywhere[0].is_significant
     assert not any(one.stands_out for one in everywhere)
-    whole = next(
+    complete = next(
         one for one in everywhere if one.kind == "all_trials" and one.feature == LARGEST_TILT
     )
-    assert whole.is_significant
-    assert whole.concentration == pytest.approx(1.0)
+    assert complete.is_significant
+    assert complete.concentration == pytest.approx(1.0)
 
 
 def test_concentration_is_the_share_of_the_excess_over_that_of_trials() -> None:

@@ -133,7 +133,9 @@ def test_a_change_point_comes_with_its_session(trials: list[Trial]) -> None:
     values = {"change_point": {"at": 0.5, "slenderness_change": -0.1}}
     order = apply_effects(trials, values, sessions=["a", "a", "b", "b"])
     assert [trial.scene is trials[0].scene for trial in order] == [True, True, False, False]
-    mixed = apply_effects(trials, values, sessions=["b", "a", "b", "a"], orders=[1, 0.2, 0.9, 0])
+    mixed = apply_effects(
+        trials, values, sessions=["b", "a", "b", "a"], relative_order=[1, 0.2, 0.9, 0]
+    )
     assert [trial.scene is trials[0].scene for trial in mixed] == [False, True, False, True]
 
 
@@ -149,9 +151,9 @@ def test_refusals_name_what_is_near(trials: list[Trial]) -> None:
     with pytest.raises(ConfigError, match="must be a number"):
         apply_effects(trials, {"inertia": {"change": "aabb"}})
     with pytest.raises(ConfigError, match="3 entries for 4 trials"):
-        apply_effects(trials, {"wear": {"loss": 0.1}}, orders=[0, 0.5, 1])
+        apply_effects(trials, {"wear": {"loss": 0.1}}, relative_order=[0, 0.5, 1])
     with pytest.raises(ConfigError, match="not between 0"):
-        apply_effects(trials, {"wear": {"loss": 0.1}}, orders=[0, 1, 2, 3])
+        apply_effects(trials, {"wear": {"loss": 0.1}}, relative_order=[0, 1, 2, 3])
     with pytest.raises(MotionError, match="needs a recorded motion"):
         apply_effects(trials, {"input_filter": {"input": "acceleration"}})
     with pytest.warns(EffectRangeWarning, match=r"0\.3 is outside the prior, -0\.15 to 0\.15"):
@@ -456,7 +458,7 @@ def test_one_s_own_effect_is_checked(
     assert "neutral: yes" in out
 
 
-def test_a_module_is_told_from_an_effect(
+def test_a_module_is_distinguished_from_an_effect(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "bare_pads.py").write_text((ROOT / "docs/examples/soft_pad.py").read_text())
@@ -489,7 +491,7 @@ GRAVITY = """    stage = "inertia"
 
 
 @pytest.mark.parametrize(
-    ("body", "told"),
+    ("body", "reported"),
     [
         ("", ["alive: NO, 0 times the floor", "right: NO, its `verify` gives no check"]),
         (
@@ -514,19 +516,19 @@ GRAVITY = """    stage = "inertia"
     ],
     ids=["dead", "leaky", "shifted", "wrong null"],
 )
-def test_an_effect_that_fails_a_check_is_told(
-    body: str, told: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
+def test_an_effect_that_fails_a_check_is_reported(
+    body: str, reported: list[str], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "own.py").write_text(OWN + body)
     assert main(["effects", "check", str(tmp_path / "own.py")]) == 1
     out = capsys.readouterr().out
     assert "own: FAILS" in out
-    for text in told:
+    for text in reported:
         assert text in out
 
 
 @pytest.mark.parametrize(
-    ("source", "told"),
+    ("source", "reported"),
     [
         ("x = 1\n", "defines no class derived from vsr2.effects.Effect"),
         ("class Own(:\n", r"cannot be imported \(SyntaxError"),
@@ -552,11 +554,11 @@ def test_an_effect_that_fails_a_check_is_told(
     ],
 )  # fmt: skip
 def test_bad_modules_are_refused_clearly(
-    source: str, told: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    source: str, reported: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     (tmp_path / "bad.py").write_text(source)
     assert main(["effects", "check", str(tmp_path / "bad.py")]) == 2
-    assert re.search(told, capsys.readouterr().err)
+    assert re.search(reported, capsys.readouterr().err)
 
 
 def test_modules_that_are_not_there_are_named(capsys: pytest.CaptureFixture[str]) -> None:

@@ -114,7 +114,7 @@ def test_effects_are_refused_by_file_and_line(
             f"{path}:{next(i for i, line in enumerate(lines, 1) if line.strip().startswith(key))}"
         )
 
-    told = [
+    reported = [
         f"{at('radius')}: effects.edge_rounding.radius: 6 m is outside 0 to 0.5 m",
         f"{at('waer')}: effects.waer: there is no effect 'waer'; did you mean `wear`",
         f"{at('chang')}: effects.table_gain.chang: has no parameter 'chang'; did you mean `change`",
@@ -129,14 +129,14 @@ def test_effects_are_refused_by_file_and_line(
         assert main(command) == 2
         errors = capsys.readouterr().err
         assert "4 problems" in errors
-        for text in told:
+        for text in reported:
             assert text in errors, command
     assert "give `compliance` too" in errors
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_value_outside_the_prior_is_told_in_one_line(
+def test_a_value_outside_the_prior_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path, {"table_gain": {"change": 0.3}})
@@ -155,9 +155,9 @@ def test_an_effect_over_a_campaign_of_one_trial_is_warned_of(
 ) -> None:
     name = next(iter(effects))
     assert run(write(tmp_path, effects)) == 0
-    (told,) = capsys.readouterr().err.splitlines()
-    assert told.startswith(f"vsr2: warning: effects.{name}: comes in over a campaign")
-    assert "does not act in the only trial; give more motions" in told
+    (reported,) = capsys.readouterr().err.splitlines()
+    assert reported.startswith(f"vsr2: warning: effects.{name}: comes in over a campaign")
+    assert "does not act in the only trial; give more motions" in reported
 
 
 @pytest.mark.parametrize(
@@ -211,6 +211,6 @@ def test_a_mesh_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.parametrize("name", ["configs/demo.yaml", "nothing/here"])
-def test_what_is_no_python_file_is_told(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_python_file_is_reported(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["effects", "check", name]) == 2
     assert f"{name}: is no Python file; give a .py file" in capsys.readouterr().err

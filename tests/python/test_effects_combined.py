@@ -36,7 +36,7 @@ def moderate(one: Effect) -> dict[str, float]:
 
 def changed(trial: Trial, *given: tuple[str, dict[str, float]]) -> Trial:
     effects = [(effect(name), effect(name).complete(values)) for name, values in given]
-    return with_effects([trial] * 2, effects, orders=[0.0, 1.0])[1]
+    return with_effects([trial] * 2, effects, relative_order=[0.0, 1.0])[1]
 
 
 def test_every_pair_builds_a_trial_on_the_block() -> None:
@@ -45,7 +45,7 @@ def test_every_pair_builds_a_trial_on_the_block() -> None:
     assert len(pairs) == 378
     for one, other in pairs:
         both = [(one, moderate(one)), (other, moderate(other))]
-        made = with_effects(trials, both, orders=[0.0, 1.0], sessions=["a", "b"])[1]
+        made = with_effects(trials, both, relative_order=[0.0, 1.0], sessions=["a", "b"])[1]
         assert made is not trials[1], (one.name, other.name)
 
 

@@ -87,14 +87,14 @@ def test_shards_carry_effects(tmp_path: Path) -> None:
     # Many flips: a rule that is applied twice would show.
     with pytest.warns(UserWarning, match="outside the prior"):
         batch = trials(outcome_rule={"flips": 0.6})
-    whole = run_batch(batch, threads=1, checkpoint=prepare_folder(tmp_path / "whole"))
+    complete = run_batch(batch, threads=1, checkpoint=prepare_folder(tmp_path / "complete"))
     for index in (1, 2):
         run_shard(batch, Shard(index, 2), tmp_path / "parts", threads=1)
     merge_shards(batch, tmp_path / "parts")
     merged = run_batch(batch, threads=1, checkpoint=tmp_path / "parts")
-    for name in whole.trials:
-        np.testing.assert_array_equal(merged[name], whole[name], err_msg=name)
-    assert merged.provenance["effects"] == whole.provenance["effects"]
-    assert whole.provenance["effects"]["outcome_rule"][0]["flips"] == 0.6
+    for name in complete.trials:
+        np.testing.assert_array_equal(merged[name], complete[name], err_msg=name)
+    assert merged.provenance["effects"] == complete.provenance["effects"]
+    assert complete.provenance["effects"]["outcome_rule"][0]["flips"] == 0.6
     with pytest.raises(ResultError, match="other trials"):
         merge_shards(trials(), tmp_path / "parts")

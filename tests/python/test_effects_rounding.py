@@ -54,14 +54,14 @@ def test_small_radii_give_the_hull_back() -> None:
 
 
 def test_the_engine_s_margin_completes_the_ball() -> None:
-    whole = rounded_hull(CORNERS, 0.01, DOWN)
+    complete = rounded_hull(CORNERS, 0.01, DOWN)
     inner = rounded_hull(CORNERS, 0.01, DOWN, ball=0.009)
     for direction in (DOWN, np.array([0.6, 0.0, -0.8]), np.array([0.0, 0.28, -0.96])):
         assert support(inner, direction) + 0.001 == pytest.approx(
-            support(whole, direction), abs=2e-5
+            support(complete, direction), abs=2e-5
         )
     up = np.array([0.0, 0.0, 1.0])
-    assert support(inner, up) + 0.001 == pytest.approx(support(whole, up))
+    assert support(inner, up) + 0.001 == pytest.approx(support(complete, up))
 
 
 def test_a_ball_that_does_not_fit_is_refused() -> None:

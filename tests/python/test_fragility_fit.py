@@ -128,7 +128,7 @@ def test_a_falling_or_flat_probability_has_no_lognormal():
     assert same.probability([0.3])[0] == pytest.approx(0.55, abs=0.02)
 
 
-def test_a_curve_that_is_no_lognormal_is_told():
+def test_a_curve_that_is_no_lognormal_is_reported():
     rng = np.random.default_rng(0)
     x = np.geomspace(0.1, 1.0, 600)
     hit = rng.random(600) < np.where(x < 0.3, 0.02, 0.5)
@@ -172,7 +172,7 @@ def test_a_separated_surface_is_certain_away_from_its_line():
     assert fit_note(fit) == ""
 
 
-def test_a_surface_that_falls_is_told():
+def test_a_surface_that_falls_is_reported():
     grid, _ = surface(0.2)
     hit = (grid[:, 0] > 0.3) & (grid[:, 0] < 0.7)
     fit = fit_fragility(grid, hit, np.arange(81), names=("pga_g", "pgv_pga_s"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from dataclasses import asdict
 from functools import partial
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 import command_line
 from vsr2.errors import ConfigError
 from vsr2.fragility import fragility_trials, load_fragility
+from vsr2.fragility.settings import FIT
 from vsr2.results import JOURNAL_FILE
 from vsr2.scene.rotation import matrix_from_quaternion
 
@@ -188,6 +190,7 @@ def test_a_study_runs_to_tables_figures_and_page_and_resumes(study, tmp_path, ca
     )
     provenance = json.loads((out / "provenance.json").read_text())
     assert provenance["fragility"]["replicates"] == 2
+    assert provenance["constants"]["fit"] == asdict(FIT)
     assert not (out / JOURNAL_FILE).exists()
 
     part = tmp_path / "part"
@@ -212,7 +215,7 @@ def test_effects_act_and_measures_stay_those_of_the_motion(study):
     more = run_fragility(study(gain), threads=1)
     np.testing.assert_array_equal(more.measures["pga_g"], plain.measures["pga_g"])
     assert more.overturned.sum() > plain.overturned.sum()
-    # Every replicate draws anew, and more of them leave the earlier ones as they are.
+    # Every replicate draws again, and more of them leave the earlier ones as they are.
     third = run_fragility(study(gain, ("replicates: 2", "replicates: 3")), threads=1)
     kept = np.array([one.replicate < 2 for one in third.planned])
     for name in ("peak_tilt", "final_tilt"):

@@ -37,10 +37,10 @@ def test_info_prints_a_table_and_json(pulse, capsys):
     assert header.split()[:3] == ["file", "pga_g", "pga_m_s2"]
     assert first == second
     assert run("info", pulse, "--json") == 0
-    (told,) = json.loads(capsys.readouterr().out)
-    assert told == {"file": str(pulse), **intensity_measures(read_record(pulse)).as_dict()}
+    (reported,) = json.loads(capsys.readouterr().out)
+    assert reported == {"file": str(pulse), **intensity_measures(read_record(pulse)).as_dict()}
     # x = A (1 - cos w t): the spline overshoots the acceleration's jump at both ends
-    assert told["pgv_m_s"] == pytest.approx(0.05 * 2 * np.pi, rel=1e-3)
+    assert reported["pgv_m_s"] == pytest.approx(0.05 * 2 * np.pi, rel=1e-3)
 
 
 def test_info_with_processing_and_units(tmp_path, capsys):
@@ -119,10 +119,10 @@ def test_fuse_prints_the_agreement_and_writes_the_motion(tmp_path, capsys):
         source,
     )
     assert run("fuse", source, tmp_path / "f.csv", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["displacement_noise_m"] == pytest.approx(5e-5, rel=0.1)
-    assert told["acceleration_noise_m_s2"] == pytest.approx(0.04, rel=0.1)
-    band = next(b for b in told["bands"] if b["low_hz"] == 2)
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["displacement_noise_m"] == pytest.approx(5e-5, rel=0.1)
+    assert reported["acceleration_noise_m_s2"] == pytest.approx(0.04, rel=0.1)
+    band = next(b for b in reported["bands"] if b["low_hz"] == 2)
     assert band["coherence"] > 0.95
     assert band["gain"] == pytest.approx(1, rel=0.05)
     fused = read_record(tmp_path / "f.csv")
@@ -144,14 +144,14 @@ def test_fuse_prints_the_agreement_and_writes_the_motion(tmp_path, capsys):
         (("--filter", 0.1, 25, 30), r"^--filter 0.1 25 30: order: must be .*\(is 30\); give LOW"),
     ],
 )
-def test_an_impossible_filter_is_told_without_words_of_the_library(pulse, arguments, match):
+def test_an_impossible_filter_is_reported_without_words_of_the_library(pulse, arguments, match):
     with pytest.raises(ConfigError, match=match) as raised:
         run("info", pulse, *arguments)
     assert "Value error" not in str(raised.value)
 
 
 @pytest.mark.parametrize("pga", ["-1", "0", "nan"])
-def test_an_impossible_pga_is_told_as_it_was_given(pulse, tmp_path, pga):
+def test_an_impossible_pga_is_reported_as_it_was_given(pulse, tmp_path, pga):
     with pytest.raises(MotionError, match=f"--scale-to-pga {pga}: give a PGA above 0, in g"):
         run("convert", pulse, tmp_path / "x.csv", f"--scale-to-pga={pga}")
     assert not (tmp_path / "x.csv").exists()

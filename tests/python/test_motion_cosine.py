@@ -63,7 +63,7 @@ def test_it_ends_at_rest_with_the_first_sample_after_the_period(frequency, time_
     assert pulse.times[-2] < period
 
 
-def test_a_period_of_whole_steps_has_no_extra_sample():
+def test_a_period_of_integer_steps_has_no_extra_sample():
     # in floating point 1 / F / step is often just above the whole number
     assert any(1 / (1 / (steps * 0.001)) / 0.001 > steps for steps in range(10, 600))
     for steps in range(10, 600):

@@ -154,12 +154,12 @@ def test_the_smoother_is_the_posterior_of_its_model():
 
 
 @pytest.mark.parametrize("noise", [WHITE, COLOURED])
-def test_noise_is_told_from_the_rest(noise):
+def test_noise_is_distinguished_from_the_rest(noise):
     _, record = table(noise)
-    told = channel_noise(record)
-    assert told.rest >= 4.0
+    reported = channel_noise(record)
+    assert reported.rest >= 4.0
     for channel in ("displacement", "acceleration"):
-        wanted, found = getattr(noise, channel), getattr(told, channel)
+        wanted, found = getattr(noise, channel), getattr(reported, channel)
         # 5 s at 800 Hz, with a memory of ten samples: some 400 independent ones
         assert found.deviation == pytest.approx(wanted.deviation, rel=0.15)
         assert found.share * found.persistence == pytest.approx(
@@ -213,12 +213,12 @@ def test_a_baseline_takes_a_drift_off_both_channels():
 @pytest.mark.parametrize("gain", [0.5, 1.0, 1.4])
 def test_the_gain_between_the_channels_is_found_where_they_cohere(gain):
     _, record = table(WHITE, pga=0.5, gain=gain)
-    told = input_uncertainty(record)
-    strong = (told.bands[:, 0] >= 1) & (told.bands[:, 1] <= 8)
-    assert (told.coherence[strong] > 0.95).all()
-    np.testing.assert_allclose(told.gain[strong], gain, rtol=0.05)
+    reported = input_uncertainty(record)
+    strong = (reported.bands[:, 0] >= 1) & (reported.bands[:, 1] <= 8)
+    assert (reported.coherence[strong] > 0.95).all()
+    np.testing.assert_allclose(reported.gain[strong], gain, rtol=0.05)
     np.testing.assert_allclose(
-        told.difference_rms[strong] / told.displacement_rms[strong], abs(gain - 1), atol=0.1
+        reported.difference_rms[strong] / reported.displacement_rms[strong], abs(gain - 1), atol=0.1
     )
 
 
@@ -230,25 +230,25 @@ def test_noise_alone_does_not_cohere():
         displacement=5e-5 * chance.standard_normal(32_000),
         acceleration=0.04 * chance.standard_normal(32_000),
     )
-    told = input_uncertainty(record)
-    wide = told.bands[:, 1] - told.bands[:, 0] >= 1
-    assert (told.coherence[wide] < 0.2).all()
+    reported = input_uncertainty(record)
+    wide = reported.bands[:, 1] - reported.bands[:, 0] >= 1
+    assert (reported.coherence[wide] < 0.2).all()
     # white: deviation squared times the share of the bandwidth of 400 Hz
-    width = told.bands[:, 1] - told.bands[:, 0]
+    width = reported.bands[:, 1] - reported.bands[:, 0]
     np.testing.assert_allclose(
-        told.acceleration_rms[wide], 0.04 * np.sqrt(width[wide] / 400), rtol=0.15
+        reported.acceleration_rms[wide], 0.04 * np.sqrt(width[wide] / 400), rtol=0.15
     )
     # and twice differentiated: the integral of (2 pi f)^4 over the band
-    low, high = told.bands[wide].T
+    low, high = reported.bands[wide].T
     power = (2 * np.pi) ** 4 * (high**5 - low**5) / 5 / 400
-    np.testing.assert_allclose(told.displacement_rms[wide], 5e-5 * np.sqrt(power), rtol=0.15)
+    np.testing.assert_allclose(reported.displacement_rms[wide], 5e-5 * np.sqrt(power), rtol=0.15)
 
 
 def test_bands_beyond_the_sampling_tell_nothing():
     _, record = table(WHITE)
-    told = input_uncertainty(record, ((300.0, 500.0), (2.0, 4.0), (0.01, 0.02)))
-    assert np.isnan(told.gain[[0, 2]]).all()
-    assert np.isfinite(told.gain[1])
+    reported = input_uncertainty(record, ((300.0, 500.0), (2.0, 4.0), (0.01, 0.02)))
+    assert np.isnan(reported.gain[[0, 2]]).all()
+    assert np.isfinite(reported.gain[1])
 
 
 # --- refusing -----------------------------------------------------------------------------------

@@ -103,10 +103,10 @@ def test_noise_at_rest_is_that_of_the_instruments(trials):
 
 
 def test_the_channels_disagree_as_is_known(trials):
-    told = [input_uncertainty(record_of(name)) for name in strong_names(trials)]
-    bands = [tuple(band) for band in told[0].bands]
-    gain = np.median([t.gain for t in told], axis=0)
-    coherence = np.median([t.coherence for t in told], axis=0)
+    reported = [input_uncertainty(record_of(name)) for name in strong_names(trials)]
+    bands = [tuple(band) for band in reported[0].bands]
+    gain = np.median([t.gain for t in reported], axis=0)
+    coherence = np.median([t.coherence for t in reported], axis=0)
     # about 1 at 3-5 Hz, 1.3-1.6 at 8-12 Hz; coherent only between 2 and 12 Hz
     assert gain[bands.index((2.0, 4.0))] == pytest.approx(1.0, abs=0.1)
     assert 1.1 < gain[bands.index((8.0, 12.0))] < 1.7

@@ -381,7 +381,7 @@ def test_several_channels_and_gaps_are_refused(tmp_path):
         read_record(tmp_path / "b.mseed", units="m")
 
 
-def test_absent_obspy_is_told_with_the_remedy(tmp_path, monkeypatch):
+def test_absent_obspy_is_reported_with_the_remedy(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "obspy", None)
     with pytest.raises(MotionError, match=r"pip install vsr2\[seismology\]"):
         read_record(write(tmp_path, "a.mseed", b"000001D "), units="m")

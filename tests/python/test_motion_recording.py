@@ -110,7 +110,7 @@ def test_the_rounding_of_six_digits_does_not_shift_the_interval(tmp_path, start)
     assert read_record(path).sample_interval == 0.00125
 
 
-def test_an_interval_that_is_no_whole_rate_is_kept(tmp_path):
+def test_an_interval_that_is_no_integer_rate_is_kept(tmp_path):
     text = "time_s,displacement_m\n" + "".join(f"{i * 0.0123:.9f},{X[i]}\n" for i in range(N))
     assert read_record(write(tmp_path, "d.csv", text)).sample_interval == pytest.approx(
         0.0123, rel=1e-9

@@ -23,8 +23,8 @@ def sine_error(frequency, sample_interval, *, derivative=0):
 
     """
     omega = 2 * np.pi * frequency * sample_interval
-    orders = np.concatenate([np.arange(-200, 0), np.arange(1, 201)])
-    images = omega + 2 * np.pi * orders
+    multiples = np.concatenate([np.arange(-200, 0), np.arange(1, 201)])
+    images = omega + 2 * np.pi * multiples
     weights = (omega / images) ** (5 + 1)
     total = 1 + weights.sum()
     own = weights.sum() / total

@@ -365,8 +365,8 @@ def test_tables_hold_numbers_and_codes() -> None:
         "ci95_low": "0.05", "ci95_high": "0.17", "unit": "1",
     }  # fmt: skip
     assert (catch["effect"], catch["parameter"], catch["mean"]) == ("catch", "", "")
-    places = [(row["location"], row["values"]) for row in tables["where.csv"]]
-    assert places[:2] == [("intensity", "low"), ("all_trials", "")]
+    locations = [(row["location"], row["values"]) for row in tables["where.csv"]]
+    assert locations[:2] == [("intensity", "low"), ("all_trials", "")]
 
 
 def test_hand_made_content_has_the_form_of_the_schema() -> None:
@@ -467,7 +467,7 @@ def test_a_trial_to_repeat_with_new_instruments_separates_no_effects() -> None:
         assert ("Without new instruments" in page) == there
 
 
-def test_trials_without_measures_are_told() -> None:
+def test_trials_without_measures_are_reported() -> None:
     [panel] = map_figure([row | {"log_pga": math.nan} for row in ROWS]).axes
     assert [text.get_text() for text in panel.texts] == ["no trial has intensity measures"]
 

@@ -74,9 +74,9 @@ def test_overturning_diagram_puts_each_outcome_where_it_belongs() -> None:
         outcome=np.array(["stable", "overturned", "slid"], dtype=object),
     )
     [panel] = overturning_diagram(result).axes
-    places = {c.get_label(): c.get_offsets().tolist() for c in panel.collections}
-    assert places["overturned (1)"] == [[0.2, pytest.approx(2.0)]]
-    assert places["stable (1)"] == [[0.1, pytest.approx(1.0)]]
+    points = {c.get_label(): c.get_offsets().tolist() for c in panel.collections}
+    assert points["overturned (1)"] == [[0.2, pytest.approx(2.0)]]
+    assert points["stable (1)"] == [[0.1, pytest.approx(1.0)]]
     assert panel.get_xscale() == "linear"  # a motion at rest has no place on a logarithmic axis
 
 

@@ -102,7 +102,7 @@ def test_every_code_has_a_sentence(code) -> None:
             "a set-up whose slenderness or inertia lies further off",
         ),
         (
-            Statement.of(LimitCode.FEW_SESSIONS, orders=6, p=1 / 6),
+            Statement.of(LimitCode.FEW_SESSIONS, permutations=6, p=1 / 6),
             "few sessions: their order can be changed in 6 ways, so that no change over the order "
             "is significant (p of 0.17 at least)",
         ),
@@ -205,7 +205,7 @@ def test_a_note_on_a_scene_says_all_its_values(code) -> None:
 
 
 @pytest.mark.parametrize("code", EventCode)
-def test_an_event_is_told_with_all_its_values(code) -> None:
+def test_an_event_is_reported_with_all_its_values(code) -> None:
     values = {
         name: f"<{name}>" if kind is str else ("a", "b") if kind is NAMES else 7
         for name, kind in code.types.items()

@@ -257,14 +257,14 @@ def test_a_full_disk_leaves_no_half_file(tmp_path: Path) -> None:
     folder = prepare_folder(tmp_path)
     log = result.log(0)
     save_trial_log(folder, 0, log)
-    whole = (folder / "logs" / "000000.npz").read_bytes()
+    complete = (folder / "logs" / "000000.npz").read_bytes()
     with files_limited_to(10_000), pytest.raises(ResultError, match=r"logs/000000\.npz: cannot be"):
         save_trial_log(folder, 0, log)
     with files_limited_to(100), pytest.raises(ResultError, match=r"trials\.csv: cannot be written"):
         save_result(result.__class__(result.trials, (None,) * 3), folder, streamed_logs=True)
     # The old content is whole, and no temporary file is left behind.
     assert files_below(folder) == {"logs/000000.npz"}
-    assert (folder / "logs" / "000000.npz").read_bytes() == whole
+    assert (folder / "logs" / "000000.npz").read_bytes() == complete
 
 
 def test_a_killed_writer_leaves_no_half_file(tmp_path: Path) -> None:
@@ -404,7 +404,7 @@ def test_hostile_logs_are_refused(tmp_path: Path) -> None:
 
 @given(position=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255))
 @settings(max_examples=60, deadline=None)
-def test_a_changed_byte_is_noticed_or_harmless(
+def test_a_changed_byte_is_detected_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, position: float, value: int
 ) -> None:
     folder = tmp_path_factory.mktemp("byte")

@@ -125,7 +125,7 @@ def test_what_was_kept_is_found_to_the_last_bit(kept) -> None:
     assert held(kept) == thirds(kept, 2)
 
 
-def test_a_torn_last_line_is_dropped_wherever_it_was_torn(kept) -> None:
+def test_a_torn_last_line_is_discarded_wherever_it_was_torn(kept) -> None:
     lines = kept.path.read_bytes().splitlines(keepends=True)
     for cut in (0, 1, len(lines[2]) // 2, len(lines[2]) - 1):
         kept.path.write_bytes(b"".join(lines[:2]) + lines[2][:cut])
@@ -188,7 +188,7 @@ def test_a_second_writer_is_refused_until_the_first_ends(kept) -> None:
     assert held(kept) == thirds(kept, 2)
 
 
-def test_a_full_disk_leaves_whole_records(kept) -> None:
+def test_a_full_disk_leaves_complete_records(kept) -> None:
     one = kept.kind(kept.folder)
     before = kept.path.read_bytes()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

@@ -212,7 +212,7 @@ def test_two_bodies_are_refused_but_crumbs_can_be_repaired(tmp_path: Path) -> No
 
 def test_repair_closes_holes_orients_faces_and_says_so(tmp_path: Path) -> None:
     vertices, faces = ball()
-    whole = trimesh.Trimesh(vertices, faces, process=False).volume
+    complete = trimesh.Trimesh(vertices, faces, process=False).volume
     # All faces around one vertex (a hole of five or six corners), one face, one quad elsewhere.
     around = (faces == 0).any(axis=1)
     far = np.flatnonzero((vertices[faces][:, :, 2] < -0.3).all(axis=1))
@@ -229,7 +229,7 @@ def test_repair_closes_holes_orients_faces_and_says_so(tmp_path: Path) -> None:
     assert repaired.mesh.is_watertight
     assert repaired.mesh.is_winding_consistent
     # A cap of the ball is cut off: less than a hundredth of it.
-    assert 0.99 * whole < repaired.mesh.volume < whole
+    assert 0.99 * complete < repaired.mesh.volume < complete
 
 
 def test_repair_merges_near_vertices(tmp_path: Path) -> None:

@@ -84,7 +84,7 @@ def test_support_tolerance() -> None:
         support_polygon(corners, np.zeros(3), tilt, tolerance=1e-6)
 
 
-def test_a_mass_centre_beside_the_support_is_told() -> None:
+def test_a_mass_centre_beside_the_support_is_reported() -> None:
     body = block()
     leaning = RockBody(
         parts=body.parts,

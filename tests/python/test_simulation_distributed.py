@@ -432,21 +432,21 @@ def sharded(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_merged_shards_equal_the_whole(sharded: Path, tmp_path: Path) -> None:
+def test_merged_shards_equal_the_complete_result(sharded: Path, tmp_path: Path) -> None:
     assert main(shard_command(sharded, "--merge")) == 0
-    whole = tmp_path / "whole"
-    shutil.copy(sharded / "study.yaml", prepare_folder(whole))
-    assert main(shard_command(whole)) == 0
-    assert (sharded / "out/trials.csv").read_bytes() == (whole / "out/trials.csv").read_bytes()
+    complete = tmp_path / "complete"
+    shutil.copy(sharded / "study.yaml", prepare_folder(complete))
+    assert main(shard_command(complete)) == 0
+    assert (sharded / "out/trials.csv").read_bytes() == (complete / "out/trials.csv").read_bytes()
     merged = load_result(sharded / "out")
-    assert_same(load_result(whole / "out"), merged)
-    assert merged.provenance["study"] == load_result(whole / "out").provenance["study"]
+    assert_same(load_result(complete / "out"), merged)
+    assert merged.provenance["study"] == load_result(complete / "out").provenance["study"]
     assert [facts["shard"] for facts in merged.provenance["shards"]] == ["1/3", "2/3", "3/3"]
     assert merged.provenance["shards"][0]["processor"] == merged.provenance["processor"]
     # Done again, it needs to be told to replace the result, and the shards are still there.
     assert main(shard_command(sharded, "--merge")) == 2
     assert main(shard_command(sharded, "--merge", "--overwrite")) == 0
-    assert_same(load_result(whole / "out"), load_result(sharded / "out"))
+    assert_same(load_result(complete / "out"), load_result(sharded / "out"))
 
 
 def test_missing_shards_and_trials_are_named(

@@ -46,16 +46,16 @@ def assert_same(a: BatchResult, b: BatchResult) -> None:
 
 
 def test_a_batch_resumed_at_any_point_equals_an_uninterrupted_one(tmp_path: Path) -> None:
-    whole = prepare_folder(tmp_path / "whole")
-    reference = run_batch(trials(), threads=1, checkpoint=whole)
-    lines = (whole / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
+    complete = prepare_folder(tmp_path / "complete")
+    reference = run_batch(trials(), threads=1, checkpoint=complete)
+    lines = (complete / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
     assert len(lines) == 13
     for finished in (0, 1, 5, 11, 12):
         for torn in (b"", b'{"trial":11,"sta'):
             part = prepare_folder(tmp_path / f"part{finished}{len(torn)}")
             (part / JOURNAL_FILE).write_bytes(b"".join(lines[: finished + 1]) + torn)
-            if (whole / "logs").is_dir():
-                shutil.copytree(whole / "logs", part / "logs")
+            if (complete / "logs").is_dir():
+                shutil.copytree(complete / "logs", part / "logs")
             ran: list[int] = []
             resumed = run_batch(
                 trials(),
@@ -66,7 +66,7 @@ def test_a_batch_resumed_at_any_point_equals_an_uninterrupted_one(tmp_path: Path
             assert_same(reference, resumed)
             assert len(ran) == 12 - finished
             for i in range(12):
-                a, b = load_trial_log(whole, i), load_trial_log(part, i)
+                a, b = load_trial_log(complete, i), load_trial_log(part, i)
                 assert a.state.tobytes() == b.state.tobytes()
 
 
@@ -191,7 +191,7 @@ def test_interrupt_then_resume_from_the_command_line(tmp_path: Path) -> None:
     assert subprocess.run(run_cli(tmp_path, "--resume")).returncode == 0
 
 
-def test_a_full_disk_stops_with_an_error_and_leaves_whole_lines(tmp_path: Path) -> None:
+def test_a_full_disk_stops_with_an_error_and_leaves_complete_lines(tmp_path: Path) -> None:
     # A limit on file sizes stands for the full disk: writes fail in the middle of a line.
     code = (
         "import resource, signal, sys\n"
@@ -266,7 +266,7 @@ def run_on_small_disk(tmp_path: Path, **facts: object) -> subprocess.CompletedPr
     return done
 
 
-def test_a_read_only_folder_and_a_full_disk_are_told_at_the_start(tmp_path: Path) -> None:
+def test_a_read_only_folder_and_a_full_disk_are_reported_at_the_start(tmp_path: Path) -> None:
     for name, filler, remount in (("read-only", 0, 1), ("full", 10**6, 0)):
         folder = tmp_path / name
         folder.mkdir()
@@ -278,7 +278,7 @@ def test_a_read_only_folder_and_a_full_disk_are_told_at_the_start(tmp_path: Path
         assert (folder / "copy" / "files").read_text() == ""
 
 
-def test_a_disk_that_fills_up_leaves_whole_files_only(tmp_path: Path) -> None:
+def test_a_disk_that_fills_up_leaves_complete_files_only(tmp_path: Path) -> None:
     done = run_on_small_disk(tmp_path, size="300k", filler=0, remount=0)
     assert done.returncode == 2, done.stderr
     assert "No space left on device" in done.stderr

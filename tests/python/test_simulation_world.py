@@ -63,7 +63,7 @@ def test_lifecycle_spawn_reset_delete() -> None:
     assert simulation.has_rock
 
 
-def test_the_engine_in_use_is_told() -> None:
+def test_the_engine_in_use_is_reported() -> None:
     assert Simulation(study(engine={"mode": "exact"})).engine == "exact"
     simulation = Simulation(study())
     simulation.settle()
@@ -293,9 +293,9 @@ def test_errors_of_the_core_carry_a_code() -> None:
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
     assert caught.value.fault is _native.InputFault.no_rock
-    with pytest.raises(SimulationError) as told, refusals("rock"):
+    with pytest.raises(SimulationError) as reported, refusals("rock"):
         world.delete_rock()
-    assert told.value.fault is Fault.NO_ROCK
+    assert reported.value.fault is Fault.NO_ROCK
     assert {fault.value for fault in Fault} >= set(_native.InputFault.__members__)
 
 

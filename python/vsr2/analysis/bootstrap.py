@@ -112,9 +112,9 @@ def score_replicates(
     return dict(zip(SCORES, (accuracy, precision, recall, f1, objective), strict=True))
 
 
-def _ratio(part: Array, whole: Array) -> Array:
+def _ratio(part: Array, total: Array) -> Array:
     out = np.full(part.shape, np.nan)
-    np.divide(part, whole, out=out, where=whole > 0)
+    np.divide(part, total, out=out, where=total > 0)
     return out
 
 

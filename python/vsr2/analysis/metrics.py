@@ -67,8 +67,8 @@ class Classification:
         return (self.accuracy + self.precision + self.recall) / 3.0
 
 
-def _ratio(part: int, whole: int) -> float:
-    return part / whole if whole else math.nan
+def _ratio(part: int, total: int) -> float:
+    return part / total if total else math.nan
 
 
 def classification_metrics(observed: ArrayLike, predicted: ArrayLike) -> Classification:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
-from vsr2.analysis.baseline import BaselineScore, Fitted
+from vsr2.analysis.baseline import LOGISTIC, BaselineScore, Fitted
 from vsr2.calibration.calibration_study import (
+    CALIBRATION,
     CalibrationSettings,
     CalibrationStudy,
     Joint,
@@ -25,7 +26,7 @@ from vsr2.calibration.calibration_study import (
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
 from vsr2.calibration.objective import as_predictions, metrics_of, objective_of
-from vsr2.calibration.profile import DEFAULT_CELLS, Profile, profiles
+from vsr2.calibration.profile import Profile, profiles
 from vsr2.calibration.search import (
     Score,
     Step,
@@ -259,12 +260,13 @@ def calibrate(
             observed,
             motion_resamples(campaign.motion_ids, settings.replicates, seed),
             found.best.evaluation.values,
-            cells=points or DEFAULT_CELLS,
+            cells=points or CALIBRATION.cells,
         ),
         provenance=base_provenance(_native.build_facts())
         | {
             "study": study.study.model_dump(mode="json"),
             "calibration": settings.model_dump(mode="json"),
+            "constants": {"calibration": asdict(CALIBRATION), "baselines": asdict(LOGISTIC)},
             "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
             "seed": seed,
             "evaluations": len(found.evaluations),
@@ -429,7 +431,8 @@ def _compare(
         )
         for fitted, predicted in chosen.items()
     )
-    folds = result.settings.folds or min(10, len(set(campaign.motion_ids)))
+    motions = len(set(campaign.motion_ids))
+    folds = result.settings.folds or min(CALIBRATION.baseline_folds, motions)
     try:
         baselines = baseline_scores(campaign, folds=folds, seed=seed, replicates=replicates)
     except CampaignError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -26,6 +27,25 @@ Value = (
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
 Key = Annotated[str, Field(pattern=r"^[a-z_0-9]+(\.[a-z_0-9]+)*$", max_length=200)]
 
+
+@dataclass(frozen=True)
+class CalibrationConstants:
+    """What a calibration's study does not state; chosen by hand.
+
+    Attributes:
+        first_deviation: standard deviation from which the evolution strategy starts, over the range
+            of each parameter.
+        cells: into which a range is cut, where no profile points are tried: as many as are tried by
+            default.
+        baseline_folds: of the baselines, where the study asks for no folds: its own default.
+    """
+
+    first_deviation: float = 0.2
+    cells: int = 7
+    baseline_folds: int = 10
+
+
+CALIBRATION = CalibrationConstants()
 MOTION_KEYS = ("drive", "channel", "filter", "scale")
 """Keys of `motion` in a calibration study; the motions themselves are the campaign's."""
 RESERVED = (

@@ -24,7 +24,7 @@ from vsr2.config.study import Study
 from vsr2.effects import apply_effects
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, channel_noise
-from vsr2.results import Outcome, has_journal, prepare_folder
+from vsr2.results import has_journal, prepare_folder
 from vsr2.scene import PedestalBody, RockBody, Scene, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
 from vsr2.simulation import plan_sha256, run_batch
@@ -215,7 +215,7 @@ class Evaluator:
         return apply_effects(
             trials,
             study.effects,
-            orders=list(self._campaign.relative_order),
+            relative_order=list(self._campaign.relative_order),
             sessions=[trial.session for trial in self._campaign.trials],
             seed=study.seed,
         )
@@ -290,5 +290,4 @@ class Evaluator:
         result = run_batch(trials, threads=self._threads, keep_logs=False, checkpoint=checkpoint)
         if result.provenance["interrupted"]:
             raise CalibrationInterrupted
-        overturned = (result["outcome"] == Outcome.overturned.name).astype(np.float64)
-        return np.where(result.judged, overturned, np.nan)
+        return np.where(result.judged, result.overturned.astype(np.float64), np.nan)

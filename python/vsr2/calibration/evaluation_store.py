@@ -22,7 +22,7 @@ EVALUATIONS_FILE = "evaluations.jsonl"
 _KIND = StoreKind(
     format="vsr2 evaluations",
     version=1,
-    foreign="holds evaluations on another campaign; choose another folder, or start anew with "
+    foreign="holds evaluations on another campaign; choose another folder, or start again with "
     "overwrite",
 )
 _CODES = "01x."

@@ -18,13 +18,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.calibration.calibration_study import Parameter, at_share, share_of
+from vsr2.calibration.calibration_study import CALIBRATION, Parameter, at_share, share_of
 from vsr2.calibration.evaluation_store import Evaluation
 from vsr2.calibration.objective import objective_of, objective_replicates
 from vsr2.config.extended import Plain
 
 Array = NDArray[np.float64]
-DEFAULT_CELLS = 7
 
 
 class Identifiability(StrEnum):
@@ -90,7 +89,7 @@ def profiles(
     resamples: NDArray[np.int32],
     calibrated: Mapping[str, Plain],
     *,
-    cells: int = DEFAULT_CELLS,
+    cells: int = CALIBRATION.cells,
 ) -> tuple[Profile, ...]:
     """The profile of each parameter over all evaluated sets.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vsr2.calibration.calibration_study import (
+    CALIBRATION,
     Joint,
     Parameter,
     Sequential,
@@ -199,14 +200,16 @@ def _by_evolution(
 ) -> None:
     """An evolution strategy with adapted covariance (Hansen and Ostermeier 2001), package cma.
 
-    It starts at the best of the design with a standard deviation of a fifth of each range.
+    It starts at the best of the design with the standard deviation
+    `CALIBRATION.first_deviation` of each range.
     """
     import cma
 
     start = _coordinates(parameters, best_step(design).evaluation.values)
     # The package takes the seed 0 for the clock's.
     options = {"bounds": [0.0, 1.0], "seed": 1 + seed % (2**31 - 1), "verbose": -9}
-    strategy = cma.CMAEvolutionStrategy(list(start.values()), 0.2, options)
+    deviation = CALIBRATION.first_deviation
+    strategy = cma.CMAEvolutionStrategy(list(start.values()), deviation, options)
     done = 0
     while done < count:
         population = strategy.ask()

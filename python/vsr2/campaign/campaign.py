@@ -228,7 +228,7 @@ class Series:
 def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
     """What is wrong with the values of a :class:`CampaignTrial`, by attribute or extra column."""
     order, overturned = values["order"], values["overturned"]
-    whole = isinstance(order, int) and not isinstance(order, bool)
+    integral = isinstance(order, int) and not isinstance(order, bool)
     faults = {
         "trial": id_fault(values["trial"]),
         "motion": text_fault(values["motion"]),
@@ -236,7 +236,7 @@ def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
         "specimen": id_fault(values["specimen"]),
         "note": text_fault(values["note"], limit=MAX_NOTE, empty=True),
         "order": number_fault(order, 0, MAX_ORDER, "")
-        if whole
+        if integral
         else f"{shown(order)} is no whole number",
     }
     if overturned not in (None, True, False):
@@ -349,7 +349,7 @@ class Campaign:
                 f"campaign {self.name!r}: has {len(trials)} trials; 1 to {MAX_TRIALS} are allowed"
             )
         ids: dict[str, str] = {}
-        orders: dict[int, str] = {}
+        trial_of_order: dict[int, str] = {}
         for trial in trials:
             # Files of ids that differ in case only are one file on some file systems.
             if trial.trial.lower() in ids:
@@ -359,10 +359,10 @@ class Campaign:
                     f"(first as {first!r}); rename one"
                 )
             ids[trial.trial.lower()] = trial.trial
-            if orders.setdefault(trial.order, trial.trial) != trial.trial:
+            if trial_of_order.setdefault(trial.order, trial.trial) != trial.trial:
                 raise CampaignError(
                     f"campaign {self.name!r}: order {trial.order} is both {trial.trial!r}'s and "
-                    f"{orders[trial.order]!r}'s; number the trials as they were run"
+                    f"{trial_of_order[trial.order]!r}'s; number the trials as they were run"
                 )
             if trial.specimen not in self.specimens:
                 raise CampaignError(

@@ -118,7 +118,7 @@ def _record(folder: Path, trial: str) -> Record | None:
 
 def _trial(row: Row, extras: list[str], problems: Problems) -> CampaignTrial | None:
     cells = Cells(row, _TABLE, problems)
-    test = cells.whole_number("test", MAX_ORDER, "is no test number; correct it")
+    test = cells.integer("test", MAX_ORDER, "is no test number; correct it")
     date = cells.date("date", "20210630")
     if not row.cells["date"]:
         cells.refuse("date", "is blank; write it as 20210630")

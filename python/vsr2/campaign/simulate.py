@@ -261,7 +261,7 @@ def trial_statuses(campaign: Campaign) -> dict[str, Status]:
     if not isinstance(ends, Mapping) or not set(ends.values()) <= set(Status.__members__):
         raise CampaignError(
             f"campaign {campaign.name!r}: its provenance does not say how its trials ended; "
-            "simulate it anew with this VSR2"
+            "simulate it again with this VSR2"
         )
     return {trial.trial: Status[ends.get(trial.trial, "ok")] for trial in campaign.trials}
 

@@ -174,7 +174,7 @@ class Cells:
             )
         return None
 
-    def whole_number(self, column: str, most: int, remedy: str) -> int:
+    def integer(self, column: str, most: int, remedy: str) -> int:
         """A whole number from 0 to `most`; 0 where it is none."""
         cell = self._row.cells[column]
         value = int(cell) if _WHOLE.match(cell) else -1

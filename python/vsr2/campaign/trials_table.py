@@ -70,7 +70,7 @@ def read_trials(folder: Path, description: Description | None, problems: Problem
     specimens = None if description is None else description.specimens
     extras = [name for name in table.columns if name.startswith("x_")]
     ids: dict[str, tuple[str, int]] = {}
-    orders: dict[int, int] = {}
+    row_of_order: dict[int, int] = {}
     trials.ids_known = table.complete and bool(table.rows)
     for row in table.rows:
         values = _trial(row, specimens, extras, problems)
@@ -89,11 +89,11 @@ def read_trials(folder: Path, description: Description | None, problems: Problem
             else:
                 ids[trial.lower()] = (trial, row.line)
                 trials.ids[trial] = row.line
-        if order is not None and orders.setdefault(order, row.line) != row.line:
+        if order is not None and row_of_order.setdefault(order, row.line) != row.line:
             problems.add(
                 TRIALS,
-                f"{order} is there twice (first in row {orders[order]}); number the trials in the "
-                "order they were run in",
+                f"{order} is there twice (first in row {row_of_order[order]}); number the trials "
+                "in the order they were run in",
                 row=row.line,
                 column="order",
             )
@@ -149,7 +149,7 @@ def _trial(
     read = Cells(row, TRIALS, problems)
     values: dict[str, Any] = {
         **{key: cells[key] for key in ("trial", "motion", "session", "specimen")},
-        "order": read.whole_number(
+        "order": read.integer(
             "order", MAX_ORDER, f"is no whole number from 0 to {MAX_ORDER}; number the trials"
         ),
         "overturned": read.outcome("overturned"),

@@ -25,7 +25,7 @@ def _pack() -> Any:
     for one in fields(PackSettings):
         if one.name in KINDS:
             shown = f"{one.default}, 0 with --leave-one-out"
-            count = Parameter(converter=opt.whole, consume_multiple=1, show_default=shown)
+            count = Parameter(converter=opt.integer, consume_multiple=1, show_default=shown)
             made.append((one.name, Annotated[tuple[int, ...] | None, count], None))
         elif isinstance(one.default, (bool, float)):
             made.append((one.name, type(one.default), one.default))

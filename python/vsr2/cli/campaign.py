@@ -252,7 +252,7 @@ def _simulated(
     resume = load_campaign(dest) if options.resume and present and not unfinished else None
     if has_journal(checkpoint) and not (options.resume or options.overwrite):
         raise CampaignError(
-            f"{checkpoint}: keeps an unfinished simulation; go on with --resume, or begin anew "
+            f"{checkpoint}: keeps an unfinished simulation; go on with --resume, or begin again "
             "with --overwrite"
         )
     if resume is None:

@@ -17,8 +17,8 @@ from vsr2.cli import (
     diagnosis,
     effects,
     fragility,
-    replay,
-    study,
+    run,
+    view,
 )
 from vsr2.cli.options import DEFAULTS
 from vsr2.errors import Vsr2Error
@@ -42,8 +42,8 @@ app = App(
     default_parameter=DEFAULTS,
     version_flags=(),
 )
-app.command(study.run)
-app.command(replay.view)
+app.command(run.run)
+app.command(view.view)
 app.command(bodies.inertia)
 # Imported when they are asked for: their options take names and defaults from heavy rooms.
 app.command(

@@ -27,7 +27,7 @@ DEFAULTS = Parameter(negative=(), allow_repeating=True, show_default=_shown)
 """For all verbs: no `--no-OPTION`; of a value given twice the last counts."""
 
 
-def whole(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
+def integer(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
     """Whole numbers; the library's own converter would round 2.6 to 3."""
     try:
         numbers = tuple(int(token.value) for token in tokens)
@@ -37,7 +37,7 @@ def whole(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
     return numbers if get_origin(kind) is tuple else numbers[0]
 
 
-Integer = Annotated[int, Parameter(converter=whole)]
+Integer = Annotated[int, Parameter(converter=integer)]
 Study = Annotated[Path, Parameter(help="study to run")]
 Campaign = Annotated[Path, Parameter(help="folder of a campaign")]
 Tier = Literal["B", "M", "T"]
@@ -58,7 +58,7 @@ Nuisances = Annotated[
 ]
 Threads = Annotated[
     int | None,
-    Parameter(converter=whole, help="default: all processors that this process may use"),
+    Parameter(converter=integer, help="default: all processors that this process may use"),
 ]
 Scheduler = Annotated[
     str | None,

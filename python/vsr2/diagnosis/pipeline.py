@@ -44,7 +44,7 @@ from vsr2.diagnosis.simulated.campaigns import (
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import LOOK, Look, look
-from vsr2.diagnosis.simulated.simulator import Request, Simulator
+from vsr2.diagnosis.simulated.simulator import SIMULATION, Request, Simulator
 from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.diagnosis.verdict.limits import LIMITS
@@ -357,6 +357,7 @@ def _constants() -> dict[str, dict[str, Any]]:
         "series": asdict(SERIES),
         "table_motion": asdict(TABLE),
         "schedule": asdict(SCHEDULE),
+        "simulation": asdict(SIMULATION),
         "look": asdict(LOOK),
         "set_prior": asdict(SET_PRIOR),
         "discrepancy": asdict(DISCREPANCY),

@@ -3,7 +3,7 @@
 A reference campaign has no effect, or a known one that the scene's study names. What its trials do
 is compared with the nominal simulation of each. Beside that stands what simulations of the same
 scene differ by among themselves: when starts are moved by a hair, and when nuisances, contact model
-and starts are drawn anew. A campaign that differs by more than these is not the scene's.
+and starts are drawn again. A campaign that differs by more than these is not the scene's.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ def apply_effects(
     trials: Sequence[Trial],
     effects: Mapping[str, Mapping[str, float | str]],
     *,
-    orders: Sequence[float] | None = None,
+    relative_order: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
 ) -> list[Trial]:
@@ -35,10 +35,10 @@ def apply_effects(
     so). Trials whose effects are null in them come back as they are.
 
     Args:
-        trials: in order of execution, unless `orders` says otherwise. Effects that are in them
-            already stay; the same effect twice acts twice.
+        trials: in order of execution, unless `relative_order` says otherwise. Effects that
+            are in them already stay; the same effect twice acts twice.
         effects: names, each with its parameters as in a study; those not given are null.
-        orders: of the trials in the campaign, 0 first and 1 last; by default as they come.
+        relative_order: of the trials in the campaign, 0 first and 1 last; by default as they come.
         sessions: of the trials; by default one.
         seed: of what effects draw. Draws of a trial depend on the seed, the effect's name and the
             trial's index alone: common random numbers.
@@ -49,7 +49,9 @@ def apply_effects(
         GeometryError, MotionError, SimulationError: an effect cannot be applied to a trial.
     """
     wanted = chosen(effects)
-    changed = with_effects(trials, wanted, orders=orders, sessions=sessions, seed=seed)
+    changed = with_effects(
+        trials, wanted, relative_order=relative_order, sessions=sessions, seed=seed
+    )
     acting = {applied.effect.name for trial in changed for applied in trial.effects}
     for one, values in wanted:
         if one.stage == "order" and not one.is_null(values) and one.name not in acting:
@@ -67,7 +69,7 @@ def with_effects(
     trials: Sequence[Trial],
     effects: Sequence[tuple[Effect, Mapping[str, float]]],
     *,
-    orders: Sequence[float] | None = None,
+    relative_order: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
     only: Collection[int] | None = None,
@@ -78,13 +80,15 @@ def with_effects(
     are.
     """
     count = len(trials)
-    for label, given in (("orders", orders), ("sessions", sessions)):
+    for label, given in (("relative_order", relative_order), ("sessions", sessions)):
         if given is not None and len(given) != count:
             raise ConfigError(f"{label} has {len(given)} entries for {count} trials")
-    order = [i / max(1, count - 1) for i in range(count)] if orders is None else list(orders)
+    order = relative_order
+    if order is None:
+        order = [i / max(1, count - 1) for i in range(count)]
     beyond = [value for value in order if not 0 <= value <= 1]
     if beyond:
-        raise ConfigError(f"orders: {beyond[0]:g} is not between 0 (first) and 1 (last)")
+        raise ConfigError(f"relative_order: {beyond[0]:g} is not between 0 (first) and 1 (last)")
     held = ["1"] * count if sessions is None else [str(session) for session in sessions]
     in_time = sorted(range(count), key=lambda i: order[i])
     order_of_sessions = tuple(dict.fromkeys(held[i] for i in in_time))

@@ -34,34 +34,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.errors import ResultError
+from vsr2.fragility.settings import FIT
 
 Array = NDArray[np.float64]
 
-_BURN_IN, _STEPS, _THIN = 150, 500, 4
 _CHUNK = 500
-_ON_HULL = 1e-6
-"""Distance from the hull of the trials that counts as on it, in spreads of them."""
-
-
-@dataclass(frozen=True)
-class FitConstants:
-    """What a fit is judged by; chosen by hand, the prior after Greenland and Mansournia (2015).
-
-    Attributes:
-        prior_location: where the prior's two half trials lie on their coefficient's axis.
-        fall: a surface that falls by more than this as intensity rises gets a note.
-        significant: curvature beyond this quantile of no curvature says that a lognormal curve does
-            not fit.
-        fewest_levels: different intensities that tell a curvature: one more than the coefficients.
-    """
-
-    prior_location: float = 0.1
-    fall: float = 0.05
-    significant: float = 0.95
-    fewest_levels: int = 5
-
-
-FIT = FitConstants()
+"""Intensities whose curves are drawn at once."""
 
 
 @dataclass(frozen=True)
@@ -117,13 +95,14 @@ class _Posterior:
         """
         rng = np.random.default_rng(0)
         size = self.mode.size
-        half = 8 * size
+        half = FIT.half_walkers * size
         value, vector = np.linalg.eigh(self.model / self.power)
         spread = vector * np.sqrt(np.maximum(value, 0.0))
-        walkers = self.mode + 0.3 * rng.standard_normal((2, half, size)) @ spread.T
+        first = FIT.first_spread * rng.standard_normal((2, half, size))
+        walkers = self.mode + first @ spread.T
         density = np.stack([self._density(some) for some in walkers])
         kept = []
-        for step in range(_BURN_IN + _STEPS):
+        for step in range(FIT.burn_in + FIT.steps):
             for k in (0, 1):
                 partner = walkers[1 - k][rng.integers(half, size=half)]
                 stretch = (1.0 + rng.random(half)) ** 2 / 2.0
@@ -133,7 +112,7 @@ class _Posterior:
                 taken = np.log(rng.random(half)) < odds
                 walkers[k][taken] = moved[taken]
                 density[k][taken] = there[taken]
-            if step >= _BURN_IN and step % _THIN == 0:
+            if step >= FIT.burn_in and step % FIT.thin == 0:
                 kept.append(walkers.reshape(-1, size).copy())
         return np.concatenate(kept)
 
@@ -236,7 +215,7 @@ class FragilityFit:
             return np.zeros(len(values), dtype=np.bool_)
         scaled = (values - self._center) / self._spread
         distance = scaled @ hull.equations[:, :-1].T + hull.equations[:, -1]
-        amid: NDArray[np.bool_] = distance.max(axis=1) <= _ON_HULL
+        amid: NDArray[np.bool_] = distance.max(axis=1) <= FIT.on_hull
         return amid
 
     def grid(self, points: int) -> Array:
@@ -380,7 +359,7 @@ def _outcomes(
 
 def _falling(fit: FragilityFit) -> tuple[str, ...]:
     """Measures with which the probability falls by more than `FIT.fall` amid the trials."""
-    count = 25
+    count = FIT.fall_grid
     levels = fit.grid(count)
     probability = np.where(fit.inside(levels), fit.probability(levels)[0], np.nan)
     grid = probability.reshape(count, count)

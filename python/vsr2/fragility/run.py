@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from vsr2.effects import apply_effects
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit, fit_fragility
-from vsr2.fragility.settings import FragilitySettings, FragilityStudy
+from vsr2.fragility.settings import FIT, FragilitySettings, FragilityStudy
 from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
 from vsr2.motion import Motion, intensity_measures
-from vsr2.results import BatchResult, Outcome
+from vsr2.results import BatchResult
 from vsr2.simulation import run_batch
 from vsr2.trial import Trial
 
@@ -53,8 +53,7 @@ class FragilityResult:
     @property
     def overturned(self) -> NDArray[np.bool_]:
         """Of each trial, shape (trials,)."""
-        found: NDArray[np.bool_] = self.batch["outcome"] == Outcome.overturned.name
-        return found
+        return self.batch.overturned
 
     @property
     def azimuth(self) -> Array:
@@ -139,7 +138,7 @@ def _fitted(
         used &= measures[name] > 0
     if not used.any():
         raise ResultError("no trial has an outcome and positive intensities: nothing to fit")
-    overturned = (batch["outcome"] == Outcome.overturned.name).astype(np.bool_)
+    overturned = batch.overturned
     groups = np.array([one.motion for one in planned], dtype=np.str_)
     azimuth = np.array([one.azimuth for one in planned])
 
@@ -172,6 +171,7 @@ def _fitted(
         | {
             "study": study.study.model_dump(mode="json"),
             "fragility": settings.model_dump(mode="json"),
+            "constants": {"fit": asdict(FIT)},
         },
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, Strict, model_validator
@@ -33,6 +34,41 @@ MEASURE_LABELS = {key: f"{name} [{unit}]" for key, (name, unit) in MEASURES.item
 
 MAX_PGA = 100.0
 """Greatest PGA that recordings are scaled to [g]; more is a mistaken unit."""
+
+
+@dataclass(frozen=True)
+class FitConstants:
+    """What a fit is judged by; chosen by hand, the prior after Greenland and Mansournia (2015).
+
+    Attributes:
+        prior_location: where the prior's two half trials lie on their coefficient's axis.
+        fall: a surface that falls by more than this as intensity rises gets a note.
+        significant: curvature beyond this quantile of no curvature says that a lognormal curve does
+            not fit.
+        fewest_levels: different intensities that tell a curvature: one more than the coefficients.
+        fall_grid: intensity levels along each axis on which a fall is looked for.
+        on_hull: distance from the hull of the trials that counts as on it, in spreads of them.
+        half_walkers: of the ensemble sampler, of each half, over the number of coefficients.
+        first_spread: of the walkers at first, over the posterior's own deviation.
+        burn_in: first steps of the walkers, which are not kept.
+        steps: after them.
+        thin: one step in so many is kept.
+    """
+
+    prior_location: float = 0.1
+    fall: float = 0.05
+    significant: float = 0.95
+    fewest_levels: int = 5
+    fall_grid: int = 25
+    on_hull: float = 1e-6
+    half_walkers: int = 8
+    first_spread: float = 0.3
+    burn_in: int = 150
+    steps: int = 500
+    thin: int = 4
+
+
+FIT = FitConstants()
 
 
 class Jitter(Section):
@@ -128,7 +164,7 @@ def load_fragility(
         )
     if (own.azimuths is not None or own.jitter.any) and study.study.rock.start.mode != "yaw":
         raise ConfigError(
-            f"{study.label}: rock.start: azimuths and jitter turn and lower the rock anew; use "
+            f"{study.label}: rock.start: azimuths and jitter turn and lower the rock again; use "
             "`mode: yaw` with `base_orientation`, `yaw` and `position_xy`"
         )
     return study

@@ -1,6 +1,5 @@
 """Ground motions: one type, readers, processing, intensity measures, fusion of channels."""
 
-from vsr2.motion.build import Recorded, build_motions, build_recorded_motion
 from vsr2.motion.cosine import cosine_measures, cosine_motion, cosine_parameters
 from vsr2.motion.fusion import (
     ChannelNoise,
@@ -27,6 +26,7 @@ from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
+from vsr2.motion.study_motions import Recorded, build_motions, build_recorded_motion
 from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_motion
 from vsr2.motion.units import STANDARD_GRAVITY
 

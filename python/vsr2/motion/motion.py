@@ -15,7 +15,7 @@ from vsr2.errors import MotionError
 from vsr2.read_only import ReadOnlyArrays, read_only
 
 if TYPE_CHECKING:
-    from vsr2.motion.build import Recorded
+    from vsr2.motion.study_motions import Recorded
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,6 @@
 """From a recorded channel to a displacement that a pedestal can follow.
 
-The chain of :class:`vsr2.motion.build.Recorded`, all of it at the record's own sampling
+The chain of :class:`vsr2.motion.study_motions.Recorded`, all of it at the record's own sampling
 interval until the last step but one:
 
 1. baseline, if asked: a polynomial (:func:`remove_baseline`).

@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from vsr2.errors import MotionError
-from vsr2.motion.build import build_recorded_motion
 from vsr2.motion.measures import significant_duration
 from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
 from vsr2.motion.record import Record
+from vsr2.motion.study_motions import build_recorded_motion
 from vsr2.motion.units import STANDARD_GRAVITY
 
 SYNTHETIC_INTERVAL = 0.005

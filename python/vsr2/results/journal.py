@@ -22,7 +22,7 @@ _KIND = StoreKind(
     format="vsr2 journal",
     version=f"3 with columns {_COLUMNS}",
     foreign="belongs to an unfinished run with other trials or settings; finish that one with its "
-    "own study, or start anew with overwrite",
+    "own study, or start again with overwrite",
 )
 
 

@@ -361,6 +361,12 @@ class BatchResult:
         return found & np.isin(self["status"], JUDGED)
 
     @property
+    def overturned(self) -> NDArray[np.bool_]:
+        """Which trials ended with the rock overturned, shape (trials,)."""
+        found: NDArray[np.bool_] = self["outcome"] == Outcome.overturned.name
+        return found
+
+    @property
     def finished(self) -> NDArray[np.bool_]:
         """Which trials ran to an end, that of a failure included, shape (trials,)."""
         return ~np.isin(self["status"], UNFINISHED)

@@ -40,7 +40,7 @@ class StoreKind:
     format: str
     version: int | str
     foreign: str
-    damaged: str = "start anew with overwrite"
+    damaged: str = "start again with overwrite"
 
 
 class Store:

@@ -156,8 +156,8 @@ def _threads(threads: int | None, client: distributed.Client | None) -> int:
             "threads does not apply with a client: the workers' own threads run the trials"
         )
     count = len(os.sched_getaffinity(0)) if threads is None else threads
-    whole = isinstance(count, Integral) and not isinstance(count, bool)
-    if not whole or not 1 <= count <= 1024:
+    integral = isinstance(count, Integral) and not isinstance(count, bool)
+    if not integral or not 1 <= count <= 1024:
         raise SimulationError(f"threads must be a whole number from 1 to 1024, got {threads!r}")
     return int(count)
 

@@ -30,7 +30,7 @@ from vsr2.effects.registry import BUILT_IN
 from vsr2.effects.standing import settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
-from vsr2.results import JUDGED, BatchResult, Outcome
+from vsr2.results import JUDGED, BatchResult
 from vsr2.scene import Hull, Pose, start_support
 from vsr2.scene.rotation import multiply, normalized, yaw_quaternion
 from vsr2.simulation.batch import run_batch
@@ -211,7 +211,9 @@ class EffectChecker:
         shaken = [with_tail(replace(self.standing(rock), motion=pulse), 0.5) for rock in ROCKS]
         # Each twice, so that the order has an end.
         plain = [trial for trial in shaken for _ in range(2)]
-        null = with_effects(plain, [(effect, effect.null())], orders=[0.0, 1.0] * len(shaken))
+        null = with_effects(
+            plain, [(effect, effect.null())], relative_order=[0.0, 1.0] * len(shaken)
+        )
         first, second = run_batch(plain, threads=1), run_batch(null, threads=1)
         same = [
             a is not None and b is not None and a.state.tobytes() == b.state.tobytes()
@@ -232,7 +234,7 @@ class EffectChecker:
         """Greatest change of a feature over its noise floor; by default at the prior's far end."""
         trials, plain, floor = self.without(rock)
         wanted = effect.extreme() if values is None else effect.complete(values)
-        changed = with_effects(trials, [(effect, wanted)], orders=[1.0] * len(trials))
+        changed = with_effects(trials, [(effect, wanted)], relative_order=[1.0] * len(trials))
         after = _features(run_batch(changed, threads=1)).reshape(plain.shape)
         ratios = np.nan_to_num(distances(after, plain) / floor)
         most = int(np.argmax(ratios.max(axis=0)))
@@ -241,7 +243,7 @@ class EffectChecker:
     def fast_refusal(self, effect: Effect) -> FastRefusal:
         """Why `fast` does not take the block with the effect at its prior's far end."""
         trial = replace(self.bench.block(), motion=self.bench.pulse(4.0, 2.0))
-        changed = with_effects([trial], [(effect, effect.extreme())], orders=[1.0])[0]
+        changed = with_effects([trial], [(effect, effect.extreme())], relative_order=[1.0])[0]
         return native_scene(changed.scene).fast_refusal
 
     def standing(self, rock: Rock) -> Trial:
@@ -367,7 +369,7 @@ def _least_overturning(trial: Trial, turn: float, lifting: float, frequency: flo
         middle = 0.5 * (low + high)
         motion = bench.pulse(math.exp(middle), frequency)
         found = run_batch([replace(first, motion=motion) for first in firsts], threads=1)
-        fell = 2 * int((found["outcome"] == Outcome.overturned.name).sum()) > CHECK.jury
+        fell = 2 * int(found.overturned.sum()) > CHECK.jury
         low, high = (low, middle) if fell else (middle, high)
     return math.exp(0.5 * (low + high))
 
@@ -450,7 +452,7 @@ def _features(result: BatchResult) -> Array:
             "the rock comes to rest before the motion"
         )
     peak, yaw, slip = (result[name] for name in ("peak_tilt", "final_yaw", "final_slip"))
-    overturned = result["outcome"] == Outcome.overturned.name
+    overturned = result.overturned
     found = np.column_stack([np.log10(np.clip(peak, 1e-5, 1.4)), yaw, slip, overturned])
     # Where a rock lies after overturning tells nothing.
     found[overturned, 1:3] = np.nan

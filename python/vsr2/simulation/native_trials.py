@@ -19,7 +19,7 @@ from vsr2.simulation.planning import log_bytes
 from vsr2.trial import Trial
 
 POLL = 0.1
-"""How often finished trials are collected and Ctrl-C is noticed [s]."""
+"""How often finished trials are collected and Ctrl-C is looked for [s]."""
 MAX_AHEAD = 1024
 """Most trials that the core holds, waiting, running or not yet taken."""
 MAX_AHEAD_BYTES = 2**28

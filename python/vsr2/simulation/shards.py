@@ -98,7 +98,7 @@ def run_shard(
         shard: which of them to run.
         folder: of the result; shards may run at the same time, on any machine that sees it.
         resume: go on with this shard where it was interrupted.
-        overwrite: begin this shard anew.
+        overwrite: begin this shard again.
         threads: as of :func:`run_batch`.
         progress: as of :func:`run_batch`.
 
@@ -177,7 +177,7 @@ def merge_shards(
                 ):
                     raise ResultError(
                         f"{shard.folder(folder)}: the log of trial {i} is gone; run shard {shard} "
-                        "anew with --overwrite"
+                        "again with --overwrite"
                     )
                 journal.record(i, found[k])
     return [_facts(shard, folder) for shard in shards]

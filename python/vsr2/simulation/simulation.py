@@ -202,7 +202,7 @@ class Simulation:
     def restore_state(self, state: SimulationState) -> None:
         """Go on from a saved state with the bits of a simulation that was not interrupted.
 
-        The world is built anew and does again what led to the state, so this takes as long as
+        The world is built again and repeats what led to the state, so this takes as long as
         simulating that did.
 
         Raises:

@@ -19,7 +19,7 @@ from vsr2.config.study import BoxRock, YawStart
 from vsr2.effects import Effect, EffectRangeWarning, apply_effects, library
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
-from vsr2.results import JUDGED, TrialLog, quaternion_product
+from vsr2.results import TrialLog, quaternion_product
 
 if TYPE_CHECKING:
     from vsr2.scene import Pose, Scene
@@ -125,7 +125,7 @@ class BulletEngine:
             trials = apply_effects(
                 trials,
                 acting,
-                orders=[one.context.order for one in ordered],
+                relative_order=[one.context.order for one in ordered],
                 sessions=[f"{one.context.session}" for one in ordered],
                 seed=first.context.campaign_seed,
             )
@@ -136,14 +136,14 @@ class BulletEngine:
                 logs[index] = log
 
         result = run_batch(trials, keep_logs=False, on_trial=keep)
+        judged, overturned = result.judged, result.overturned
         for i in range(len(trials)):
-            status, outcome = str(result["status"][i]), str(result["outcome"][i])
-            if status not in JUDGED or outcome == "failed":
+            if not judged[i]:
                 raise SimulationError(
-                    f"engine bullet: a trial ended with status {status} "
+                    f"engine bullet: a trial ended with status {result['status'][i]} "
                     f"({result['message'][i] or 'no exception'}); change the scene"
                 )
-            yield _observed(outcome == "overturned", float(result["peak_tilt"][i]), logs[i])
+            yield _observed(bool(overturned[i]), float(result["peak_tilt"][i]), logs[i])
 
     def _trials(
         self, inputs: Sequence[TrialInput], nuisances: Nuisances, series_interval: float

@@ -27,12 +27,14 @@ class DesignRules:
         shift: standard deviation of what a protocol adds to it.
         step: factor between amplitudes tried for the overturning PGA.
         steps: tried at most, from the static threshold.
+        cut: standard deviations at which nuisances are cut.
     """
 
     spread: tuple[float, float] = (-0.55, 0.4)
     shift: float = 0.12
     step: float = 1.12
     steps: int = 10
+    cut: float = 3.0
 
 
 DESIGN = DesignRules()
@@ -123,8 +125,8 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def draw_nuisances(rng: np.random.Generator, settings: PackSettings) -> Nuisances:
-    """Of one campaign: normal, cut at three standard deviations."""
-    draws = np.clip(rng.standard_normal(len(NUISANCES)), -3, 3)
+    """Of one campaign: normal, cut at `DESIGN.cut` standard deviations."""
+    draws = np.clip(rng.standard_normal(len(NUISANCES)), -DESIGN.cut, DESIGN.cut)
     deviations = [getattr(settings.tolerances, name) for name in NUISANCES]
     return Nuisances(*(float(1 + s * d) for s, d in zip(deviations, draws, strict=True)))
 

@@ -39,6 +39,8 @@ class SignalRules:
         search_factor: between two magnitudes at most.
         attempts: draws of an effect for a campaign, until one is measured in `window`.
         step: by which a measured draw moves the next ones at most.
+        nulls: draws of the null campaign, over the replicates.
+        search_twins: that a search measures at least; half of the replicates where these are more.
     """
 
     detected: float = 3.0
@@ -52,6 +54,8 @@ class SignalRules:
     search_factor: float = 10.0
     attempts: int = 8
     step: float = 4.0
+    nulls: int = 5
+    search_twins: int = 4
 
 
 RULES = SignalRules()
@@ -85,7 +89,7 @@ def squared_signal(changes: Array, covariance: Array) -> float:
 class SignalMeter:
     """Measures signals on one engine, scene and part of a protocol with common random numbers.
 
-    The null campaign is simulated with 5 R draws of nuisances and starts, the first R of them
+    The null campaign is simulated with `nulls` R draws of nuisances and starts, the first R of them
     again under the effect (twins). The observations (outcomes and ln largest tilts) are regressed
     on the nuisances, which gives their covariance S: slopes times slopes, and each observation's
     own scatter, the mean of that without the effect and with it (half the variance of its change
@@ -122,7 +126,8 @@ class SignalMeter:
     @cached_property
     def _null(self) -> Array:
         """Observations of the null campaign, one row a draw."""
-        return np.stack([self._run(r, {}) for r in range(5 * self._settings.replicates)])
+        count = RULES.nulls * self._settings.replicates
+        return np.stack([self._run(r, {}) for r in range(count)])
 
     @cached_property
     def _noise(self) -> tuple[Array, Array, float]:
@@ -217,7 +222,7 @@ class SignalMeter:
             rng = np.random.default_rng([self._seed, 204, len(found)])
             quantiles = [float(q) for q in rng.random(len(effect.others))]
             values = effect.values(sign * magnitude, quantiles)
-            twins = max(4, self._settings.replicates // 2)
+            twins = max(RULES.search_twins, self._settings.replicates // 2)
             found[magnitude] = self.signal(effect.name, values, twins=twins)
             return found[magnitude] / RULES.detected
 

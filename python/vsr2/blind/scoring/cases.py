@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,26 @@ from vsr2.config.problems import shown
 from vsr2.errors import BlindError
 
 ALL = "all"
-FLIP_BINS = ((0.0, 0.02), (0.02, 0.05), (0.05, 0.1), (0.1, math.inf))
-"""Of the share of outcomes that the effects flip."""
-LIMITS = ((0.0, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, math.inf), (1.0, math.inf), (2.0, math.inf))
-"""Of the magnitude over the detection limit, lower ends included."""
+
+
+@dataclass(frozen=True)
+class GroupRules:
+    """By what campaigns are grouped; all are choices, none is fitted.
+
+    Attributes:
+        limits: edges between groups of the magnitude over the detection limit, lower ends included;
+            the last group is open.
+        least_limits: lower ends of further groups, which hold all that lies above.
+        flips: edges between groups of the share of outcomes that the effects flip; the last group
+            is open.
+    """
+
+    limits: tuple[float, ...] = (0.0, 1.0, 2.0, 4.0)
+    least_limits: tuple[float, ...] = (1.0, 2.0)
+    flips: tuple[float, ...] = (0.0, 0.02, 0.05, 0.1)
+
+
+GROUPS = GroupRules()
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,17 +255,18 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
     over the limit is sealed, campaigns go by the share of outcomes that the effects flip.
     """
     out: dict[tuple[str, str], list[Case]] = {}
+    further = [(low, math.inf) for low in GROUPS.least_limits]
     for case in cases:
         engine = engine_group(case.engine)
         names = [ALL, engine, f"kind {case.kind}"]
         names += [
             engine_group(case.engine, low, high)
-            for low, high in LIMITS
+            for low, high in (*_spans(GROUPS.limits), *further)
             if low <= case.relative < high
         ]
         names += [
             f"flips {_span(low, high)}"
-            for low, high in FLIP_BINS
+            for low, high in _spans(GROUPS.flips)
             if math.isnan(case.relative) and low <= case.flips < high
         ]
         for name in names:
@@ -259,6 +277,10 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
 def engine_group(engine: str, low: float | None = None, high: float = math.inf) -> str:
     """Name of the group of an engine's campaigns: all, or those of magnitudes over the limit."""
     return f"engine {engine}" + ("" if low is None else f", limits {_span(low, high)}")
+
+
+def _spans(edges: Sequence[float]) -> Iterable[tuple[float, float]]:
+    return pairwise((*edges, math.inf))
 
 
 def _span(low: float, high: float) -> str:

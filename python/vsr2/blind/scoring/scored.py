@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from vsr2.blind.scoring.baselines import BASELINE, BASELINES
-from vsr2.blind.scoring.cases import ALL, Case
+from vsr2.blind.scoring.cases import ALL, GROUPS, Case
 from vsr2.blind.scoring.intervals import INTERVALS, Score
 from vsr2.blind.scoring.leaks import LEAKS, Leak
 from vsr2.blind.scoring.metadata import METADATA
@@ -82,6 +82,7 @@ class Scored:
             "leaks": [[asdict(leak) for leak in one] for one in self.leaks],
             "constants": {
                 "scoring": asdict(SCORING),
+                "groups": asdict(GROUPS),
                 "intervals": asdict(INTERVALS),
                 "baselines": asdict(BASELINE),
                 "leaks": asdict(LEAKS),

@@ -105,7 +105,7 @@ def interval(values: Array) -> Interval:
 
 
 def resampled_means(
-    values: Array, motion: NDArray[np.int64], *, replicates: int = 2000, seed: int = 0
+    values: Array, motion: NDArray[np.int64], *, replicates: int, seed: int = 0
 ) -> Array:
     """Means over trials under a bootstrap of motions, values (k, trials), shape (replicates, k)."""
     from vsr2.campaign import motion_resamples

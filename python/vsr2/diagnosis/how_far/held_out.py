@@ -1,7 +1,7 @@
 """HOW FAR the gap shrinks: trials simulated again, without effect and with what is named.
 
 Motions are dealt into groups. Parameters of what is named come from the trials of the other groups
-alone; then the trials of the group are simulated with them, nuisances drawn anew, and judged by
+alone; then the trials of the group are simulated with them, nuisances drawn again, and judged by
 these simulations: before and after on motions that were not seen. Differences are of equal trials
 and are bootstrapped over motions. All of it is reported; nothing is named or withheld for it.
 
@@ -50,6 +50,10 @@ class HeldOutConstants:
         neighbours: trials of like intensity among which it is dealt.
         nuisances: draw of the nuisances of the first simulation with what is named.
         replicate: of starts and noise there.
+        resamples: of motions, from which intervals are taken.
+        rescaling: standard deviation of the prior on shift and slope of rescaled probabilities,
+            about none.
+        least_probability: of either outcome in the negative controls.
     """
 
     members: int = 24
@@ -58,6 +62,9 @@ class HeldOutConstants:
     neighbours: int = 8
     nuisances: int = 500
     replicate: int = 2
+    resamples: int = 2000
+    rescaling: float = 2.0
+    least_probability: float = 1e-3
 
 
 HELD_OUT = HeldOutConstants()
@@ -85,7 +92,8 @@ class HowFar:
     def _means(self) -> dict[str, Array]:
         """Mean losses by name, then those of each replicate, shape (1 + replicates,)."""
         values = np.stack([self.losses[name] for name in LOSSES])
-        means = np.vstack([values.mean(axis=1), resampled_means(values, self.motion)])
+        drawn = resampled_means(values, self.motion, replicates=HELD_OUT.resamples)
+        means = np.vstack([values.mean(axis=1), drawn])
         return dict(zip(LOSSES, means.T, strict=True))
 
     def mean(self, name: str) -> Interval:
@@ -251,21 +259,22 @@ def _recalibrated(probability: Array, outcome: Array, group: NDArray[np.int64]) 
     from scipy.optimize import minimize
     from scipy.special import expit, logit
 
-    out = probability.copy()
+    out, variance = probability.copy(), HELD_OUT.rescaling**2
     for k in np.unique(group):
         used = (group != k) & np.isfinite(outcome)
         x, target = logit(probability[used]), outcome[used]
 
         def cost(theta: Array, x: Array = x, target: Array = target) -> tuple[float, Array]:
             line = theta[0] + theta[1] * x
-            pull = (theta - [0.0, 1.0]) / 4.0
+            pull = (theta - [0.0, 1.0]) / variance
             wrong = expit(line) - target
-            value = np.logaddexp(0.0, line).sum() - (target * line).sum() + 2.0 * (pull**2).sum()
+            value = np.logaddexp(0.0, line).sum() - (target * line).sum()
+            value += 0.5 * variance * (pull**2).sum()
             return float(value), np.array([wrong.sum(), (wrong * x).sum()]) + pull
 
         shift, slope = minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x
         line = shift + slope * logit(probability[group == k])
-        out[group == k] = np.clip(expit(line), 1e-3, 1 - 1e-3)
+        out[group == k] = _within(expit(line))
     return out
 
 
@@ -289,9 +298,14 @@ def _dealt(
             mixed = block[rng.permutation(block.size)]
             partner[mixed] = np.roll(mixed, 1)
         shifted = before.features + np.nan_to_num(moved[partner])
-        probability = np.clip(expit(start + change[partner]), 1e-3, 1 - 1e-3)
+        probability = _within(expit(start + change[partner]))
         out += _loss(Ensemble(before.overturned, shifted), probability, outcome, features)
     return out / HELD_OUT.dealt
+
+
+def _within(probability: Array) -> Array:
+    least = HELD_OUT.least_probability
+    return np.asarray(np.clip(probability, least, 1 - least), dtype=np.float64)
 
 
 def _mean(values: Array) -> Array:

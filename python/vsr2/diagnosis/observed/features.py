@@ -16,6 +16,38 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True)
+class SeriesConstants:
+    """How series are read; chosen by hand.
+
+    Attributes:
+        uplift: tilt above which a rock has lifted off [rad].
+        fallen: tilt from which nothing comes back [rad].
+        last: rows of the end whose median is the rest.
+        rest_noise: standard error of that median over that of a row: sqrt(pi / 2 / 10).
+        excursions: that are described one by one, at most four.
+        least_tilt: that a series' largest tilt counts for at least [rad].
+        least_duration: added to an excursion's before the logarithm: a tenth of a sample of
+            simulated series [s].
+        least_aloft: added to the time spent in excursions before the logarithm: some samples of a
+            camera [s].
+        row: between rows of simulated series, unless the campaign's own are nearer [s].
+    """
+
+    uplift: float = 0.01
+    fallen: float = 1.0
+    last: int = 10
+    rest_noise: float = 0.4
+    excursions: int = 4
+    least_tilt: float = 1e-4
+    least_duration: float = 1e-3
+    least_aloft: float = 0.05
+    row: float = 0.01
+
+
+SERIES = SeriesConstants()
+
+
 class Feature(NamedTuple):
     """What a number tells of.
 
@@ -38,9 +70,7 @@ CONTRADICTION = Feature("contradiction", "label", "whole response")
 """1 where the noted outcome contradicts the series, else 0."""
 TIME_ALOFT = Feature("time_aloft", "tilt", "strong shaking")
 """Logarithm of the time spent in excursions [s], of rocks that do not fall."""
-EXCURSIONS = 4
-"""That are described one by one."""
-_NUMBERS = ("first", "second", "third", "fourth")
+_NUMBERS = ("first", "second", "third", "fourth")[: SERIES.excursions]
 TILT_FEATURES = (
     SERIES_TILT,
     CONTRADICTION,
@@ -63,26 +93,6 @@ REST_FEATURES = (
 )
 """Turn about the vertical [rad] and travel in plan [m] from rest to rest, both magnitudes: which
 way a rock turns is often chance."""
-
-
-@dataclass(frozen=True)
-class SeriesConstants:
-    """How series are read; chosen by hand.
-
-    Attributes:
-        uplift: tilt above which a rock has lifted off [rad].
-        fallen: tilt from which nothing comes back [rad].
-        last: rows of the end whose median is the rest.
-        rest_noise: standard error of that median over that of a row: sqrt(pi / 2 / 10).
-    """
-
-    uplift: float = 0.01
-    fallen: float = 1.0
-    last: int = 10
-    rest_noise: float = 0.4
-
-
-SERIES = SeriesConstants()
 
 
 @dataclass(frozen=True)
@@ -127,7 +137,7 @@ def tilt_features(time: Array, tilt: Array) -> Array:
         ends without a fall: :func:`noted_tilt_features` has both as they count.
     """
     out = np.full(len(TILT_FEATURES), np.nan)
-    out[0] = np.log(max(float(tilt.max()), 1e-4))
+    out[0] = np.log(max(float(tilt.max()), SERIES.least_tilt))
     fell = tilt >= SERIES.fallen
     out[1] = float(not fell.any())
     if fell.any():
@@ -136,14 +146,14 @@ def tilt_features(time: Array, tilt: Array) -> Array:
     starts, ends = np.flatnonzero(up[1:] & ~up[:-1]), np.flatnonzero(up[:-1] & ~up[1:])
     complete = ends < tilt.size
     for k, (start, end) in enumerate(
-        zip(starts[complete][:EXCURSIONS], ends[complete][:EXCURSIONS], strict=True)
+        zip(starts[complete][: SERIES.excursions], ends[complete][: SERIES.excursions], strict=True)
     ):
-        duration = np.log(time[end] - time[start] + 1e-3)
+        duration = np.log(time[end] - time[start] + SERIES.least_duration)
         out[2 + 3 * k : 5 + 3 * k] = time[start], np.log(tilt[start:end].max()), duration
-    last = 2 + 3 * EXCURSIONS
+    last = 2 + 3 * SERIES.excursions
     step = float(time[1] - time[0]) if time.size > 1 else 1.0
     out[last] = np.log1p(starts.size)
-    out[last + 1] = np.log((ends - starts).sum() * step + 0.05)
+    out[last + 1] = np.log((ends - starts).sum() * step + SERIES.least_aloft)
     if starts.size and complete[-1]:
         out[last + 2] = time[ends[-1]]
     return out

@@ -43,6 +43,7 @@ class ObservedConstants:
             has it stay within a millimetre, another lets it go several.
         rest_scatter: standard deviation of the logarithm of larger ones between two correct
             engines.
+        distinct: standard errors from which a turn or a travel is told from none.
         repeated: greatest difference of ln PGA and of ln PGV between recordings of one motion
             repeated: for noise of the records and the table's scatter. The next amplitude of a
             campaign lies 5 % off or more.
@@ -54,6 +55,7 @@ class ObservedConstants:
     least_tilt: float = 0.003
     rest_resolution: tuple[float, float] = (0.05, 0.01)
     rest_scatter: float = 0.3
+    distinct: float = 3.0
     repeated: float = 0.02
 
 
@@ -134,7 +136,9 @@ class Observations:
 
 def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
     """Logarithm of turns or travels, those within what can be distinguished taken for one."""
-    return np.asarray(np.log(np.maximum(size, max(resolution, 3 * noise))), dtype=np.float64)
+    return np.asarray(
+        np.log(np.maximum(size, max(resolution, OBSERVED.distinct * noise))), dtype=np.float64
+    )
 
 
 def same_trials(one: Observations, other: Observations) -> bool:

@@ -54,6 +54,8 @@ class TableConstants:
             bands.
         least_frequencies: in such a band: fewer are always coherent.
         most: standard errors that one record counts at most.
+        least_samples: of a record; shorter ones are not compared.
+        highest: end of a band over the sampling rate at most.
     """
 
     bands: tuple[tuple[tuple[float, float], ...], ...] = (
@@ -66,6 +68,8 @@ class TableConstants:
     taper: float = 0.1
     least_frequencies: int = 4
     most: float = 4.0
+    least_samples: int = 16
+    highest: float = 0.4
 
 
 TABLE = TableConstants()
@@ -79,7 +83,9 @@ def agreement(record: Record) -> Array:
         without both channels, or where no band is coherent.
     """
     out = np.full((len(TABLE_FEATURES), 2), np.nan)
-    if record.displacement is None or record.acceleration is None or record.size < 16:
+    if record.displacement is None or record.acceleration is None:
+        return out
+    if record.size < TABLE.least_samples:
         return out
     from scipy.signal.windows import tukey
 
@@ -95,7 +101,7 @@ def agreement(record: Record) -> Array:
         rows = []
         for low, high in bands:
             inside = (frequency >= low) & (frequency < high)
-            if high <= 0.4 / interval:
+            if high <= TABLE.highest / interval:
                 rows += _of_band(x[inside], y[inside], least)
         if rows:
             gain, phase, variance, common = np.array(rows).T

@@ -32,6 +32,7 @@ class DiscrepancyConstants:
             the logarithm of the tilt; one in fourteen outcomes then differs at a factor of 1.
         series: deviation of other features over their scatter, at a factor of 1; chosen by hand.
         common: correlation of a feature's disturbance with that of the tilt.
+        least_probability: of either outcome, so that a disturbance may turn it; chosen by hand.
     """
 
     parts: tuple[float, float, float] = (0.02, 0.05, 0.08)
@@ -40,6 +41,7 @@ class DiscrepancyConstants:
     outcome: float = 5.2
     series: float = 0.5
     common: float = 0.7
+    least_probability: float = 0.003
 
 
 DISCREPANCY = DiscrepancyConstants()
@@ -83,7 +85,8 @@ def disturbed(
         return np.asarray(factor * (out + single * rng.standard_normal((count, trials))))
 
     shift = drawn()
-    p = np.clip(probability, 0.003, 0.997)
+    least = DISCREPANCY.least_probability
+    p = np.clip(probability, least, 1 - least)
     u = rng.uniform(1e-6, 1 - 1e-6, (count, trials))
     latent = ndtri(np.where(overturned > 0.5, 1 - p * u, (1 - p) * u))
     turned = latent + DISCREPANCY.outcome * shift > ndtri(1 - p)

@@ -21,7 +21,7 @@ from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
 FORMAT = 3
-"""Of the file, and of what features are: a posterior of another form is trained anew."""
+"""Of the file, and of what features are: a posterior of another form is trained again."""
 
 
 def save_posterior(posterior: Posterior, path: Path) -> None:

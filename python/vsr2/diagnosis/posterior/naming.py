@@ -36,10 +36,13 @@ class NamingConstants:
     Attributes:
         classes: of effects that may be named as one finding.
         outside: probability, given a gap, from which a cause outside the library outweighs.
+        second: probability of two effects, given a gap, from which a name says that a second is
+            likely.
     """
 
     classes: int = 3
     outside: float = 0.5
+    second: float = 0.5
 
 
 NAMING = NamingConstants()

@@ -29,7 +29,12 @@ class NetworkConstants:
 
     Attributes:
         hidden: widths of the layers.
-        rate: of Adam, falling linearly to a twentieth.
+        first_outputs: weights of the last layer that training starts from, over He's.
+        rate: of Adam, falling linearly.
+        last_rate: of Adam at the end, over the first.
+        mean_share, square_share: of a step's slope in Adam's running means, 1 - beta_1 and 1 -
+            beta_2; with `least_root` the values of Kingma and Ba.
+        least_root: added to the root of the mean square, their epsilon.
         decay: of weights.
         dropout: share of units that a step leaves out.
         batch: campaigns a step.
@@ -38,7 +43,12 @@ class NetworkConstants:
     """
 
     hidden: tuple[int, ...] = (128, 96)
+    first_outputs: float = 0.1
     rate: float = 2e-3
+    last_rate: float = 0.05
+    mean_share: float = 0.1
+    square_share: float = 0.001
+    least_root: float = 1e-8
     decay: float = 3e-4
     dropout: float = 0.1
     batch: int = 256
@@ -67,7 +77,7 @@ class Network:
         """With the weights that training starts from (He initialisation)."""
         sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 3]
         weights = [rng.standard_normal((a, b)) * np.sqrt(2 / a) for a, b in pairwise(sizes)]
-        weights[-1] *= 0.1
+        weights[-1] *= NETWORK.first_outputs
         return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
 
     def log_probability(self, inputs: Array, allowed: NDArray[np.bool_]) -> Array:
@@ -165,19 +175,21 @@ def train_network(
     parameters = [*network.weights, *network.biases]
     mean = [np.zeros_like(one) for one in parameters]
     square = [np.zeros_like(one) for one in parameters]
+    kept_mean, kept_square = 1 - NETWORK.mean_share, 1 - NETWORK.square_share
     best, kept, count = np.inf, [one.copy() for one in parameters], 0
     for number in range(NETWORK.passes):
-        rate = NETWORK.rate * max(1 - number / NETWORK.passes, 0.05)
+        rate = NETWORK.rate * max(1 - number / NETWORK.passes, NETWORK.last_rate)
         inputs, allowed, truth, weight = batches(rng)
         for start in range(0, len(truth), NETWORK.batch):
             part = slice(start, start + NETWORK.batch)
             count += 1
             slopes = network.step(inputs[part], allowed[part], truth[part], weight[part], rng)
             for k, (one, slope) in enumerate(zip(parameters, slopes, strict=True)):
-                mean[k] = 0.9 * mean[k] + 0.1 * slope
-                square[k] = 0.999 * square[k] + 0.001 * slope**2
-                step = mean[k] / (1 - 0.9**count)
-                one -= rate * step / (np.sqrt(square[k] / (1 - 0.999**count)) + 1e-8)
+                mean[k] = kept_mean * mean[k] + NETWORK.mean_share * slope
+                square[k] = kept_square * square[k] + NETWORK.square_share * slope**2
+                step = mean[k] / (1 - kept_mean**count)
+                root = np.sqrt(square[k] / (1 - kept_square**count))
+                one -= rate * step / (root + NETWORK.least_root)
         if number + 1 >= NETWORK.least_passes:
             score = log_score(network, *held_out)
             if score < best:

@@ -33,6 +33,7 @@ class ParameterConstants:
         nearest: campaigns that samples are made of, at least.
         share: of those in which the effect acts, at least.
         samples: of a posterior.
+        least_weight: of a nearest campaign, over that of one at no distance.
     """
 
     penalty: float = 0.05
@@ -40,6 +41,7 @@ class ParameterConstants:
     nearest: int = 30
     share: float = 0.5
     samples: int = 400
+    least_weight: float = 0.05
 
 
 PARAMETERS = ParameterConstants()
@@ -100,7 +102,7 @@ class Parameters:
         count = min(max(PARAMETERS.nearest, int(PARAMETERS.share * len(distance))), len(distance))
         order = np.argsort(distance, kind="stable")[:count]
         width = max(float(distance[order[-1]]), 1e-9)
-        weight = np.maximum(1 - (distance[order] / width) ** 2, 0.05)
+        weight = np.maximum(1 - (distance[order] / width) ** 2, PARAMETERS.least_weight)
         return order, weight / weight.sum(), own - left_out[order]
 
     def _targets(self, name: str) -> Array:

@@ -37,6 +37,9 @@ class SummaryConstants:
         folds: groups of campaigns, each summarised by regressions on the others.
         penalties: of ridge regressions over the number of columns, of which one is chosen.
         copies: of each campaign that a regression is made on, the first undisturbed.
+        reproduction: penalty of the regression of residuals on discriminants.
+        least_size: added to mean squares of residuals before the logarithm.
+        least_deviation: added to that of discriminants.
     """
 
     most: float = 5.0
@@ -48,6 +51,9 @@ class SummaryConstants:
     folds: int = 5
     penalties: tuple[float, ...] = (0.3, 1.0, 3.0)
     copies: int = 2
+    reproduction: float = 50.0
+    least_size: float = 0.02
+    least_deviation: float = 1e-3
 
 
 SUMMARY = SummaryConstants()
@@ -144,7 +150,7 @@ class Summaries:
         n, channels = self.trials, residuals.shape[1] // self.trials
         spans = [slice(0, n), slice(n, 2 * n), slice(2 * n, None)][: min(channels, 3)]
         sizes = [
-            np.log((part[:, span] ** 2).mean(axis=1) + 0.02)
+            np.log((part[:, span] ** 2).mean(axis=1) + SUMMARY.least_size)
             for span in spans
             for part in (residuals, left)
         ]
@@ -213,12 +219,13 @@ def fit_summaries(
     assert best is not None
     _, fitted, intercepts, found = best
     plain = np.concatenate([one[campaigns.gap_free] for one in found])
-    reproduction = ridge(np.concatenate(found[: len(used)]), np.concatenate(used), 50.0)
+    joined = np.concatenate(found[: len(used)])
+    reproduction = ridge(joined, np.concatenate(used), SUMMARY.reproduction)
     out = Summaries(
         np.stack(fitted),
         np.stack(intercepts),
         reproduction,
-        plain.std(axis=0) + 1e-3,
+        plain.std(axis=0) + SUMMARY.least_deviation,
         effect,
         trials,
     )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import disturbed
-from vsr2.diagnosis.posterior.naming import Naming, candidates, decide, is_wrong
+from vsr2.diagnosis.posterior.naming import Naming, VerdictKind, candidates, decide, is_wrong
 from vsr2.diagnosis.posterior.network import Network, train_network
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
@@ -35,9 +35,11 @@ class TrainingConstants:
         passed: copies of each campaign in one pass of training.
         left_out: share of training campaigns whose own effect the library lacks.
         decoy: share of those that lack a class which does not act.
+        together: chance that an effect declared alike to what is left out is left out with it.
         false_alarms: share of gap-free campaigns of which none is not said.
         wrong: share of names that may be wrong.
         coverage: of the sets of hypotheses.
+        temperatures: ends of the logarithm of the temperature that is sought.
         names: probabilities that a name may be asked to have, of which the least that keeps `wrong`
             is used.
     """
@@ -50,9 +52,11 @@ class TrainingConstants:
     passed: int = 2
     left_out: float = 0.15
     decoy: float = 0.4
+    together: float = 0.5
     false_alarms: float = 0.05
     wrong: float = 0.10
     coverage: float = 0.90
+    temperatures: tuple[float, float] = (-0.7, 1.5)
     names: tuple[float, ...] = (
         0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.925, 0.95, 0.97, 0.98, 0.99,
     )  # fmt: skip
@@ -272,7 +276,7 @@ class _Truth:
         """Effects that the library has for each campaign, and whether it lacks the cause.
 
         What is left out is an effect that acts, or one that does not, and each effect that is
-        declared alike with an even chance.
+        declared alike with the chance `TRAINING.together`.
         """
         acting = self.acting[rows]
         kind = rng.random(rows.size)
@@ -286,7 +290,8 @@ class _Truth:
 
     def lacking(self, rng: np.random.Generator, left_out: NDArray[np.int64]) -> Bools:
         """Effects that are left out with one of each campaign, itself among them."""
-        together = self.alike[left_out] & (rng.random((left_out.size, self.alike.shape[0])) < 0.5)
+        drawn = rng.random((left_out.size, self.alike.shape[0])) < TRAINING.together
+        together = self.alike[left_out] & drawn
         together[np.arange(left_out.size), left_out] = True
         return together
 
@@ -357,7 +362,8 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
         p = tempered(log, float(np.exp(log_temperature)))[rows, index]
         return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
 
-    temperature = float(np.exp(minimize_scalar(score, bounds=(-0.7, 1.5), method="bounded").x))
+    sought = minimize_scalar(score, bounds=TRAINING.temperatures, method="bounded")
+    temperature = float(np.exp(sought.x))
     probability = tempered(log, temperature)
     plain = probability[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, TRAINING.false_alarms)) if plain.size else 0.5
@@ -367,11 +373,12 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
     )
     for least in TRAINING.names:
         said = [decide(f, none_limit=none_limit, least=least, alike=truth.alike) for f in found]
-        named = np.array([bool(s.effects) and s.kind != "unresolved" for s in said])
+        named = np.array([bool(s.effects) and s.kind is not VerdictKind.UNRESOLVED for s in said])
         wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
         share = float((weight * wrong).sum() / max((weight * named).sum(), 1e-9))
         if share <= TRAINING.wrong:
             break
+    unknown = [s.kind is VerdictKind.UNKNOWN for s in said[len(truth.index) :]]
     return Levels(
         temperature=temperature,
         none_limit=none_limit,
@@ -379,9 +386,7 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
         set_level=_set_level(probability, index, weight, truth.sets),
         wrong=share,
         named=float((weight * named).sum() / weight.sum()),
-        detection_rate=float(
-            np.mean([s.kind == "unknown" for s in said[len(truth.index) :]]) if acting.any() else 0
-        ),
+        detection_rate=float(np.mean(unknown) if unknown else 0),
     )
 
 

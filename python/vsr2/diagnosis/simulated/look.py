@@ -47,6 +47,9 @@ class LookConstants:
         least_scatter: of a trial, over the median of all.
         moved: largest tilt above which a trial is one that responds [rad].
         jump: signal over that at the limit, at the smallest share, from which an effect jumps.
+        least_signal: share of the squared signal at the limit that a squared signal counts for at
+            least where a limit is interpolated.
+        penalty: of the regression of responses on nuisances.
     """
 
     shares: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625, 0.00390625, 0.0009765625)
@@ -60,6 +63,8 @@ class LookConstants:
     least_scatter: float = 0.3
     moved: float = 0.01
     jump: float = 1.0
+    least_signal: float = 1e-2
+    penalty: float = 1.0
 
 
 LOOK = LookConstants()
@@ -146,7 +151,7 @@ def look(
     change = np.clip(change, -LOOK.most, LOOK.most)
     nuisances = np.stack([simulator.nuisance_draw(m) for m in range(1, plain + 1)])
     known = np.nan_to_num((bare[:, chosen] - np.nanmean(bare[:, chosen], axis=0)) / scatter)
-    response = ridge(nuisances, known, 1.0)
+    response = ridge(nuisances, known, LOOK.penalty)
     metric = np.linalg.inv(np.eye(chosen.size) + response.T @ response)
     signal = np.einsum("lsi,ij,lsj->ls", change[..., 0], metric, change[..., 1])
     signal *= max(responding.size, 1) / chosen.size
@@ -180,6 +185,6 @@ def _limit(squared: Array) -> Limit:
     k = int(np.argmax(rising >= wanted))
     if k == 0:
         return Limit(float(np.exp(shares[0])), jumps)
-    low, high = np.log(max(rising[k - 1], 1e-2 * wanted)), np.log(rising[k])
+    low, high = np.log(max(rising[k - 1], LOOK.least_signal * wanted)), np.log(rising[k])
     part = (np.log(wanted) - low) / max(high - low, 1e-9)
     return Limit(float(np.exp(shares[k - 1] + part * (shares[k] - shares[k - 1]))), jumps)

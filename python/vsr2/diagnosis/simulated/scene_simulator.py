@@ -16,6 +16,7 @@ from vsr2.config.motion_source import AllRecordings, Filter, SingleRecording
 from vsr2.config.study import Study
 from vsr2.diagnosis.observed.features import (
     REST_FEATURES,
+    SERIES,
     TILT_FEATURES,
     Sampling,
     rest_features,
@@ -29,6 +30,7 @@ from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
     PERTURBED,
+    SIMULATION,
     Effects,
     Request,
     Responses,
@@ -49,13 +51,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _logger = logging.getLogger(__name__)
 
-JUDGED = ("ok", "tail_timeout")
-"""Statuses with which an outcome is known."""
 HYPOTHESES = Hypotheses()
 """All registered effects, and the default nuisances."""
 RECORDED = SingleRecording | AllRecordings
-ROW = 0.01
-"""Between rows of the series that features are drawn from, or the campaign's own interval [s]."""
 
 
 class SceneSimulator:
@@ -110,8 +108,8 @@ class SceneSimulator:
         self._campaign, self._study = campaign, study
         self._sampling = series_sampling(campaign) or sampling if series else None
         self._measured = () if self._sampling is None else (self._sampling,)
-        interval = ROW if self._sampling is None else self._sampling.interval
-        self._row = min(ROW, interval) if series else None
+        interval = SERIES.row if self._sampling is None else self._sampling.interval
+        self._row = min(SERIES.row, interval) if series else None
         self._trials = _base_trials(campaign, study, self._row)
         moved = any(one.displacement is not None for one in campaign.motions.values())
         if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
@@ -123,7 +121,7 @@ class SceneSimulator:
                 Filter(),
             )
         self._varied: dict[int, list[Trial]] = {}
-        self._orders = list(campaign.relative_order)
+        self._order = list(campaign.relative_order)
         self._sessions = [trial.session for trial in campaign.trials]
         self.excluded = tuple(sorted(hypotheses.exclude))
         motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))
@@ -148,7 +146,7 @@ class SceneSimulator:
                 scene.sha256,
                 scene.rock.start,
                 [t.motion.sha256 for t in self._trials],
-                self._orders,
+                self._order,
                 self._sessions,
                 [(n.to_json(), repr(n.prior), own_code(type(n.acting))) for n in self.nuisances],
                 self._series and (*TILT_FEATURES, *REST_FEATURES, *self._measured),
@@ -165,7 +163,7 @@ class SceneSimulator:
 
         try:
             trials = with_effects(
-                self._trials[:1], [(effect, effect.extreme())], orders=[1.0], sessions=["1"]
+                self._trials[:1], [(effect, effect.extreme())], relative_order=[1.0], sessions=["1"]
             )
             check_trials(trials)
         except Vsr2Error as error:
@@ -211,8 +209,8 @@ class SceneSimulator:
         )
         if result.provenance.get("interrupted"):
             raise KeyboardInterrupt
-        judged = np.isin(result["status"], JUDGED) & (result["outcome"] != "failed")
-        overturned = np.where(judged, result["outcome"] == "overturned", np.nan)
+        judged = result.judged
+        overturned = np.where(judged, result.overturned, np.nan)
         peak = np.where(judged, result["peak_tilt"], np.nan).astype(np.float64)
         return Responses(overturned.astype(np.float64), peak, features)
 
@@ -234,7 +232,7 @@ class SceneSimulator:
         ranks = {e.name: i for i, e in enumerate(in_order({e.name: e for e, _ in given}))}
         given.sort(key=lambda pair: ranks[pair[0].name])
         made = with_effects(
-            base, given, orders=self._orders, sessions=self._sessions, seed=seed, only=wanted
+            base, given, relative_order=self._order, sessions=self._sessions, seed=seed, only=wanted
         )
         return {i: made[i] for i in wanted}
 
@@ -276,7 +274,7 @@ class SceneSimulator:
         out = list(self._trials)
         for i in wanted if replicate < 0 else ():
             trial = out[i]
-            shift = 1e-6 * 10.0 ** ((PERTURBED - replicate) % 3)
+            shift = SIMULATION.least_shift * 10.0 ** ((PERTURBED - replicate) % SIMULATION.shifts)
             start = trial.start or trial.scene.rock.start
             x, y, z = start.position
             turned = multiply(yaw_quaternion(shift), start.orientation)
@@ -300,7 +298,7 @@ class SceneSimulator:
             (trials[i],) = with_effects(
                 [trials[i]],
                 [(one.acting, one.acting.complete(one.values(z)))],
-                orders=[self._orders[i]],
+                relative_order=[self._order[i]],
                 sessions=[self._sessions[i]],
                 seed=int(rng.integers(2**63)),
             )

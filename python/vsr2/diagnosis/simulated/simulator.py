@@ -17,8 +17,25 @@ Effects = tuple[tuple[str, tuple[float, ...]], ...]
 HALF_STEP, FINE_SOLVER = -5, -6
 """Replicates at half the time step, and with twice the solver's iterations."""
 PERTURBED = -7
-"""This and lower replicates: the start is moved in plan by 1e-6, 1e-5 and 1e-4 m in turn and turned
-by as many radians."""
+"""This and lower replicates: the start is moved in plan by the shifts of `SIMULATION` in turn and
+turned by as many radians."""
+
+
+@dataclass(frozen=True)
+class SimulationConstants:
+    """How starts are perturbed; chosen by hand, from far below to near what a set-up repeats to.
+
+    Attributes:
+        least_shift: the first shift, of which each further one is ten times the one before [m],
+            [rad].
+        shifts: their number.
+    """
+
+    least_shift: float = 1e-6
+    shifts: int = 3
+
+
+SIMULATION = SimulationConstants()
 
 
 class Request(NamedTuple):

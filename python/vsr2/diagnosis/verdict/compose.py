@@ -29,8 +29,6 @@ from vsr2.diagnosis.where.scan import Location, LocationKind
 from vsr2.effects import Parameter
 
 Array = NDArray[np.float64]
-SETS_SHOWN = 10
-"""Most probable sets that are written down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +191,7 @@ def _sets(found: Found, posterior: Posterior) -> list[dict[str, Any]]:
     """The most probable hypotheses: none, sets of effects, and a cause outside the library."""
     sets = posterior.sets
     out = []
-    for k in np.argsort(-found.probability, kind="stable")[:SETS_SHOWN]:
+    for k in np.argsort(-found.probability, kind="stable")[: LIMITS.sets]:
         if found.probability[k] == 0:
             break  # What holds an excluded effect is no hypothesis.
         names = [name for name, held in zip(sets.names, sets.members[k], strict=True) if held]

@@ -254,7 +254,7 @@ class _Provenance(_Part):
 class _Diagnosis(_Part):
     """Diagnosis of the sim-to-real gap."""
 
-    form: Literal["vsr2.diagnosis/3"] = Field(alias="schema")
+    form: Literal["vsr2.diagnosis/4"] = Field(alias="schema")
     campaign: _Campaign
     gap: _Gap
     where: list[_Location]

@@ -11,7 +11,7 @@ from typing import Any
 
 from vsr2.results.atomic import csv_text, write_text
 
-SCHEMA = "vsr2.diagnosis/3"
+SCHEMA = "vsr2.diagnosis/4"
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
 

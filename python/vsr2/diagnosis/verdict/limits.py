@@ -36,6 +36,7 @@ class LimitConstants:
         all_of_prior: share of a prior's range beyond which an interval determines no size.
         scatter: standard deviations by which repeats must differ more than expected.
         locations: the most significant that are written down, beside those of all trials.
+        sets: the most probable that are written down.
     """
 
     few_trials: int = 100
@@ -46,6 +47,7 @@ class LimitConstants:
     all_of_prior: float = 0.85
     scatter: float = 3.0
     locations: int = 20
+    sets: int = 10
 
 
 LIMITS = LimitConstants()
@@ -243,15 +245,15 @@ def _detection(rate: float) -> Iterator[Statement]:
 def few_sessions(session: NDArray[np.int64], motion: NDArray[np.int64]) -> Iterator[Statement]:
     """What sessions and motions of these trials, in their order, cannot tell."""
     alone = session.max() == 0
-    orders = factorial(1 + np.count_nonzero(np.diff(session)))
+    permutations = factorial(1 + np.count_nonzero(np.diff(session)))
     if interleaved(motion if alone else session):
         yield Statement.of(
             LimitCode.INTERLEAVED_IN_ONE_SESSION if alone else LimitCode.INTERLEAVED_SESSIONS
         )
     elif alone:
         yield Statement.of(LimitCode.ONE_SESSION)
-    elif 1 / orders > SCAN.significant:
-        yield Statement.of(LimitCode.FEW_SESSIONS, orders=orders, p=1 / orders)
+    elif 1 / permutations > SCAN.significant:
+        yield Statement.of(LimitCode.FEW_SESSIONS, permutations=permutations, p=1 / permutations)
     if not alone and interleaved(motion):
         yield Statement.of(LimitCode.INTERLEAVED_MOTIONS)
 

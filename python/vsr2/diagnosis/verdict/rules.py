@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsr2.codes import Statement
+from vsr2.diagnosis.posterior.naming import NAMING
 from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.verdict.statements import GapState, ReasonCode, VerdictKind
 
@@ -69,6 +70,6 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
                 reasons.append(Statement.of(ReasonCode.EQUIVALENT_HERE))
             pairs = found.probability[1 + len(posterior.sets.names) : -1]
             two = float(pairs.sum() / max(1 - none, 1e-12))
-            if two > 0.5:
+            if two > NAMING.second:
                 reasons.append(Statement.of(ReasonCode.SECOND_EFFECT_LIKELY, probability=two))
     return Verdict(said.kind, names, probability, GapState.FOUND, tuple(reasons))

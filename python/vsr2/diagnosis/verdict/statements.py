@@ -81,7 +81,7 @@ class LimitCode(Code):
     INTERLEAVED_IN_ONE_SESSION = "interleaved_in_one_session"
     INTERLEAVED_MOTIONS = "interleaved_motions"
     ONE_SESSION = "one_session"
-    FEW_SESSIONS = "few_sessions", {"orders": int, "p": float}
+    FEW_SESSIONS = "few_sessions", {"permutations": int, "p": float}
     FEW_UNCERTAIN = "few_uncertain", {"count": int}
     INSENSITIVE = "insensitive", {"effects": NAMES}
     BUDGET_EXCEEDED = "budget_exceeded", {"simulations": int, "allowed": int}

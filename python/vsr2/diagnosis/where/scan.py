@@ -44,6 +44,11 @@ class ScanConstants:
         most_runs: runs of a session or motion, on average, up to which they are taken for complete.
         significant: family-wise p value up to which a location counts as found.
         concentration: share of the effect over share of the trials from which it stands out.
+        least_trials: fewer are no location.
+        least_known: trials whose intensity is known; fewer are not split into thirds.
+        least_weight: added to a score's sum of squared weights, for locations of which nothing is
+            known.
+        least_deviation: null deviation of a score, whose own is 1, that counts at least.
     """
 
     permutations: int = 999
@@ -51,6 +56,10 @@ class ScanConstants:
     most_runs: int = 2
     significant: float = 0.05
     concentration: float = 2.0
+    least_trials: int = 3
+    least_known: int = 9
+    least_weight: float = 1e-3
+    least_deviation: float = 0.5
 
 
 SCAN = ScanConstants()
@@ -186,9 +195,9 @@ def scan(
         if interleaved(runs):
             p_value[:, inside] = 1.0
         elif inside.any():
-            orders = np.stack([_permutation(runs, rng) for _ in range(SCAN.permutations)])
+            moves = np.stack([_permutation(runs, rng) for _ in range(SCAN.permutations)])
             moved = _scores(
-                observed[:, orders].swapaxes(0, 1), known[:, orders].swapaxes(0, 1), weights[inside]
+                observed[:, moves].swapaxes(0, 1), known[:, moves].swapaxes(0, 1), weights[inside]
             )
             p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
     # What the squares exceed those of gap-free campaigns is the effect's.
@@ -217,7 +226,8 @@ def scan(
 def _scores(residual: Array, variance: Array, weights: Array) -> Array:
     """Shape (campaigns, channels, locations)."""
     top = residual @ weights.T
-    return np.asarray(top / np.sqrt(variance @ (weights**2).T + 1e-3), dtype=np.float64)
+    squares = variance @ (weights**2).T + SCAN.least_weight
+    return np.asarray(top / np.sqrt(squares), dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +240,10 @@ class _Weighed:
 
 
 def _family(conditions: Conditions) -> Iterator[_Weighed]:
-    """All trials, and what holds three or more."""
+    """All trials, and what holds `SCAN.least_trials` or more."""
     yield _Weighed(LocationKind.ALL_TRIALS, np.ones(conditions.order.size))
     for one in _parts(conditions):
-        if np.count_nonzero(one.weight) >= 3:
+        if np.count_nonzero(one.weight) >= SCAN.least_trials:
             yield one
 
 
@@ -241,7 +251,7 @@ def _parts(conditions: Conditions) -> Iterator[_Weighed]:
     thirds: dict[str, Mapping[str, NDArray[np.bool_]]] = {}
     for name, value in (("pga", conditions.log_pga), ("pgv_pga", conditions.log_ratio)):
         known = np.isfinite(value)
-        if known.sum() < 9:
+        if known.sum() < SCAN.least_known:
             continue
         part = np.digitize(value, np.quantile(value[known], [1 / 3, 2 / 3]))
         thirds[name] = {third: known & (part == k) for k, third in enumerate(Third)}
@@ -269,7 +279,7 @@ def _family_p(score: Array, null: Array) -> Array:
     What lies within rounding of the score counts as reaching it: a permutation that leaves all as
     it was.
     """
-    deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), 0.5)
+    deviation = np.maximum(np.sqrt((null**2).mean(axis=0)), SCAN.least_deviation)
     largest = np.sort(np.abs(null / deviation).reshape(len(null), -1).max(axis=1))
     below = np.searchsorted(largest, (1 - SCAN.tie) * np.abs(score / deviation))
     return np.asarray((1 + len(null) - below) / (len(null) + 1), dtype=np.float64)

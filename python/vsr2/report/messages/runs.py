@@ -85,7 +85,7 @@ def engine_in_use(engine: str, hand_over: str) -> str:
 def fit_note(fit: FragilityFit) -> str:
     """What keeps a fit from being a curve, or a surface from rising; empty: nothing."""
     from vsr2.fragility import FitNote
-    from vsr2.fragility.fit import FIT
+    from vsr2.fragility.settings import FIT
 
     if fit.falling:
         return (
