@@ -28,7 +28,7 @@ from vsr2.scene.rotation import (
     transform_points,
     yaw_quaternion,
 )
-from vsr2.scene.shapes import hull_surface, part_points, pedestal_surface
+from vsr2.scene.shapes import box_corners, hull_surface, part_points, pedestal_surface
 
 _PAIRS = 1_000_000
 """Pairs of features looked at together: bounds the memory."""
@@ -108,13 +108,16 @@ def _lift(
     parts: Sequence[Hull | Box], pose: Pose, pedestal: PedestalBody, clearance: float
 ) -> float | None:
     """Rise from `pose` at which the rock is `clearance` above the pedestal; None: beside it."""
-    placed = [transform_points(pose, points) for points in part_points(parts)]
-    stacked = np.vstack(placed)
-    low, high = stacked.min(axis=0), stacked.max(axis=0)
+    corners = [part.distinct if isinstance(part, Hull) else box_corners(part) for part in parts]
+    placed = transform_points(pose, np.vstack(corners))
+    low, high = placed.min(axis=0), placed.max(axis=0)
     if _covered_by_even_top(pedestal, low, high):
         return float(pedestal.top + clearance - low[2])
     surface = pedestal_surface(pedestal)
-    lifts = [_hull_lift(points, surface, clearance) for points in placed]
+    lifts = [
+        _hull_lift(transform_points(pose, points), surface, clearance)
+        for points in part_points(parts)
+    ]
     found = [lift for lift in lifts if lift is not None]
     return max(found) if found else None
 
