@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,8 @@ def start_pose(
     return Pose(position=(x, y, lift), orientation=turned)
 
 
-def height_above(parts: Sequence[Hull | Box], pose: Pose, pedestal: PedestalBody) -> float | None:
+@lru_cache(maxsize=16)  # Of the same rock in many starts, one is common to all: where it stood.
+def height_above(parts: tuple[Hull | Box, ...], pose: Pose, pedestal: PedestalBody) -> float | None:
     """Vertical distance by which the rock may be lowered before it touches [m].
 
     Margins are left out; negative: by how much it must be raised to be free; None: the pedestal is
@@ -129,9 +131,11 @@ def _covered_by_even_top(pedestal: PedestalBody, low: Array, high: Array) -> boo
     part = pedestal.parts[0]
     if not isinstance(part, Box) or part.orientation != IDENTITY:
         return False
-    center = np.asarray(pedestal.origin) + np.asarray(part.center)
-    half = 0.5 * np.asarray(part.size)
-    return bool((low >= center - half)[:2].all() and (high <= center + half)[:2].all())
+    for axis in (0, 1):
+        center, half = pedestal.origin[axis] + part.center[axis], 0.5 * part.size[axis]
+        if low[axis] < center - half or high[axis] > center + half:
+            return False
+    return True
 
 
 def _hull_lift(points: Array, surface: Triangles, clearance: float) -> float | None:
