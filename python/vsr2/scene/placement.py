@@ -5,8 +5,11 @@ pedestal the difference "triangle minus underside of the hull" is concave and pi
 x and y, so its maximum lies at a hull vertex over the triangle, at a triangle vertex under the
 hull, or where an edge of one crosses an edge of the other in plan. All such places are looked at.
 
-The gap (sum of the collision margins) is kept along the contact normal: on an even top it is exact,
-elsewhere the hull is first grown by a faceted ball, which makes the gap at most 1.5 % too small.
+Over one face of a box, level or not, the point that is nearest to the face decides.
+
+The gap (sum of the collision margins) is kept along the contact normal: over such a face it is
+exact, elsewhere the hull is first grown by a faceted ball, which makes the gap at most 1.5 % too
+small.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from vsr2.scene.body import Array, Box, Hull, MassProperties, PedestalBody, Pose
 from vsr2.scene.rotation import (
     IDENTITY,
     check_unit,
+    matrix_from_quaternion,
     multiply,
     normalized,
     transform_points,
@@ -115,6 +119,9 @@ def _lift(
     low, high = placed.min(axis=0), placed.max(axis=0)
     if _covered_by_even_top(pedestal, low, high):
         return float(pedestal.top + clearance - low[2])
+    lift = _lift_over_face(placed, pedestal, clearance)
+    if lift is not None:
+        return lift
     surface = pedestal_surface(pedestal)
     lifts = [
         _hull_lift(transform_points(pose, points), surface, clearance)
@@ -136,6 +143,24 @@ def _covered_by_even_top(pedestal: PedestalBody, low: Array, high: Array) -> boo
         if low[axis] < center - half or high[axis] > center + half:
             return False
     return True
+
+
+def _lift_over_face(placed: Array, pedestal: PedestalBody, clearance: float) -> float | None:
+    """Rise above the top face of a pedestal of one box; None: some point is not above the face."""
+    box = pedestal.parts[0]
+    if len(pedestal.parts) != 1 or not isinstance(box, Box):
+        return None
+    x, y, z, w = box.orientation
+    center = np.asarray(pedestal.origin) + np.asarray(box.center)
+    in_box = transform_points(Pose((0.0, 0.0, 0.0), (-x, -y, -z, w)), placed - center)
+    vertical = matrix_from_quaternion(box.orientation)[2]
+    up = int(np.argmax(np.abs(vertical)))
+    half, cosine = 0.5 * np.asarray(box.size), abs(float(vertical[up]))
+    drop = (np.copysign(1.0, vertical[up]) * in_box[:, up] - half[up]) / cosine
+    landing = np.delete(in_box - drop[:, None] * vertical, up, axis=1)
+    if (np.abs(landing) > np.delete(half, up)).any():
+        return None
+    return clearance / cosine - float(drop.min())
 
 
 def _hull_lift(points: Array, surface: Triangles, clearance: float) -> float | None:
