@@ -19,12 +19,21 @@ from vsr2.cli.effects import _wanted
 from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
-from vsr2.effects import EffectRangeWarning, Parameter, chosen, effect, registry
+from vsr2.effects import (
+    EffectRangeWarning,
+    Parameter,
+    chosen,
+    effect,
+    in_order,
+    registry,
+    with_effects,
+)
 from vsr2.effects.geometry import box_with_margin
 from vsr2.errors import ConfigError, GeometryError, MotionError, SimulationError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
 from vsr2.scene import Box, Hull, Pose
+from vsr2.scene.rotation import IDENTITY
 from vsr2.simulation import plan_sha256, study_trials
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
@@ -76,6 +85,19 @@ def test_equal_trials_share_a_scene(trials: list[Trial]) -> None:
     assert worn[0] is many[0]
     gained = apply_effects(trials, {"table_gain": {"change": 0.1}})
     assert {id(trial.scene) for trial in gained} == {id(trials[0].scene)}
+
+
+def test_a_trial_among_others_is_what_it_is_alone(trials: list[Trial]) -> None:
+    moved = replace(trials[1], scene=replace(trials[1].scene), start=Pose((0.1, 0, 1), IDENTITY))
+    many = [*trials, moved, replace(trials[0], name="again")]
+    sets = [(one.name,) for one in registry.BUILT_IN] + [
+        ("wear", "table_gain", "placement"), ("table_saturation", "table_pitch", "change_point")
+    ]  # fmt: skip
+    for names in sets:
+        given = [(one, one.extreme()) for one in in_order({name: effect(name) for name in names})]
+        together = with_effects(many, given, sessions="aaabbb", seed=3)
+        for i in range(len(many)):
+            assert with_effects(many, given, sessions="aaabbb", seed=3, only={i})[i] == together[i]
 
 
 def test_order_of_application_is_that_of_the_list() -> None:

@@ -1,5 +1,8 @@
 """The `Motion` type and the intensity measures."""
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -77,6 +80,20 @@ def test_scaling_scales_every_measure_and_keeps_the_ratio(factor):
     assert scaled.pgv_pga == pytest.approx(pulse.pgv_pga, rel=1e-14)
     assert scaled.name != pulse.name
     assert scaled.kind == "cosine"
+
+
+def test_a_scaled_motion_holds_factors_and_not_samples():
+    pulse = cosine_motion(0.02, 3.0, 0.001)
+    twice = pulse.scaled(1.1).scaled(0.7)
+    for name in ("displacement", "velocity", "acceleration"):
+        expected = getattr(pulse, name) * 1.1 * 0.7
+        assert name not in vars(twice)
+        np.testing.assert_array_equal(getattr(twice, name), expected)
+        np.testing.assert_array_equal(getattr(replace(twice, name="x"), name), expected)
+    assert twice.pga == float(np.abs(twice.acceleration).max())
+    assert len(pickle.dumps(twice)) < 1.1 * len(pickle.dumps(pulse))
+    with pytest.raises(AttributeError, match="no attribute 'speed'"):
+        _ = twice.speed
 
 
 def test_mirroring_twice_gives_the_motion_back():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from vsr2.scene import (
     Hull,
     MassProperties,
     PedestalBody,
+    Pose,
     Triangles,
     box_mass_properties,
     drop_height,
@@ -26,6 +28,7 @@ from vsr2.scene import (
 )
 from vsr2.scene.placement import stands_over
 from vsr2.scene.rotation import matrix_from_quaternion, quaternion_from_matrix, transform_points
+from vsr2.scene.shapes import part_points, pedestal_surface
 
 SIZE = (0.4, 0.6, 1.0)
 
@@ -212,6 +215,24 @@ def test_gap_is_kept_along_the_normal(slope: float) -> None:
     placed = transform_points(pose, box_corners(Box(SIZE)))
     gap = (placed[:, 2] - slope * placed[:, 0] - 3.0) / math.hypot(1.0, slope)
     assert clearance * 0.985 <= gap.min() <= clearance * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_sloping_box_carries_as_its_surface_does(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    turned = rng.permutation(np.eye(3))  # any face on top, handed either way
+    tilt = matrix_from_quaternion((*rng.uniform(-0.2, 0.2, 3), 1.0))
+    axes = tilt @ turned * np.linalg.det(turned)
+    flat = prism()
+    box = Box((4.0, 4.5, 5.0), (0.1, 0.2, 0.3), quaternion_from_matrix(axes))
+    sloping = replace(flat, parts=(box,))
+    parts = (Hull(rng.uniform(-0.5, 0.5, (40, 3))), Box(SIZE))
+    for x in (0.0, 2.0, 2.4):  # over the face, over its rim, beside it in part
+        pose = Pose((x, 0.0, 9.0), quaternion_from_matrix(tilt))
+        placed = [transform_points(pose, points) for points in part_points(parts)]
+        lifts = [drop_height(points, pedestal_surface(sloping)) for points in placed]
+        expected = max(lift for lift in lifts if lift is not None)
+        assert height_above(parts, pose, sloping) == pytest.approx(-expected, abs=1e-13)
 
 
 def test_a_point_under_the_flat_of_the_rock_carries_it() -> None:

@@ -6,7 +6,6 @@ import warnings
 import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -92,48 +91,79 @@ def with_effects(
     held = ["1"] * count if sessions is None else [str(session) for session in sessions]
     in_time = sorted(range(count), key=lambda i: order[i])
     order_of_sessions = tuple(dict.fromkeys(held[i] for i in in_time))
-    made: dict[Any, Trial] = {}
-    out = []
-    for i, trial in enumerate(trials):
-        changed = trial
-        for one, values in effects if only is None or i in only else ():
-            rng = np.random.default_rng(
-                np.random.SeedSequence(seed, spawn_key=(i, zlib.crc32(one.name.encode())))
-            )
-            here = one.at(values, Circumstances(order[i], held[i], order_of_sessions, rng))
-            if not one.is_null(here):
-                in_force = {name: float(value) for name, value in here.items()}
-                changed = replace(
-                    _changed(changed, one, in_force, made),
-                    effects=(
-                        *changed.effects,
-                        Applied(one, tuple(values.items()), tuple(in_force.items())),
-                    ),
-                )
-        out.append(changed)
-    return out
+    wanted = range(count) if only is None else only
+
+    def applied(one: Effect, values: Mapping[str, float]) -> dict[int, Applied]:
+        """The effect where it acts, by the trial's index; equal ones are one object."""
+        if type(one).at is Effect.at:
+            same = _in_force(one, values, values)
+            return {} if same is None else dict.fromkeys(wanted, same)
+        name, known, found = zlib.crc32(one.name.encode()), dict[str, Applied](), {}
+        for i in wanted:
+            rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(i, name)))
+            here = Circumstances(order[i], held[i], order_of_sessions, rng)
+            own = _in_force(one, values, one.at(values, here))
+            if own is not None:
+                found[i] = known.setdefault(own.key, own)
+        return found
+
+    return _changed(trials, [(one, applied(one, values)) for one, values in effects])
 
 
-def _changed(trial: Trial, one: Effect, values: dict[str, float], made: dict[Any, Trial]) -> Trial:
-    """The trial with one effect; what equal trials share is made once and kept in `made`."""
-    if one.stage == "outcome":
-        return trial
-    scene = trial.scene
-    # Slope, and mechanisms that are off, matter to effects only, not to the scene's hash.
-    seen: tuple[Any, ...] = (
-        scene.sha256, scene.pedestal.slope, repr(scene.mechanisms), trial.start_pose,
-        trial.outcome, trial.settling,
-    )  # fmt: skip
-    if one.stage not in _BEFORE_MOTION:
-        seen += (trial.motion, trial.drive)
-    key = (one, repr(values), seen)
-    if key not in made:
-        made[key] = _made(trial, one, values)
-    found = made[key]
-    reused = {name: getattr(found, name) for name in ("scene", "start", "outcome", "settling")}
-    if one.stage not in _BEFORE_MOTION:
-        reused |= {"motion": found.motion, "drive": found.drive}
-    return replace(trial, **reused)
+def _in_force(one: Effect, given: Mapping[str, float], here: Mapping[str, float]) -> Applied | None:
+    """The effect with the values of `at`; None where they are null."""
+    if one.is_null(here):
+        return None
+    in_force = tuple((name, float(value)) for name, value in here.items())
+    return Applied(one, tuple(given.items()), in_force)
+
+
+class _Alike:
+    """One trial for all that hold the same objects in some fields."""
+
+    def __init__(self, *fields: str) -> None:
+        self._fields = fields
+        self._known: dict[tuple[int, ...], Trial] = {}
+
+    def of(self, trial: Trial) -> Trial:
+        """The first that was asked for; it stays, and with it its objects' identity."""
+        return self._known.setdefault(
+            tuple([id(getattr(trial, name)) for name in self._fields]), trial
+        )
+
+
+def _changed(
+    trials: Sequence[Trial], effects: Sequence[tuple[Effect, Mapping[int, Applied]]]
+) -> list[Trial]:
+    """The trials with effects in them; what equal trials share is made once.
+
+    What has a trial's motion, and what has all else, are trials that stand for many.
+    """
+    moving, standing = _Alike("motion", "drive"), _Alike("scene", "start", "outcome", "settling")
+    moved, rest = [moving.of(one) for one in trials], [standing.of(one) for one in trials]
+    acting: list[list[Applied]] = [[] for _ in trials]
+
+    def joined(i: int) -> Trial:
+        one, other = rest[i], moved[i]
+        return replace(
+            trials[i], motion=other.motion, drive=other.drive, scene=one.scene, start=one.start,
+            outcome=one.outcome, settling=one.settling, effects=(*trials[i].effects, *acting[i]),
+        )  # fmt: skip
+
+    for one, where in effects:
+        sees_motion = one.stage not in _BEFORE_MOTION
+        made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
+        for i, applied in where.items():
+            key = id(applied), id(rest[i]), id(moved[i]) if sees_motion else 0
+            if one.stage != "outcome" and key not in made:
+                found = _made(joined(i) if sees_motion else rest[i], one, dict(applied.values))
+                made[key] = standing.of(found), moving.of(found)
+            acting[i].append(applied)
+            if key in made:
+                rest[i] = made[key][0]
+                if sees_motion:
+                    moved[i] = made[key][1]
+    return [joined(i) if acting[i] else trial for i, trial in enumerate(trials)]
 
 
 def _made(trial: Trial, one: Effect, values: dict[str, float]) -> Trial:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,7 +61,7 @@ def assert_stands(trial: Trial, shift: Array, slope: Array, *, key: str, what: s
         )
 
 
-def restand(trial: Trial, parts: Sequence[Hull | Box], start: Pose | None = None) -> Pose:
+def restand(trial: Trial, parts: tuple[Hull | Box, ...], start: Pose | None = None) -> Pose:
     """The start raised or lowered so that other parts keep the present gap to the pedestal.
 
     Args:

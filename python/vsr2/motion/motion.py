@@ -39,6 +39,7 @@ class SideMotion(ReadOnlyArrays):
 
 
 SIDES = ("transverse", "vertical", "pitch")
+CHANNELS = ("displacement", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,8 @@ class Motion(ReadOnlyArrays):
         recorded: the record and the choices it was built from; None where the samples no longer
             follow from a record.
 
-    The arrays are read-only. Motions are equal where name, kind and samples are.
+    The arrays are read-only. Motions are equal where name, kind and samples are. A scaled motion
+    refers to the samples that were scaled; its own are made whenever they are asked for.
 
     Raises:
         MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
@@ -87,7 +89,7 @@ class Motion(ReadOnlyArrays):
     def __post_init__(self) -> None:
         if not (math.isfinite(self.time_step) and self.time_step > 0):
             raise MotionError(f"motion {self.name!r}: time step {self.time_step} s is not positive")
-        for field in ("displacement", "velocity", "acceleration"):
+        for field in CHANNELS:
             object.__setattr__(self, field, self._checked(field, getattr(self, field)))
         if not (self.displacement.size == self.velocity.size == self.acceleration.size):
             raise MotionError(
@@ -95,13 +97,17 @@ class Motion(ReadOnlyArrays):
                 f"{self.displacement.size}, {self.velocity.size} and {self.acceleration.size} "
                 "samples; they must have the same number"
             )
-        if abs(self.displacement[0]) > START_TOLERANCE:
-            raise MotionError(
-                f"motion {self.name!r}: starts at {self.displacement[0]:g} m; the pedestal starts "
-                "at 0, so subtract the first value"
-            )
-        for side in SIDES:
-            object.__setattr__(self, side, self._checked_side(side))
+        self._check_start_and_sides()
+
+    if not TYPE_CHECKING:  # For which channels are fields and nothing else.
+
+        def __getattr__(self, name: str) -> Array:
+            """A channel of a scaled motion."""
+            if name not in CHANNELS or "_scaling" not in vars(self):
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            samples = self._samples(name)
+            samples.setflags(write=False)
+            return samples
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Motion):
@@ -111,16 +117,39 @@ class Motion(ReadOnlyArrays):
     def __hash__(self) -> int:
         return hash(self.sha256)
 
+    @property
+    def _origin(self) -> tuple[Motion, tuple[float, ...]]:
+        """The motion that holds the samples, and the factors on them in their order."""
+        found: tuple[Motion, tuple[float, ...]] = vars(self).get("_scaling", (self, ()))
+        return found
+
+    def _samples(self, channel: str, at: slice = slice(None)) -> Array:
+        held, factors = self._origin
+        samples: Array = getattr(held, channel)[at]
+        for k, factor in enumerate(factors):
+            samples = np.multiply(samples, factor, out=samples if k else None)
+        return samples
+
+    def _check_start_and_sides(self) -> None:
+        first = self._samples("displacement", slice(1))[0]
+        if abs(first) > START_TOLERANCE:
+            raise MotionError(
+                f"motion {self.name!r}: starts at {first:g} m; the pedestal starts at 0, so "
+                "subtract the first value"
+            )
+        for side in SIDES:
+            object.__setattr__(self, side, self._checked_side(side))
+
     def _checked_side(self, side: str) -> SideMotion | None:
         given: SideMotion | None = getattr(self, side)
         if given is None:
             return None
         displacement = self._checked(f"{side} displacement", given.displacement)
         velocity = self._checked(f"{side} velocity", given.velocity)
-        if not (displacement.size == velocity.size == self.displacement.size):
+        if not (displacement.size == velocity.size == self.size):
             raise MotionError(
                 f"motion {self.name!r}: {side} has {displacement.size} and {velocity.size} "
-                f"samples, the motion along x {self.displacement.size}; they must be equal"
+                f"samples, the motion along x {self.size}; they must be equal"
             )
         if abs(displacement[0]) > START_TOLERANCE:
             raise MotionError(
@@ -151,14 +180,23 @@ class Motion(ReadOnlyArrays):
         return any(side is not None for side in self.sides.values())
 
     @property
+    def size(self) -> int:
+        """Number of samples."""
+        return self._origin[0].displacement.size
+
+    @property
     def duration(self) -> float:
         """From the first to the last sample [s]."""
-        return (self.displacement.size - 1) * self.time_step
+        return (self.size - 1) * self.time_step
 
     @property
     def times(self) -> Array:
         """Sample times from 0, shape (n,) [s]."""
-        return np.arange(self.displacement.size, dtype=np.float64) * self.time_step
+        return np.arange(self.size, dtype=np.float64) * self.time_step
+
+    @cached_property
+    def _peak_displacement(self) -> float:
+        return float(np.abs(self.displacement).max())
 
     @cached_property
     def pga(self) -> float:
@@ -215,13 +253,18 @@ class Motion(ReadOnlyArrays):
             raise MotionError(
                 f"motion {self.name!r}: scale factor {factor} must be finite and not 0"
             )
+        peaks = {
+            name: getattr(self, name) * abs(factor) for name in ("_peak_displacement", "pga", "pgv")
+        }
+        if not all(map(math.isfinite, peaks.values())):
+            raise MotionError(f"motion {self.name!r}: times {factor:g} it is not finite")
+        held, factors = self._origin
+        made = object.__new__(type(self))
         with np.errstate(over="ignore"):
-            return replace(
-                self,
+            vars(made).update(
                 name=f"{self.name} x {factor:.12g}" if name is None else name,
-                displacement=self.displacement * factor,
-                velocity=self.velocity * factor,
-                acceleration=self.acceleration * factor,
+                time_step=self.time_step,
+                kind=self.kind,
                 source=f"{self.source}; scaled by {factor:.12g}",
                 resampling_error=self.resampling_error * abs(factor),
                 resampling_error_rms=self.resampling_error_rms * abs(factor),
@@ -231,7 +274,11 @@ class Motion(ReadOnlyArrays):
                 transverse=_scaled(self.transverse, factor),
                 vertical=_scaled(self.vertical, factor),
                 pitch=_scaled(self.pitch, factor),
+                _scaling=(held, (*factors, factor)),
+                **peaks,
             )
+        made._check_start_and_sides()
+        return made
 
 
 def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:

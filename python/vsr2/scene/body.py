@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.codes import Statement
-from vsr2.read_only import ReadOnlyArrays
+from vsr2.read_only import ReadOnlyArrays, read_only
 
 Array = NDArray[np.float64]
 
@@ -47,6 +48,11 @@ class Hull(ReadOnlyArrays):
     """One convex collision part: points in the model frame, shape (k, 3) [m], read-only."""
 
     points: Array
+
+    @cached_property
+    def distinct(self) -> Array:
+        """The points, each once, shape (j, 3) [m]: a mesh lists a vertex with every face."""
+        return read_only(np.unique(self.points, axis=0))
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,18 @@ pedestal the difference "triangle minus underside of the hull" is concave and pi
 x and y, so its maximum lies at a hull vertex over the triangle, at a triangle vertex under the
 hull, or where an edge of one crosses an edge of the other in plan. All such places are looked at.
 
-The gap (sum of the collision margins) is kept along the contact normal: on an even top it is exact,
-elsewhere the hull is first grown by a faceted ball, which makes the gap at most 1.5 % too small.
+Over one face of a box, level or not, the point that is nearest to the face decides.
+
+The gap (sum of the collision margins) is kept along the contact normal: over such a face it is
+exact, elsewhere the hull is first grown by a faceted ball, which makes the gap at most 1.5 % too
+small.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +27,13 @@ from vsr2.scene.body import Array, Box, Hull, MassProperties, PedestalBody, Pose
 from vsr2.scene.rotation import (
     IDENTITY,
     check_unit,
+    matrix_from_quaternion,
     multiply,
     normalized,
     transform_points,
     yaw_quaternion,
 )
-from vsr2.scene.shapes import hull_surface, part_points, pedestal_surface
+from vsr2.scene.shapes import box_corners, hull_surface, part_points, pedestal_surface
 
 _PAIRS = 1_000_000
 """Pairs of features looked at together: bounds the memory."""
@@ -79,7 +84,8 @@ def start_pose(
     return Pose(position=(x, y, lift), orientation=turned)
 
 
-def height_above(parts: Sequence[Hull | Box], pose: Pose, pedestal: PedestalBody) -> float | None:
+@lru_cache(maxsize=16)  # Of the same rock in many starts, one is common to all: where it stood.
+def height_above(parts: tuple[Hull | Box, ...], pose: Pose, pedestal: PedestalBody) -> float | None:
     """Vertical distance by which the rock may be lowered before it touches [m].
 
     Margins are left out; negative: by how much it must be raised to be free; None: the pedestal is
@@ -108,13 +114,19 @@ def _lift(
     parts: Sequence[Hull | Box], pose: Pose, pedestal: PedestalBody, clearance: float
 ) -> float | None:
     """Rise from `pose` at which the rock is `clearance` above the pedestal; None: beside it."""
-    placed = [transform_points(pose, points) for points in part_points(parts)]
-    stacked = np.vstack(placed)
-    low, high = stacked.min(axis=0), stacked.max(axis=0)
+    corners = [part.distinct if isinstance(part, Hull) else box_corners(part) for part in parts]
+    placed = transform_points(pose, np.vstack(corners))
+    low, high = placed.min(axis=0), placed.max(axis=0)
     if _covered_by_even_top(pedestal, low, high):
         return float(pedestal.top + clearance - low[2])
+    lift = _lift_over_face(placed, pedestal, clearance)
+    if lift is not None:
+        return lift
     surface = pedestal_surface(pedestal)
-    lifts = [_hull_lift(points, surface, clearance) for points in placed]
+    lifts = [
+        _hull_lift(transform_points(pose, points), surface, clearance)
+        for points in part_points(parts)
+    ]
     found = [lift for lift in lifts if lift is not None]
     return max(found) if found else None
 
@@ -126,9 +138,29 @@ def _covered_by_even_top(pedestal: PedestalBody, low: Array, high: Array) -> boo
     part = pedestal.parts[0]
     if not isinstance(part, Box) or part.orientation != IDENTITY:
         return False
-    center = np.asarray(pedestal.origin) + np.asarray(part.center)
-    half = 0.5 * np.asarray(part.size)
-    return bool((low >= center - half)[:2].all() and (high <= center + half)[:2].all())
+    for axis in (0, 1):
+        center, half = pedestal.origin[axis] + part.center[axis], 0.5 * part.size[axis]
+        if low[axis] < center - half or high[axis] > center + half:
+            return False
+    return True
+
+
+def _lift_over_face(placed: Array, pedestal: PedestalBody, clearance: float) -> float | None:
+    """Rise above the top face of a pedestal of one box; None: some point is not above the face."""
+    box = pedestal.parts[0]
+    if len(pedestal.parts) != 1 or not isinstance(box, Box):
+        return None
+    x, y, z, w = box.orientation
+    center = np.asarray(pedestal.origin) + np.asarray(box.center)
+    in_box = transform_points(Pose((0.0, 0.0, 0.0), (-x, -y, -z, w)), placed - center)
+    vertical = matrix_from_quaternion(box.orientation)[2]
+    up = int(np.argmax(np.abs(vertical)))
+    half, cosine = 0.5 * np.asarray(box.size), abs(float(vertical[up]))
+    drop = (np.copysign(1.0, vertical[up]) * in_box[:, up] - half[up]) / cosine
+    landing = np.delete(in_box - drop[:, None] * vertical, up, axis=1)
+    if (np.abs(landing) > np.delete(half, up)).any():
+        return None
+    return clearance / cosine - float(drop.min())
 
 
 def _hull_lift(points: Array, surface: Triangles, clearance: float) -> float | None:

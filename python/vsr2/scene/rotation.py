@@ -125,6 +125,6 @@ def transform_points(pose: Pose, points: Array) -> Array:
     """
     r = matrix_from_quaternion(pose.orientation)
     x, y, z = points[:, 0], points[:, 1], points[:, 2]
-    return np.column_stack(
+    return np.stack(
         [x * r[i, 0] + y * r[i, 1] + z * r[i, 2] + pose.position[i] for i in range(3)]
-    )
+    ).T

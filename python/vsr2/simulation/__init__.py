@@ -1,6 +1,6 @@
 """Simulations on the native core: one interactive world, and batches of trials."""
 
-from vsr2.simulation.batch import run_batch
+from vsr2.simulation.batch import run_batch, run_trials
 from vsr2.simulation.distributed import connect
 from vsr2.simulation.native_scenes import native_scene, pair_values
 from vsr2.simulation.planning import check_trials, plan_sha256, study_trials
@@ -19,5 +19,6 @@ __all__ = [
     "plan_sha256",
     "run_batch",
     "run_shard",
+    "run_trials",
     "study_trials",
 ]

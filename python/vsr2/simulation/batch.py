@@ -104,7 +104,7 @@ def run_batch(
     started = time.time()
     study = load_study(trials) if isinstance(trials, (str, PathLike)) else trials
     trials = _checked(study_trials(study) if isinstance(study, Study) else study)
-    facts: dict[str, Any] = {"threads": _threads(threads, client)}
+    _threads(threads, client)  # Refused before a checkpoint is opened.
     collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
     with contextlib.ExitStack() as stack:
         if checkpoint is not None:
@@ -112,7 +112,6 @@ def run_batch(
             collection.resume(stack.enter_context(journal), Path(checkpoint))
         pending = collection.pending
         waiting = [trials[i] for i in pending]
-        interrupt = stack.enter_context(_InterruptFlag())
         bar = stack.enter_context(_bar(len(trials), len(pending), progress))
 
         def take(position: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
@@ -120,21 +119,48 @@ def run_batch(
             bar.update()
 
         _log_begin(trials, len(pending))
-        if client is None:
-            run_native(waiting, facts["threads"], take=take, stopped=interrupt.is_raised)
-        else:
-            facts = run_on_cluster(waiting, client, take=take, stopped=interrupt.is_raised)
+        facts = run_trials(waiting, threads=threads, client=client, take=take)
     ends = ", ".join(f"{n} {end}" for end, n in Counter(collection.columns["status"]).items())
     _logger.info("batch ended after %.3g s: %s", time.time() - started, ends)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
         **facts,
-        "interrupted": interrupt.is_raised(),
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
         "effects": _effects_given(trials),
     }
     return BatchResult(collection.columns, tuple(collection.logs), provenance)
+
+
+def run_trials(
+    trials: Sequence[Trial],
+    *,
+    threads: int | None = None,
+    client: distributed.Client | None = None,
+    take: Callable[[int, Mapping[str, Any], TrialLog | None], None],
+) -> dict[str, Any]:
+    """Run trials as :func:`run_batch` does, and collect nothing.
+
+    Args:
+        trials: that passed :func:`check_trials`.
+        threads: default: one per processor this process may use.
+        client: of a cluster that runs the trials.
+        take: called with index, row and log of each trial as it finishes.
+
+    Returns:
+        Where they ran, and whether Ctrl-C ended it.
+    """
+    with _InterruptFlag() as interrupt:
+
+        def note(i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
+            take(i, observed(trials[i], row), log)
+
+        facts: dict[str, Any] = {"threads": _threads(threads, client)}
+        if client is None:
+            run_native(trials, facts["threads"], take=note, stopped=interrupt.is_raised)
+        else:
+            facts = run_on_cluster(trials, client, take=note, stopped=interrupt.is_raised)
+        return facts | {"interrupted": interrupt.is_raised()}
 
 
 def _checked(trials: Sequence[Trial]) -> Sequence[Trial]:
@@ -211,7 +237,6 @@ class _Collection:
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
-        row = observed(self._trials[i], row)
         for name in _RESULT_COLUMNS:
             self.columns[name][i] = row[name]
         _copy_out(self._out, i, self.columns, log)

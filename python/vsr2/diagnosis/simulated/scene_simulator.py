@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ from vsr2.diagnosis.simulated.simulator import (
 from vsr2.effects import Effect, in_order, with_effects
 from vsr2.errors import DiagnosisError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
-from vsr2.results import TrialLog
+from vsr2.results import Outcome, TrialLog
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 
@@ -99,6 +99,14 @@ class SceneSimulator:
         offered = hypotheses.offered
         self.nuisances = (*hypotheses.nuisances, *hypotheses.contact_family)
         self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
+        self._own = {
+            scope: [
+                one
+                for one in self.nuisances
+                if one.scope is scope and not isinstance(one.prior, DrawnByEffect)
+            ]
+            for scope in (Scope.MOTION, Scope.TRIAL)
+        }
         self.nuisance_names = tuple(one.name for one in self._wide)
         self.variants = (HALF_STEP, FINE_SOLVER)
         self._series = series
@@ -176,7 +184,7 @@ class SceneSimulator:
 
     def run(self, requests: Sequence[Request]) -> Responses:
         """Simulate in native threads; the campaign's own order and sessions are kept."""
-        from vsr2.simulation import run_batch
+        from vsr2.simulation import check_trials, run_trials
 
         groups: dict[tuple[Effects, int, int], list[int]] = {}
         for i, request in enumerate(requests):
@@ -189,10 +197,14 @@ class SceneSimulator:
             for i in members:
                 made[i] = built[requests[i].trial]
         trials = [trial for trial in made if trial is not None]
+        overturned, peak = np.full(len(trials), np.nan), np.full(len(trials), np.nan)
         count = len(TILT_FEATURES) + len(REST_FEATURES)
         features = np.full((len(trials), count), np.nan) if self._series else None
 
-        def take(index: int, log: TrialLog | None) -> None:
+        def take(index: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
+            if row["outcome"] != Outcome.failed.name:
+                overturned[index] = row["outcome"] == Outcome.overturned.name
+                peak[index] = row["peak_tilt"]
             if features is not None and log is not None and len(log.time):
                 tilt = log.tilt
                 kept = (log.time >= 0) & np.isfinite(tilt)
@@ -200,19 +212,11 @@ class SceneSimulator:
                     rng = np.random.default_rng([self._seed, *_numbers(requests[index])])
                     features[index] = _features(log, kept, tilt[kept], self._sampling, rng)
 
-        result = run_batch(
-            trials,
-            threads=None if self._client is not None else self._threads,
-            client=self._client,
-            keep_logs=False,
-            on_trial=take,
-        )
-        if result.provenance.get("interrupted"):
+        check_trials(trials)
+        threads = None if self._client is not None else self._threads
+        if run_trials(trials, threads=threads, client=self._client, take=take)["interrupted"]:
             raise KeyboardInterrupt
-        judged = result.judged
-        overturned = np.where(judged, result.overturned, np.nan)
-        peak = np.where(judged, result["peak_tilt"], np.nan).astype(np.float64)
-        return Responses(overturned.astype(np.float64), peak, features)
+        return Responses(overturned, peak, features)
 
     def _built(
         self, effects: Effects, nuisance: int, replicate: int, wanted: set[int]
@@ -287,11 +291,9 @@ class SceneSimulator:
 
     def _draw_own(self, trials: list[Trial], i: int, scope: Scope, counter: list[int]) -> None:
         """Put nuisances of a scope, drawn from a counter, into a trial."""
-        own = [
-            one
-            for one in self.nuisances
-            if one.scope is scope and not isinstance(one.prior, DrawnByEffect)
-        ]
+        own = self._own[scope]
+        if not own:
+            return
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
         draws = correlated(own, rng.standard_normal(len(own)))
         for one, z in zip(own, draws.tolist(), strict=True):
