@@ -47,6 +47,7 @@ class BulletWorld final : public BulletWorldBase {
     world_.setGravity(btVector3(0, 0, -engine.gravity));
     world_.getDispatchInfo().m_deterministicOverlappingPairs = engine.deterministic_overlapping_pairs;
     btContactSolverInfo& info = world_.getSolverInfo();
+    // PyBullet's values; the parity tests hold them.
     info.m_erp2 = 0.08;
     info.m_frictionERP = 0.2;
     info.m_linearSlop = 1e-5;

@@ -8,7 +8,8 @@
 namespace vsr2 {
 namespace {
 
-// Greatest change of direction of a sliding contact that a jump is tried after, in a sweep [rad].
+// Greatest change of direction of a sliding contact that a jump is tried after, in a sweep [rad]; a
+// tenth of what a jump may make, which then seldom fails.
 constexpr double kMostTurnBefore = 1e-6;
 
 // Rows of numbers: bounds them, notes the pattern and the greatest change of a row's speed.

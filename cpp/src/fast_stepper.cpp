@@ -18,7 +18,9 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Candidates for the lowest vertex reach this far above it, per radius of the rock.
+// Candidates for the lowest vertex reach this far above it, per radius of the rock. No bit depends on
+// it: they are gathered anew once another vertex could be the lowest. Speed hardly does, by 5 % from a
+// quarter to four times as much.
 constexpr double kCandidateBand = 0.02;
 // Bullet's search takes four points that span less than this for points of one plane [m^3].
 constexpr double kFlatVolume = 1e-8;
@@ -77,7 +79,8 @@ FastModel::FastModel(const Scene& scene) {
     support_box =
         std::make_unique<btBoxShape>(*static_cast<const btBoxShape*>(support_shape));
     // The four points are mostly a vertex less three corners of the top, so it tells vertices apart
-    // that differ by kFlatVolume over the top's area; measured so within a factor of 1.2.
+    // that differ by kFlatVolume over the top's area; measured so within a factor of 1.2. Rounding
+    // of a height bounds it on a large top.
     same_height = std::max(3.0 * kFlatVolume / (4.0 * support_half.x() * support_half.y()), 1e-10);
     std::vector<btVector3> points;
     points.reserve(static_cast<std::size_t>(hull->getNumPoints()));
@@ -91,7 +94,8 @@ FastModel::FastModel(const Scene& scene) {
   breaking_threshold =
       std::min(shapes.rock->getContactBreakingThreshold(engine.contact_breaking_threshold),
                shapes.pedestal->getContactBreakingThreshold(engine.contact_breaking_threshold));
-  // Bullet's normal is the direction of least depth: vertical in a thick top, away from its edge.
+  // Bullet's normal is the direction of least depth: vertical in a thick top, away from its edge. Both
+  // bounds are chosen by hand, well inside of where that ends; beyond them Bullet takes over.
   const double size = is_box ? box_half.norm() : radius;
   deepest = std::min(0.1 * size, 0.2 * support_half.minCoeff());
   guard = 2.0 * engine.collision_margin + 0.01 * size;
@@ -268,7 +272,8 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
   return verdict;
 }
 
-// Near the edge another direction than the vertical may part the two at less depth.
+// Near the edge another direction than the vertical may part the two at less depth: where the edge is
+// no farther off than the depth. Twice that is on the safe side.
 bool FastStepper::is_off_the_edge(const Vector3d& point, double depth) const {
   const FastModel& m = *model_;
   const double guard = m.guard + 2.0 * std::max(depth, 0.0);

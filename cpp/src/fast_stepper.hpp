@@ -159,7 +159,8 @@ class FastStepper {
   int count_ = 0;
   int iterations_ = 0;
 
-  // Vertices that can be the lowest near the direction in which they were gathered.
+  // Vertices that can be the lowest near the direction in which they were gathered; where they would
+  // be more, all are searched.
   static constexpr std::size_t kCandidates = 128;
   std::array<double, 3 * kCandidates> candidates_;
   std::array<std::size_t, kCandidates> candidate_index_;

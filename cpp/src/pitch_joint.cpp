@@ -6,7 +6,8 @@
 namespace vsr2 {
 namespace {
 
-// cos x and sin x / x, for an x^2 that may be negative.
+// cos x and sin x / x, for an x^2 that may be negative; near 0 series, whose terms left out are below
+// 1e-20.
 void cosine_and_sinc(double square, double& cosine, double& sinc) {
   const double x = std::sqrt(std::fabs(square));
   if (x < 1e-3) {

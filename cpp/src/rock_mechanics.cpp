@@ -11,6 +11,10 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
+// All of these are chosen by hand, for rocks of a decimetre to some metres; what each decides stands in
+// docs/explanation/mechanisms.md, and tests/cpp/test_mechanisms.cpp holds the mechanisms to closed
+// forms with them.
+
 // Rolling resistance fades in over this rate [rad/s].
 constexpr double kRollingRate = 0.01;
 
@@ -38,12 +42,12 @@ constexpr double kQuiet = 0.004;
 constexpr double kLongest = 0.03;
 constexpr double kForget = 0.05;
 // Share of energy that an impact takes from which on the ratio applies in full.
-constexpr double kWholeLoss = 0.02;
+constexpr double kFullLoss = 0.02;
 // Points that open at more than this share of the first blow's speed do not bear the rock.
 constexpr double kOpens = 0.5;
 // A motion is a rotation about a support if this share of its energy, at most, is not that of one. Its
 // energy grows by no more than kGreatestGain.
-constexpr double kStray = 0.1;
+constexpr double kOtherMotion = 0.1;
 constexpr double kGreatestGain = 1.5;
 // Points of support nearer than this to one another, and to a line, are one and on it [m].
 constexpr double kSamePoint = 2e-3;
@@ -312,7 +316,7 @@ RockMechanics::Velocity RockMechanics::in_body(const RockState& rock, const Velo
 // that, the one of them that it turns about.
 bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivot& pivot) const {
   const Impact& impact = impact_;
-  const double enough = (1.0 - kStray) * kinetic_energy(now_B);
+  const double enough = (1.0 - kOtherMotion) * kinetic_energy(now_B);
   const auto turns_about = [&](const Pivot& candidate) {
     return kinetic_energy(about(candidate, now_B)) > enough;
   };
@@ -372,7 +376,7 @@ bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal
   Pivot pivot;
   if (!find_pivot(now_B, rock.q_WB.conjugate() * pedestal.R_WP.col(2), pivot)) return false;
   const double housner = kinetic_energy(about(pivot, impact.before_B)) / impact.energy;
-  const double power = std::clamp((1.0 - housner) / kWholeLoss, 0.0, 1.0);
+  const double power = std::clamp((1.0 - housner) / kFullLoss, 0.0, 1.0);
   const double kept = std::min(1.0, std::pow(mechanisms_.impact_energy_ratio, power) * housner);
   // The impact is where the weight had done most work: the rock was lowest there.
   const double wanted = kept * (impact.energy + impact.lead + impact.greatest_work) -

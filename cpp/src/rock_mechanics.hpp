@@ -106,6 +106,7 @@ class RockMechanics {
   Eigen::Vector3d up_B_ = Eigen::Vector3d::UnitZ();  ///< the pedestal's normal at the start
   double start_height_ = 0.0;                        ///< of the mass centre over the lowest vertex [m]
 
+  // Points that bear a rock within an impact; one beyond is not noted.
   static constexpr std::size_t kSupports = 16;
   struct Support {
     Eigen::Vector3d p_B;

@@ -231,6 +231,7 @@ Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechan
   }
 
   ShapeBuilder build(*shapes_, engine_.collision_margin);
+  // The box of plane.urdf of pybullet_data.
   shapes_->ground = std::make_unique<btBoxShape>(btVector3(100, 100, 5));
   shapes_->ground->setMargin(engine_.collision_margin);
   shapes_->base = std::make_unique<btBoxShape>(to_bullet(Eigen::Vector3d(0.5 * pedestal_.base_size)));

@@ -1,6 +1,7 @@
 #pragma once
 // Scenes and motions for tests that compare engines.
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <memory>
@@ -9,7 +10,7 @@
 
 #include <gtest/gtest.h>
 
-#include "vsr2/world.hpp"
+#include "vsr2/engines.hpp"
 
 namespace vsr2::test {
 
@@ -78,6 +79,38 @@ inline PedestalSpec pedestal(const Eigen::Vector3d& size = {10, 10, 0.5}) {
   return spec;
 }
 
+inline std::shared_ptr<const Scene> scene(RockKind kind, const EngineSettings& engine = {},
+                                          const PedestalSpec& on = pedestal()) {
+  return std::make_shared<Scene>(engine, on, rock(kind));
+}
+
+inline EngineSettings undamped(int substeps = 1) {
+  EngineSettings engine;
+  engine.linear_damping = 0.0;
+  engine.angular_damping = 0.0;
+  engine.substeps = substeps;
+  return engine;
+}
+
+/// Every step swept, as in Bullet.
+inline EngineSettings swept() {
+  EngineSettings engine;
+  engine.converged_contacts = false;
+  return engine;
+}
+
+enum class Engine { parity, exact, fast };
+inline constexpr Engine kEngines[] = {Engine::parity, Engine::exact, Engine::fast};
+
+inline std::unique_ptr<World> make(Engine engine, const std::shared_ptr<const Scene>& scene,
+                                   Drive drive = Drive::prescribed) {
+  switch (engine) {
+    case Engine::parity: return make_bullet_world(scene, drive);
+    case Engine::exact: return make_exact_world(scene, drive);
+    default: return make_fast_world(scene, drive);
+  }
+}
+
 /// Just above the pedestal's top, a little turned; the ellipsoid leans so that it rocks, the others
 /// are level.
 inline Pose start(RockKind kind) {
@@ -98,6 +131,10 @@ struct Pulse {
     return {amplitude * (1 - std::cos(phase)), amplitude * 2 * M_PI * frequency * std::sin(phase)};
   }
 };
+
+inline double angle_between(const Eigen::Quaterniond& a, const Eigen::Quaterniond& b) {
+  return 2.0 * std::asin(std::min(1.0, (a * b.conjugate()).vec().norm()));
+}
 
 inline bool same_bits(const Eigen::Ref<const Eigen::VectorXd>& a,
                       const Eigen::Ref<const Eigen::VectorXd>& b) {

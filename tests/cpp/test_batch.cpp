@@ -90,12 +90,12 @@ TEST(Batch, TakesTrialsWhileItRuns) {
   for (std::size_t round = 0; round < 3; ++round) {
     for (std::size_t i = 0; i < specs.size(); ++i)
       EXPECT_EQ(batch.add(specs[i]), round * specs.size() + i);
-    std::size_t reported = 0;
-    while (reported < specs.size())
+    std::size_t collected = 0;
+    while (collected < specs.size())
       for (std::size_t i : batch.wait(0.05)) {
         EXPECT_EQ(batch.take(i).log, reference[i % specs.size()].log);
         EXPECT_THROW(batch.take(i), std::out_of_range);
-        ++reported;
+        ++collected;
       }
     EXPECT_FALSE(batch.exhausted());
   }

@@ -55,5 +55,20 @@ TEST(ContactRows, OnlyTheRowAlongXFeelsAMotor) {
   EXPECT_FALSE(Lateral2Row::feels(Joint::none));
 }
 
+TEST(ContactRows, AMotorGivesItsJointTheSpeedThatItWantsWithinItsLimit) {
+  MotorRow row{1.0 / 2e5, 0.3, 5e4};
+  VelocityChange<double> v;
+  v.joint = 0.1;
+  // 0.2 m/s of 2e5 kg.
+  EXPECT_NEAR(row.demanded(1e3, v), 1e3 + 4e4, 1e-9);
+  const double impulse = row.bounded(row.demanded(0.0, v));
+  row.apply(impulse, v);
+  EXPECT_NEAR(v.joint, 0.3, 1e-15);
+  EXPECT_EQ(Eigen::Vector3d(v.angular), Eigen::Vector3d::Zero());
+  EXPECT_EQ(Eigen::Vector3d(v.linear), Eigen::Vector3d::Zero());
+  row.wanted = -0.5;
+  EXPECT_EQ(row.bounded(row.demanded(0.0, v)), -5e4);
+}
+
 }  // namespace
 }  // namespace vsr2

@@ -12,6 +12,7 @@ namespace vsr2 {
 namespace {
 
 using test::RockKind;
+using test::scene;
 
 // Steps both worlds and demands equal bits of all that a world shows. Returns the number of steps
 // in which the rock had contacts.
@@ -33,11 +34,6 @@ int expect_equal_bits(World& parity, World& exact, int steps, Targets target) {
     if (!same) break;
   }
   return touching;
-}
-
-std::shared_ptr<const Scene> scene(RockKind kind, const EngineSettings& engine = {},
-                                   const PedestalSpec& pedestal = test::pedestal()) {
-  return std::make_shared<Scene>(engine, pedestal, test::rock(kind));
 }
 
 class ExactWorldBits : public ::testing::TestWithParam<std::tuple<RockKind, Drive>> {};

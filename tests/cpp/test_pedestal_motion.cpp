@@ -15,20 +15,13 @@ namespace vsr2 {
 namespace {
 
 using test::RockKind;
+using test::undamped;
 using testing::block_scene;
 using testing::BlockOptions;
 using testing::standing;
 
 constexpr Drive kSpatial = Drive::prescribed_spatial;
 constexpr double kG = 9.81;
-
-EngineSettings undamped(int substeps = 1) {
-  EngineSettings engine;
-  engine.linear_damping = 0.0;
-  engine.angular_damping = 0.0;
-  engine.substeps = substeps;
-  return engine;
-}
 
 /// One of each engine.
 std::vector<std::unique_ptr<World>> worlds(const std::shared_ptr<const Scene>& scene, Drive drive) {

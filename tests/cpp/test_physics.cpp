@@ -5,22 +5,17 @@
 
 #include <gtest/gtest.h>
 
+#include "engine_scenes.hpp"
 #include "scenes.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
 
+using test::undamped;
 using testing::block_scene;
 using testing::BlockOptions;
 using testing::standing;
-
-EngineSettings undamped() {
-  EngineSettings engine;
-  engine.linear_damping = 0.0;
-  engine.angular_damping = 0.0;
-  return engine;
-}
 
 TEST(Physics, FreeFallFollowsTheDiscreteClosedForm) {
   const auto scene = block_scene({.engine = undamped()});
