@@ -7,6 +7,7 @@
 
 #include "drive_law.hpp"
 #include "quiet_stretch.hpp"
+#include "trial_world.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -26,18 +27,6 @@ constexpr double kCreepAllowance = 2.0;
 // A rock that is as slow as this for so long is at rest before a quiet stretch: what it would rise by
 // at that speed is 0.05 um.
 constexpr RestCriterion kStill{1e-3, 2e-3, 0.25};
-
-bool finite(const RockState& rock) {
-  return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
-         rock.w_WB.allFinite();
-}
-
-// Makes room for the rows of so many time steps, so that stepping allocates nothing. Memory that is
-// never written to is not resident.
-void reserve_rows(std::vector<double>& log, std::int64_t steps, std::int64_t every,
-                  std::int64_t doubles_a_row) {
-  if (every > 0) log.reserve(log.size() + static_cast<std::size_t>((steps / every + 1) * doubles_a_row));
-}
 
 void check(const TrialSpec& spec) {
   if (!spec.start) throw InvalidInput("the trial has no start");
@@ -74,24 +63,6 @@ DriveTarget set_point(const TrialSpec& spec, std::size_t k, double velocity) {
   return {spec.position[k], velocity, {at(spec.transverse), at(spec.vertical), at(spec.pitch)}};
 }
 
-void append_row(std::vector<double>& log, double time, double commanded,
-                double commanded_velocity, const PedestalState& pedestal, const RockState& rock) {
-  const std::array<double, kLogColumns> row = {
-      time, commanded, commanded_velocity, pedestal.position, pedestal.velocity,
-      rock.p_WB.x(), rock.p_WB.y(), rock.p_WB.z(),
-      rock.q_WB.x(), rock.q_WB.y(), rock.q_WB.z(), rock.q_WB.w(),
-      rock.v_WB.x(), rock.v_WB.y(), rock.v_WB.z(),
-      rock.w_WB.x(), rock.w_WB.y(), rock.w_WB.z()};
-  log.insert(log.end(), row.begin(), row.end());
-}
-
-std::unique_ptr<World> world_with_rock(const std::shared_ptr<const Scene>& scene, Drive drive,
-                                       const Pose& X_WB) {
-  std::unique_ptr<World> world = make_world(scene, drive);
-  world->spawn_rock(X_WB);
-  return world;
-}
-
 // The world in which the rock settled, unless the motion starts elsewhere.
 std::unique_ptr<World> settled_world(const TrialSpec& spec) {
   const DriveTarget at = set_point(spec, 0, 0.0);
@@ -99,108 +70,6 @@ std::unique_ptr<World> settled_world(const TrialSpec& spec) {
   const bool starts_there = at.position == 0 && x.transverse == 0 && x.vertical == 0 && x.pitch == 0;
   return starts_there ? spec.start->settled_world() : nullptr;
 }
-
-// One world with a rock in it, and what of its story both settling and shaking need.
-class Run {
- public:
-  // Goes on with a world that has a rock.
-  Run(std::unique_ptr<World> world, const std::shared_ptr<const Scene>& scene, Drive drive,
-      const std::atomic<bool>& cancel, TrialResult& result)
-      : world_(std::move(world)),
-        engine_(choose_engine(*scene)),
-        cancel_(cancel),
-        result_(result),
-        pedestal_spec_(scene->pedestal()),
-        spatial_(drive == Drive::prescribed_spatial),
-        dt_(scene->engine().time_step) {
-    read();
-  }
-
-  const World& world() const { return *world_; }
-  void note_engine() const {
-    result_.engine = engine_;
-    result_.handover = world_->handover();
-  }
-  const RockState& rock() const { return rock_; }
-  const PedestalState& pedestal() const { return pedestal_; }
-  // With v and w over the latest step.
-  PedestalMotion pedestal_motion() const { return vsr2::pedestal_motion(pedestal_spec_, pedestal_); }
-  // The rock's pose seen from a pedestal that has not moved.
-  Pose on_pedestal() const {
-    if (!spatial_) return {rock_.p_WB - Eigen::Vector3d(pedestal_.position, 0, 0), rock_.q_WB};
-    const PedestalMotion motion = pedestal_motion();
-    return {pedestal_spec_.p_WP0 + motion.R_WP.transpose() * (rock_.p_WB - motion.p_WP),
-            Eigen::Quaterniond(motion.R_WP).conjugate() * rock_.q_WB};
-  }
-  double dt() const { return dt_; }
-  bool swings() const { return pedestal_spec_.pitch_spring.has_value(); }
-
-  std::optional<Foothold> foothold() const { return world_->foothold(); }
-  // Moves pedestal and rock as one body.
-  void carry(const DriveTarget& from, const DriveTarget& to) {
-    world_->carry(from, to);
-    read();
-  }
-  std::unique_ptr<World> release() { return std::move(world_); }
-
-  // Advances one step; false: the trial ends here (diverged or cancelled).
-  bool advance(const DriveTarget& target) {
-    world_->step(target);
-    ++result_.steps;
-    read();
-    if (!finite(rock_)) return end(Status::diverged);
-    return !cancel_.load(std::memory_order_relaxed) || end(Status::cancelled);
-  }
-
-  // Holds the pedestal until the rock rests. Log rows get times up to 0 at the end of settling.
-  bool settle(const RestCriterion& criterion, double timeout, const DriveTarget& hold,
-              std::int64_t log_every) {
-    RestClock rest(criterion, dt_, swings());
-    const std::int64_t limit = steps_in(timeout, dt_);
-    reserve_rows(result_.log, limit, log_every, kLogColumns);
-    if (spatial_) reserve_rows(result_.excursions, limit, log_every, kExcursionColumns);
-    bool settled = limit == 0;
-    for (std::int64_t i = 0; i < limit && !settled; ++i) {
-      if (log_every > 0 && i % log_every == 0)
-        log(static_cast<double>(i) * dt_, hold);
-      if (!advance(hold)) return false;
-      settled = rest.at_rest(rock_, pedestal_motion());
-    }
-    result_.settling_time = static_cast<double>(result_.steps) * dt_;
-    for (std::size_t row = 0; row < result_.log.size(); row += kLogColumns)
-      result_.log[row + kTime] -= result_.settling_time;
-    return settled || end(Status::settling_timeout);
-  }
-
-  // Notes how the trial ends; false.
-  bool end(Status status) {
-    result_.status = status;
-    return false;
-  }
-
-  void log(double time, const DriveTarget& target) {
-    append_row(result_.log, time, target.position, target.velocity, pedestal_, rock_);
-    if (!spatial_) return;
-    const Excursion& x = pedestal_.excursion;
-    result_.excursions.insert(result_.excursions.end(), {x.transverse, x.vertical, x.pitch});
-  }
-
- private:
-  void read() {
-    rock_ = world_->rock();
-    pedestal_ = world_->pedestal();
-  }
-
-  std::unique_ptr<World> world_;
-  EngineKind engine_;
-  const std::atomic<bool>& cancel_;
-  TrialResult& result_;
-  const PedestalSpec& pedestal_spec_;  // the world keeps its scene
-  bool spatial_;
-  double dt_;
-  RockState rock_;
-  PedestalState pedestal_;
-};
 
 class Trial {
  public:
@@ -227,7 +96,7 @@ class Trial {
     result_.log.shrink_to_fit();
     result_.excursions.shrink_to_fit();
     result_.contacts.shrink_to_fit();
-    run_.note_engine();
+    world_.note_engine();
   }
 
  private:
@@ -236,14 +105,14 @@ class Trial {
       : spec_(spec),
         result_(result),
         goes_on_(world != nullptr),
-        run_(world ? std::move(world)
+        world_(world ? std::move(world)
                    : world_with_rock(spec.start->scene(), spec.start->drive(), settled.X_WB_settled),
              spec.start->scene(), spec.start->drive(), cancel, result),
-        dt_(run_.dt()),
+        dt_(world_.dt()),
         size_(static_cast<std::int64_t>(spec.position.size())),
-        tail_rest_(spec.tail_rest, dt_, run_.swings()),
+        tail_rest_(spec.tail_rest, dt_, world_.swings()),
         quiet_(spec),
-        still_(kStill, dt_, run_.swings()) {
+        still_(kStill, dt_, world_.swings()) {
     const RestCriterion& settling = spec.start->rest();
     if (spec.start->timeout() > 0 && settling.linear_speed <= kStill.linear_speed &&
         settling.angular_speed <= kStill.angular_speed && settling.window >= kStill.window)
@@ -253,20 +122,20 @@ class Trial {
   bool settle_again() {
     const SettledStart& start = *spec_.start;
     const bool rests =
-        run_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every());
-    run_.note_engine();
+        world_.settle(start.rest(), start.timeout(), set_point(spec_, 0, 0.0), start.log_every());
+    world_.note_engine();
     return rests;
   }
 
   void begin() {
-    const RockState& rock = run_.rock();
+    const RockState& rock = world_.rock();
     result_.X_WB_settled = {rock.p_WB, rock.q_WB};
     double lowest = 0.0;
     for (const Eigen::Vector3d& vertex : spec_.start->scene()->rock_hull_vertices())
       lowest = std::min(lowest, (rock.q_WB * vertex).z());
     height_ = -lowest;
     result_.p_B_foot = rock.q_WB.conjugate() * Eigen::Vector3d(0, 0, lowest);
-    settled_ = run_.on_pedestal();
+    settled_ = world_.on_pedestal();
     result_.peak_tilt = 0.0;
     result_.peak_tracking_error = 0.0;
     const auto steps = static_cast<std::int64_t>(spec_.position.size()) + steps_in(spec_.tail, dt_);
@@ -292,11 +161,11 @@ class Trial {
       skip_quiet();
       if (shaken_ == size_ - 1) return true;
       const DriveTarget target = target_at(shaken_ + 1);
-      if (!run_.advance(target)) return false;
+      if (!world_.advance(target)) return false;
       ++shaken_;
       observe(shaken_, target);
       if (overturned_ && spec_.stop_early) return true;
-      still_.at_rest(run_.rock(), run_.pedestal_motion());
+      still_.at_rest(world_.rock(), world_.pedestal_motion());
     }
   }
 
@@ -304,7 +173,7 @@ class Trial {
   void skip_quiet() {
     if (!spec_.start->scene()->engine().skip_quiet || spec_.contacts_every > 0) return;
     if (shaken_ < ask_from_ || !still_.at_rest_for(1)) return;
-    const std::optional<Foothold> foothold = run_.foothold();
+    const std::optional<Foothold> foothold = world_.foothold();
     if (!foothold) return;
     const std::int64_t last = quiet_.last(*foothold, shaken_, size_, ask_from_);
     rests_to_end_ = last == size_;
@@ -313,11 +182,11 @@ class Trial {
 
   void rest_until(std::int64_t k) {
     if (k <= shaken_) return;
-    const auto carry_to = [&](std::int64_t at) { run_.carry(target_at(at - 1), target_at(at)); };
+    const auto carry_to = [&](std::int64_t at) { world_.carry(target_at(at - 1), target_at(at)); };
     const std::int64_t every = spec_.log_every;
     for (std::int64_t at = every > 0 ? (shaken_ / every + 1) * every : k; at < k; at += every) {
       carry_to(at);
-      run_.log(static_cast<double>(at) * dt_, target_at(at));
+      world_.log(static_cast<double>(at) * dt_, target_at(at));
     }
     carry_to(k);
     shaken_ = k;
@@ -328,7 +197,7 @@ class Trial {
     const std::int64_t limit = steps_in(spec_.tail, dt_);
     const std::int64_t window = tail_rest_.window_steps();
     rest_until(shaken_ + (spec_.stop_early ? std::min(limit, window) : limit));
-    if (limit > 0 && limit < window) run_.end(Status::tail_timeout);
+    if (limit > 0 && limit < window) world_.end(Status::tail_timeout);
     return true;
   }
 
@@ -338,42 +207,42 @@ class Trial {
     const DriveTarget hold = target_at(size_);
     bool resting = false;
     for (std::int64_t i = 0; i < limit; ++i) {
-      if (!run_.advance(hold)) return false;
+      if (!world_.advance(hold)) return false;
       ++shaken_;
       observe(shaken_, hold);
       if (overturned_ && spec_.stop_early) return true;
-      resting = tail_rest_.at_rest(run_.rock(), run_.pedestal_motion());
+      resting = tail_rest_.at_rest(world_.rock(), world_.pedestal_motion());
       if (tail_rest_.quiet_steps() <= 1) {
-        quiet_since_ = run_.on_pedestal();
+        quiet_since_ = world_.on_pedestal();
         quiet_travel_ = travel();
       }
       if (spec_.stop_early && tail_rest_.at_rest_for(leans_ ? kLeaningWindows : 1) &&
           !creeps_on(limit - i - 1))
         return true;
     }
-    if (!resting && limit > 0) run_.end(Status::tail_timeout);
+    if (!resting && limit > 0) world_.end(Status::tail_timeout);
     return true;
   }
 
   void observe(std::int64_t k, const DriveTarget& target) {
-    const Pose rock = run_.on_pedestal();
+    const Pose rock = world_.on_pedestal();
     const double tilt = tilt_from(settled_.orientation, rock.orientation);
     result_.peak_tilt = std::max(result_.peak_tilt, tilt);
     leans_ = tilt >= spec_.outcome.rocked_tilt;
     result_.peak_tracking_error =
-        std::max(result_.peak_tracking_error, std::abs(run_.pedestal().position - target.position));
+        std::max(result_.peak_tracking_error, std::abs(world_.pedestal().position - target.position));
     const bool fallen = rock.position.z() < settled_.position.z() - height_;
     if (!overturned_ && (tilt >= spec_.outcome.overturned_tilt || fallen)) {
       overturned_ = true;
       result_.overturning_time = static_cast<double>(k) * dt_;
     }
     const double time = static_cast<double>(k) * dt_;
-    if (spec_.log_every > 0 && k % spec_.log_every == 0) run_.log(time, target);
+    if (spec_.log_every > 0 && k % spec_.log_every == 0) world_.log(time, target);
     if (spec_.contacts_every > 0 && k % spec_.contacts_every == 0) log_contacts(time);
   }
 
   void log_contacts(double time) {
-    run_.world().contacts(contacts_);
+    world_.world().contacts(contacts_);
     for (const ContactPoint& c : contacts_) {
       const std::array<double, kContactColumns> row = {
           time, c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(), c.p_W_pedestal.x(),
@@ -391,10 +260,10 @@ class Trial {
       return Eigen::Vector3d(X.position + X.orientation * result_.p_B_foot);
     };
     if (spec_.start->drive() == Drive::prescribed_spatial)
-      return foot(run_.on_pedestal()) - foot(settled_);
+      return foot(world_.on_pedestal()) - foot(settled_);
     Eigen::Vector3d out =
-        foot({run_.rock().p_WB, run_.rock().q_WB}) - foot(result_.X_WB_settled);
-    out.x() -= run_.pedestal().position - spec_.position[0];
+        foot({world_.rock().p_WB, world_.rock().q_WB}) - foot(result_.X_WB_settled);
+    out.x() -= world_.pedestal().position - spec_.position[0];
     return out;
   }
 
@@ -402,7 +271,7 @@ class Trial {
   bool creeps_on(std::int64_t steps) const {
     const double times = kCreepAllowance * static_cast<double>(steps) /
                          static_cast<double>(std::max<std::int64_t>(1, tail_rest_.quiet_steps() - 1));
-    const Eigen::Quaterniond now = run_.on_pedestal().orientation;
+    const Eigen::Quaterniond now = world_.on_pedestal().orientation;
     const Eigen::Vector3d gone = travel();
     const double slip = gone.head<2>().norm();
     const double yaw = std::abs(yaw_from(settled_.orientation, now));
@@ -415,7 +284,7 @@ class Trial {
   void judge() {
     if (result_.status == Status::not_run) result_.status = Status::ok;
     const OutcomeThresholds& limit = spec_.outcome;
-    const Pose rock = run_.on_pedestal();
+    const Pose rock = world_.on_pedestal();
     result_.final_slip = travel().head<2>().norm();
     result_.simulated_time = static_cast<double>(shaken_) * dt_;
     result_.final_tilt = tilt_from(settled_.orientation, rock.orientation);
@@ -436,7 +305,7 @@ class Trial {
   const TrialSpec& spec_;
   TrialResult& result_;
   bool goes_on_;  ///< with the world in which the rock settled
-  Run run_;
+  TrialWorld world_;
   double dt_;
   std::int64_t size_;  ///< set-points of the motion
   RestClock tail_rest_;
@@ -470,43 +339,6 @@ double yaw_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB)
   if (yaw > M_PI) yaw -= 2.0 * M_PI;
   if (yaw < -M_PI) yaw += 2.0 * M_PI;
   return yaw;
-}
-
-SettledStart::SettledStart(std::shared_ptr<const Scene> scene, Drive drive, const Pose& X_WB0,
-                           const RestCriterion& rest, double timeout, std::int64_t log_every)
-    : scene_(std::move(scene)),
-      drive_(drive),
-      X_WB0_(X_WB0),
-      rest_(rest),
-      timeout_(timeout),
-      log_every_(log_every) {
-  if (!scene_) throw InvalidInput("the start has no scene");
-  if (!(timeout >= 0)) throw InvalidInput("the settling time-out must be at least 0 s");
-  if (log_every < 0) throw InvalidInput("log intervals must be at least 0");
-}
-
-const TrialResult& SettledStart::settle(const std::atomic<bool>& cancel) {
-  std::call_once(once_, [&] {
-    try {
-      if (timeout_ == 0.0) {
-        settled_.X_WB_settled = X_WB0_;
-        settled_.settling_time = 0.0;
-        settled_.status = Status::ok;
-        return;
-      }
-      Run run(world_with_rock(scene_, drive_, X_WB0_), scene_, drive_, cancel, settled_);
-      const bool rests = run.settle(rest_, timeout_, {}, log_every_);
-      run.note_engine();
-      if (!rests) return;
-      settled_.X_WB_settled = {run.rock().p_WB, run.rock().q_WB};
-      settled_.status = Status::ok;
-      if (scene_->engine().skip_quiet) world_ = run.release();
-    } catch (const std::exception& error) {
-      settled_.status = Status::error;
-      settled_.message = error.what();
-    }
-  });
-  return settled_;
 }
 
 TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel) {
