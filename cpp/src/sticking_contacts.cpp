@@ -17,9 +17,12 @@ using Eigen::Vector3d;
 // 66,000 steps of a block and a scanned rock that stand, rock and land, 20 differ by more, and 145 by
 // more than 1e-5. Such a step is swept.
 constexpr double kLevel = 1e-4;
-// Sets of closed contacts that are tried; after so many the step is swept. In the same steps five
-// sets were enough, or 64 were not: they recur in 1 of 50.
-constexpr int kMostSets = 8;
+// Sets of closed contacts that are reached by changing the contact that is most wrong. Of 66,000 steps
+// of a block and a scanned rock that stand, rock and land five were enough, or the sets recurred, in
+// 1 of 50. From there the first wrong contact is changed, which reaches each of the 16 sets at most
+// once, as long as no single contact is left: that one lets the rock spin, which is another problem.
+constexpr int kGreedySets = 5;
+constexpr int kMostSets = kGreedySets + 16;
 
 class Solver {
  public:
@@ -31,7 +34,9 @@ class Solver {
   bool solve() {
     for (int tries = 0; tries < kMostSets; ++tries) {
       if (!move()) return false;
-      if (!open_pulling() && !close_sinking()) return share();
+      const bool changed =
+          tries < kGreedySets ? open_pulling() || close_sinking() : change_first_wrong();
+      if (!changed) return share();
     }
     return false;
   }
@@ -161,8 +166,7 @@ class Solver {
       worst = k;
     }
     if (worst < 0) return false;
-    --size_;
-    for (int k = worst; k < size_; ++k) closed_[k] = closed_[k + 1];
+    open(worst);
     return true;
   }
 
@@ -181,10 +185,36 @@ class Solver {
       worst = i;
     }
     if (worst < 0) return false;
-    int k = size_++;
-    for (; k > 0 && closed_[k - 1] > worst; --k) closed_[k] = closed_[k - 1];
-    closed_[k] = worst;
+    close(worst);
     return true;
+  }
+
+  // Murty's rule of the least index (Opsearch 11, 1974), which ends where the compliance is positive
+  // definite.
+  bool change_first_wrong() {
+    for (int i = 0, k = 0; i < p_.count; ++i) {
+      if (k < size_ && closed_[k] == i) {
+        if (!(lambda_[k] > 0.0)) {
+          open(k);
+          return true;
+        }
+        ++k;
+      } else if (p_.contacts[i].target - rise(p_.contacts[i]) > 0.0) {
+        close(i);
+        return true;
+      }
+    }
+    return false;
+  }
+
+  void open(int k) {
+    --size_;
+    for (; k < size_; ++k) closed_[k] = closed_[k + 1];
+  }
+  void close(int i) {
+    int k = size_++;
+    for (; k > 0 && closed_[k - 1] > i; --k) closed_[k] = closed_[k - 1];
+    closed_[k] = i;
   }
 
   // Changes of the velocity.

@@ -78,8 +78,8 @@ TEST(StickingContacts, LackTheSpinOfAnEdgeThatHardlySlopes) {
 TEST(StickingContacts, MeetTheDemandsOfTheirRows) {
   std::mt19937 generator(1);
   std::uniform_real_distribution<double> within(-1.0, 1.0);
-  int solved = 0;
   int opened = 0;
+  int swept = 0;
   constexpr int draws = 2000;
   for (int n = 0; n < draws; ++n) {
     std::vector<Vector3d> points;
@@ -90,8 +90,11 @@ TEST(StickingContacts, MeetTheDemandsOfTheirRows) {
     const Vector3d v = Vector3d(0, 0, -0.02) - w.cross(Vector3d(0, 0, -0.5));
     StickingProblem problem = problem_of(points, w, v);
     for (StickingContact& contact : problem.contacts) contact.target = 0.01 * within(generator);
-    if (!solve_sticking(problem)) continue;
-    ++solved;
+    for (StickingContact& contact : problem.contacts) contact.friction = 1e12;
+    if (!solve_sticking(problem)) {
+      ++swept;
+      continue;
+    }
     for (std::size_t i = 0; i < points.size(); ++i) {
       const StickingContact& contact = problem.contacts[i];
       const double speed =
@@ -105,8 +108,8 @@ TEST(StickingContacts, MeetTheDemandsOfTheirRows) {
       }
     }
   }
-  EXPECT_GT(solved, draws / 2);
   EXPECT_GT(opened, draws / 10);
+  EXPECT_LT(swept, draws / 100);
 }
 
 }  // namespace
