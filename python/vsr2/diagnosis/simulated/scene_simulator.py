@@ -16,6 +16,7 @@ from vsr2.config.motion_source import AllRecordings, Filter, SingleRecording
 from vsr2.config.study import Study
 from vsr2.diagnosis.observed.features import (
     REST_FEATURES,
+    SERIES,
     TILT_FEATURES,
     Sampling,
     rest_features,
@@ -319,8 +320,9 @@ def _features(
     sampling: Sampling | None,
     rng: np.random.Generator,
 ) -> Array:
-    position, orientation = log.from_rest(rows)
-    rest = rest_features(tilt, position, orientation, log.column("pedestal_position")[rows])
+    last = np.flatnonzero(rows)[-SERIES.last :]
+    table = log.column("pedestal_position")[last]
+    rest = rest_features(tilt[-SERIES.last :], *log.from_rest(last), table)
     time = log.time[rows]
     if sampling is not None:
         time, tilt = sampling.measured(time, tilt, rng)
