@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,12 +34,25 @@ class Resampled(Kinematics):
     """A displacement history at a new sampling interval, with the derivatives of its spline.
 
     Attributes:
-        error: stated error of the displacement, greatest magnitude [m].
-        error_rms: the same, root mean square [m].
+        record: displacement that was resampled, shape (m,) [m]; None where every new sample falls
+            on an old one.
     """
 
-    error: float
-    error_rms: float
+    record: Array | None
+
+    @property
+    def error(self) -> float:
+        """Stated error of the displacement, greatest magnitude [m]."""
+        return self._errors[0]
+
+    @property
+    def error_rms(self) -> float:
+        """The same, root mean square [m]."""
+        return self._errors[1]
+
+    @cached_property
+    def _errors(self) -> tuple[float, float]:
+        return (0.0, 0.0) if self.record is None else _left_out_error(self.record)
 
 
 def resample(
@@ -81,8 +95,11 @@ def resample(
             f"s; at most {MAX_SAMPLES - 2}: cut the record or raise the time step"
         )
     spline = _spline(values)
-    velocity = spline(np.arange(values.size, dtype=np.float64), 1) / sample_interval
-    _refuse_aliasing(velocity, sample_interval, time_step, name)
+    # Judged on velocity: its weight lies between the displacement that is driven and the
+    # acceleration that overturns.
+    if time_step > sample_interval * (1 + 1e-9):
+        velocity = spline(np.arange(values.size, dtype=np.float64), 1) / sample_interval
+        _refuse_aliasing(velocity, sample_interval, time_step, name)
     ratio = time_step / sample_interval
     position = np.arange(math.floor(span / time_step + 1e-9) + 1) * ratio
     position = np.minimum(position, values.size - 1.0)
@@ -91,13 +108,11 @@ def resample(
     position = np.where(on_sample, nearest, position)
     resampled = spline(position)
     resampled[on_sample] = values[nearest[on_sample].astype(np.intp)]
-    error, error_rms = (0.0, 0.0) if on_sample.all() else _left_out_error(values)
     return Resampled(
         displacement=np.append(resampled, values[-1]),
         velocity=np.append(spline(position, 1) / sample_interval, 0.0),
         acceleration=np.append(spline(position, 2) / sample_interval**2, 0.0),
-        error=error,
-        error_rms=error_rms,
+        record=None if on_sample.all() else values,
     )
 
 
@@ -116,11 +131,8 @@ def _left_out_error(values: Array) -> tuple[float, float]:
 
 
 def _refuse_aliasing(velocity: Array, sample_interval: float, time_step: float, name: str) -> None:
-    # Judged on velocity: its weight lies between the displacement that is driven and the
-    # acceleration that overturns. Without the line between its ends it is continuous when repeated,
-    # so the transform shows no content that is not there.
-    if time_step <= sample_interval * (1 + 1e-9):
-        return
+    # Without the line between its ends it is continuous when repeated, so the transform shows no
+    # content that is not there.
     from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
     length = next_fast_len(velocity.size, real=True)

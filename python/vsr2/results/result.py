@@ -242,11 +242,11 @@ class TrialLog(ReadOnlyArrays):
         sign = np.where(q[:, 3] < 0, -1.0, 1.0)
         return np.unwrap(2.0 * np.arctan2(sign * q[:, 2], sign * q[:, 3]))
 
-    def from_rest(self, rows: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def from_rest(self, rows: NDArray[np.bool_ | np.intp]) -> tuple[Array, Array]:
         """Pose away from the settled one, both in world axes.
 
         Args:
-            rows: that are wanted, mask of shape (n,).
+            rows: that are wanted, mask of shape (n,) or indices of shape (m,).
 
         Returns:
             Travel of the mass centre (m, 3) [m], rotation q_WB q_WB0* as x, y, z, w (m, 4).

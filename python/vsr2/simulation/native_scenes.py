@@ -16,8 +16,8 @@ from vsr2.config.study import Contact, Engine, Material
 from vsr2.errors import Fault, SimulationError
 from vsr2.scene import Box, Hull, Scene, Triangles
 
-MAX_NATIVE_SCENES = 256
-"""Native scenes kept by this process; a scanned rock's takes about 1.3 MB."""
+MAX_NATIVE_SCENES = 64
+"""Native scenes kept by this process; a scanned rock of 33,000 points takes 3 MB."""
 
 _kept: OrderedDict[str, _native.Scene] = OrderedDict()
 _lock = threading.Lock()

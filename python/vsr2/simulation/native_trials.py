@@ -22,8 +22,8 @@ POLL = 0.1
 """How often finished trials are collected and Ctrl-C is looked for [s]."""
 MAX_AHEAD = 1024
 """Most trials that the core holds, waiting, running or not yet taken."""
-MAX_AHEAD_BYTES = 2**28
-"""Most that their logs can take, unless two trials a thread take more [byte]."""
+MAX_AHEAD_BYTES = 2**27
+"""Most that their samples and logs can take, unless two trials a thread take more [byte]."""
 
 _KEPT_STARTS = 4096
 
@@ -87,7 +87,8 @@ def run_native(
     try:
         while not native.exhausted():
             while added < len(trials):
-                size = log_bytes(trials[added])
+                # A scaled motion's samples are made for its trial.
+                size = log_bytes(trials[added]) + 16 * trials[added].motion.size
                 full = len(sizes) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
                 if full and len(sizes) >= 2 * threads:
                     break

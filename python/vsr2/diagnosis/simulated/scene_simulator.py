@@ -317,8 +317,9 @@ def _features(
     sampling: Sampling | None,
     rng: np.random.Generator,
 ) -> Array:
-    position, orientation = log.from_rest(rows)
-    rest = rest_features(tilt, position, orientation, log.column("pedestal_position")[rows])
+    last = np.flatnonzero(rows)[-SERIES.last :]
+    table = log.column("pedestal_position")[last]
+    rest = rest_features(tilt[-SERIES.last :], *log.from_rest(last), table)
     time = log.time[rows]
     if sampling is not None:
         time, tilt = sampling.measured(time, tilt, rng)
