@@ -18,10 +18,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-// Candidates for the lowest vertex reach this far above it, per radius of the rock. No bit depends on
-// it: they are gathered anew once another vertex could be the lowest. Speed hardly does, by 5 % from a
-// quarter to four times as much.
-constexpr double kCandidateBand = 0.02;
 // Bullet's search takes four points that span less than this for points of one plane [m^3].
 constexpr double kFlatVolume = 1e-8;
 
@@ -109,7 +105,7 @@ FastModel::FastModel(const Scene& scene) {
 void FastStepper::clear() {
   count_ = 0;
   iterations_ = 0;
-  candidate_count_ = 0;
+  low_.clear();
 }
 
 FastStepper::Snapshot FastStepper::snapshot() const { return {state, contacts_, count_}; }
@@ -118,46 +114,6 @@ void FastStepper::restore(const Snapshot& snapshot) {
   state = snapshot.state;
   contacts_ = snapshot.contacts;
   count_ = snapshot.count;
-}
-
-void FastStepper::gather_candidates(const Vector3d& up_B) {
-  const PointView all = model_->vertices.view();
-  const double limit = all.along(first_support(all, -up_B), up_B) + kCandidateBand * model_->radius;
-  std::size_t found = 0;
-  for (std::size_t i = 0; i < all.size; ++i) {
-    if (all.along(i, up_B) > limit) continue;
-    if (found == kCandidates) {
-      candidate_count_ = 0;
-      return;
-    }
-    candidates_[found] = all.x[i];
-    candidates_[kCandidates + found] = all.y[i];
-    candidates_[2 * kCandidates + found] = all.z[i];
-    candidate_index_[found++] = i;
-  }
-  candidate_count_ = found;
-  gathered_up_ = up_B;
-  // Whole blocks for the scan; the first again cannot win, being later.
-  for (std::size_t i = found; i % PointColumns::kBlock != 0; ++i)
-    for (std::size_t k = 0; k < 3; ++k)
-      candidates_[k * kCandidates + i] = candidates_[k * kCandidates];
-}
-
-std::size_t FastStepper::lowest_vertex(const Vector3d& up_B) {
-  // The height of a vertex changes by at most |up - gathered up| times its radius.
-  const double reach = 0.5 * kCandidateBand;
-  if (candidate_count_ == 0 || (up_B - gathered_up_).squaredNorm() > reach * reach)
-    gather_candidates(up_B);
-  const std::size_t lowest = first_support(low_vertices(), -up_B);
-  return candidate_count_ == 0 ? lowest : candidate_index_[lowest];
-}
-
-bool FastStepper::is_only_lowest(std::size_t vertex, const Vector3d& up_B) const {
-  const double limit = model_->vertices.view().along(vertex, up_B) + model_->same_height;
-  const PointView view = low_vertices();
-  int low = 0;
-  for (std::size_t i = 0; i < view.size; ++i) low += view.along(i, up_B) <= limit;
-  return low == 1;
 }
 
 // Where an edge or a face lies flat on the top, the closest point is where Bullet's search ends.
@@ -332,7 +288,7 @@ FastStepper::Verdict FastStepper::detect_hull(const RockOverTop& rock, const Sup
   const FastModel& m = *model_;
   const double top = m.support_half.z();
   const Vector3d up_B = rock.R_PB.row(2).transpose();
-  const std::size_t i = lowest_vertex(up_B);
+  const std::size_t i = low_.lowest(up_B);
   const Vector3d vertex = m.vertices.view().at(i);
   Vector3d point = rock.p_PB + rock.R_PB * vertex;
   point.z() -= m.margin;
@@ -345,7 +301,7 @@ FastStepper::Verdict FastStepper::detect_hull(const RockOverTop& rock, const Sup
     return Verdict::in_domain;
   }
   // The margin lies along the support's normal, not in the rock's frame.
-  if (is_only_lowest(i, up_B)) {
+  if (low_.is_alone(i, up_B, m.same_height)) {
     add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
     return Verdict::in_domain;
   }

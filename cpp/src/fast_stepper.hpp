@@ -12,6 +12,7 @@
 
 #include "contact_rows.hpp"
 #include "hull_scan.hpp"
+#include "low_vertices.hpp"
 #include "vsr2/scene.hpp"
 #include "vsr2/world.hpp"
 
@@ -81,7 +82,8 @@ struct SupportMotor {
 
 class FastStepper {
  public:
-  explicit FastStepper(std::shared_ptr<const FastModel> model) : model_(std::move(model)) {}
+  explicit FastStepper(std::shared_ptr<const FastModel> model)
+      : model_(std::move(model)), low_(model_->vertices.view(), model_->radius) {}
 
   RockState state;  ///< of the rock; the orientation's sign is arbitrary
   /// Factors of the contacts' lateral friction.
@@ -125,17 +127,8 @@ class FastStepper {
   int iterations() const { return iterations_; }
 
  private:
-  // Of the vertices that can be the lowest: all where none were gathered.
-  PointView low_vertices() const {
-    if (candidate_count_ == 0) return model_->vertices.view();
-    const double* x = candidates_.data();
-    return {x, x + kCandidates, x + 2 * kCandidates, candidate_count_};
-  }
-  std::size_t lowest_vertex(const Eigen::Vector3d& up_B);
-  bool is_only_lowest(std::size_t vertex, const Eigen::Vector3d& up_B) const;
   bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,
                          Eigen::Vector3d& p_W_support, double& distance) const;
-  void gather_candidates(const Eigen::Vector3d& up_B);
   struct ContactStep;
   bool stick(const ContactStep& step, const Support& support, VelocityChange<double>& change);
   void sweep(const ContactStep& step, const Support& support, const SupportMotor& motor,
@@ -158,14 +151,7 @@ class FastStepper {
   std::array<Contact, 4> contacts_{};
   int count_ = 0;
   int iterations_ = 0;
-
-  // Vertices that can be the lowest near the direction in which they were gathered; where they would
-  // be more, all are searched.
-  static constexpr std::size_t kCandidates = 128;
-  std::array<double, 3 * kCandidates> candidates_;
-  std::array<std::size_t, kCandidates> candidate_index_;
-  std::size_t candidate_count_ = 0;  ///< 0: none gathered, or too many
-  Eigen::Vector3d gathered_up_ = Eigen::Vector3d::Zero();
+  LowVertices low_;
 };
 
 }  // namespace vsr2
