@@ -12,7 +12,7 @@ that lacks another class (a decoy), as which the unknown ones must not merely lo
 
 Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated campaigns, and
 `table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Probabilities
-are those of classes, a pair's halved between its two; `p_true` of a pair is that of both.
+are those of classes, a pair's of the one that leads; `p_true` of a pair is that of both.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def class_of(name: str) -> tuple[str, ...]:
 def by_class(probability: Array, posterior: Posterior) -> dict[str, float]:
     """Probability of none, of every class by its first effect, and of unknown."""
     names = posterior.sets.names
-    labels = label_probability(probability, posterior.sets)
+    labels = label_probability(probability[None], posterior.sets)[0]
     out: dict[str, float] = {}
     for name, p in zip((NONE, *names, UNKNOWN), labels, strict=True):
         out[class_of(name)[0]] = out.get(class_of(name)[0], 0.0) + float(p)

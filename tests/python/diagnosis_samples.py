@@ -101,7 +101,7 @@ def linear(seed=1):
 @contextmanager
 def quick_training() -> Iterator[None]:
     """A smaller network, trained less: what it is trained for stays."""
-    few = replace(NETWORK, hidden=(48, 32), passes=40, rate=4e-3, least_passes=8)
+    few = replace(NETWORK, hidden=(48, 32), dropout=0.1, passes=40, rate=4e-3, least_passes=8)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vsr2.diagnosis.posterior.network.NETWORK", few)
         yield

@@ -12,6 +12,8 @@ from planted import observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, Series
 from vsr2.diagnosis.noise_floor import _repeats
 from vsr2.diagnosis.observed.features import (
+    LARGEST_TILT,
+    REST_FEATURES,
     SERIES,
     TILT_FEATURES,
     Sampling,
@@ -19,7 +21,12 @@ from vsr2.diagnosis.observed.features import (
     rest_features,
     tilt_features,
 )
-from vsr2.diagnosis.observed.observations import _reached_tier, observe_campaign, rest_logarithm
+from vsr2.diagnosis.observed.observations import (
+    OBSERVED,
+    _reached_tier,
+    observe_campaign,
+    rest_logarithm,
+)
 from vsr2.diagnosis.observed.table_motion import agreement, table_residuals
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record
@@ -308,6 +315,23 @@ def test_responses_are_noted_as_the_campaign_noted_its_own() -> None:
     tilt = np.exp(noted[down < 0.5]) - 0.02
     assert tilt.mean() == pytest.approx(0.3, abs=5 * 0.02 / np.sqrt(tilt.size))
     assert tilt.std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_only_turns_and_travels_that_can_be_seen_scatter_between_engines() -> None:
+    plain = shaken_campaign(5, 8, duration=1.5)
+    stood = (dataclasses.replace(t, overturned=False, peak_tilt=0.1) for t in plain.trials)
+    seen = dataclasses.replace(
+        observe_campaign(dataclasses.replace(plain, trials=tuple(stood)), "M"),
+        tier="T",
+        measured=(LARGEST_TILT, *TILT_FEATURES, *REST_FEATURES),
+    )
+    series = np.zeros((500, 40, len(TILT_FEATURES) + 2))
+    series[..., -2:] = 0.001, 0.5
+    standing = np.zeros((500, 40))
+    noted = seen.noted(standing, standing + 0.1, series, seed=2)
+    np.testing.assert_allclose(noted[..., -2], np.log(OBSERVED.rest_resolution[0]))
+    assert noted[..., -1].mean() == pytest.approx(np.log(0.5), abs=0.01)
+    assert noted[..., -1].std() == pytest.approx(OBSERVED.rest_scatter, rel=0.03)
 
 
 def test_travel_is_that_on_the_table_wherever_its_record_begins() -> None:

@@ -321,7 +321,7 @@ def test_the_page_shows_the_numbers() -> None:
         "half the time step: 3.0%",
         "low PGA conditions outcome, whole response 2 +0.90 2.4 0.004",
         "On 2000 simulated campaigns",
-        "A name needs a probability of 0.85, if the library holds the cause: 9 % of names",
+        "A name needs a probability of 0.85, given a gap: 9 % of names",
         "Of causes outside the library 40 % are said to be so",
     ):
         assert part in text, part

@@ -66,16 +66,15 @@ def test_every_code_has_a_sentence(code) -> None:
         ),
         (
             Statement.of(ReasonCode.NAME_REACHED, probability=0.934, wanted=0.9),
-            "if the library holds the cause, what is named has a probability of 0.93; a name "
-            "needs 0.9",
+            "given a gap, what is named has a probability of 0.93; a name needs 0.9",
         ),
         (
             Statement.of(
                 ReasonCode.TOO_MANY_NEEDED,
                 effects=("a", "b"), probability=0.7, wanted=0.85, classes=1,
             ),
-            "the most probable effects (a, b; 1 class) reach 0.70 if the library "
-            "holds the cause, where a name needs 0.85",
+            "the most probable effects (a, b; 1 class) reach 0.70 given a gap, where a name "
+            "needs 0.85",
         ),
         (
             Statement.of(ReasonCode.SECOND_EFFECT_LIKELY, probability=0.6),

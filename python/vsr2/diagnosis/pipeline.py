@@ -346,7 +346,7 @@ class _Work:
 
 def _leading(found: Found, posterior: Posterior) -> dict[str, float]:
     names = (NONE, *posterior.sets.names, UNKNOWN)
-    labels = label_probability(found.probability, posterior.sets)
+    labels = label_probability(found.probability[None], posterior.sets)[0]
     return {names[i]: float(labels[i]) for i in np.argsort(-labels)[:LEADING]}
 
 

@@ -127,9 +127,9 @@ class Observations:
         for k, feature in enumerate(REST_FEATURES[: series.shape[-1] - tilts]):
             noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
             if feature in self.measured:
-                raw = np.abs(series[..., tilts + k] + noise)
+                scatter = np.exp(OBSERVED.rest_scatter * rng.standard_normal(overturned.shape))
+                raw = scatter * np.abs(series[..., tilts + k] + noise)
                 known = rest_logarithm(raw, OBSERVED.rest_resolution[k], self.rest_noise[k])
-                known += OBSERVED.rest_scatter * rng.standard_normal(overturned.shape)
                 out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
         return out
 

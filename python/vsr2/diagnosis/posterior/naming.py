@@ -56,9 +56,9 @@ class Candidates:
         none: probability that nothing is missing.
         outside: probability of a cause outside the library, given a gap.
         pair: the most probable pair, indices of effects.
-        pair_probability: of it, given a cause inside the library.
+        pair_probability: of it, given a gap.
         effects: indices, each adding most to the probability that one of them acts.
-        covered: that probability with each further effect, given a cause inside the library.
+        covered: that probability with each further effect, given a gap.
         classes: that these make, effects declared alike being one.
     """
 
@@ -78,7 +78,7 @@ class Naming:
     Attributes:
         kind: of the verdict.
         effects: indices; of an unresolved verdict those that lead.
-        probability: of what is said; of effects, given a cause inside the library.
+        probability: of what is said; of effects, given a gap.
         classes: that the effects make.
         alike: whether all effects named are declared alike.
     """
@@ -98,8 +98,8 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
         sets: the hypotheses.
         alike: effects declared alike, shape (effects, effects).
     """
-    none, outside = float(probability[0]), float(probability[-1])
-    given = probability / max(1 - none - outside, 1e-12)
+    none = float(probability[0])
+    given = probability / max(1 - none, 1e-12)
     count = len(sets.names)
     best = 0
     if count > 1:
@@ -124,7 +124,7 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
             break
     return Candidates(
         none,
-        outside / max(1 - none, 1e-12),
+        float(given[-1]),
         (int(first[best]), int(second[best])) if count > 1 else (0, 0),
         float(given[1 + count + best]) if count > 1 else 0.0,
         tuple(chosen),
@@ -146,7 +146,7 @@ def decide(
     Args:
         found: of the campaign.
         none_limit: 5 % point of the probability of none over gap-free campaigns.
-        least: probability that a name must have, given a cause inside the library.
+        least: probability that a name must have, given a gap.
         alike: effects declared alike, shape (effects, effects).
     """
     if found.none >= none_limit:

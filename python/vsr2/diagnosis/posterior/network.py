@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -42,7 +43,7 @@ class NetworkConstants:
         least_passes: before the best weights are looked for.
     """
 
-    hidden: tuple[int, ...] = (128, 96)
+    hidden: tuple[int, ...] = (256, 128)
     first_outputs: float = 0.1
     rate: float = 2e-3
     last_rate: float = 0.05
@@ -50,7 +51,7 @@ class NetworkConstants:
     square_share: float = 0.001
     least_root: float = 1e-8
     decay: float = 3e-4
-    dropout: float = 0.1
+    dropout: float = 0.5
     batch: int = 256
     passes: int = 120
     least_passes: int = 16
@@ -104,14 +105,7 @@ class Network:
         return [*values, values[-1] @ self.weights[-1] + self.biases[-1]], kept
 
     def _logits(self, outputs: Array, allowed: NDArray[np.bool_]) -> Array:
-        count = len(self.sets.names)
-        first, second = self.sets.pairs
-        alone, part = outputs[:, :count], outputs[:, count : 2 * count]
-        none, pair, outside = (outputs[:, [2 * count + k]] for k in range(3))
-        logits = np.concatenate(
-            [none, alone, pair + part[:, first] + part[:, second], outside], axis=1
-        )
-        return np.where(self.sets.allowed(allowed), logits, FORBIDDEN)
+        return np.where(self.sets.allowed(allowed), outputs @ self._own.T, FORBIDDEN)
 
     def step(
         self,
@@ -123,22 +117,7 @@ class Network:
     ) -> list[Array]:
         """Gradients of the weighted logarithmic score: of weights, then of biases."""
         values, kept = self._layers(inputs, rng)
-        slope = np.exp(_log_softmax(self._logits(values[-1], allowed)))
-        slope[np.arange(len(truth)), truth] -= 1
-        slope *= (weight / weight.sum())[:, None]
-        count = len(self.sets.names)
-        pairs = slope[:, 1 + count : -1]
-        parts = pairs @ self.sets.members[1 + count : -1]
-        back = np.concatenate(
-            [
-                slope[:, 1 : 1 + count],
-                parts,
-                slope[:, :1],
-                pairs.sum(axis=1, keepdims=True),
-                slope[:, -1:],
-            ],
-            axis=1,
-        )
+        back = self._slope(values[-1], allowed, truth) * (weight / weight.sum())[:, None]
         weights: list[Array] = []
         biases: list[Array] = []
         for layer in range(len(self.weights) - 1, -1, -1):
@@ -147,6 +126,40 @@ class Network:
             if layer:
                 back = (back @ self.weights[layer].T) * kept[layer - 1] * (values[layer] > 0)
         return [*weights, *biases]
+
+    def _slope(self, outputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+        """Of minus the log probability of the truth, by the outputs.
+
+        Pairs are summed as products of their parts, and none is computed by itself.
+        """
+        count = len(self.sets.names)
+        logits = np.array(outputs)
+        logits[:, : 2 * count] = np.where(np.tile(allowed, 2), outputs[:, : 2 * count], FORBIDDEN)
+        part = logits[:, count : 2 * count]
+        most = part.max(axis=1, keepdims=True)
+        factor = np.exp(part - most)
+        # The sum over pairs of products: of each with those before it.
+        before = np.cumsum(factor, axis=1) - factor
+        total = np.maximum((factor * before).sum(axis=1, keepdims=True), 1e-300)
+        logits[:, [2 * count + 1]] += 2 * most + np.log(total)
+        kinds = np.r_[0:count, 2 * count : 2 * count + 3]
+        out = np.zeros(outputs.shape)
+        out[:, kinds] = np.exp(_log_softmax(logits[:, kinds]))
+        others = factor.sum(axis=1, keepdims=True) - factor
+        out[:, count : 2 * count] = out[:, [2 * count + 1]] * factor * others / total
+        out -= self._own[truth]
+        return out
+
+    @cached_property
+    def _own(self) -> Array:
+        """Outputs of which the logit of each set is the sum, shape (sets, outputs)."""
+        count = len(self.sets.names)
+        out = np.zeros((len(self.sets), 2 * count + 3))
+        pairs = np.arange(1 + count, len(self.sets) - 1)
+        out[1 : 1 + count, :count] = np.eye(count)
+        out[pairs, count : 2 * count] = self.sets.members[pairs]
+        out[0, -3] = out[pairs, -2] = out[-1, -1] = 1.0
+        return out
 
 
 Batches = Callable[[np.random.Generator], tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array]]

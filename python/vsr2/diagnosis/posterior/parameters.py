@@ -83,7 +83,7 @@ class Parameters:
         rng = np.random.default_rng([seed, 41])
         chosen = rng.choice(near.size, PARAMETERS.samples, p=weight)
         targets = self._targets(name)
-        return self._values(name, targets, targets[near[chosen]] + shift[chosen])
+        return self._values(name, targets[near[chosen]] + shift[chosen])
 
     def expected(self, name: str, residuals: Array) -> Array:
         """Mean residuals of campaigns like one in which an effect acts, shape (columns,)."""
@@ -124,12 +124,11 @@ class Parameters:
                 columns.append(gap / size)
         return np.stack(columns, axis=1)
 
-    def _values(self, name: str, known: Array, targets: Array) -> Array:
-        """Parameters at targets, within the ends of what was simulated, shape (n, parameters).
+    def _values(self, name: str, targets: Array) -> Array:
+        """Parameters at targets, within their ends, shape (n, parameters).
 
         Args:
             name: of the effect.
-            known: targets of the campaigns, shape (rows, targets).
             targets: shape (n, targets).
         """
         columns, k = [], 0
@@ -139,16 +138,14 @@ class Parameters:
                 columns.append(parameter.lower + turn * turn_of(parameter))
                 k += 2
                 continue
-            low, high = known[:, k].min(), known[:, k].max()
-            if not parameter.secondary:
-                low, high = min(low, 0.0), max(high, 0.0)
-            target = np.clip(targets[:, k], low, high)
+            ends = np.array([parameter.lower, parameter.upper])
             if parameter.secondary:
-                columns.append(parameter.lower + target * (parameter.upper - parameter.lower))
+                columns.append(ends[0] + np.clip(targets[:, k], 0.0, 1.0) * np.ptp(ends))
             else:
                 size = max(float(np.abs(_distance(parameter, value)).max()), 1e-12)
+                reach = np.append(_distance(parameter, ends), 0.0)
                 with np.errstate(divide="ignore"):
-                    gap = target * size
+                    gap = np.clip(targets[:, k] * size, reach.min(), reach.max())
                     columns.append(1 / gap if np.isinf(parameter.null) else parameter.null + gap)
             k += 1
         return np.stack(columns, axis=1)

@@ -70,10 +70,20 @@ class Sets:
         """Probability that each effect acts, shape (..., effects)."""
         return np.asarray(probability @ self.members)
 
-    def shares(self, probability: Array) -> Array:
-        """Probability of each effect, a pair's halved between its two, shape (..., effects)."""
-        weight = self.members / np.maximum(self.members.sum(axis=1, keepdims=True), 1)
-        return np.asarray(probability @ weight)
+    def leading(self, probability: Array) -> Array:
+        """Probability that each effect acts and leads, shape (n, effects).
+
+        Of two effects that act together, the one leads that acts with the greater probability.
+
+        Args:
+            probability: of every set, shape (n, sets).
+        """
+        count, (first, second) = len(self.names), self.pairs
+        acts = self.marginal(probability)
+        leads = np.where(acts[:, first] >= acts[:, second], first, second)
+        out = np.array(probability[:, 1 : 1 + count])
+        np.add.at(out, (np.arange(len(out))[:, None], leads), probability[:, 1 + count : -1])
+        return out
 
 
 def are_alike(one: Effect, other: Effect) -> bool:

@@ -82,7 +82,7 @@ class Standard:
         known = np.isfinite(own).sum(axis=0)
         probability = (np.nansum(own, axis=0) + 0.5) / (known + 1)
         means, variances = zip(
-            *(_moments(part) for part in (features[gap_free], features)), strict=True
+            *(moments(part) for part in (features[gap_free], features)), strict=True
         )
         count = np.isfinite(features[gap_free]).sum(axis=0)
         weight = count / (count + SUMMARY.own)
@@ -103,7 +103,7 @@ class Standard:
         return np.asarray(np.nan_to_num(parts.swapaxes(-1, -2).reshape(len(parts), -1)))
 
 
-def _moments(values: Array) -> tuple[Array, Array]:
+def moments(values: Array) -> tuple[Array, Array]:
     """Mean and variance over campaigns of what is known, 0 where nothing is."""
     known = np.isfinite(values)
     count = np.maximum(known.sum(axis=0), 1)
@@ -147,17 +147,9 @@ class Summaries:
         to many, such as outcomes that their series contradict.
         """
         left = residuals - discriminants @ self.reproduction
-        n, channels = self.trials, residuals.shape[1] // self.trials
-        spans = [slice(0, n), slice(n, 2 * n), slice(2 * n, None)][: min(channels, 3)]
-        sizes = [
-            np.log((part[:, span] ** 2).mean(axis=1) + SUMMARY.least_size)
-            for span in spans
-            for part in (residuals, left)
-        ]
-        means = residuals.reshape(len(residuals), channels, n).mean(axis=2)
-        return np.concatenate(
-            [discriminants / self.deviation, np.stack(sizes, axis=1), means], axis=1
-        )
+        own, rest = (part.reshape(len(part), -1, self.trials) for part in (residuals, left))
+        sizes = [np.log((part**2).mean(axis=2) + SUMMARY.least_size) for part in (own, rest)]
+        return np.concatenate([discriminants / self.deviation, *sizes, own.mean(axis=2)], axis=1)
 
 
 def targets(campaigns: Campaigns, names: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:

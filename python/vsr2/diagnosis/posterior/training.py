@@ -15,7 +15,7 @@ from vsr2.diagnosis.posterior.naming import Naming, VerdictKind, candidates, dec
 from vsr2.diagnosis.posterior.network import Network, train_network
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
-from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
+from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries, moments
 from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
@@ -33,6 +33,7 @@ class TrainingConstants:
         none, one, two, outside: prior probability of the hypotheses.
         copies: disturbed copies of each campaign.
         passed: copies of each campaign in one pass of training.
+        seeds: networks that are trained for each fold.
         left_out: share of training campaigns whose own effect the library lacks.
         decoy: share of those that lack a class which does not act.
         together: chance that an effect declared alike to what is left out is left out with it.
@@ -50,16 +51,15 @@ class TrainingConstants:
     outside: float = 0.15
     copies: int = 4
     passed: int = 2
+    seeds: int = 2
     left_out: float = 0.15
     decoy: float = 0.4
     together: float = 0.5
     false_alarms: float = 0.05
     wrong: float = 0.10
     coverage: float = 0.90
-    temperatures: tuple[float, float] = (-0.7, 1.5)
-    names: tuple[float, ...] = (
-        0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.925, 0.95, 0.97, 0.98, 0.99,
-    )  # fmt: skip
+    temperatures: tuple[float, float] = (-1.0, 1.5)
+    names: tuple[float, ...] = tuple(k / 100 for k in range(50, 100))
 
 
 TRAINING = TrainingConstants()
@@ -112,7 +112,7 @@ class Posterior:
         sets: hypotheses.
         standard, summaries: from campaigns to summaries.
         centre, scale: of summaries, shape (summaries,).
-        networks: one a fold.
+        networks: some a fold.
         levels: calibrated.
         parameters: of effects.
         alike: which effects are declared alike, shape (effects, effects).
@@ -145,8 +145,8 @@ class Posterior:
         summaries = self.summaries(residuals)
         allowed = ~np.isin(self.sets.names, list(excluded))[None]
         inputs = network_inputs(self, summaries, allowed)
-        logs = [one.log_probability(inputs, allowed)[0] for one in self.networks]
-        probability = np.mean([tempered(log, self.levels.temperature) for log in logs], axis=0)
+        logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
+        probability = pooled(logs, self.levels.temperature)
         said = decide(
             candidates(probability, self.sets, self.alike),
             none_limit=self.levels.none_limit,
@@ -168,11 +168,19 @@ class Posterior:
         return replace(self, levels=replace(self.levels, none_limit=limit))
 
 
-def tempered(log_probability: Array, temperature: float) -> Array:
-    """Probabilities whose logarithms are divided by a temperature, shape (..., sets)."""
+def pooled(log_probability: Array, temperature: float) -> Array:
+    """Mean over networks of probabilities whose logarithms are divided by a temperature.
+
+    Args:
+        log_probability: shape (networks, ..., sets).
+        temperature: above 0; below 1 it makes up for the flatness that a mean brings.
+
+    Returns:
+        Shape (..., sets).
+    """
     scaled = log_probability / temperature
     out = np.exp(scaled - scaled.max(axis=-1, keepdims=True))
-    return np.asarray(out / out.sum(axis=-1, keepdims=True))
+    return np.asarray((out / out.sum(axis=-1, keepdims=True)).mean(axis=0))
 
 
 def network_inputs(posterior: Posterior | _Scaled, summaries: Array, allowed: Bools) -> Array:
@@ -218,8 +226,10 @@ def train(
     plain = campaigns.gap_free
     first = Standard.of(overturned, features, plain)
     rng = np.random.default_rng([seed, 32])
+    # What no campaign without an effect varies, as a contradiction, no engine does.
+    scatter = np.sqrt(moments(features[plain])[1])
     copies = [(overturned, features)] + [
-        disturbed(overturned, features, first.probability, first.scatter, motion, rng)
+        disturbed(overturned, features, first.probability, scatter, motion, rng)
         for _ in range(TRAINING.copies)
     ]
     standard = Standard.of(
@@ -296,20 +306,22 @@ class _Truth:
         return together
 
 
-Logs = tuple[Array, Array, Array]
-"""Log probabilities of held-out campaigns: undisturbed, disturbed, and without their own effect."""
+Logs = tuple[Array, Array]
+"""Log probabilities of held-out campaigns, disturbed: by all effects, and without their own.
+
+Shape (seeds, n, sets)."""
 
 
 def _networks(
     scaled: _Scaled, found: Sequence[Array], truth: _Truth, fold: NDArray[np.int64], seed: int
 ) -> tuple[tuple[Network, ...], Logs]:
-    """One network a fold, and what each makes of the campaigns that it did not see."""
+    """Networks of each fold, and what they make of the campaigns that they did not see."""
     count, effects = truth.acting.shape
     everything = np.ones((count, effects), dtype=bool)
     rng = np.random.default_rng([seed, 33])
     lacking = _own_left_out(truth, rng)
-    out = tuple(np.zeros((count, len(truth.sets))) for _ in range(3))
-    networks = []
+    out = tuple(np.zeros((TRAINING.seeds, count, len(truth.sets))) for _ in range(2))
+    networks: list[Network] = []
     for k in range(SUMMARY.folds):
         train_rows, held = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
 
@@ -328,14 +340,14 @@ def _networks(
 
         inputs = network_inputs(scaled, found[1][held], everything[held])
         judged = (inputs, everything[held], truth.index[held], truth.weight[held])
-        network = train_network(truth.sets, batches, judged, seed * 101 + k)
-        networks.append(network)
-        for target, summaries, allowed in zip(
-            out, (found[0], found[-1], found[-1]), (everything, everything, lacking), strict=True
-        ):
-            own = network_inputs(scaled, summaries[held], allowed[held])
-            target[held] = network.log_probability(own, allowed[held])
-    return tuple(networks), (out[0], out[1], out[2])
+        for i in range(TRAINING.seeds):
+            number = len(networks)
+            network = train_network(truth.sets, batches, judged, seed * 101 + number)
+            networks.append(network)
+            for target, allowed in zip(out, (everything[held], lacking[held]), strict=True):
+                own = network_inputs(scaled, found[-1][held], allowed)
+                target[i, held] = network.log_probability(own, allowed)
+    return tuple(networks), (out[0], out[1])
 
 
 def _own_left_out(truth: _Truth, rng: np.random.Generator) -> Bools:
@@ -353,18 +365,18 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
     outside = np.full(int(acting.sum()), truth.sets.outside)
     out_of_library = truth.weight[acting] * TRAINING.outside / (1 - TRAINING.outside)
     out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
-    log = np.concatenate([logs[1], logs[2][acting]])
+    log = np.concatenate([logs[0], logs[1][:, acting]], axis=1)
     index = np.concatenate([truth.index, outside])
     weight = np.concatenate([truth.weight, out_of_library])
     rows = np.arange(index.size)
 
     def score(log_temperature: float) -> float:
-        p = tempered(log, float(np.exp(log_temperature)))[rows, index]
+        p = pooled(log, float(np.exp(log_temperature)))[rows, index]
         return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
 
     sought = minimize_scalar(score, bounds=TRAINING.temperatures, method="bounded")
     temperature = float(np.exp(sought.x))
-    probability = tempered(log, temperature)
+    probability = pooled(log, temperature)
     plain = probability[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, TRAINING.false_alarms)) if plain.size else 0.5
     found = [candidates(p, truth.sets, truth.alike) for p in probability]
@@ -391,30 +403,29 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
 
 
 def label_probability(probability: Array, sets: Sets) -> Array:
-    """Of none, every effect (a pair's halved) and outside, shape (..., effects + 2)."""
-    shares = sets.shares(probability)
-    return np.concatenate([probability[..., :1], shares, probability[..., -1:]], axis=-1)
+    """Of none, every effect that leads and outside, shape (n, effects + 2)."""
+    return np.concatenate(
+        [probability[:, :1], sets.leading(probability), probability[:, -1:]], axis=1
+    )
 
 
 def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
     """Probability down to which sets of labels must reach to hold nine of ten truths.
 
-    Conformal: of each held-out campaign, the probability held by the labels before the true one (Y.
+    Conformal: of each held-out campaign, the probability held by the labels before a true one (Y.
     Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage", 2020; there the
-    true one counts in part, by chance). Of a pair, before the second of its two.
+    true one counts in part, by chance). Of two effects, either is true.
     """
     labels = label_probability(probability, sets)
     order = np.argsort(-labels, axis=1, kind="stable")
     ordered = np.take_along_axis(labels, order, axis=1)
     before = np.cumsum(ordered, axis=1) - ordered
-    rank = np.argsort(order, axis=1)
-    count = len(sets.names)
-    true = np.zeros((len(index), count + 2), dtype=bool)
+    true = np.zeros(labels.shape, dtype=bool)
     true[:, 1:-1] = sets.members[index]
     true[index == 0, 0] = True
     true[index == sets.outside, -1] = True
-    last = np.where(true, rank, -1).max(axis=1)
-    score = before[np.arange(len(index)), last]
+    first = np.take_along_axis(true, order, axis=1).argmax(axis=1)
+    score = before[np.arange(len(index)), first]
     sequence = np.argsort(score)
     total = np.cumsum(weight[sequence]) / weight.sum()
     return float(score[sequence][np.searchsorted(total, TRAINING.coverage)])
@@ -422,7 +433,7 @@ def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets
 
 def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:
     """Labels of the 90 % set, most probable first: 0 none, 1 to n effects, n + 1 outside."""
-    labels = label_probability(probability, sets)
+    labels = label_probability(probability[None], sets)[0]
     order = np.argsort(-labels, kind="stable")
     before = np.cumsum(labels[order]) - labels[order]
     return tuple(int(i) for i in order[before <= level + 1e-12])

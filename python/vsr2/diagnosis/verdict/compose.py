@@ -129,12 +129,12 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
 def _effects(evidence: Evidence, excluded: set[str]) -> list[dict[str, Any]]:
     """One row an effect, the most probable first."""
     found, posterior = evidence.found, evidence.posterior
-    shares = posterior.sets.shares(found.probability)
+    leads = posterior.sets.leading(found.probability[None])[0]
     acts = posterior.sets.marginal(found.probability)
     out = [
         {
             "name": name,
-            "probability": float(shares[k]),
+            "probability": float(leads[k]),
             "acts": float(acts[k]),
             "parameters": _parameters(evidence, name),
         }
