@@ -17,6 +17,8 @@ class Fault(StrEnum):
     """A drive that does not go with motion or pedestal."""
     ENGINE_DOMAIN = "engine_domain"
     """An engine that does not take the scene."""
+    ACTS_ALREADY = "acts_already"
+    """An effect that cannot act twice."""
     NO_ROCK = "no_rock"
     ROCK_PRESENT = "rock_present"
 

@@ -39,6 +39,7 @@ from vsr2.config import Study, load_study
 from vsr2.diagnosis import DEFAULT_NUISANCES, Budget, with_deviations
 from vsr2.diagnosis.simulated.cache import KEY
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.effects import apply_effects
 from vsr2.errors import BlindError, CampaignError, SimulationError
 
 
@@ -593,6 +594,46 @@ def test_the_library_is_drawn_from(study) -> None:
                 both[name].strength.unit.replace("1", ""),
                 "",
             ), name
+
+
+def test_effects_of_the_scene_act_before_those_that_are_drawn(study) -> None:
+    own = {"table_gain": {"change": 0.1}, "restitution": {"energy_ratio": 0.8}}
+    bare = build_engine("bullet", study)
+    engine = build_engine("bullet", study.model_copy(update={"effects": own}))
+    time = np.arange(0.0, 2.0, 0.005)
+    moved = np.cos(2 * np.pi * 0.8 * (time - 1.0)) * np.sin(np.pi * time / 2.0) ** 4
+    base = TrialInput(0.005, moved * 5.6 / (np.abs(np.diff(moved, 2)).max() / 0.005**2))
+
+    def seen(of, ratio=1.0, **effects):
+        nuisances = DrawnNuisances(energy_ratio=ratio)
+        shake = dataclasses.replace(base, nuisances=nuisances, effects=effects)
+        return next(iter(of.run([shake], 0.02)))
+
+    assert seen(engine).peak_tilt == seen(bare, **own).peak_tilt != seen(bare).peak_tilt
+    # The nuisance is relative to the scene's ratio, and a drawn ratio takes its place.
+    assert energy(seen(engine, 0.9)) == pytest.approx(energy(seen(bare, 0.9, **own)))
+    assert engine.effects["restitution"].strength.null == 0.8
+    drawn = {"table_gain": {"change": 0.05}, "restitution": {"energy_ratio": 0.9}}
+    both = {"table_gain": {"change": 1.1 * 1.05 - 1}, "restitution": {"energy_ratio": 0.9}}
+    assert seen(engine, **drawn).peak_tilt == pytest.approx(seen(bare, **both).peak_tilt)
+    pitching = {"table_pitch": {"compliance": 0.01}}
+    engine = build_engine("bullet", study.model_copy(update={"effects": pitching}))
+    assert set(bare.effects) - set(engine.effects) == {"table_pitch"}
+
+
+def test_draws_of_the_scene_are_no_draws_of_the_custodian(study) -> None:
+    turned = study.model_copy(update={"effects": {"placement": {"yaw": 5.0}}})
+    shake = TrialInput(0.005, np.zeros(100))
+
+    def yaws(number: int) -> list[float]:
+        context = dataclasses.replace(shake.context, campaign_seed=number)
+        inputs = [dataclasses.replace(shake, context=context)] * 4
+        made = build_engine("bullet", turned)._trials(inputs, DrawnNuisances(), 0.02)
+        drawn = apply_effects(made, {"placement": {"yaw": 5.0}}, seed=number)
+        assert len({one.values for trial in drawn for one in trial.effects}) == 8
+        return [dict(one.values)["yaw"] for trial in made for one in trial.effects]
+
+    assert yaws(1) == yaws(1) != yaws(2)
 
 
 def test_baselines_are_trained_on_another_pack_that_is_open(small, study, tmp_path) -> None:

@@ -183,13 +183,13 @@ def test_nominal_values_are_null_or_those_of_the_trial(
         assert values[name] == null or (math.isnan(null) and math.isfinite(values[name]))
 
 
-def test_nominal_values_of_a_pair_and_of_an_impact(checker: EffectChecker) -> None:
+def test_nominal_values_leave_a_trial_with_the_effect_as_it_is(checker: EffectChecker) -> None:
     trial = checker.bench.block()
     spin, impact = library()["spin_friction"], library()["restitution"]
-    own = pair_values(trial.scene.contact).spinning_friction
-    assert spin.nominal(trial) == pytest.approx({"coefficient": own})
-    same = spin.change(trial, spin.nominal(trial))
-    assert pair_values(same.scene.contact).spinning_friction == pytest.approx(own)
+    turning = spin.change(trial, {"coefficient": 0.2})
+    assert pair_values(turning.scene.contact).spinning_friction == pytest.approx(0.2)
+    same = spin.change(turning, spin.nominal(turning))
+    assert pair_values(same.scene.contact).spinning_friction == pytest.approx(0.2)
     assert impact.nominal(trial) == {"energy_ratio": 1.0}
     softer = impact.change(trial, {"energy_ratio": 0.8})
     assert impact.nominal(softer) == {"energy_ratio": 0.8}

@@ -45,7 +45,7 @@ from vsr2.diagnosis.observed.observations import (
     series_sampling,
 )
 from vsr2.diagnosis.simulated.nuisances import with_stated
-from vsr2.effects import library
+from vsr2.effects import check_study_effects, library
 from vsr2.errors import BlindError, Vsr2Error
 
 SUBMISSION = "submission.json"
@@ -161,7 +161,8 @@ def diagnose_pack(
     listed = {one.id: one for one in pack.campaigns}
     chosen = _chosen(data, listed, campaigns)
     wanted = _wanted(data, pack.tiers, tiers)
-    load_study(scene := data / pack.scene)
+    scene = data / pack.scene
+    check_study_effects(load_study(scene).effects, scene)
     _check_folder(out, data)
     hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
     how = _effort(budget) | {"seed": seed}

@@ -99,6 +99,7 @@ def make(
     """
     from vsr2.blind import make_pack
     from vsr2.config import load_study
+    from vsr2.effects import check_study_effects
     from vsr2.errors import BlindError
     from vsr2.report.messages.blind_packs import sealed_pack
 
@@ -108,8 +109,10 @@ def make(
     folder = pack.resolve()
     if not folder.name:
         raise BlindError(f"{pack}: has no name that the key's folder could have; add --key")
+    study = load_study(scene)
+    check_study_effects(study.effects, scene)
     made = make_pack(
-        load_study(scene),
+        study,
         pack,
         key or folder.with_name(f"{folder.name}-key"),
         settings,

@@ -126,11 +126,14 @@ def compare(
     from vsr2.config import load_study
     from vsr2.diagnosis import Hypotheses
     from vsr2.diagnosis.reference_campaign import compare_reference
+    from vsr2.effects import check_study_effects
     from vsr2.report.messages.commands import reference_table
 
+    study = load_study(scene)
+    check_study_effects(study.effects, scene)
     found = compare_reference(
         load_campaign(folder),
-        load_study(scene),
+        study,
         hypotheses=Hypotheses(nuisances=opt.nuisances(nuisance)),
         threads=threads,
         seed=seed,

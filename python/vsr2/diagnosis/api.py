@@ -16,6 +16,7 @@ from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.verdict.document import Diagnosis
+from vsr2.effects import check_study_effects
 from vsr2.errors import DiagnosisError
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ def diagnose(
 
     Args:
         campaign: measured (or simulated) trials, or the folder that holds them.
-        scene: the study of the nominal scene, or its file; its own motions are not used.
+        scene: the study of the nominal scene, its effects included, or its file; its own motions
+            are not used.
         tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
             campaign shares.
         out: folder for `diagnosis.json` (without sentences), tables, simulations and the trained
@@ -88,6 +90,7 @@ def diagnose(
     cache = execution.cache
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
+    check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
     simulator = SceneSimulator(
         seen.campaign,
@@ -113,6 +116,7 @@ def diagnose(
         report=execution.report,
         provenance={
             "scene": study.name,
+            "scene_effects": study.effects,
             "left_out": len(given) - len(seen),
             "unavailable": {
                 name: str(error.fault) for name, error in simulator.unavailable.items()

@@ -21,9 +21,7 @@ from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
-from vsr2.diagnosis.simulated.simulator import PERTURBED, Effects, Request
-from vsr2.effects import check_study_effects
-from vsr2.errors import DiagnosisError
+from vsr2.diagnosis.simulated.simulator import PERTURBED, Request
 
 Array = NDArray[np.float64]
 
@@ -93,45 +91,31 @@ def compare_reference(
         seed: of the draws.
 
     Raises:
-        DiagnosisError: the campaign holds too little, or the scene cannot have an effect.
+        DiagnosisError: the campaign holds too little.
         ConfigError, GeometryError, MotionError, SimulationError: study or campaign cannot be used.
     """
-    check_study_effects(study.effects, study.name)
     seen = observe_campaign(campaign)
     simulator = SceneSimulator(
         seen.campaign, study, hypotheses=hypotheses, series=True, threads=threads, seed=seed
     )
-    known = []
-    for name, values in study.effects.items():
-        if name not in simulator.library:
-            reason = simulator.unavailable.get(name, "it is not in the library")
-            raise DiagnosisError(f"effects.{name}: this scene cannot have it: {reason}")
-        effect = simulator.library[name]
-        accepted = effect.accept(values)
-        known.append((name, tuple(float(accepted[p.name]) for p in effect.parameters)))
     with SimulationCache(simulator) as cache:
-        return agreement(cache, seen, tuple(known), seed=seed)
+        return agreement(cache, seen, seed=seed)
 
 
 def agreement(
-    cache: SimulationCache,
-    seen: Observations,
-    effects: Effects = (),
-    *,
-    seed: int = 0,
+    cache: SimulationCache, seen: Observations, *, seed: int = 0
 ) -> tuple[Agreement, ...]:
-    """Agreement of a campaign with a simulator under known effects, measures of nothing left out.
+    """Agreement of a campaign with a simulator, measures of nothing left out.
 
     Args:
         cache: of simulations.
         seen: the campaign.
-        effects: that act in it.
         seed: of the measurements' noise.
     """
     spots = [(0, 0)]
     spots += [(0, PERTURBED - k) for k in range(REFERENCE.starts)]
     spots += [(draw, 1) for draw in range(1, REFERENCE.draws + 1)]
-    found = cache.run([Request(i, effects, *spot) for spot in spots for i in range(len(seen))])
+    found = cache.run([Request(i, (), *spot) for spot in spots for i in range(len(seen))])
     shape = (len(spots), len(seen))
     overturned, peak = found.overturned.reshape(shape), found.peak_tilt.reshape(shape)
     turn = np.full(shape, np.nan)

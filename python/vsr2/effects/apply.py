@@ -12,7 +12,7 @@ import numpy as np
 from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import EffectWarning
 from vsr2.effects.registry import chosen
-from vsr2.errors import ConfigError, SimulationError, Vsr2Error
+from vsr2.errors import ConfigError, Fault, SimulationError, Vsr2Error
 from vsr2.trial import Applied, Trial
 
 _BEFORE_MOTION = ("geometry", "order", "inertia", "contact", "mechanism")
@@ -35,7 +35,8 @@ def apply_effects(
 
     Args:
         trials: in order of execution, unless `relative_order` says otherwise. Effects that
-            are in them already stay; the same effect twice acts twice.
+            are in them already stay; the same effect twice acts twice, or is refused where it says
+            so (`Effect.once`).
         effects: names, each with its parameters as in a study; those not given are null.
         relative_order: of the trials in the campaign, 0 first and 1 last; by default as they come.
         sessions: of the trials; by default one.
@@ -107,7 +108,21 @@ def with_effects(
                 found[i] = known.setdefault(own.key, own)
         return found
 
-    return _changed(trials, [(one, applied(one, values)) for one, values in effects])
+    acting = [(one, applied(one, values)) for one, values in effects]
+    for one, where in acting:
+        if one.once:
+            _assert_once(one, [trials[i] for i in where])
+    return _changed(trials, acting)
+
+
+def _assert_once(one: Effect, trials: Sequence[Trial]) -> None:
+    """Refuse an effect that is in one of the trials already."""
+    if any(applied.effect.name == one.name for trial in trials for applied in trial.effects):
+        raise SimulationError(
+            f"acts already, and cannot act twice: {one.once}; leave one of them out",
+            key=f"effects.{one.name}",
+            fault=Fault.ACTS_ALREADY,
+        )
 
 
 def _in_force(one: Effect, given: Mapping[str, float], here: Mapping[str, float]) -> Applied | None:

@@ -136,6 +136,7 @@ class TablePitch(Effect):
     source = "pitch'' + 2 zeta w pitch' + w^2 pitch = -w^2 compliance a / g + M_rock / inertia"
     stage = "actuation"
     rank = 8
+    once = "the pedestal has one joint"
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         _assert_prescribed(trial)

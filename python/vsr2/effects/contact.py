@@ -115,12 +115,6 @@ class SpinFriction(Effect):
     source = "Bullet: the pair's is spin_a mu_b + spin_b mu_a (supplement Table S1)"
     stage = "contact"
 
-    def nominal(self, trial: Trial) -> dict[str, float]:
-        """The pair's own lever arm."""
-        rock, pedestal = trial.scene.contact.rock, trial.scene.contact.pedestal
-        lever = rock.spinning_friction * pedestal.lateral_friction
-        return {"coefficient": lever + pedestal.spinning_friction * rock.lateral_friction}
-
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         rock, pedestal = trial.scene.contact.rock, trial.scene.contact.pedestal
         friction = rock.lateral_friction + pedestal.lateral_friction

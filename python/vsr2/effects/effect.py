@@ -135,6 +135,7 @@ class Effect:
         stage: what it changes; fixes the order of application (`STAGES`).
         rank: order within the stage, smallest first; then by name.
         jump: why responses jump beside the null value, where they do; empty: they do not.
+        once: why it cannot act in a trial in which it acts already; empty: it can.
     """
 
     name: ClassVar[str]
@@ -146,6 +147,7 @@ class Effect:
     stage: ClassVar[Stage]
     rank: ClassVar[int] = 0
     jump: ClassVar[str] = ""
+    once: ClassVar[str] = ""
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         """The trial with the effect. Called only where `values` are not null.

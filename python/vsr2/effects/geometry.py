@@ -172,6 +172,7 @@ class EdgeRounding(Effect):
     stage = "geometry"
     rank = 1
     jump = "a box becomes a hull, whose contacts are found one by one, however small the radius"
+    once = "of two roundings the larger one alone would show"
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         rotation = matrix_from_quaternion(trial.start_pose.orientation)
@@ -233,6 +234,7 @@ class BaseAsperity(Effect):
     stage = "geometry"
     rank = 2
     jump = "an impact on bumps has three parts however low they are; and a box becomes a hull"
+    once = "bumps on the tips of bumps would be another base"
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         # In the frame of the pedestal's top.

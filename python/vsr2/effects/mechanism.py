@@ -15,6 +15,8 @@ from vsr2.trial import Trial
 class Mechanism(Effect):
     """An effect whose parameters are fields of :class:`vsr2.scene.Mechanisms`.
 
+    Where it acts already, both act: moments and strengths add up.
+
     Attributes:
         fields: name of the field and factor to its SI unit, by parameter.
     """
@@ -23,8 +25,16 @@ class Mechanism(Effect):
     stage = "mechanism"
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        si = {field: factor * values[name] for name, (field, factor) in self.fields.items()}
-        return trial.with_scene(mechanisms=replace(trial.scene.mechanisms, **si))
+        old = trial.scene.mechanisms
+        si = {
+            field: self.joined(name, getattr(old, field), factor * values[name])
+            for name, (field, factor) in self.fields.items()
+        }
+        return trial.with_scene(mechanisms=replace(old, **si))
+
+    def joined(self, name: str, old: float, new: float) -> float:
+        """The field of a parameter that had a value and gets another on top, in its SI unit."""
+        return old + new
 
 
 class Restitution(Mechanism):
@@ -54,6 +64,10 @@ class Restitution(Mechanism):
         """The scene's ratio; the contact's own impacts keep within 1 % of Housner's."""
         ratio = trial.scene.mechanisms.impact_energy_ratio
         return {"energy_ratio": 1.0 if math.isnan(ratio) else ratio}
+
+    def joined(self, name: str, old: float, new: float) -> float:
+        """The later one, as both are relative to Housner's ratio."""
+        return new
 
 
 class RockingDamping(Mechanism):
@@ -114,6 +128,14 @@ class FrictionRate(Mechanism):
     source = "Stribeck-type law; docs/explanation/mechanisms.md"
     fields: ClassVar = {"ratio": ("friction_ratio", 1.0), "speed": ("friction_speed", 1.0)}
 
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        """A ratio of 1 over the scene's speed."""
+        return {"ratio": 1.0, "speed": trial.scene.mechanisms.friction_speed}
+
+    def joined(self, name: str, old: float, new: float) -> float:
+        """Ratios multiply; of two speeds the later one holds."""
+        return old * new if name == "ratio" else new
+
 
 class Adhesion(Mechanism):
     """A bond under the base that breaks at the first uplift.
@@ -158,6 +180,10 @@ class Catch(Mechanism):
     confounded_with = ("outcome_rule",)
     source = "safety straps of shaking-table tests"
     fields: ClassVar = {"slack": ("catch_slack", math.radians(1.0))}
+
+    def joined(self, name: str, old: float, new: float) -> float:
+        """Of two tethers the shorter one holds."""
+        return new if math.isnan(old) else min(old, new)
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         caught, outcome = super().change(trial, values), trial.outcome

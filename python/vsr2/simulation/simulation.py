@@ -84,7 +84,8 @@ class Simulation:
         spawn: put the rock in place at once.
 
     Raises:
-        ConfigError, GeometryError, SimulationError: the study cannot be used, or is none.
+        ConfigError, GeometryError, SimulationError: the study cannot be used, has effects, or is
+            none.
     """
 
     def __init__(
@@ -100,6 +101,13 @@ class Simulation:
             cosine = False
         elif isinstance(study, Study | str | PathLike):
             loaded = study if isinstance(study, Study) else load_study(study)
+            if loaded.effects:
+                raise SimulationError(
+                    f"study {loaded.name!r}: has {', '.join(loaded.effects)}, but a Simulation "
+                    "that is stepped by hand applies no effects; leave them out, or give the scene "
+                    "of a trial of `study_trials`, in which those on the scene act",
+                    key="effects",
+                )
             self.scene = build_scene(loaded)
             source = loaded.motion.drive
             cosine = loaded.motion.mode in ("single_cosine", "grid_cosine")

@@ -16,7 +16,14 @@ from vsr2.blind.custodian.engine import Nuisances, TrialInput
 from vsr2.blind.mujoco import Drawable, Parameter, Response
 from vsr2.config import Study
 from vsr2.config.study import BoxRock, YawStart
-from vsr2.effects import Effect, EffectRangeWarning, apply_effects, library
+from vsr2.effects import (
+    Effect,
+    EffectRangeWarning,
+    apply_effects,
+    chosen,
+    library,
+    with_effects,
+)
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.results import TrialLog, quaternion_product
@@ -46,7 +53,8 @@ BULLET = BulletConstants()
 class BulletEngine:
     """Trials of a study on the native core; effects are those of `vsr2.effects`.
 
-    Nuisances scale the block's edges, the energy that its impacts leave and its friction.
+    The study's own effects act in every trial, before those that are drawn. Nuisances scale the
+    block's edges, the energy that its impacts leave and its friction.
 
     Raises:
         BlindError: the rock is no block on `mode: yaw`.
@@ -83,10 +91,15 @@ class BulletEngine:
 
     @cached_property
     def effects(self) -> Mapping[str, Drawable]:
-        """The library's, but those that this scene cannot have."""
+        """The library's, but those that this scene cannot have, or has and cannot have twice."""
         step = self._study.engine.time_step
         trial = self._trials([TrialInput(step, np.zeros(100))], Nuisances(), step)[0]
-        found = {name: self._drawable(effect, trial) for name, effect in library().items()}
+        acting = {applied.effect.name for applied in trial.effects}
+        found = {
+            name: self._drawable(effect, trial)
+            for name, effect in library().items()
+            if not (effect.once and name in acting)
+        }
         return {name: drawable for name, drawable in found.items() if drawable is not None}
 
     @staticmethod
@@ -117,7 +130,7 @@ class BulletEngine:
         trials = self._trials(ordered, first.nuisances, series_interval)
         acting = {name: dict(values) for name, values in first.effects.items()}
         # Relative to Housner's, which the contact's own impacts keep within 1 %.
-        impact = acting.setdefault("restitution", {"energy_ratio": 1.0})
+        impact = acting.setdefault("restitution", library()["restitution"].nominal(trials[0]))
         impact["energy_ratio"] *= first.nuisances.energy_ratio
         with warnings.catch_warnings():
             # A drawn ratio at the end of its prior, times a nuisance, may lie beyond.
@@ -157,7 +170,7 @@ class BulletEngine:
         outcome = self._study.outcome
         stop = max(BULLET.stop, outcome.overturned_tilt)
         outcome = outcome.model_copy(update={"overturned_tilt": stop})
-        return [
+        trials = [
             Trial(
                 scene=scene,
                 motion=build_recorded_motion(
@@ -171,6 +184,15 @@ class BulletEngine:
             )
             for i, one in enumerate(inputs)
         ]
+        # Draws of their own beside a drawn effect of the same name.
+        draws = np.random.SeedSequence([inputs[0].context.campaign_seed, 1])
+        return with_effects(
+            trials,
+            chosen(self._study.effects),
+            relative_order=[one.context.order for one in inputs],
+            sessions=[f"{one.context.session}" for one in inputs],
+            seed=int(draws.generate_state(1)[0]),
+        )
 
     def _start(self, scene: Scene, one: TrialInput) -> Pose:
         """The scene's start turned about the block's vertical and shifted."""

@@ -37,13 +37,18 @@ class MujocoEngine:
         contact: how MuJoCo solves contacts.
 
     Raises:
-        BlindError: MuJoCo is missing; or the rock is no block and no mesh that stands as its file
-            has it.
+        BlindError: MuJoCo is missing; the study has effects; or the rock is no block and no mesh
+            that stands as its file has it.
     """
 
     name = "mujoco"
 
     def __init__(self, study: Study, contact: ContactModel = NOMINAL) -> None:
+        for name, values in study.effects.items():
+            raise BlindError(
+                f"study {study.name!r}: effects.{name} is {values}, but the engine mujoco takes no "
+                "effects of the scene; leave them out, or --engine bullet"
+            )
         self._contact = contact
         try:
             import mujoco

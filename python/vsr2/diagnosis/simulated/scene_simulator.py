@@ -26,6 +26,7 @@ from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
+from vsr2.diagnosis.simulated.scene_effects import SceneEffects
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
     HALF_STEP,
@@ -61,8 +62,8 @@ class SceneSimulator:
 
     Args:
         campaign: every trial needs a motion; in order of execution.
-        study: of the nominal scene; its own motions are not used, but how recordings are turned
-            into the driven motion is (channel, filter, scale, drive).
+        study: of the nominal scene, its effects included; its own motions are not used, but how
+            recordings are turned into the driven motion is (channel, filter, scale, drive).
         hypotheses: effects and nuisances.
         series: also draw features from the tilt's series.
         sampling: of series, where the campaign has none.
@@ -73,14 +74,17 @@ class SceneSimulator:
     Attributes:
         library: effects that this scene can have.
         excluded: those that are not looked for.
-        unavailable: those that it cannot have, with the error.
+        unavailable: those that it cannot have, with the error; among them those that act in the
+            scene already and cannot act twice.
         nuisances: that are drawn.
         nuisance_names: of those drawn once a campaign.
-        identity: hash of scene, motions, schedule, priors and seed.
+        identity: hash of scene and its effects, motions, schedule, priors and seed.
         variants: half the time step, twice the solver's iterations.
 
     Raises:
-        DiagnosisError: a trial without motion, or an unknown name in `hypotheses.exclude`.
+        DiagnosisError: a trial without motion, an unknown name in `hypotheses.exclude`, or a
+            nuisance that cannot act beside the scene's own effect.
+        ConfigError: an effect of the scene that cannot be used.
         GeometryError, MotionError, SimulationError: the scene or a motion cannot be used.
     """
 
@@ -118,7 +122,11 @@ class SceneSimulator:
         self._measured = () if self._sampling is None else (self._sampling,)
         interval = SERIES.row if self._sampling is None else self._sampling.interval
         self._row = min(SERIES.row, interval) if series else None
-        self._trials = _base_trials(campaign, study, self._row)
+        self._order = list(campaign.relative_order)
+        self._sessions = [trial.session for trial in campaign.trials]
+        self._own_effects = SceneEffects(study, self._order, self._sessions)
+        self._own_effects.check(self.nuisances)
+        self._trials = self._own_effects.fixed(_base_trials(campaign, study, self._row))
         moved = any(one.displacement is not None for one in campaign.motions.values())
         if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
             _logger.warning(
@@ -129,8 +137,7 @@ class SceneSimulator:
                 Filter(),
             )
         self._varied: dict[int, list[Trial]] = {}
-        self._order = list(campaign.relative_order)
-        self._sessions = [trial.session for trial in campaign.trials]
+        self._first = self._nominal(0, 0, {0})[0]
         self.excluded = tuple(sorted(hypotheses.exclude))
         motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))
         self._motion = [motions.index(trial.motion) for trial in campaign.trials]
@@ -139,7 +146,7 @@ class SceneSimulator:
         for effect in in_order(offered):
             error = self._refusal(effect)
             if error is None:
-                self.library[effect.name] = effect.with_null(effect.nominal(self._trials[0]))
+                self.library[effect.name] = effect.with_null(effect.nominal(self._first))
             else:
                 self.unavailable[effect.name] = error
         self.identity = self._digest(study)
@@ -162,6 +169,7 @@ class SceneSimulator:
                 study.settling.model_dump_json(),
                 study.outcome.model_dump_json(),
                 study.motion.drive,
+                *self._own_effects.content,
             )
         )
         return hashlib.sha256(content.encode()).hexdigest()
@@ -171,7 +179,7 @@ class SceneSimulator:
 
         try:
             trials = with_effects(
-                self._trials[:1], [(effect, effect.extreme())], relative_order=[1.0], sessions=["1"]
+                [self._first], [(effect, effect.extreme())], relative_order=[1.0], sessions=["1"]
             )
             check_trials(trials)
         except Vsr2Error as error:
@@ -264,18 +272,31 @@ class SceneSimulator:
                 causes[effect.name][one.parameter] *= values[one.parameter]
                 continue
             if one.relative:
-                values[one.parameter] *= effect.nominal(self._trials[0])[one.parameter]
+                values[one.parameter] *= effect.nominal(self._first)[one.parameter]
             acting.setdefault(effect.name, (effect, {}))[1].update(values)
         return [(effect, effect.complete(values)) for effect, values in acting.values()] + caused
 
-    def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
-        """Base trials with values of their own (replicates above 0), a variant or a tiny shift."""
+    def _nominal(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
+        """Trials of the scene with its effects, or of a numerical variant of it.
+
+        Variants and shifted starts have the draws of replicate 0, so that they differ by nothing
+        else.
+        """
+        trials = self._trials
         if replicate in self.variants:
             if replicate not in self._varied:
                 study = _variant(self._study, replicate)
-                self._varied[replicate] = _base_trials(self._campaign, study, self._row)
-            return self._varied[replicate]
-        out = list(self._trials)
+                made = _base_trials(self._campaign, study, self._row)
+                self._varied[replicate] = self._own_effects.fixed(made)
+            trials = self._varied[replicate]
+        return self._own_effects.drawn(trials, [self._seed, nuisance, max(replicate, 0)], wanted)
+
+    def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
+        """Nominal trials with values of their own (replicates above 0) or a tiny shift."""
+        trials = self._nominal(nuisance, replicate, wanted)
+        if replicate in self.variants:
+            return trials
+        out = list(trials)
         for i in wanted if replicate < 0 else ():
             trial = out[i]
             shift = SIMULATION.least_shift * 10.0 ** ((PERTURBED - replicate) % SIMULATION.shifts)

@@ -1,0 +1,97 @@
+"""The effects of a scene's own, with which its trials are the nominal ones."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from vsr2.config.study import Study
+from vsr2.diagnosis.simulated.cache import own_code
+from vsr2.diagnosis.simulated.nuisances import Nuisance
+from vsr2.effects import Circumstances, Effect, chosen, with_effects
+from vsr2.errors import DiagnosisError
+from vsr2.trial import Trial
+
+Given = tuple[Effect, Mapping[str, float]]
+
+
+class SceneEffects:
+    """Puts the effects of a study into the trials of a campaign.
+
+    They act before all nuisances and hypothesised effects. Those that draw nothing are put into the
+    trials once. From the first on that draws, in the order of application, they belong to a
+    simulated campaign, as a laboratory's own draws are not known.
+
+    Args:
+        study: of the scene.
+        order: of the trials, 0 first and 1 last.
+        sessions: of the trials.
+
+    Raises:
+        ConfigError: an effect or a value that cannot be used.
+    """
+
+    def __init__(self, study: Study, order: Sequence[float], sessions: Sequence[str]) -> None:
+        self._order, self._sessions = order, sessions
+        given = [(one, values) for one, values in chosen(study.effects) if not one.is_null(values)]
+        draws = [self._draws(one, values) for one, values in given]
+        first = draws.index(True) if any(draws) else len(given)
+        self._fixed, self._drawn = given[:first], given[first:]
+
+    def _draws(self, one: Effect, values: Mapping[str, float]) -> bool:
+        """Whether chance has a part in an effect's values in any trial."""
+        rng = np.random.default_rng(0)
+        before = rng.bit_generator.state
+        known = tuple(dict.fromkeys(self._sessions))
+        for order, session in zip(self._order, self._sessions, strict=True):
+            one.at(values, Circumstances(order, session, known, rng))
+        return bool(rng.bit_generator.state != before)
+
+    @property
+    def content(self) -> list[tuple[str, list[tuple[str, float]], str]]:
+        """Name, values and a user's own code of each, in the order of application."""
+        both = [*self._fixed, *self._drawn]
+        return [(one.name, sorted(values.items()), own_code(type(one))) for one, values in both]
+
+    def check(self, nuisances: Sequence[Nuisance]) -> None:
+        """Refuse a nuisance that cannot act beside the scene's own effect.
+
+        Raises:
+            DiagnosisError: names it.
+        """
+        names = {name for name, _, _ in self.content}
+        for one in nuisances:
+            if one.acting.once and one.acting.name in names:
+                raise DiagnosisError(
+                    f"nuisance {one.name!r}: its effect is in the scene's `effects` and cannot act "
+                    f"twice: {one.acting.once}; leave one of them out"
+                )
+
+    def fixed(self, trials: Sequence[Trial]) -> list[Trial]:
+        """All trials of the campaign with the effects that draw nothing."""
+        return with_effects(
+            trials, self._fixed, relative_order=self._order, sessions=self._sessions
+        )
+
+    def drawn(
+        self, trials: list[Trial], seed: Sequence[int], wanted: Collection[int]
+    ) -> list[Trial]:
+        """The wanted ones of these trials with the rest of the effects.
+
+        Args:
+            trials: of :meth:`fixed`.
+            seed: of the draws.
+            wanted: indices; other trials come back as they are.
+        """
+        if not self._drawn:
+            return trials
+        state = np.random.SeedSequence([*seed, _STREAM]).generate_state(1, np.uint64)
+        return with_effects(
+            trials, self._drawn, relative_order=self._order, sessions=self._sessions,
+            seed=int(state[0]), only=wanted,
+        )  # fmt: skip
+
+
+_STREAM = 71
+"""Sets these draws apart from those of a hypothesised effect of the same name."""

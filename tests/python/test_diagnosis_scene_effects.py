@@ -1,0 +1,196 @@
+"""The effects of a scene's own in the diagnosis: they are a part of the nominal simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis_samples import few_effects, few_simulations
+from planted import shaken_campaign
+from vsr2.campaign import Campaign
+from vsr2.config import Study, study_from_mapping
+from vsr2.diagnosis import Budget, Execution, Hypotheses, Nuisance, diagnose
+from vsr2.diagnosis.simulated.nuisances import Normal, with_deviations
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Effects, Request
+from vsr2.effects import apply_effects, effect, library
+from vsr2.errors import ConfigError, DiagnosisError, Fault, GeometryError
+from vsr2.trial import Trial
+
+BOX = {
+    "name": "box",
+    "engine": {"mode": "fast"},
+    "rock": {"shape": "box", "size": [0.4, 0.55, 0.95], "density": 2700.0},
+    "motion": {"mode": "all_recordings", "folder": "."},
+    "outcome": {"tail": 1.0},
+}
+STILL = with_deviations({"yaw": 0.0, "offset": 0.0})
+Own = Mapping[str, Mapping[str, float]]
+
+
+@pytest.fixture(scope="module")
+def shaken() -> Campaign:
+    return shaken_campaign(4, 5, duration=1.0, pga=(0.7, 1.4), session_size=5)
+
+
+def scene(own: Own = {}, **changed: object) -> Study:  # noqa: B006
+    return study_from_mapping({**BOX, "effects": own, **changed}, base=Path())
+
+
+def simulator(shaken: Campaign, own: Own = {}, **hypotheses: object) -> SceneSimulator:  # noqa: B006
+    asked = Hypotheses(**{"nuisances": (), "contact_family": (), **hypotheses})
+    return SceneSimulator(shaken, scene(own), hypotheses=asked, seed=3)
+
+
+def built(
+    of: SceneSimulator, effects: Effects = (), nuisance: int = 0, replicate: int = 0
+) -> list[Trial]:
+    return list(of._built(effects, nuisance, replicate, set(range(20))).values())
+
+
+def yaws(trials: list[Trial], name: str = "placement", at: int = 0) -> list[float]:
+    """Of the placement that comes at a place among the trial's effects."""
+    found = [[a for a in trial.effects if a.effect.name == name][at] for trial in trials]
+    return [dict(one.values)["yaw"] for one in found]
+
+
+SEVERAL = {
+    "friction": {"factor": 0.5}, "wear": {"loss": 0.1}, "table_gain": {"change": 0.1},
+    "catch": {"slack": 8.0}, "slenderness": {"change": -0.05},
+}  # fmt: skip
+
+
+def test_nominal_trials_are_those_of_the_study_s_effects(shaken) -> None:
+    plain, own = built(simulator(shaken)), simulator(shaken, SEVERAL)
+    expected = apply_effects(
+        plain, SEVERAL, relative_order=shaken.relative_order,
+        sessions=[trial.session for trial in shaken.trials],
+    )  # fmt: skip
+    assert built(own) == expected
+    for variant in (HALF_STEP, FINE_SOLVER, PERTURBED):
+        acting = {applied.effect.name for applied in built(own, replicate=variant)[-1].effects}
+        assert acting == set(SEVERAL)
+    requests = [Request(i, (), 0, 0) for i in range(0, 20, 3)]
+    known = tuple((one, tuple(effect(one).complete(SEVERAL[one]).values())) for one in SEVERAL)
+    same = simulator(shaken).run([request._replace(effects=known) for request in requests])
+    found = own.run(requests)
+    np.testing.assert_array_equal(found.peak_tilt, same.peak_tilt)
+    assert (found.peak_tilt != simulator(shaken).run(requests).peak_tilt).any()
+
+
+def test_the_identity_tells_scenes_with_other_effects_apart(shaken) -> None:
+    some: list[Own] = [
+        {}, {"table_gain": {"change": 0.1}}, {"table_gain": {"change": 0.1001}},
+        {"outcome_rule": {"flips": 0.02}}, {"placement": {"yaw": 3.0}}, {"placement": {"yaw": 4.0}},
+    ]  # fmt: skip
+    known = [simulator(shaken, own, library={}).identity for own in some]
+    assert len(set(known)) == len(some)
+    null = simulator(shaken, {"table_gain": {"change": 0.0}}, library={}).identity
+    assert null == known[0]
+
+
+def test_what_a_scene_s_effect_draws_belongs_to_a_simulated_campaign(shaken) -> None:
+    own = simulator(shaken, {"placement": {"yaw": 5.0}, "friction": {"factor": 0.8}})
+    first = yaws(built(own))
+    assert len(set(first)) == 20
+    # Numerical variants and shifted starts are of the same campaign.
+    for variant in (HALF_STEP, FINE_SOLVER, PERTURBED):
+        assert yaws(built(own, replicate=variant)) == first
+    others = [yaws(built(own, nuisance=n, replicate=r)) for n, r in ((0, 1), (1, 1), (2, 1))]
+    assert not set(first) & {value for other in others for value in other}
+    assert len({tuple(other) for other in others}) == 3
+    # A placement that is hypothesised draws beside it, not along with it.
+    more = built(own, (("placement", (5.0, 0.0)),), 1, 1)
+    assert yaws(more) == others[1]
+    assert abs(np.corrcoef(yaws(more), yaws(more, at=1))[0, 1]) < 0.7
+    # What draws nothing is put into the trials once.
+    assert [applied.effect.name for applied in own._trials[0].effects] == ["friction"]
+
+
+def test_effects_on_top_of_the_scene_s_own(shaken) -> None:
+    own = simulator(
+        shaken,
+        {"friction": {"factor": 0.5}, "restitution": {"energy_ratio": 0.8}},
+        library={name: effect(name) for name in ("friction", "restitution")},
+    )
+    assert set(own.library) == {"friction", "restitution"}
+    # The null of a ratio that is stated itself is the scene's.
+    assert own.library["restitution"].null() == {"energy_ratio": 0.8}
+    before = own._trials[0].scene.contact.rock.lateral_friction
+    after = built(own, (("friction", (0.25,)),))[0].scene.contact.rock.lateral_friction
+    assert after == pytest.approx(before * 0.5)
+
+
+def test_a_nuisance_multiplies_the_scene_s_own_value(shaken) -> None:
+    one = Nuisance("restitution", "energy_ratio", Normal(0.0, mean=0.9), relative=True)
+    own = simulator(shaken, {"restitution": {"energy_ratio": 0.8}}, nuisances=[one])
+    found = built(own, nuisance=1)[0].scene.mechanisms.impact_energy_ratio
+    assert found == pytest.approx(0.72)
+
+
+@pytest.mark.parametrize("name", ["edge_rounding", "base_asperity", "table_pitch"])
+def test_what_cannot_act_twice_is_not_available(shaken, name: str) -> None:
+    first = effect(name).parameters[0].name
+    own = simulator(
+        shaken,
+        {name: {first: 0.002}},
+        library={one: effect(one) for one in (name, "inertia")},
+    )
+    assert set(own.library) == {"inertia"}
+    assert own.unavailable[name].fault is Fault.ACTS_ALREADY
+    assert effect(name).once in str(own.unavailable[name])
+    with pytest.raises(DiagnosisError, match=f"nuisance '{name}': .*cannot act twice"):
+        simulator(
+            shaken, {name: {first: 0.002}}, nuisances=[Nuisance(name, first, Normal(0.001, 0.0))]
+        )
+
+
+@pytest.mark.filterwarnings("ignore::vsr2.effects.EffectRangeWarning")
+@pytest.mark.parametrize(
+    ("own", "error", "message"),
+    [
+        ({"table_gian": {"change": 0.1}}, ConfigError, "box.*table_gian.*`table_gain`"),
+        ({"friction": {"factor": 50.0}}, ConfigError, "effects.friction.factor: .*outside 0 to 20"),
+        ({"com_offset": {"distance": 0.2}}, GeometryError, "effects.com_offset.distance"),
+    ],
+)
+def test_an_effect_that_the_scene_cannot_have_is_refused(shaken, own, error, message) -> None:
+    known = replace(
+        shaken, trials=tuple(replace(t, overturned=t.order % 2 == 0) for t in shaken.trials)
+    )
+    with few_simulations(), pytest.raises(error, match=message):
+        diagnose(known, scene(own), tier="B", budget=Budget(campaigns=24))
+
+
+def test_a_gap_closes_once_its_cause_is_in_the_scene(shaken, tmp_path) -> None:
+    cause = {"catch": {"slack": 6.0}}
+    hypotheses = Hypotheses({n: library()[n] for n in ("table_gain", "catch")}, nuisances=STILL[:3])
+    truth = SceneSimulator(shaken, scene(cause), hypotheses=hypotheses, seed=5)
+    given = truth.run([Request(i, (), 3, 1) for i in range(len(shaken))])
+    trials = tuple(
+        replace(trial, overturned=bool(given.overturned[i]), peak_tilt=float(given.peak_tilt[i]))
+        for i, trial in enumerate(shaken.trials)
+    )
+    seen = replace(shaken, trials=trials)
+    with few_simulations(), few_effects("table_gain", "catch"):
+        found = {
+            label: diagnose(
+                seen, scene(own), tier="M", out=tmp_path,
+                budget=Budget(campaigns=36, held_out=False),
+                hypotheses=hypotheses, execution=Execution(threads=1),
+            )
+            for label, own in (("plain", {}), ("corrected", cause))
+        }  # fmt: skip
+    assert found["plain"].kind != "none"
+    assert found["corrected"].kind == "none"
+    noted = {label: one.content["provenance"] for label, one in found.items()}
+    assert noted["plain"]["scene_effects"] == {}
+    assert noted["corrected"]["scene_effects"] == cause
+    # In one folder, neither simulations nor posteriors of the one serve the other.
+    assert noted["plain"]["simulator"] != noted["corrected"]["simulator"]
+    assert noted["corrected"]["budget"]["reused"] == 0
+    assert len(list(tmp_path.glob("posterior-*.npz"))) == 2

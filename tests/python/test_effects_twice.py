@@ -1,0 +1,126 @@
+"""Effects on top of themselves: a scene that has one, and the same once more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from vsr2.effects import Effect, library, with_effects
+from vsr2.effects.registry import BUILT_IN
+from vsr2.errors import Fault, SimulationError
+from vsr2.simulation import pair_values
+from vsr2.simulation.bench import EffectBench
+from vsr2.trial import Trial
+
+TWICE = [one for one in BUILT_IN if not one.once and one.stage != "outcome"]
+ONCE = [one for one in BUILT_IN if one.once]
+
+
+@pytest.fixture(scope="module")
+def block() -> Trial:
+    return EffectBench().block()
+
+
+def by_name(one: Effect) -> str:
+    return one.name
+
+
+def acted(trial: Trial, one: Effect, *times: Mapping[str, float]) -> Trial:
+    for values in times:
+        given = [(one, one.complete(values))]
+        (trial,) = with_effects([trial], given, relative_order=[1.0], sessions=["1"])
+    return trial
+
+
+def numbers(trial: Trial) -> np.ndarray:
+    """What a trial is made of; of the motion the peaks that drive it, which a delay leaves."""
+    scene, motion = trial.scene, trial.motion
+    mass, mechanics, contact = scene.rock.mass, scene.mechanisms, pair_values(scene.contact)
+    values = [
+        mass.mass, *mass.mass_center, *mass.principal_inertia,
+        *trial.start_pose.position, *trial.start_pose.orientation, *scene.pedestal.slope,
+        contact.lateral_friction, contact.spinning_friction, contact.stiffness, contact.damping,
+        mechanics.impact_energy_ratio, mechanics.rocking_damping, mechanics.rolling_resistance,
+        mechanics.friction_ratio, mechanics.friction_speed, mechanics.adhesion / 1e5,
+        mechanics.catch_slack, trial.outcome.toppled_tilt,
+        np.abs(motion.displacement).max(), motion.pgv,
+        *(np.abs(s.displacement).max() for s in motion.sides.values() if s is not None),
+    ]  # fmt: skip
+    return np.array(values, dtype=np.float64)
+
+
+def hardly(one: Effect, trial: Trial) -> dict[str, float]:
+    """Values beside those that leave a trial as it is."""
+    values = one.nominal(trial)
+    for parameter in one.parameters:
+        if parameter.secondary or parameter.prior == "fixed":
+            continue
+        null = values[parameter.name]
+        low, high = parameter.limits or (parameter.lower, parameter.upper)
+        end = parameter.extreme if not math.isclose(parameter.extreme, null) else parameter.lower
+        values[parameter.name] = high if math.isinf(null) else null + 1e-6 * (end - null)
+        assert low <= values[parameter.name] <= high
+    return values
+
+
+@pytest.mark.parametrize("one", TWICE, ids=by_name)
+def test_on_top_of_itself_an_effect_begins_at_nothing(one: Effect, block: Trial) -> None:
+    strong = acted(block, one, one.extreme())
+    on_top = acted(strong, one, hardly(one, strong))
+    assert len(on_top.effects) == 2
+    found, expected = numbers(on_top), numbers(strong)
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "one", "other", "both"),
+    [
+        ("friction", {"factor": 0.5}, {"factor": 0.6}, {"factor": 0.3}),
+        ("slenderness", {"change": 0.1}, {"change": -0.2}, {"change": -0.12}),
+        ("com_offset", {"distance": 0.02}, {"distance": 0.03}, {"distance": 0.05}),
+        ("inertia", {"change": 0.1}, {"change": 0.2}, {"change": 0.32}),
+        ("contact_stiffness", {"decades": 0.3}, {"decades": 0.2}, {"decades": 0.5}),
+        ("spin_friction", {"coefficient": 0.1}, {"coefficient": 0.2}, {"coefficient": 0.3}),
+        ("restitution", {"energy_ratio": 0.8}, {"energy_ratio": 0.9}, {"energy_ratio": 0.9}),
+        ("rocking_damping", {"ratio": 0.02}, {"ratio": 0.03}, {"ratio": 0.05}),
+        ("rolling_resistance", {"arm": 0.002}, {"arm": 0.003}, {"arm": 0.005}),
+        ("friction_rate", {"ratio": 1.2}, {"ratio": 1.5}, {"ratio": 1.8}),
+        ("adhesion", {"strength": 2.0}, {"strength": 3.0}, {"strength": 5.0}),
+        ("catch", {"slack": 10.0}, {"slack": 20.0}, {"slack": 10.0}),
+        ("catch", {"slack": 20.0}, {"slack": 10.0}, {"slack": 10.0}),
+        ("base_slope", {"angle": 0.5}, {"angle": 0.4}, {"angle": 0.9}),
+        ("table_gain", {"change": 0.1}, {"change": -0.2}, {"change": -0.12}),
+        ("off_axis_motion", {"share": 0.1}, {"share": 0.05}, {"share": 0.15}),
+        ("vertical_motion", {"share": 0.1}, {"share": 0.05}, {"share": 0.15}),
+        ("wear", {"loss": 0.1}, {"loss": 0.2}, {"loss": 0.28}),
+    ],
+)
+def test_two_make_one_of_the_same_name(
+    name: str,
+    one: dict[str, float],
+    other: dict[str, float],
+    both: dict[str, float],
+    block: Trial,
+) -> None:
+    own = library()[name]
+    found, expected = acted(block, own, one, other), acted(block, own, both)
+    np.testing.assert_allclose(numbers(found), numbers(expected), rtol=1e-6, atol=1e-9)
+
+
+def test_a_speed_of_slip_stays_where_the_ratio_alone_is_raised(block: Trial) -> None:
+    own = library()["friction_rate"]
+    first = acted(block, own, {"ratio": 1.2, "speed": 0.05})
+    assert own.nominal(first) == {"ratio": 1.0, "speed": 0.05}
+
+
+@pytest.mark.parametrize("one", ONCE, ids=by_name)
+def test_what_cannot_act_twice_is_refused(one: Effect, block: Trial) -> None:
+    first = acted(block, one, one.extreme())
+    assert acted(first, one, one.null()) is first, "null is no second time"
+    with pytest.raises(SimulationError, match=f"effects.{one.name}: .*{one.once}") as raised:
+        acted(first, one, one.extreme())
+    assert raised.value.fault is Fault.ACTS_ALREADY
+    assert {one.name for one in ONCE} == {"base_asperity", "edge_rounding", "table_pitch"}
