@@ -45,6 +45,8 @@ class TrialWorld {
   /// Holds the pedestal until the rock rests. Log rows get times up to 0 at the end of settling.
   bool settle(const RestCriterion& criterion, double timeout, const DriveTarget& hold,
               std::int64_t log_every);
+  /// Whether the rock has come to rest altogether.
+  bool stands_still() const;
   /// Notes how the trial ends; false.
   bool end(Status status);
   void log(double time, const DriveTarget& target);

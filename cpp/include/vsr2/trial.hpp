@@ -136,8 +136,8 @@ struct TrialResult {
 };
 
 /// Where a rock comes to rest from a start pose. Trials that share one settle it once, in a world of
-/// its own. Each trial goes on with a copy of that world where the engine gives one; else it starts a
-/// fresh world from the pose of rest and settles there again, briefly. Thread safe.
+/// its own; each trial then starts a fresh world from the pose of rest and settles there again, briefly.
+/// Where that would change nothing it goes on with a copy of the first world instead. Thread safe.
 class SettledStart {
  public:
   /// `timeout` [s], 0: no settling; `log_every` as in TrialSpec, 0: no settling log.

@@ -69,8 +69,7 @@ class Engine(Section):
     every step is swept, as Bullet does. `preset: original` takes false."""
     skip: Literal["quiet", "none"] = "quiet"
     """Engine `fast`: `quiet`: a rock at rest is not stepped while its contacts can bear the
-    pedestal's acceleration, and trials go on from where the rock settled; `none`: every step is
-    taken, and each trial settles again. `preset: original` takes `none`."""
+    pedestal's acceleration; `none`: every step is taken. `preset: original` takes `none`."""
     restitution_velocity_threshold: NonNegative = 0.2
     """Approach speed under which an impact does not bounce [m/s]."""
     cone_friction: Flag = True
