@@ -183,6 +183,17 @@ def test_the_core_takes_no_truth_value_for_a_number(field: str, value: Any) -> N
         _native.EngineSettings(kind=_native.EngineKind.auto, **{**numbers, field: value})
 
 
+@pytest.mark.parametrize("value", [2**53 + 1, -(2**53) - 1, 10**400])
+def test_the_core_takes_no_integer_that_a_float_cannot_hold(value: int) -> None:
+    spring = {"frequency": 8.0, "damping": 0.1, "compliance": 0.0, "inertia": 1.0}
+    for right in (3, 2**53, 2**53 + 2, 2**900):
+        _native.PitchSpring(**{**spring, "frequency": right})
+    with pytest.raises(TypeError):
+        _native.PitchSpring(**{**spring, "frequency": value})
+    with pytest.raises(TypeError):
+        _native.Batch(threads=1).wait(timeout=value)
+
+
 @pytest.mark.parametrize("value", [True, np.True_])
 def test_no_function_of_the_core_takes_a_truth_value_for_a_number(value: Any) -> None:
     drive, scene = _native.Drive.prescribed_spatial, native_scene(build_scene(study()))
