@@ -23,7 +23,7 @@ namespace py = pybind11;
 
 using Vector4 = Eigen::Vector4d;  // a quaternion x, y, z, w
 
-/// A number that Python's True and False do not convert to.
+/// A number that Python's True and False do not convert to, nor integers between two floats.
 template <typename T>
 struct Number {
   T value;
@@ -43,6 +43,8 @@ struct pybind11::detail::type_caster<vsr2::binding::Number<T>> {
     make_caster<T> number;
     if (PyBool_Check(source.ptr()) || !number.load(source, convert)) return false;
     value.value = cast_op<T>(number);
+    if constexpr (std::is_floating_point_v<T>)  // Python compares integers and floats exactly
+      return !PyLong_Check(source.ptr()) || source.equal(float_(value.value));
     return true;
   }
 };

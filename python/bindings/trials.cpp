@@ -6,28 +6,18 @@
 namespace vsr2::binding {
 namespace {
 
-/// Whether nobody can write to an object's memory through the buffer that it offers.
-bool is_read_only_buffer(const py::handle& object) {
-  Py_buffer buffer;
-  if (!PyObject_CheckBuffer(object.ptr())) return false;
-  if (PyObject_GetBuffer(object.ptr(), &buffer, PyBUF_FULL_RO) != 0) {
-    PyErr_Clear();
-    return false;
-  }
-  const bool read_only = buffer.readonly != 0;
-  PyBuffer_Release(&buffer);
-  return read_only;
-}
-
-/// Whether an array and all whose memory it views are read-only; as `vsr2.read_only` has it.
+/// Whether an array views read-only arrays alone, and the last owns its memory or views `bytes`; as
+/// `vsr2.read_only` has it.
 bool is_read_only(const py::array& array) {
   py::object owner = array;
   while (py::isinstance<py::array>(owner)) {
     const auto view = py::reinterpret_borrow<py::array>(owner);
     if (view.writeable()) return false;
-    owner = view.base() ? py::reinterpret_borrow<py::object>(view.base()) : py::none();
+    if (!view.base()) return view.owndata();
+    owner = py::reinterpret_borrow<py::object>(view.base());
+    if (PyMemoryView_Check(owner.ptr())) owner = owner.attr("obj");
   }
-  return owner.is_none() || is_read_only_buffer(owner);
+  return PyBytes_CheckExact(owner.ptr());
 }
 
 /// Borrows the memory of a motion's channel. The array lives until the last trial that needs it is
@@ -37,8 +27,8 @@ Samples borrow(const py::array& array) {
     throw py::type_error("samples must be a contiguous array of float64 of shape (n,)");
   if (!is_read_only(array))
     throw InvalidInput(
-        "samples are borrowed, so their array, and one that it is a view of, must be read-only; "
-        "call setflags(write=False)");
+        "samples are borrowed, so their array, and one that it is a view of, must be read-only and "
+        "own its memory or view bytes; call setflags(write=False), or give a copy");
   auto* kept = new py::array(array);
   const auto give_back = [kept](const double*) {
     if (!Py_IsInitialized()) return;

@@ -19,18 +19,20 @@ def read_only(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def _is_read_only(array: np.ndarray[Any, Any]) -> bool:
-    """Whether the array and all whose memory it views are read-only."""
+    """Whether the array views read-only arrays alone, the last its own memory or `bytes`.
+
+    Another owner may offer read-only views of memory that it writes to.
+    """
     owner: Any = array
     while isinstance(owner, np.ndarray):
         if owner.flags.writeable:
             return False
+        if owner.base is None:
+            return owner.flags.owndata
         owner = owner.base
-    if owner is None:
-        return True
-    try:
-        return memoryview(owner).readonly
-    except TypeError:  # who else can write to it is not known
-        return False
+        if isinstance(owner, memoryview):  # numpy puts one between itself and a buffer
+            owner = owner.obj
+    return type(owner) is bytes
 
 
 class ReadOnlyArrays:
@@ -46,6 +48,7 @@ class ReadOnlyArrays:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        for value in state.values():
+        for name, value in state.items():
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
+                self.__dict__[name] = read_only(value)

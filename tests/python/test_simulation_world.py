@@ -5,11 +5,13 @@ from __future__ import annotations
 import copy
 import gc
 import math
+import mmap
 import pickle
 import re
 import struct
 import weakref
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -181,6 +183,17 @@ def test_the_core_takes_no_truth_value_for_a_number(field: str, value: Any) -> N
         _native.EngineSettings(kind=_native.EngineKind.auto, **{**numbers, field: value})
 
 
+@pytest.mark.parametrize("value", [2**53 + 1, -(2**53) - 1, 10**400])
+def test_the_core_takes_no_integer_that_a_float_cannot_hold(value: int) -> None:
+    spring = {"frequency": 8.0, "damping": 0.1, "compliance": 0.0, "inertia": 1.0}
+    for right in (3, 2**53, 2**53 + 2, 2**900):
+        _native.PitchSpring(**{**spring, "frequency": right})
+    with pytest.raises(TypeError):
+        _native.PitchSpring(**{**spring, "frequency": value})
+    with pytest.raises(TypeError):
+        _native.Batch(threads=1).wait(timeout=value)
+
+
 @pytest.mark.parametrize("value", [True, np.True_])
 def test_no_function_of_the_core_takes_a_truth_value_for_a_number(value: Any) -> None:
     drive, scene = _native.Drive.prescribed_spatial, native_scene(build_scene(study()))
@@ -317,17 +330,19 @@ def test_samples_are_borrowed_and_given_back() -> None:
 
 def test_samples_are_lent_only_where_nobody_can_write_to_them() -> None:
     owner, buffer = np.zeros(10), np.frombuffer(bytearray(80))
-    view = owner[2:]
-    for array in (view, buffer):
+    view, shown = owner[2:], np.frombuffer(memoryview(bytearray(80)).toreadonly())
+    mapped = np.frombuffer(mmap.mmap(-1, 80))
+    for array in (view, buffer, mapped):
         array.setflags(write=False)
-    for array in (owner, view, buffer):
+    for array in (owner, view, buffer, mapped, shown, shown[2:], np.asarray(shown.data)):
         with pytest.raises(_native.InvalidInput, match="must be read-only"):
             _native.Samples(array)
         kept = read_only(array)
         assert not np.shares_memory(kept, array)
         _native.Samples(kept)
     owner.setflags(write=False)
-    for array in (owner, view, np.frombuffer(bytes(80))):
+    lent = np.frombuffer(bytes(80))
+    for array in (owner, view, lent, lent[2:], np.asarray(lent.data), np.asarray(owner.data)):
         assert read_only(array) is array
         _native.Samples(array)
 
@@ -337,6 +352,23 @@ def through_pickle(motion: Motion) -> Motion:
     again = pickle.loads(pickle.dumps(motion, protocol=5))
     assert isinstance(again, Motion)
     return again
+
+
+def test_a_motion_copies_memory_that_others_can_write_to() -> None:
+    given = cosine_motion(0.1, 2.0, 1e-3)
+    memory = bytearray(given.displacement.tobytes())
+    made = replace(given, displacement=np.frombuffer(memoryview(memory).toreadonly()))
+    buffers: list[pickle.PickleBuffer] = []
+    pickled = pickle.dumps(made, protocol=5, buffer_callback=buffers.append)
+    rebuilt = [bytearray(buffer) for buffer in buffers]
+    again = pickle.loads(pickled, buffers=rebuilt)
+    kept, digest = given.displacement, given.sha256
+    assert rebuilt
+    for written in (memory, *rebuilt):
+        written[:] = bytes(len(written))
+    for motion in (made, again):
+        assert np.array_equal(motion.displacement, kept)
+        assert motion.sha256 == digest
 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, through_pickle])
