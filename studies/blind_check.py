@@ -43,6 +43,7 @@ from vsr2.blind.form.seal import (
 from vsr2.blind.scoring.cases import read_cases
 from vsr2.blind.scoring.packs import RECEIPT, SCORES, check_apart, judge, read_receipt
 from vsr2.blind.scoring.scored import Scored
+from vsr2.campaign import TIERS
 from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Execution
@@ -112,9 +113,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "blind")
     parser.add_argument("--scene", type=Path, default=ROOT / "configs" / "blind.yaml")
     parser.add_argument("--minutes", type=float, help="stop after so many (default: at the end)")
-    parser.add_argument(
-        "--tier", action="append", choices=["B", "M", "T"], help="these alone (default: all)"
-    )
+    parser.add_argument("--tier", action="append", choices=TIERS, help="these alone (default: all)")
     parser.add_argument("--part", type=int, action="append", help="these alone (default: all)")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument(

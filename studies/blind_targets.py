@@ -20,9 +20,9 @@ from blind_results import read_parts
 from vsr2.blind.scoring.cases import Case, engine_group
 from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.score import ScoreCode, Scores, is_named, right, score_cases, wrong
+from vsr2.campaign import TIERS
 from vsr2.report.text import markdown_table
 
-TIERS = ("B", "M", "T")
 ENGINES = ("bullet", "mujoco")
 STRONG = (2.0, math.inf)
 WEAK = (1.0, 2.0)

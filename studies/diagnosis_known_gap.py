@@ -28,7 +28,7 @@ from scipy.interpolate import CubicSpline
 
 from diagnosis_planar import write
 from planted import Rehearsal, shaken_campaign
-from vsr2.campaign import Campaign, Tier
+from vsr2.campaign import TIERS, Campaign
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
@@ -50,7 +50,6 @@ NAMES = (
     "rolling_resistance",
     "catch",
 )
-TIERS: tuple[Tier, ...] = ("B", "M", "T")
 WANTED = {
     "time base": {"time_scale"},
     "inertia": {"inertia", "time_scale"},

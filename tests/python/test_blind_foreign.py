@@ -220,7 +220,7 @@ def write_diagnoses(data, out, verdicts=VERDICTS, tiers=("B", "M")):
 
 @pytest.fixture(autouse=True)
 def _reported(monkeypatch):
-    stand_in(monkeypatch, Told)
+    stand_in(monkeypatch, Reported)
 
 
 @pytest.fixture
@@ -229,13 +229,13 @@ def pack(tmp_path):
     return data, key, write_diagnoses(data, tmp_path / "out")
 
 
-class Told:
+class Reported:
     """A diagnosis that says what is written above."""
 
     calls: list = []  # noqa: RUF012
 
     def __init__(self, campaign, scene, **how):
-        Told.calls.append((campaign, Path(scene).name, how))
+        Reported.calls.append((campaign, Path(scene).name, how))
         self.content = VERDICTS[campaign.name]
 
     def save(self, folder):
@@ -247,11 +247,11 @@ class Told:
 
 def test_a_pack_of_others_is_diagnosed_and_scored(tmp_path) -> None:
     data, key = write_pack(tmp_path)
-    Told.calls = []
+    Reported.calls = []
     shutil.move(key, tmp_path / "away")
     progress = diagnose_pack(data, tmp_path / "out")
     assert (progress.done, progress.failed) == (6, ())
-    by_name = {campaign.name: (campaign, scene, how) for campaign, scene, how in Told.calls}
+    by_name = {campaign.name: (campaign, scene, how) for campaign, scene, how in Reported.calls}
     campaign, scene, how = by_name["Hall.1"]
     assert [trial.trial for trial in campaign.trials] == list(TRIALS)
     # The library has no wind that it could leave out.
@@ -329,9 +329,9 @@ def test_a_pack_states_distributions_by_name(tmp_path) -> None:
     key["settings"] |= {"nuisances": NUISANCES, "priors": PRIORS}
     data, kept = write_pack(tmp_path, key, {"nuisances": NUISANCES, "priors": PRIORS})
     open_key(data, kept)
-    Told.calls = []
+    Reported.calls = []
     diagnose_pack(data, tmp_path / "out", tiers=["M"])
-    given = Told.calls[0][2]["hypotheses"]
+    given = Reported.calls[0][2]["hypotheses"]
     found = {(one.acting.name, str(one.scope)): one for one in given.nuisances}
     # Width and height of the tolerances give way to what is stated; the gain of trials stays.
     assert found["slenderness", "campaign"].prior.high == 0.02

@@ -57,11 +57,11 @@ def test_every_code_has_a_sentence(code) -> None:
             "a gap beyond noise: none has a probability of 0.012",
         ),
         (
-            Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured="wear + catch"),
+            Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=("wear", "catch")),
             "wear + catch is more probable than none, but no more than in gap-free campaigns",
         ),
         (
-            Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured="unknown"),
+            Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=()),
             "a cause outside the library is more probable than none",
         ),
         (

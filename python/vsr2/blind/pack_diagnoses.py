@@ -17,7 +17,7 @@ from vsr2.blind.form.diagnosis_form import (
     read_verdict,
 )
 from vsr2.blind.form.events import EventCode, Say, unheard
-from vsr2.blind.form.pack_form import TIERS, Listed, Pack
+from vsr2.blind.form.pack_form import Listed, Pack
 from vsr2.blind.form.seal import (
     KEY_FILE,
     PACK_FILE,
@@ -27,7 +27,7 @@ from vsr2.blind.form.seal import (
     read_pack,
     write_json,
 )
-from vsr2.campaign import Campaign, Tier, load_campaign
+from vsr2.campaign import TIERS, Campaign, Tier, load_campaign
 from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.diagnosis import (

@@ -1,6 +1,7 @@
 """Campaigns of shake-table trials, measured and simulated: their form, files, folds and import."""
 
 from vsr2.campaign.campaign import (
+    TIERS,
     Campaign,
     CampaignTrial,
     MeasurementNoise,
@@ -20,6 +21,7 @@ from vsr2.campaign.summary import campaign_summary
 
 __all__ = [
     "SCHEMA",
+    "TIERS",
     "Campaign",
     "CampaignProblem",
     "CampaignTrial",

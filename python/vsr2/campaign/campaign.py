@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from vsr2.motion import Record
 
 Array = NDArray[np.float64]
 Tier = Literal["B", "M", "T"]
+TIERS: tuple[Tier, ...] = get_args(Tier)
+"""Rising: outcomes, largest tilts, series."""
 
 MAX_TRIALS = 100_000
 """Most trials of one campaign."""

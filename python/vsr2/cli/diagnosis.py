@@ -7,6 +7,7 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
+from vsr2.campaign import Tier
 from vsr2.cli import options as opt
 
 
@@ -25,7 +26,7 @@ class Question:
         seed: of everything random
     """
 
-    tier: opt.Tier | None = None
+    tier: Tier | None = None
     exclude: tuple[str, ...] = ()
     prior: tuple[str, ...] = ()
     nuisance: opt.Nuisances = ()

@@ -92,6 +92,10 @@ class GridCosine(_Driven):
         return self
 
 
+Channel = Literal["auto", "displacement", "velocity", "acceleration", "fused"]
+"""What of a recording drives the pedestal."""
+
+
 class Filter(Section):
     """Zero-phase Butterworth band-pass applied to the recording at its own sampling."""
 
@@ -110,7 +114,7 @@ class Filter(Section):
 
 
 class _Recorded(_Driven):
-    channel: Literal["auto", "displacement", "velocity", "acceleration", "fused"] = "auto"
+    channel: Channel = "auto"
     """Which recorded channel drives the pedestal; `auto`: displacement where there is one, else
     velocity, else acceleration; `fused`: displacement and acceleration together, each weighted by
     its noise."""

@@ -41,12 +41,16 @@ from vsr2.config.section import (
 
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
+EngineMode = Literal["auto", "parity", "exact", "fast"]
+"""The engines of the core, `_native.EngineKind`; a test holds them equal."""
+InertiaRule = Literal["file", "mesh", "aabb"]
+"""Where mass and inertia of a URDF come from."""
 
 
 class Engine(Section):
     """The physics engine (supplement S1.2)."""
 
-    mode: Literal["auto", "parity", "exact", "fast"] = "auto"
+    mode: EngineMode = "auto"
     """`parity`: Bullet's own code, bit-identical on the same machine with PyBullet whose bodies
     `createMultiBody` made, not `loadURDF`; `exact`: the same bits, in about half the time; `fast`:
     the same model in a stepper of our own for one convex rock on a prism's flat top, whose contacts
@@ -222,7 +226,7 @@ class UrdfRock(Section):
     """The URDF; meshes it names are found relative to it."""
     scale: Scale = 1.0
     """Factor on the lengths in the file."""
-    inertia: Literal["file", "mesh", "aabb"] = "file"
+    inertia: InertiaRule = "file"
     """`file`: the URDF's `<inertial>`; `mesh`: of the homogeneous solid with the file's mass;
     `aabb`: Bullet's bounding box."""
     start: Start = YawStart()

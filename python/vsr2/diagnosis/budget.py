@@ -26,6 +26,7 @@ class ScheduleConstants:
         most: campaigns that are simulated where the budget allows more.
         first: share of the budget after which there is a first answer.
         training_s: of a campaign, until a first training has been timed [s].
+        least_training_s: of a campaign, however short a training was [s].
     """
 
     look_share: float = 0.15
@@ -35,6 +36,7 @@ class ScheduleConstants:
     most: int = 8000
     first: float = 0.1
     training_s: float = 0.03
+    least_training_s: float = 1e-4
 
 
 SCHEDULE = ScheduleConstants()
@@ -132,7 +134,7 @@ class Schedule:
 
     def trained(self, campaigns: int, seconds: float) -> None:
         """Note what a training took."""
-        self._training = max(seconds / campaigns, 1e-4)
+        self._training = max(seconds / campaigns, SCHEDULE.least_training_s)
 
     def next_campaigns(self, done: int, trials: int) -> int:
         """How many campaigns to simulate next; 0: there are enough.

@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.rounding import rounded_hull
-from vsr2.effects.standing import assert_stands, mass_height, restand, settle_at, support_of
+from vsr2.effects.standing import (
+    SCAN_SETTLING,
+    assert_stands,
+    mass_height,
+    restand,
+    settle_at,
+    support_of,
+)
 from vsr2.scene import Box, Hull, PedestalBody, Pose, Triangles
 from vsr2.scene.rotation import (
     matrix_from_quaternion,
@@ -31,8 +38,6 @@ AZIMUTH = Parameter(
 )  # fmt: skip
 LEAST_RADIUS = 1e-4
 """Of the rounding of a hull [m]."""
-SETTLING_FACTOR = 4.0
-"""Times the default speeds, at which the rounded hull of a scan counts as settled."""
 
 
 def direction(azimuth: float) -> Array:
@@ -193,7 +198,7 @@ class EdgeRounding(Effect):
             parts.append(Hull(hull))
         kept = tuple(parts)
         if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in rock.parts):
-            trial = settle_at(trial, SETTLING_FACTOR)
+            trial = settle_at(trial, SCAN_SETTLING)
         return _standing(trial, kept)
 
 

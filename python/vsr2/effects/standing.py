@@ -15,6 +15,10 @@ from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
+SCAN_SETTLING = 4.0
+"""Times the default speeds, at which a scan, which may tremble on its points, counts as at rest;
+chosen by hand."""
+
 
 def support_of(trial: Trial) -> Support:
     """What the rock stands on, in the frame of the pedestal's top, which may slope."""

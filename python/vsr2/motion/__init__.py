@@ -1,5 +1,6 @@
 """Ground motions: one type, readers, processing, intensity measures, fusion of channels."""
 
+from vsr2.config.motion_source import Channel
 from vsr2.motion.cosine import cosine_measures, cosine_motion, cosine_parameters
 from vsr2.motion.fusion import (
     ChannelNoise,
@@ -11,7 +12,6 @@ from vsr2.motion.fusion import (
     input_uncertainty,
 )
 from vsr2.motion.measures import (
-    Channel,
     IntensityMeasures,
     arias_intensity,
     cumulative_absolute_velocity,

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vsr2.config.motion_source import Filter
+from vsr2.config.motion_source import Channel, Filter
 from vsr2.errors import MotionError
 from vsr2.motion.fusion import fuse
 from vsr2.motion.motion import Array, Motion
@@ -24,8 +23,6 @@ from vsr2.motion.processing import (
 )
 from vsr2.motion.record import Record
 from vsr2.motion.units import STANDARD_GRAVITY
-
-Channel = Literal["auto", "displacement", "velocity", "acceleration", "fused"]
 
 
 @dataclass(frozen=True)

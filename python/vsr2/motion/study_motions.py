@@ -12,6 +12,7 @@ from typing import assert_never
 
 from vsr2.config.motion_source import (
     AllRecordings,
+    Channel,
     Filter,
     GridCosine,
     MotionSource,
@@ -27,7 +28,7 @@ from vsr2.motion.cosine import (
     grid_values,
 )
 from vsr2.motion.fusion import ChannelNoise, fuse
-from vsr2.motion.measures import Channel, channel_signal, kinematics
+from vsr2.motion.measures import channel_signal, kinematics
 from vsr2.motion.motion import Array, Motion
 from vsr2.motion.processing import band_pass, taper_ends
 from vsr2.motion.record import Record

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
+from vsr2._native import EngineKind
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.errors import ResultError
@@ -43,25 +44,27 @@ UNFINISHED = (Status.cancelled.name, Status.not_run.name)
 OUTCOMES: tuple[str, ...] = tuple(Outcome.__members__)
 """What the rock did, the gravest that applies; `failed`: there is no outcome, see the status."""
 
+ENGINES: tuple[str, ...] = tuple(
+    name for name, kind in EngineKind.__members__.items() if kind is not EngineKind.auto
+)
+"""What can run a trial; `auto` is the choice among them."""
+
 NO_HAND_OVER: str = _native.HandOver.none.name
 """The column `hand_over` of a trial that the engine it began with ran to its end."""
 
 FLOAT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.result_columns())
 """Numbers that the core gives for a trial; NaN where a trial has no such value."""
 
-TEXT_COLUMNS = (
-    "name",
-    "motion",
-    "motion_sha256",
-    "status",
-    "outcome",
-    "engine",
-    "hand_over",
-    "message",
-)
+_TEXT_RESULTS = ("status", "outcome", "message", "engine", "hand_over")
+_INTEGER_RESULTS = ("steps",)
+
+RESULT_COLUMNS = (*FLOAT_COLUMNS, *_TEXT_RESULTS, *_INTEGER_RESULTS)
+"""Columns of `BatchResult.trials` that running a trial fills."""
+
+TEXT_COLUMNS = ("name", "motion", "motion_sha256", *_TEXT_RESULTS)
 """Columns of `BatchResult.trials` that hold text."""
 
-INTEGER_COLUMNS = ("trial", "seed", "steps")
+INTEGER_COLUMNS = ("trial", "seed", *_INTEGER_RESULTS)
 """Columns of `BatchResult.trials` that hold whole numbers; those left are floats, NaN where a
 trial has no such value."""
 
@@ -282,7 +285,7 @@ TRIAL_COLUMNS: dict[str, str] = {
     "pgv_pga": "of the driven motion [s]",
     **dict(_native.result_columns()),
     "steps": "time steps that were taken, the trial's own settling included [1]",
-    "engine": "engine that it began with: parity, exact, fast; empty: none ran",
+    "engine": f"engine that it began with: {', '.join(ENGINES)}; empty: none ran",
     "hand_over": "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
     "message": "of the exception that ended a trial of status `error`; else empty",
 }

@@ -10,13 +10,13 @@ import hashlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
 
 from vsr2.codes import Statement
+from vsr2.config.study import InertiaRule
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, Box, Hull, MassProperties, Triangles
 from vsr2.scene.mass import (
@@ -31,8 +31,6 @@ from vsr2.scene.mesh_files import bytes_of
 from vsr2.scene.notes import SceneNote
 from vsr2.scene.rotation import matrix_from_rpy, quaternion_from_matrix
 from vsr2.scene.shapes import box_surface, cylinder_points, hull_surface, join_surfaces
-
-InertiaRule = Literal["file", "mesh", "aabb"]
 
 MAX_URDF_BYTES = 1_000_000
 MAX_COLLISIONS = 200

@@ -27,6 +27,7 @@ from vsr2.errors import SimulationError
 from vsr2.results import (
     FLOAT_COLUMNS,
     INTEGER_COLUMNS,
+    RESULT_COLUMNS,
     STATE_COLUMNS,
     TEXT_COLUMNS,
     TRIAL_COLUMNS,
@@ -54,7 +55,6 @@ _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
 OBSERVED = tuple(field.name for field in fields(Observation))
 """Columns of what is written down of a trial, which effects on the outcome change."""
-_RESULT_COLUMNS = (*FLOAT_COLUMNS, "status", "outcome", "message", "engine", "hand_over", "steps")
 
 _logger = logging.getLogger(__name__)
 
@@ -223,7 +223,7 @@ class _Collection:
         """Take over what the journal holds, and keep it from now on."""
         self._journal, self._folder = journal, folder
         for i, row in journal.finished.items():
-            for name in _RESULT_COLUMNS:
+            for name in RESULT_COLUMNS:
                 self.columns[name][i] = row[name]
             if self._out:
                 logged = "state" in self._out and self._trials[i].output.log_every > 0
@@ -237,7 +237,7 @@ class _Collection:
 
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
-        for name in _RESULT_COLUMNS:
+        for name in RESULT_COLUMNS:
             self.columns[name][i] = row[name]
         _copy_out(self._out, i, self.columns, log)
         if self._journal is None:
@@ -247,7 +247,7 @@ class _Collection:
             if log is not None:
                 save_trial_log(self._folder, i, log, npy=self._trials[i].output.npy)
             self._journal.record(
-                i, {name: _plain(self.columns[name][i]) for name in _RESULT_COLUMNS}
+                i, {name: _plain(self.columns[name][i]) for name in RESULT_COLUMNS}
             )
         if self._on_trial is not None:
             self._on_trial(i, log)

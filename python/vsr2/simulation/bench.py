@@ -15,6 +15,7 @@ from vsr2.config.study import (
     BoxRock,
     Contact,
     Engine,
+    EngineMode,
     MeshRock,
     Output,
     PrismPedestal,
@@ -74,9 +75,7 @@ class EffectBench(Bench):
         mesh: file of the rock that stands for a scan; by default a made one, :func:`boulder`.
     """
 
-    def __init__(
-        self, mode: Literal["parity", "exact", "fast", "auto"] = "exact", mesh: Path | None = None
-    ) -> None:
+    def __init__(self, mode: EngineMode = "exact", mesh: Path | None = None) -> None:
         self._engine = Engine(mode=mode)
         self._mesh = mesh
         self._built: dict[Rock, Trial] = {}

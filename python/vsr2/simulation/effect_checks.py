@@ -27,7 +27,7 @@ from vsr2._native import FastRefusal
 from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, with_effects
 from vsr2.effects.registry import BUILT_IN
-from vsr2.effects.standing import settle_at
+from vsr2.effects.standing import SCAN_SETTLING, settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
 from vsr2.results import JUDGED, BatchResult
@@ -75,8 +75,7 @@ class CheckConstants:
             start.
         jitter: standard deviation of each coordinate of a hull's points [m].
         resamples: pairs of samples behind each floor.
-        settling_factor: times the default speeds, at which a scan, which may tremble on its points,
-            counts as at rest.
+        tilts: least and greatest that are told apart [rad].
     """
 
     lifting: float = 1.3
@@ -94,7 +93,7 @@ class CheckConstants:
     perturbation: float = 1e-5
     jitter: float = 1e-5
     resamples: int = 60
-    settling_factor: float = 4.0
+    tilts: tuple[float, float] = (1e-5, 1.4)
 
 
 CHECK = CheckConstants()
@@ -258,7 +257,7 @@ class EffectChecker:
 
     def _shaken(self, rock: Rock) -> Trial:
         trial = self.standing(rock)
-        return settle_at(trial, CHECK.settling_factor) if rock == "scan" else trial
+        return settle_at(trial, SCAN_SETTLING) if rock == "scan" else trial
 
     def without(self, rock: Rock) -> tuple[list[Trial], Array, Array]:
         """Trials, their features (motions, draws, 4) and the floor (motions, 4)."""
@@ -453,7 +452,7 @@ def _features(result: BatchResult) -> Array:
         )
     peak, yaw, slip = (result[name] for name in ("peak_tilt", "final_yaw", "final_slip"))
     overturned = result.overturned
-    found = np.column_stack([np.log10(np.clip(peak, 1e-5, 1.4)), yaw, slip, overturned])
+    found = np.column_stack([np.log10(np.clip(peak, *CHECK.tilts)), yaw, slip, overturned])
     # Where a rock lies after overturning tells nothing.
     found[overturned, 1:3] = np.nan
     found[~settled] = np.nan

@@ -29,7 +29,7 @@ from vsr2.blind.custodian.engine import Engine, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.form.events import EventCode, Say, unheard
-from vsr2.blind.form.pack_form import Axis
+from vsr2.blind.form.pack_form import Axis, tiers_made
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.form.seal import (
     KEY_FILE,
@@ -476,7 +476,7 @@ def _seal(
         "schema": PACK_SCHEMA,
         "development": settings.development,
         "scene": SCENE_FILE,
-        "tiers": ["B", "M", "T"] if settings.series_interval else ["B", "M"],
+        "tiers": tiers_made(settings.series_interval),
         "classes": settings.classes,
         "tolerances": settings.tolerances.model_dump(),
         "campaigns": [

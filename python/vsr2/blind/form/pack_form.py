@@ -20,15 +20,15 @@ from vsr2.blind.form.reader import (
     check_count,
     misfit,
 )
-from vsr2.campaign import Tier
+from vsr2.campaign import TIERS, Tier
 from vsr2.campaign.faults import id_fault
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.nuisances import Distribution, Nuisance, distribution
 from vsr2.effects import library
 from vsr2.errors import ConfigError, DiagnosisError
 
-TIERS: tuple[Tier, ...] = ("B", "M", "T")
-ANSWERS = ("none", "unknown")
+ANSWERS = (NONE, UNKNOWN)
 """Answers that no effect may be called."""
 _EFFECTS: Mapping[Kind, tuple[int, float]] = {
     Kind.NONE: (0, 0),
@@ -46,6 +46,11 @@ class Axis(StrEnum):
     CONDITIONS = "conditions"
     ORDER = "order"
     NONE = "none"
+
+
+def tiers_made(series_interval: float) -> list[Tier]:
+    """Tiers of a pack: all, or without series (interval 0) all but the last."""
+    return list(TIERS if series_interval else TIERS[:-1])
 
 
 def _in_folder(name: str) -> str:
@@ -228,7 +233,7 @@ class _Sealed(Part):
     def sealed_tiers(self) -> list[Tier] | None:
         """As stated, or as packs of `vsr2 blind make` seal them: by the series' interval."""
         if self.tiers is None and self.series_interval is not None:
-            return ["B", "M", "T"] if self.series_interval else ["B", "M"]
+            return tiers_made(self.series_interval)
         return self.tiers
 
 

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.diagnosis_form import NONE, UNKNOWN, Verdict
+from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import sealed_classes
 from vsr2.blind.scoring.cases import Case, class_label
 from vsr2.blind.scoring.intervals import Score, area_under_roc, resampled
 from vsr2.blind.scoring.metadata import metadata
 from vsr2.campaign import Campaign, load_campaign
+from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]
@@ -186,6 +187,6 @@ def _labelled(data: Path, key: Mapping[str, Any]) -> list[tuple[Path, str]]:
     for name, entry in sorted(key["campaigns"].items()):
         if entry["kind"] == Kind.SINGLE:
             out.append((data / name, class_label(entry["effects"][0]["name"], classes)))
-        elif entry["kind"] in (NONE, UNKNOWN):
+        elif entry["kind"] in (Kind.NONE, Kind.UNKNOWN):
             out.append((data / name, entry["kind"]))
     return out

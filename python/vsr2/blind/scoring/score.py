@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.diagnosis_form import NONE, UNKNOWN
 from vsr2.blind.form.pack_form import Axis
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.scoring.cases import Case, groups
@@ -24,6 +23,7 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.statements import VerdictKind
 
 Array = NDArray[np.float64]

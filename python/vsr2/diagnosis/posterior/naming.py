@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.posterior.sets import Sets, classes
+from vsr2.diagnosis.simulated import library
 
 Array = NDArray[np.float64]
 
@@ -16,11 +17,11 @@ Array = NDArray[np.float64]
 class VerdictKind(StrEnum):
     """What a verdict says; `PAIR` names two effects that act together."""
 
-    NONE = "none"
+    NONE = library.NONE
     EFFECT = "effect"
     CLASS = "class"
     PAIR = "pair"
-    UNKNOWN = "unknown"
+    UNKNOWN = library.UNKNOWN
     UNRESOLVED = "unresolved"
 
     @property

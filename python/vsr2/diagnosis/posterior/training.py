@@ -40,6 +40,7 @@ class TrainingConstants:
         false_alarms: share of gap-free campaigns of which none is not said.
         wrong: share of names that may be wrong.
         coverage: of the sets of hypotheses.
+        added_scale: to the standard deviation by which each summary is divided, which may be 0.
         temperatures: ends of the logarithm of the temperature that is sought.
         names: probabilities that a name may be asked to have, of which the least that keeps `wrong`
             is used.
@@ -58,6 +59,7 @@ class TrainingConstants:
     false_alarms: float = 0.05
     wrong: float = 0.10
     coverage: float = 0.90
+    added_scale: float = 1e-6
     temperatures: tuple[float, float] = (-1.0, 1.5)
     names: tuple[float, ...] = tuple(k / 100 for k in range(50, 100))
 
@@ -241,7 +243,8 @@ def train(
     fold = rng.permutation(len(campaigns)) % SUMMARY.folds
     summaries, found = fit_summaries(residuals, campaigns, sets.names, fold, len(trials))
     everything = np.concatenate(found)
-    scaled = _Scaled(summaries, everything.mean(axis=0), everything.std(axis=0) + 1e-6)
+    scale = everything.std(axis=0) + TRAINING.added_scale
+    scaled = _Scaled(summaries, everything.mean(axis=0), scale)
     truth = _Truth.of(campaigns, sets, library)
     networks, logs = _networks(scaled, found, truth, fold, seed)
     levels = _levels(logs, truth)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Final
 
 from vsr2.effects import Effect, Parameter
 
-NONE = "none"
+NONE: Final = "none"
 """Label of the hypothesis that nothing is missing."""
-UNKNOWN = "unknown"
+UNKNOWN: Final = "unknown"
 """Label of the hypothesis that the cause lies outside the library."""
 
 Library = Mapping[str, Effect]

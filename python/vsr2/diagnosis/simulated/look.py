@@ -45,6 +45,7 @@ class LookConstants:
             chance leave, over all trials.
         most: standard deviations that one trial counts for at most.
         least_scatter: of a trial, over the median of all.
+        least_log_tilt: scatter of a trial at least, of the logarithm of its largest tilt.
         moved: largest tilt above which a trial is one that responds [rad].
         jump: signal over that at the limit, at the smallest share, from which an effect jumps.
         least_signal: share of the squared signal at the limit that a squared signal counts for at
@@ -61,6 +62,7 @@ class LookConstants:
     signal: float = 3.0
     most: float = 3.0
     least_scatter: float = 0.3
+    least_log_tilt: float = 1e-3
     moved: float = 0.01
     jump: float = 1.0
     least_signal: float = 1e-2
@@ -144,7 +146,8 @@ def look(
                 requests += [Request(int(trial), acting, m, 1) for m in _draws(i)]
     found = _severity(cache.run(requests, progress=progress))
     scatter = np.nanstd(bare[:, chosen], axis=0)
-    scatter = np.maximum(scatter, max(LOOK.least_scatter * float(np.median(scatter)), 1e-3))
+    least = max(LOOK.least_scatter * float(np.median(scatter)), LOOK.least_log_tilt)
+    scatter = np.maximum(scatter, least)
     own = np.array([[bare[m - 1, t] for m in _draws(i)] for i, t in enumerate(chosen)])
     moved = found.reshape(len(ladders), len(LOOK.shares), chosen.size, 2)
     change = np.nan_to_num((moved - own) / scatter[:, None])

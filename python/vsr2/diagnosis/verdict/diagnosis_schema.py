@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from vsr2.campaign import Tier
 from vsr2.codes import NAMES, Code
-from vsr2.diagnosis.verdict.document import SCHEMA
+from vsr2.diagnosis.verdict.document import SCHEMA, Schema
 from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import (
     BudgetState,
@@ -254,7 +254,7 @@ class _Provenance(_Part):
 class _Diagnosis(_Part):
     """Diagnosis of the sim-to-real gap."""
 
-    form: Literal["vsr2.diagnosis/4"] = Field(alias="schema")
+    form: Schema = Field(alias="schema")
     campaign: _Campaign
     gap: _Gap
     where: list[_Location]

@@ -7,11 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from vsr2.results.atomic import csv_text, write_text
 
-SCHEMA = "vsr2.diagnosis/4"
+Schema = Literal["vsr2.diagnosis/4"]
+SCHEMA: Schema = get_args(Schema)[0]
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
 

@@ -50,8 +50,7 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
         best = int(found.probability.argmax())
         if best != 0:
             held = posterior.sets.members[best]
-            members = [n for n, m in zip(posterior.sets.names, held, strict=True) if m]
-            favoured = " + ".join(members) or "unknown"
+            favoured = tuple(n for n, m in zip(posterior.sets.names, held, strict=True) if m)
             reasons.append(Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=favoured))
         return Verdict(said.kind, (), none, GapState.NOT_FOUND, tuple(reasons))
     reasons = [Statement.of(ReasonCode.GAP, **against_none)]

@@ -32,7 +32,8 @@ class ReasonCode(Code):
     """Why a verdict is what it is. Shares and probabilities are in [0, 1]."""
 
     NO_GAP = "no_gap", {"none": float, "limit": float}
-    NONE_LESS_PROBABLE = "none_less_probable", {"favoured": str}
+    NONE_LESS_PROBABLE = "none_less_probable", {"favoured": NAMES}
+    """`favoured`: effects; none: a cause outside the library."""
     GAP = "gap", {"none": float, "limit": float}
     NAME_REACHED = "name_reached", {"probability": float, "wanted": float}
     PAIR_REACHED = "pair_reached", {"probability": float, "wanted": float}
