@@ -10,12 +10,14 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from cyclopts import App, CycloptsError
 
 import command_line
+from vsr2.campaign.campaign import TIERS
+from vsr2.cli import options
 from vsr2.cli.main import app, main
 from vsr2.diagnosis import Budget, Hypotheses, ProtocolCache
 from vsr2.diagnosis.pipeline import Progress, Stage
@@ -176,6 +178,10 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     done = subprocess.run(shell, capture_output=True, text=True)
     assert done.returncode == 0
     assert done.stderr == ""
+
+
+def test_tiers_are_those_of_campaigns() -> None:
+    assert get_args(options.Tier) == TIERS
 
 
 def test_version_and_help_import_no_room() -> None:

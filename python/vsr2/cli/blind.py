@@ -12,7 +12,6 @@ from cyclopts.validators import mutually_exclusive
 from vsr2.blind import PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS
 from vsr2.blind.pack_diagnoses import BUDGET as USUAL
-from vsr2.campaign import Tier
 from vsr2.cli import options as opt
 from vsr2.diagnosis import Budget, Execution
 
@@ -165,7 +164,7 @@ def diagnose(
     /,
     *,
     out: Path,
-    tier: tuple[Tier, ...] = (),
+    tier: tuple[opt.Tier, ...] = (),
     campaign: tuple[str, ...] = (),
     effort: Effort = EFFORT,
     quiet: opt.Quiet = False,
@@ -207,7 +206,7 @@ def score(
     /,
     *,
     out: Path,
-    tier: tuple[Tier, ...] = (),
+    tier: tuple[opt.Tier, ...] = (),
     train: tuple[Path, Path] | None = None,
 ) -> int:
     """Open the key and score the diagnoses, once.

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from cyclopts import Parameter
 
-from vsr2.campaign import Tier
 from vsr2.cli import options as opt
 
 
@@ -26,7 +25,7 @@ class Question:
         seed: of everything random
     """
 
-    tier: Tier | None = None
+    tier: opt.Tier | None = None
     exclude: tuple[str, ...] = ()
     prior: tuple[str, ...] = ()
     nuisance: opt.Nuisances = ()
