@@ -32,6 +32,20 @@ CONTACT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.contact_col
 The normal points from the pedestal to the rock, a negative distance is penetration, impulses are
 over one solver step."""
 
+
+def _places(columns: tuple[str, ...], first: str, last: str) -> slice:
+    """Where the columns of a row from `first` to `last` stand."""
+    return slice(columns.index(first), columns.index(last) + 1)
+
+
+# Vectors in a row of `TrialLog.state`, then what is read of a row of `TrialLog.contacts`.
+POSITION = _places(STATE_COLUMNS, "rock_x", "rock_z")
+ORIENTATION = _places(STATE_COLUMNS, "rock_qx", "rock_qw")
+VELOCITY = _places(STATE_COLUMNS, "rock_vx", "rock_vz")
+ANGULAR_VELOCITY = _places(STATE_COLUMNS, "rock_wx", "rock_wz")
+CONTACT_TIME = CONTACT_COLUMNS.index("time")
+ROCK_POINT = _places(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
+
 STATUSES: tuple[str, ...] = tuple(Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
 
@@ -175,17 +189,17 @@ class TrialLog(ReadOnlyArrays):
     @property
     def time(self) -> Array:
         """Time from the start of the motion, shape (n,) [s]."""
-        return self.state[:, 0]
+        return self.column("time")
 
     @property
     def position(self) -> Array:
         """Mass centre p_WB in the world, shape (n, 3) [m]."""
-        return self.state[:, 5:8]
+        return self.state[:, POSITION]
 
     @property
     def body_orientation(self) -> Array:
         """q_WB, quaternion x, y, z, w of the principal axes, shape (n, 4)."""
-        return self.state[:, 8:12]
+        return self.state[:, ORIENTATION]
 
     @property
     def orientation(self) -> Array:
