@@ -52,27 +52,27 @@ py::array_t<double> adopt(std::vector<double>&& values, py::ssize_t columns) {
 struct ResultColumn {
   const char* name;
   double TrialResult::* member;
-  const char* meaning;
+  const char* unit;
+  const char* meaning;  ///< Empty where the name says it; the text's unit goes before a semicolon.
 };
 constexpr ResultColumn kResultColumns[] = {
-    {"settling_time", &TrialResult::settling_time, "[s]"},
-    {"simulated_time", &TrialResult::simulated_time, "after settling [s]"},
-    {"overturning_time", &TrialResult::overturning_time,
-     "irreversibly overturned from [s]; empty: never"},
-    {"peak_tilt", &TrialResult::peak_tilt, "[rad]"},
-    {"final_tilt", &TrialResult::final_tilt, "[rad]"},
-    {"final_slip", &TrialResult::final_slip, "[m]"},
-    {"final_yaw", &TrialResult::final_yaw, "[rad]"},
-    {"peak_tracking_error", &TrialResult::peak_tracking_error,
-     "commanded against achieved pedestal position [m]"},
+    {"settling_time", &TrialResult::settling_time, "s", ""},
+    {"simulated_time", &TrialResult::simulated_time, "s", "after settling"},
+    {"overturning_time", &TrialResult::overturning_time, "s",
+     "irreversibly overturned from; empty: never"},
+    {"peak_tilt", &TrialResult::peak_tilt, "rad", ""},
+    {"final_tilt", &TrialResult::final_tilt, "rad", ""},
+    {"final_slip", &TrialResult::final_slip, "m", ""},
+    {"final_yaw", &TrialResult::final_yaw, "rad", ""},
+    {"peak_tracking_error", &TrialResult::peak_tracking_error, "m",
+     "commanded against achieved pedestal position"},
 };
 
-/// Names of columns with their units or meanings.
-using NamedColumns = std::vector<std::pair<std::string, std::string>>;
+/// Names of a log's columns with their units.
 template <std::size_t kCount>
 void bind_columns(py::module_& m, const char* name, const std::array<Column, kCount>& columns) {
   m.def(name, [&columns] {
-    NamedColumns out;
+    std::vector<std::pair<std::string, std::string>> out;
     for (const Column& column : columns) out.emplace_back(column.name, column.unit);
     return out;
   });
@@ -141,9 +141,9 @@ void bind_specification(py::module_& m) {
 }
 
 void bind_result(py::module_& m) {
-  py::class_<TrialResult> result(m, "TrialResult");
+  py::class_<TrialResult> result(m, "TrialResult", "Its numbers: result_columns().");
   for (const ResultColumn& column : kResultColumns)
-    result.def_readonly(column.name, column.member, column.meaning);
+    result.def_readonly(column.name, column.member);
   result.def_readonly("status", &TrialResult::status)
       .def_readonly("outcome", &TrialResult::outcome)
       .def_readonly("message", &TrialResult::message)
@@ -185,10 +185,11 @@ void bind_column_lists(py::module_& m) {
   bind_columns(m, "state_columns", kStateLog);
   bind_columns(m, "contact_columns", kContactLog);
   m.def("result_columns", [] {
-    NamedColumns out;
-    for (const ResultColumn& column : kResultColumns) out.emplace_back(column.name, column.meaning);
+    std::vector<std::tuple<std::string, std::string, std::string>> out;
+    for (const ResultColumn& column : kResultColumns)
+      out.emplace_back(column.name, column.unit, column.meaning);
     return out;
-  });
+  }, "Name, unit and meaning of each.");
 }
 
 }  // namespace

@@ -211,6 +211,9 @@ class TrialSpec:
     def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: float, rest_linear_speed: float, rest_angular_speed: float, rest_window: float, overturned_tilt: float, toppled_tilt: float, rocked_tilt: float, slid_distance: float, rotated_angle: float, stop_early: bool, log_every: int, contacts_every: int) -> None:
         ...
 class TrialResult:
+    """
+    Its numbers: result_columns().
+    """
     def take_contacts(self) -> numpy.typing.NDArray[numpy.float64]:
         """
         Contact log, columns contact_columns(); may be taken once.
@@ -230,19 +233,13 @@ class TrialResult:
         """
     @property
     def final_slip(self) -> float:
-        """
-        [m]
-        """
+        ...
     @property
     def final_tilt(self) -> float:
-        """
-        [rad]
-        """
+        ...
     @property
     def final_yaw(self) -> float:
-        """
-        [rad]
-        """
+        ...
     @property
     def foot(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
         ...
@@ -259,19 +256,13 @@ class TrialResult:
         ...
     @property
     def overturning_time(self) -> float:
-        """
-        irreversibly overturned from [s]; empty: never
-        """
+        ...
     @property
     def peak_tilt(self) -> float:
-        """
-        [rad]
-        """
+        ...
     @property
     def peak_tracking_error(self) -> float:
-        """
-        commanded against achieved pedestal position [m]
-        """
+        ...
     @property
     def settled_orientation(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
         ...
@@ -280,14 +271,10 @@ class TrialResult:
         ...
     @property
     def settling_time(self) -> float:
-        """
-        [s]
-        """
+        ...
     @property
     def simulated_time(self) -> float:
-        """
-        after settling [s]
-        """
+        ...
     @property
     def status(self) -> Status:
         ...
@@ -317,7 +304,9 @@ def combine(a: ContactValues, b: ContactValues) -> ContactValues:
     ...
 def contact_columns() -> list[tuple[str, str]]:
     ...
-def result_columns() -> list[tuple[str, str]]:
-    ...
+def result_columns() -> list[tuple[str, str, str]]:
+    """
+    Name, unit and meaning of each.
+    """
 def state_columns() -> list[tuple[str, str]]:
     ...

@@ -99,7 +99,7 @@ def test_a_journal_with_other_columns_are_refused_in_one_line(tmp_path: Path) ->
     newer = (
         "import sys\n"
         "from vsr2 import _native\n"
-        "columns = [*_native.result_columns(), ('peak_tilt_time', 'of the peak tilt [s]')]\n"
+        "columns = [*_native.result_columns(), ('peak_tilt_time', 's', 'of the peak tilt')]\n"
         "_native.result_columns = lambda: columns\n"
         "_native.TrialResult.peak_tilt_time = 0.0\n"
         "from vsr2.cli.main import main\n"

@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.errors import ResultError
-from vsr2.results.result import TRIAL_COLUMNS, TRIAL_UNITS, BatchResult
+from vsr2.results.result import (
+    ANGULAR_VELOCITY,
+    TRIAL_COLUMNS,
+    TRIAL_UNITS,
+    VELOCITY,
+    BatchResult,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -53,7 +59,7 @@ def to_xarray(result: BatchResult) -> xarray.Dataset:
     coordinates: dict[str, Any] = {"trial": result["trial"]}
     if any(log is not None for log in result.logs):
         steps = ("trial", "step")
-        coordinates["time"] = (steps, result.stack("time"), {"units": "s"})
+        coordinates["time"] = (steps, result.stack("time"), {"units": _STATE_UNITS["time"]})
         coordinates["axis"] = ["x", "y", "z"]
         coordinates["quaternion"] = ["x", "y", "z", "w"]
         coordinates["angle"] = ["roll", "pitch", "yaw"]
@@ -61,8 +67,18 @@ def to_xarray(result: BatchResult) -> xarray.Dataset:
         for name, unit in _STEP_UNITS.items():
             variables[name] = (steps, result.stack(name), {"units": unit})
         vectors: dict[str, tuple[str, str, NDArray[np.float64], str]] = {
-            "position": ("axis", "m", result.stack("position"), "mass centre in the world"),
-            "orientation": ("quaternion", "1", result.stack("orientation"), "of the model frame"),
+            "position": (
+                "axis",
+                _STATE_UNITS["rock_x"],
+                result.stack("position"),
+                "mass centre in the world",
+            ),
+            "orientation": (
+                "quaternion",
+                _STATE_UNITS["rock_qx"],
+                result.stack("orientation"),
+                "of the model frame",
+            ),
             "roll_pitch_yaw": (
                 "angle",
                 "rad",
@@ -72,8 +88,18 @@ def to_xarray(result: BatchResult) -> xarray.Dataset:
             "slip": ("horizontal", "m", result.stack("slip"), "relative to the pedestal"),
         }
         state = result.stack("state")
-        vectors["velocity"] = ("axis", "m/s", state[:, :, 12:15], "of the mass centre")
-        vectors["angular_velocity"] = ("axis", "rad/s", state[:, :, 15:18], "in the world")
+        vectors["velocity"] = (
+            "axis",
+            _STATE_UNITS["rock_vx"],
+            state[:, :, VELOCITY],
+            "of the mass centre",
+        )
+        vectors["angular_velocity"] = (
+            "axis",
+            _STATE_UNITS["rock_wx"],
+            state[:, :, ANGULAR_VELOCITY],
+            "in the world",
+        )
         for name, (dimension, unit, values, meaning) in vectors.items():
             attributes = {"units": unit, "long_name": meaning}
             variables[name] = ((*steps, dimension), values, attributes)

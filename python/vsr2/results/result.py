@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,20 @@ CONTACT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.contact_col
 The normal points from the pedestal to the rock, a negative distance is penetration, impulses are
 over one solver step."""
 
+
+def _places(columns: tuple[str, ...], first: str, last: str) -> slice:
+    """Where the columns of a row from `first` to `last` stand."""
+    return slice(columns.index(first), columns.index(last) + 1)
+
+
+# Vectors in a row of `TrialLog.state`, then what is read of a row of `TrialLog.contacts`.
+POSITION = _places(STATE_COLUMNS, "rock_x", "rock_z")
+ORIENTATION = _places(STATE_COLUMNS, "rock_qx", "rock_qw")
+VELOCITY = _places(STATE_COLUMNS, "rock_vx", "rock_vz")
+ANGULAR_VELOCITY = _places(STATE_COLUMNS, "rock_wx", "rock_wz")
+CONTACT_TIME = CONTACT_COLUMNS.index("time")
+ROCK_POINT = _places(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
+
 STATUSES: tuple[str, ...] = tuple(Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
 
@@ -52,7 +65,7 @@ ENGINES: tuple[str, ...] = tuple(
 NO_HAND_OVER: str = _native.HandOver.none.name
 """The column `hand_over` of a trial that the engine it began with ran to its end."""
 
-FLOAT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.result_columns())
+FLOAT_COLUMNS: tuple[str, ...] = tuple(name for name, _, _ in _native.result_columns())
 """Numbers that the core gives for a trial; NaN where a trial has no such value."""
 
 _TEXT_RESULTS = ("status", "outcome", "message", "engine", "hand_over")
@@ -175,17 +188,17 @@ class TrialLog(ReadOnlyArrays):
     @property
     def time(self) -> Array:
         """Time from the start of the motion, shape (n,) [s]."""
-        return self.state[:, 0]
+        return self.column("time")
 
     @property
     def position(self) -> Array:
         """Mass centre p_WB in the world, shape (n, 3) [m]."""
-        return self.state[:, 5:8]
+        return self.state[:, POSITION]
 
     @property
     def body_orientation(self) -> Array:
         """q_WB, quaternion x, y, z, w of the principal axes, shape (n, 4)."""
-        return self.state[:, 8:12]
+        return self.state[:, ORIENTATION]
 
     @property
     def orientation(self) -> Array:
@@ -272,31 +285,58 @@ class TrialLog(ReadOnlyArrays):
         return travel
 
 
-TRIAL_COLUMNS: dict[str, str] = {
-    "trial": "index of the trial",
-    "name": "name of the trial",
-    "motion": "name of the motion",
-    "motion_sha256": "hash of what was driven",
-    "seed": "seed of the trial's perturbation",
-    "status": ", ".join(STATUSES),
-    "outcome": ", ".join(OUTCOMES),
-    "pga": "of the driven motion [m/s^2]",
-    "pgv": "of the driven motion [m/s]",
-    "pgv_pga": "of the driven motion [s]",
-    **dict(_native.result_columns()),
-    "steps": "time steps that were taken, the trial's own settling included [1]",
-    "engine": f"engine that it began with: {', '.join(ENGINES)}; empty: none ran",
-    "hand_over": "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
-    "message": "of the exception that ended a trial of status `error`; else empty",
-}
+class _TrialColumn(NamedTuple):
+    """A column of `BatchResult.trials`.
+
+    Attributes:
+        name: of the column.
+        unit: empty: the column has none.
+        meaning: empty: the name says it.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+
+    @property
+    def text(self) -> str:
+        """The meaning with the unit in square brackets, before what follows a semicolon."""
+        if not self.unit:
+            return self.meaning
+        what, mark, rest = self.meaning.partition(";")
+        return f"{what} [{self.unit}]{mark}{rest}".lstrip()
+
+
+_TRIAL_COLUMNS = tuple(
+    _TrialColumn(*column)
+    for column in (
+        ("trial", "", "index of the trial"),
+        ("name", "", "name of the trial"),
+        ("motion", "", "name of the motion"),
+        ("motion_sha256", "", "hash of what was driven"),
+        ("seed", "", "seed of the trial's perturbation"),
+        ("status", "", ", ".join(STATUSES)),
+        ("outcome", "", ", ".join(OUTCOMES)),
+        ("pga", "m/s^2", "of the driven motion"),
+        ("pgv", "m/s", "of the driven motion"),
+        ("pgv_pga", "s", "of the driven motion"),
+        *_native.result_columns(),
+        ("steps", "1", "time steps that were taken, the trial's own settling included"),
+        ("engine", "", f"engine that it began with: {', '.join(ENGINES)}; empty: none ran"),
+        (
+            "hand_over",
+            "",
+            "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
+        ),
+        ("message", "", "of the exception that ended a trial of status `error`; else empty"),
+    )
+)
+
+TRIAL_COLUMNS: dict[str, str] = {column.name: column.text for column in _TRIAL_COLUMNS}
 """Columns of `BatchResult.trials`, with their meaning and unit."""
 
-TRIAL_UNITS: dict[str, str] = {
-    name: unit[1]
-    for name, meaning in TRIAL_COLUMNS.items()
-    if (unit := re.search(r"\[(.+?)\]", meaning))
-}
-"""Units of the columns of `BatchResult.trials` that have one, out of their meaning."""
+TRIAL_UNITS: dict[str, str] = {column.name: column.unit for column in _TRIAL_COLUMNS if column.unit}
+"""Units of the columns of `BatchResult.trials` that have one."""
 
 COLUMNS = {
     "trial_columns": tuple(TRIAL_COLUMNS),

@@ -23,6 +23,7 @@ from vsr2.results import (
     logged_trials,
     rotate,
 )
+from vsr2.results.result import CONTACT_TIME, ROCK_POINT
 from vsr2.results.result_folder import MODEL_FOLDER
 from vsr2.scene import Triangles, build_scene
 from vsr2.scene.shapes import pedestal_surface
@@ -96,7 +97,7 @@ class Replay:
     @cached_property
     def _contact_times(self) -> tuple[Array, float]:
         """Times at which contacts were found, and the time for which such a row stands [s]."""
-        times = np.unique(self.log.contacts[:, 0])
+        times = np.unique(self.log.contacts[:, CONTACT_TIME])
         between = np.diff(times)
         # Without a contact there is no row, so the shortest interval is the logging's own.
         return times, float(between.min()) if between.size else 0.0
@@ -107,7 +108,8 @@ class Replay:
         last = int(np.searchsorted(times, time + 1e-9, side="right")) - 1
         if last < 0 or time - times[last] > max(validity, 1e-9) * (1 - 1e-6):
             return np.empty((0, 3))
-        points: Array = self.log.contacts[self.log.contacts[:, 0] == times[last], 1:4]
+        found = self.log.contacts[:, CONTACT_TIME] == times[last]
+        points: Array = self.log.contacts[found, ROCK_POINT]
         return points
 
 
@@ -166,7 +168,7 @@ def _finite_part(log: TrialLog, trial: int) -> TrialLog:
     return replace(
         log,
         state=log.state[:rows],
-        contacts=log.contacts[log.contacts[:, 0] <= log.time[rows - 1]],
+        contacts=log.contacts[log.contacts[:, CONTACT_TIME] <= log.time[rows - 1]],
         excursions=log.excursions[:rows],
     )
 
