@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from vsr2.diagnosis.observed.features import Phase
 from vsr2.diagnosis.where.scan import SCAN, LocationKind
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.verdicts import location
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
 Rows = Sequence[Mapping[str, Any]]
 
 BLUE, RED, GREY, INK = "#1f6f8b", "#c8553d", "#9aa5b1", "#1c2430"
-_PHASES = (
-    "whole response", "uplift", "impacts", "strong shaking", "free decay", "fall", "rest pose",
-)  # fmt: skip
 _SURPRISE = 0.3
 """Loss over the floor from which a trial counts as surprising [nat]."""
 _SHOWN = 10
@@ -169,7 +167,8 @@ def order_figure(rows: Rows) -> Figure:
 def channels_figure(content: Mapping[str, Any]) -> Figure:
     """Mean standardised residual of each channel and phase over all trials."""
     rows = [row for row in content["where"] if row["location"]["kind"] == LocationKind.ALL_TRIALS]
-    rows.sort(key=lambda row: _PHASES.index(row["phase"]) if row["phase"] in _PHASES else 9)
+    phases = list(Phase)
+    rows.sort(key=lambda row: phases.index(Phase(row["phase"])))
     figure, panel = _panel((5.2, 1.2 + 0.32 * max(len(rows), 2)))
     for i, row in enumerate(rows):
         found = row["p_familywise"] <= SCAN.significant
