@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -21,14 +22,26 @@ if TYPE_CHECKING:
 Rows = Sequence[Mapping[str, Any]]
 
 BLUE, RED, GREY, INK = "#1f6f8b", "#c8553d", "#9aa5b1", "#1c2430"
-_SURPRISE = 0.3
-"""Loss over the floor from which a trial counts as surprising [nat]."""
-_SHOWN = 10
-"""Hypotheses in a figure."""
 _BREAK = "-\n"
 """Of a long name under a bar."""
 _SIZE = (5.2, 3.5)
 """Of a figure that fills one column of the page [inch]."""
+
+
+@dataclass(frozen=True)
+class FigureConstants:
+    """What figures show; chosen by hand.
+
+    Attributes:
+        surprise: loss over the floor from which a trial counts as surprising [nat].
+        shown: hypotheses in a figure.
+    """
+
+    surprise: float = 0.3
+    shown: int = 10
+
+
+FIGURES = FigureConstants()
 
 
 def sets_figure(content: Mapping[str, Any]) -> Figure:
@@ -36,7 +49,7 @@ def sets_figure(content: Mapping[str, Any]) -> Figure:
     return _probabilities(
         {
             " + ".join(row["effects"]) or "none": row["probability"]
-            for row in content["sets"][:_SHOWN]
+            for row in content["sets"][: FIGURES.shown]
         },
         "probability of exactly this [1]",
     )
@@ -49,7 +62,7 @@ def effects_figure(content: Mapping[str, Any]) -> Figure:
         "none": content["none_probability"],
         "unknown": content["unknown"]["probability"],
     }
-    leading = dict(sorted(rows.items(), key=lambda row: -row[1])[:_SHOWN])
+    leading = dict(sorted(rows.items(), key=lambda row: -row[1])[: FIGURES.shown])
     inside = set(content["conformal_set_90"])
     figure = _probabilities(leading, "probability that it acts [1]", inside)
     _legend(figure, {"in the 90 % set": (BLUE, BLUE), "outside it": ("none", BLUE)})
@@ -113,9 +126,9 @@ def map_figure(rows: Rows) -> Figure:
     labels = set()
     for row in sorted(known, key=_extra):
         extra = _extra(row)
-        colour = RED if extra > _SURPRISE else GREY
+        colour = RED if extra > FIGURES.surprise else GREY
         ending = "overturned" if row["overturned"] else "stood"
-        label = f"{ending}, {'a surprise' if extra > _SURPRISE else 'no surprise'}"
+        label = f"{ending}, {'a surprise' if extra > FIGURES.surprise else 'no surprise'}"
         [mark] = panel.plot(
             math.exp(row["log_pga"]) / STANDARD_GRAVITY,
             math.exp(row["log_ratio"]),
