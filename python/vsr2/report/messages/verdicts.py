@@ -108,6 +108,11 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     return _say("closing", "sure" if sure else "unsure", said=said, kind=kind, closed=closed)
 
 
+def figure_caption(name: str) -> str:
+    """What a figure of the page shows."""
+    return _say("figures", name)
+
+
 def closure_note(content: Mapping[str, Any]) -> str:
     """What the closures say, beside the figure of losses."""
     return _say("notes", "closure", **content)
