@@ -21,7 +21,7 @@ import numpy as np
 from vsr2.effects import in_order, library, with_effects
 from vsr2.simulation import run_batch
 from vsr2.simulation.bench import EffectBench
-from vsr2.simulation.effect_checks import TURNS, ensemble, shaking
+from vsr2.simulation.effect_checks import CHECK, ensemble, shaking
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -45,7 +45,7 @@ def main() -> None:
     bench = EffectBench(arguments.engine, arguments.mesh)
     print(f"{'engine':8} {'effect':20} {'block':>6}  {'quartiles':14} {'scan':>6}  quartiles")
     plain = {
-        rock: ensemble(trial, shaking(trial, TURNS[rock]), TURNS[rock], 1)
+        rock: ensemble(trial, shaking(trial, CHECK.turns[rock]), CHECK.turns[rock], 1)
         for rock, trial in (("block", bench.block()), ("scan", bench.scan()))
     }
     for effect in in_order(library()):

@@ -30,7 +30,7 @@ from vsr2.motion import Motion
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation.bench import EffectBench, Rock, with_tail
-from vsr2.simulation.effect_checks import ROCKS, TURNS, EffectChecker, perturbed_start
+from vsr2.simulation.effect_checks import CHECK, ROCKS, EffectChecker, perturbed_start
 
 MESH = Path("models/pbr_scan.obj")
 OUT = Path("docs/results/effects/checks.csv")
@@ -61,7 +61,7 @@ def shift(effect: Effect, rock: Rock, motions: list[Motion]) -> tuple[float, flo
         for draw in range(DRAWS):
             dx, dy, yaw = SPREAD * np.random.default_rng(draw).standard_normal(3)
             x, y, z = first.start_pose.position
-            turn = yaw_quaternion(float(yaw) + math.radians(TURNS[rock]))
+            turn = yaw_quaternion(float(yaw) + math.radians(CHECK.turns[rock]))
             orientation = multiply(turn, first.start_pose.orientation)
             start = Pose((float(x + dx), float(y + dy), z), orientation)
             trials += [replace(first, motion=m, start=start) for m in motions]
@@ -89,7 +89,8 @@ def engines_differ(checker: EffectChecker, effect: Effect, rock: Rock, seconds: 
         as_bullet = {"mode": mode, "converged_contacts": False, "skip": "none"}
         engine = trial.scene.engine.model_copy(update=as_bullet)
         first = replace(
-            trial.with_scene(engine=engine), start=perturbed_start(trial.start_pose, TURNS[rock], 0)
+            trial.with_scene(engine=engine),
+            start=perturbed_start(trial.start_pose, CHECK.turns[rock], 0),
         )
         trials = [replace(first, motion=motion) for motion in checker.motions(rock)]
         trials = with_effects(

@@ -10,7 +10,7 @@ from cyclopts import App, Group, Parameter
 from cyclopts.validators import mutually_exclusive
 
 from vsr2.blind import PackSettings
-from vsr2.blind.form.pack_settings import ENGINES, KINDS
+from vsr2.blind.form.pack_settings import ENGINES, KINDS, EngineName
 from vsr2.blind.pack_diagnoses import BUDGET as USUAL
 from vsr2.cli import options as opt
 from vsr2.diagnosis import Budget, Execution
@@ -78,7 +78,7 @@ def make(
     /,
     *,
     key: Path | None = None,
-    engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = ("mujoco",),
+    engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = (EngineName.MUJOCO.value,),
     made_of: Pack = PACK,
     effect: tuple[str, ...] = (),
     seed: opt.Integer | None = None,

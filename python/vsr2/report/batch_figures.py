@@ -11,13 +11,19 @@ import numpy as np
 
 from vsr2.errors import ResultError
 from vsr2.report.figures import overturning_diagram, time_histories, tracking_figure
+from vsr2.report.messages.runs import (
+    diagram_caption,
+    history_caption,
+    tracking_caption,
+    trial_name,
+    trial_result,
+)
 from vsr2.report.panels import save_figure
 from vsr2.report.text import printable
 from vsr2.results import (
     OUTCOMES,
     BatchResult,
     Outcome,
-    Status,
     TrialLog,
     load_trial_log,
     logged_trials,
@@ -110,7 +116,7 @@ def write_figures(
     draw(
         DIAGRAM,
         overturning_diagram(result),
-        f"Outcomes of {len(result)} trials in PGA [g] against PGV/PGA [s] of the motions as driven",
+        diagram_caption(len(result)),
     )
     among = None if logs_from is None else logged_trials(logs_from)
     logs: dict[int, TrialLog] = {}
@@ -119,22 +125,15 @@ def write_figures(
         if len(log.time):
             logs[i] = log
     for i, log in logs.items():
-        status = result["status"][i]
-        what = f"trial {i} ({printable(result['name'][i])}): {result['outcome'][i]}"
-        what += "" if status == Status.ok.name else f", {status}"
-        draw(
-            f"time_history_{i:06d}",
-            time_histories(log, what),
-            "Pedestal position commanded and actual [m], tilt [deg], slip [mm] and change of "
-            f"roll, pitch, yaw [deg] against time [s]; {what}",
+        what = trial_result(
+            i, printable(result["name"][i]), result["outcome"][i], result["status"][i]
         )
+        draw(f"time_history_{i:06d}", time_histories(log, what), history_caption(what))
     if tracked := _tracked(result, logs):
         draw(
             TRACKING,
             tracking_figure(tracked),
-            "Commanded against actual pedestal motion (supplement Fig. S1): position [m], error "
-            "[mm], power spectral density of both accelerations, gain and phase [deg] against "
-            f"frequency [Hz]; {', '.join(tracked)}",
+            tracking_caption(tracked),
         )
     note = "".join(f"- `{name}`: {text}.\n" for name, text in shown.items())
     write_text(path / NOTE_FILE, f"# Figures\n\n{note}")
@@ -151,7 +150,7 @@ def _tracked(result: BatchResult, logs: Mapping[int, TrialLog]) -> dict[str, Tri
             tracking(logs[i])
         except ResultError:  # too short, or diverged: nothing to show
             continue
-        usable[f"trial {i} ({printable(result['name'][i])})"] = logs[i]
+        usable[trial_name(i, printable(result["name"][i]))] = logs[i]
         if len(usable) == 2:
             break
     return usable

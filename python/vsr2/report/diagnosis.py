@@ -21,6 +21,7 @@ from vsr2.report.diagnosis_figures import (
 from vsr2.report.messages.verdicts import (
     channels_note,
     closure_note,
+    figure_caption,
     instrument,
     interval,
     location,
@@ -100,12 +101,13 @@ def _rendered(template: str, found: Diagnosis, **more: Any) -> str:
 def diagnosis_figures(found: Diagnosis) -> dict[str, tuple[Figure, str]]:
     """All figures of the page by name, each with what it shows."""
     content = found.content
-    return {
-        "sets": (sets_figure(content), "probability of each set of effects"),
-        "effects": (effects_figure(content), "probability that each effect acts"),
-        "losses": (losses_figure(content), "mean loss before, after, and of controls"),
-        "map": (map_figure(found.trials), "gap over conditions"),
-        "order": (order_figure(found.trials), "residuals over the order of execution"),
-        "channels": (channels_figure(content), "gap over channels and phases"),
-        "reliability": (reliability_figure(found.trials), "predicted against observed"),
+    drawn = {
+        "sets": sets_figure(content),
+        "effects": effects_figure(content),
+        "losses": losses_figure(content),
+        "map": map_figure(found.trials),
+        "order": order_figure(found.trials),
+        "channels": channels_figure(content),
+        "reliability": reliability_figure(found.trials),
     }
+    return {name: (figure, figure_caption(name)) for name, figure in drawn.items()}

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from vsr2.diagnosis.observed.features import Phase
 from vsr2.diagnosis.where.scan import SCAN, LocationKind
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.verdicts import location
@@ -20,17 +22,26 @@ if TYPE_CHECKING:
 Rows = Sequence[Mapping[str, Any]]
 
 BLUE, RED, GREY, INK = "#1f6f8b", "#c8553d", "#9aa5b1", "#1c2430"
-_PHASES = (
-    "whole response", "uplift", "impacts", "strong shaking", "free decay", "fall", "rest pose",
-)  # fmt: skip
-_SURPRISE = 0.3
-"""Loss over the floor from which a trial counts as surprising [nat]."""
-_SHOWN = 10
-"""Hypotheses in a figure."""
 _BREAK = "-\n"
 """Of a long name under a bar."""
 _SIZE = (5.2, 3.5)
 """Of a figure that fills one column of the page [inch]."""
+
+
+@dataclass(frozen=True)
+class FigureConstants:
+    """What figures show; chosen by hand.
+
+    Attributes:
+        surprise: loss over the floor from which a trial counts as surprising [nat].
+        shown: hypotheses in a figure.
+    """
+
+    surprise: float = 0.3
+    shown: int = 10
+
+
+FIGURES = FigureConstants()
 
 
 def sets_figure(content: Mapping[str, Any]) -> Figure:
@@ -38,7 +49,7 @@ def sets_figure(content: Mapping[str, Any]) -> Figure:
     return _probabilities(
         {
             " + ".join(row["effects"]) or "none": row["probability"]
-            for row in content["sets"][:_SHOWN]
+            for row in content["sets"][: FIGURES.shown]
         },
         "probability of exactly this [1]",
     )
@@ -51,7 +62,7 @@ def effects_figure(content: Mapping[str, Any]) -> Figure:
         "none": content["none_probability"],
         "unknown": content["unknown"]["probability"],
     }
-    leading = dict(sorted(rows.items(), key=lambda row: -row[1])[:_SHOWN])
+    leading = dict(sorted(rows.items(), key=lambda row: -row[1])[: FIGURES.shown])
     inside = set(content["conformal_set_90"])
     figure = _probabilities(leading, "probability that it acts [1]", inside)
     _legend(figure, {"in the 90 % set": (BLUE, BLUE), "outside it": ("none", BLUE)})
@@ -115,9 +126,9 @@ def map_figure(rows: Rows) -> Figure:
     labels = set()
     for row in sorted(known, key=_extra):
         extra = _extra(row)
-        colour = RED if extra > _SURPRISE else GREY
+        colour = RED if extra > FIGURES.surprise else GREY
         ending = "overturned" if row["overturned"] else "stood"
-        label = f"{ending}, {'a surprise' if extra > _SURPRISE else 'no surprise'}"
+        label = f"{ending}, {'a surprise' if extra > FIGURES.surprise else 'no surprise'}"
         [mark] = panel.plot(
             math.exp(row["log_pga"]) / STANDARD_GRAVITY,
             math.exp(row["log_ratio"]),
@@ -169,7 +180,8 @@ def order_figure(rows: Rows) -> Figure:
 def channels_figure(content: Mapping[str, Any]) -> Figure:
     """Mean standardised residual of each channel and phase over all trials."""
     rows = [row for row in content["where"] if row["location"]["kind"] == LocationKind.ALL_TRIALS]
-    rows.sort(key=lambda row: _PHASES.index(row["phase"]) if row["phase"] in _PHASES else 9)
+    phases = list(Phase)
+    rows.sort(key=lambda row: phases.index(Phase(row["phase"])))
     figure, panel = _panel((5.2, 1.2 + 0.32 * max(len(rows), 2)))
     for i, row in enumerate(rows):
         found = row["p_familywise"] <= SCAN.significant

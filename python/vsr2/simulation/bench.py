@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -48,13 +48,25 @@ from vsr2.trial import Observation, Trial
 Array = NDArray[np.float64]
 Rock = Literal["block", "scan"]
 
-BLOCK = (0.4, 0.6, 1.2)
-"""Edge lengths of the block [m]."""
-DENSITY = 2700.0
-RAMP = 0.1
-"""Time over which a push comes and goes [s]."""
-TOUCH = 1e-6
-"""Gap at which a body is released [m]."""
+
+@dataclass(frozen=True)
+class BenchConstants:
+    """What the bench is made of; chosen by hand.
+
+    Attributes:
+        block: edge lengths of the block [m].
+        density: of both rocks [kg/m^3].
+        ramp: time over which a push comes and goes [s].
+        touch: gap at which a body is released [m].
+    """
+
+    block: tuple[float, float, float] = (0.4, 0.6, 1.2)
+    density: float = 2700.0
+    ramp: float = 0.1
+    touch: float = 1e-6
+
+
+BENCH = BenchConstants()
 
 
 def with_tail(trial: Trial, tail: float) -> Trial:
@@ -102,19 +114,19 @@ class EffectBench(Bench):
 
     def _body(self, rock: Rock) -> RockBody:
         clearance = 2.0 * self._engine.collision_margin
-        wanted: BoxRock | MeshRock = BoxRock(shape="box", size=BLOCK, density=DENSITY)
+        wanted: BoxRock | MeshRock = BoxRock(shape="box", size=BENCH.block, density=BENCH.density)
         if rock == "scan":
             if self._mesh is None:
                 return boulder(_stand(), clearance)
-            wanted = MeshRock(shape="mesh", file=self._mesh, density=DENSITY)
+            wanted = MeshRock(shape="mesh", file=self._mesh, density=BENCH.density)
         return build_rock(wanted, _stand(), clearance=clearance)
 
     def push(self, acceleration: float, *, duration: float = 0.6) -> Motion:
         """A smooth rise to a constant acceleration [m/s^2], held so long [s]."""
         # In the end it comes back as smoothly, and the pedestal stops at once: look before that.
         step = self._engine.time_step
-        time = np.arange(round((duration + 2 * RAMP) / step) + 1) * step
-        s = np.clip(np.minimum(time, time[-1] - time) / RAMP, 0.0, 1.0)
+        time = np.arange(round((duration + 2 * BENCH.ramp) / step) + 1) * step
+        s = np.clip(np.minimum(time, time[-1] - time) / BENCH.ramp, 0.0, 1.0)
         a = acceleration * s**2 * (3 - 2 * s)
         v = np.concatenate([[0.0], np.cumsum(0.5 * (a[1:] + a[:-1]) * step)])
         x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)])
@@ -155,7 +167,7 @@ class EffectBench(Bench):
         assert gap is not None
         x, y, z = pose.position
         simulation = Simulation(scene, spawn=False)
-        simulation.spawn(Pose((x, y, z - gap + margin + TOUCH), pose.orientation))
+        simulation.spawn(Pose((x, y, z - gap + margin + BENCH.touch), pose.orientation))
         if spin:
             simulation.set_rock_velocity((0.0, 0.0, 0.0), (0.0, 0.0, spin))
         upright = scene.body_pose(start).orientation
@@ -219,7 +231,7 @@ def boulder(pedestal: PedestalBody, clearance: float) -> RockBody:
     points[low, 2] = -0.52 + 0.001 * rng.uniform(-1, 1, int(low.sum()))
     hull = hull_surface(points)
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
-    mass: MassProperties = mesh_mass_properties(mesh, density=DENSITY, source="boulder")
+    mass: MassProperties = mesh_mass_properties(mesh, density=BENCH.density, source="boulder")
     parts = (Hull(hull.vertices),)
     start = start_pose(YawStart(yaw=20.0), parts, mass, pedestal, clearance=clearance)
     return RockBody(parts=parts, mass=mass, start=start, surface=hull, source="boulder")

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,15 +40,6 @@ from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 ROCKS: tuple[Rock, ...] = ("block", "scan")
-
-DRAWS: dict[Rock, int] = {"block": 3, "scan": 32}
-"""Perturbed starts, and hulls, under each motion; the block's response is hardly chaotic."""
-TURNS: dict[Rock, float] = {"block": 30.0, "scan": 0.0}
-"""Of the block, so that its response is not plane [degree]."""
-FEATURES = {"largest tilt": 0.01, "yaw": 2e-3, "slip": 3e-4, "overturned": 0.1}
-"""What is compared, with the least floor: log10 [1], [rad], [m], [1]."""
-QUANTILES = (np.arange(20) + 0.5) / 20
-"""At which two samples are compared."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +67,12 @@ class CheckConstants:
         jitter: standard deviation of each coordinate of a hull's points [m].
         resamples: pairs of samples behind each floor.
         tilts: least and greatest that are told apart [rad].
+        draws: perturbed starts, and hulls, under each motion, by rock; the block's response is
+            hardly chaotic.
+        turns: of the rock about the vertical, by rock; the block's so that its response is not
+            plane [degree].
+        floors: least floor of each feature that is compared: log10 [1], [rad], [m], [1].
+        quantiles: at which two samples are compared.
     """
 
     lifting: float = 1.3
@@ -94,6 +91,14 @@ class CheckConstants:
     jitter: float = 1e-5
     resamples: int = 60
     tilts: tuple[float, float] = (1e-5, 1.4)
+    draws: Mapping[Rock, int] = field(default_factory=lambda: {"block": 3, "scan": 32})
+    turns: Mapping[Rock, float] = field(default_factory=lambda: {"block": 30.0, "scan": 0.0})
+    floors: Mapping[str, float] = field(
+        default_factory=lambda: {
+            "largest tilt": 0.01, "yaw": 2e-3, "slip": 3e-4, "overturned": 0.1,
+        }
+    )  # fmt: skip
+    quantiles: int = 20
 
 
 CHECK = CheckConstants()
@@ -237,7 +242,7 @@ class EffectChecker:
         after = _features(run_batch(changed, threads=1)).reshape(plain.shape)
         ratios = np.nan_to_num(distances(after, plain) / floor)
         most = int(np.argmax(ratios.max(axis=0)))
-        return Liveness(float(ratios.max()), list(FEATURES)[most])
+        return Liveness(float(ratios.max()), list(CHECK.floors)[most])
 
     def fast_refusal(self, effect: Effect) -> FastRefusal:
         """Why `fast` does not take the block with the effect at its prior's far end."""
@@ -252,7 +257,7 @@ class EffectChecker:
     def motions(self, rock: Rock) -> list[Motion]:
         """Motions under which effects must be alive: lifting, nearly overturning, sliding."""
         if rock not in self._motions:
-            self._motions[rock] = shaking(self._shaken(rock), TURNS[rock])
+            self._motions[rock] = shaking(self._shaken(rock), CHECK.turns[rock])
         return self._motions[rock]
 
     def _shaken(self, rock: Rock) -> Trial:
@@ -262,9 +267,11 @@ class EffectChecker:
     def without(self, rock: Rock) -> tuple[list[Trial], Array, Array]:
         """Trials, their features (motions, draws, 4) and the floor (motions, 4)."""
         if rock not in self._plain:
-            trials = ensemble(self._shaken(rock), self.motions(rock), TURNS[rock], DRAWS[rock])
+            trials = ensemble(
+                self._shaken(rock), self.motions(rock), CHECK.turns[rock], CHECK.draws[rock]
+            )
             found = _features(run_batch(trials, threads=1))
-            plain = found.reshape(-1, DRAWS[rock], len(FEATURES))
+            plain = found.reshape(-1, CHECK.draws[rock], len(CHECK.floors))
             self._plain[rock] = (trials, plain, _floor(plain))
         return self._plain[rock]
 
@@ -283,11 +290,12 @@ def distances(first: Array, second: Array) -> Array:
         Shape (motions, 4).
     """
     out = np.full((len(first), first.shape[2]), np.nan)
+    levels = (np.arange(CHECK.quantiles) + 0.5) / CHECK.quantiles
     for motion, feature in np.ndindex(*out.shape):
         a, b = (sample[motion, :, feature] for sample in (first, second))
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
         if min(a.size, b.size) >= CHECK.fewest:
-            gap = np.quantile(a, QUANTILES) - np.quantile(b, QUANTILES)
+            gap = np.quantile(a, levels) - np.quantile(b, levels)
             out[motion, feature] = np.abs(gap).mean()
     return out
 
@@ -302,7 +310,7 @@ def _floor(plain: Array) -> Array:
     ]
     known = np.isfinite(pairs)
     mean = np.where(known, pairs, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    return np.asarray(np.maximum(mean, list(FEATURES.values())), dtype=np.float64)
+    return np.asarray(np.maximum(mean, list(CHECK.floors.values())), dtype=np.float64)
 
 
 def beside_null(effect: Effect) -> dict[str, float] | None:
@@ -436,7 +444,7 @@ def perturbed_start(start: Pose, turn: float, draw: int) -> Pose:
 
 
 def _features(result: BatchResult) -> Array:
-    """Shape (trials, 4), as FEATURES; NaN of trials that did not come to rest before the motion.
+    """Shape (trials, 4), as `CHECK.floors`; NaN of trials not at rest before the motion.
 
     A scan in one of its draws may tremble on: that draw is left out.
 

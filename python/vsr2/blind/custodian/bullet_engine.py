@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.custodian.engine import Nuisances, TrialInput
+from vsr2.blind.form.pack_settings import EngineName
 from vsr2.blind.mujoco import Drawable, Parameter, Response
 from vsr2.config import Study
 from vsr2.config.study import BoxRock, YawStart
@@ -60,7 +61,7 @@ class BulletEngine:
         BlindError: the rock is no block on `mode: yaw`.
     """
 
-    name = "bullet"
+    name = EngineName.BULLET.value
 
     def __init__(self, study: Study) -> None:
         if not isinstance(study.rock, BoxRock):

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.blind.form.pack_settings import ENGINES, EngineName
 from vsr2.blind.mujoco import NOMINAL, ContactModel, Drawable, Response, TrialContext
 from vsr2.config import Study
 from vsr2.errors import BlindError
@@ -86,19 +87,19 @@ def build_engine(name: str, study: Study, contact: ContactModel = NOMINAL) -> En
     """The engine of that name for a study's scene.
 
     Args:
-        name: mujoco or bullet.
+        name: an `EngineName`.
         study: of the nominal scene.
         contact: of the engine mujoco.
 
     Raises:
         BlindError: it is not known, not installed, or cannot simulate the scene.
     """
-    if name == "mujoco":
+    if name == EngineName.MUJOCO:
         from vsr2.blind.custodian.mujoco_engine import MujocoEngine
 
         return MujocoEngine(study, contact)
-    if name == "bullet":
+    if name == EngineName.BULLET:
         from vsr2.blind.custodian.bullet_engine import BulletEngine
 
         return BulletEngine(study)
-    raise BlindError(f"engine {name!r} is not known; choose mujoco or bullet")
+    raise BlindError(f"engine {name!r} is not known; choose {' or '.join(ENGINES)}")

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vsr2.blind.custodian.engine import TrialInput
+from vsr2.blind.form.pack_settings import EngineName
 from vsr2.blind.mujoco import (
     EFFECTS,
     NOMINAL,
@@ -41,7 +42,7 @@ class MujocoEngine:
             that stands as its file has it.
     """
 
-    name = "mujoco"
+    name = EngineName.MUJOCO.value
 
     def __init__(self, study: Study, contact: ContactModel = NOMINAL) -> None:
         for name, values in study.effects.items():

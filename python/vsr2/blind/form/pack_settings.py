@@ -11,9 +11,18 @@ from pydantic import ConfigDict, Field, model_validator
 from vsr2.blind.form.reader import Interval, Part, misfit
 from vsr2.errors import BlindError
 
-ENGINES = ("mujoco", "bullet")
 LONGEST_SERIES_INTERVAL = 0.1
 """[s]; a rock of 1 m rocks with periods from about 0.5 s."""
+
+
+class EngineName(StrEnum):
+    """What simulates campaigns."""
+
+    MUJOCO = "mujoco"
+    BULLET = "bullet"
+
+
+ENGINES = tuple(EngineName)
 
 
 class Kind(StrEnum):
@@ -114,7 +123,7 @@ class PackSettings:
         tolerances: of the nuisances.
     """
 
-    engines: tuple[str, ...] = ("mujoco",)
+    engines: tuple[str, ...] = (EngineName.MUJOCO.value,)
     single: int | tuple[int, ...] = 6
     none: int | tuple[int, ...] = 3
     pair: int | tuple[int, ...] = 1

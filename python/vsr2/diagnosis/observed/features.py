@@ -8,6 +8,7 @@ which all is standardised, so that it weighs nothing there.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -48,48 +49,78 @@ class SeriesConstants:
 SERIES = SeriesConstants()
 
 
+class FeatureChannel(StrEnum):
+    """What was measured."""
+
+    OUTCOME = "outcome"
+    LABEL = "label"
+    """Outcome and series against each other."""
+    TILT = "tilt"
+    YAW = "yaw"
+    SLIP = "slip"
+    TABLE = "table"
+    """Its two recordings against each other."""
+
+
+class Phase(StrEnum):
+    """Part of the response, or of the motion, in the order of figures."""
+
+    RESPONSE = "whole response"
+    UPLIFT = "uplift"
+    IMPACTS = "impacts"
+    STRONG = "strong shaking"
+    DECAY = "free decay"
+    FALL = "fall"
+    REST = "rest pose"
+    MOTION = "whole motion"
+
+
 class Feature(NamedTuple):
     """What a number tells of.
 
     Attributes:
         name: of it.
-        channel: tilt, yaw, slip or table.
-        phase: of the response.
+        channel: that it is read from.
+        phase: of the response or of the motion.
     """
 
     name: str
-    channel: str
-    phase: str
+    channel: FeatureChannel
+    phase: Phase
 
 
-LARGEST_TILT = Feature("largest_tilt", "tilt", "strong shaking")
+LARGEST_TILT = Feature("largest_tilt", FeatureChannel.TILT, Phase.STRONG)
 """Logarithm of the largest tilt [rad] of a rock that stood: all that tier M knows."""
-SERIES_TILT = Feature("series_tilt", "tilt", "strong shaking")
+SERIES_TILT = Feature("series_tilt", FeatureChannel.TILT, Phase.STRONG)
 """Logarithm of the series' own largest tilt [rad], of rocks noted as overturned."""
-CONTRADICTION = Feature("contradiction", "label", "whole response")
+CONTRADICTION = Feature("contradiction", FeatureChannel.LABEL, Phase.RESPONSE)
 """1 where the noted outcome contradicts the series, else 0."""
-TIME_ALOFT = Feature("time_aloft", "tilt", "strong shaking")
+TIME_ALOFT = Feature("time_aloft", FeatureChannel.TILT, Phase.STRONG)
 """Logarithm of the time spent in excursions [s], of rocks that do not fall."""
 _NUMBERS = ("first", "second", "third", "fourth")[: SERIES.excursions]
 TILT_FEATURES = (
     SERIES_TILT,
     CONTRADICTION,
     *(
-        Feature(f"{number}_{what}", "tilt", "uplift" if what == "start" else "impacts")
+        Feature(
+            f"{number}_{what}",
+            FeatureChannel.TILT,
+            Phase.UPLIFT if what == "start" else Phase.IMPACTS,
+        )
         for number in _NUMBERS
         for what in ("start", "excursion", "duration")
     ),
-    Feature("excursions", "tilt", "strong shaking"),
+    Feature("excursions", FeatureChannel.TILT, Phase.STRONG),
     TIME_ALOFT,
-    Feature("rest_time", "tilt", "free decay"),
-    Feature("fall_time", "tilt", "fall"),
+    Feature("rest_time", FeatureChannel.TILT, Phase.DECAY),
+    Feature("fall_time", FeatureChannel.TILT, Phase.FALL),
 )
 """Of each of the first four excursions its start [s] and the logarithms of its largest tilt [rad]
 and of its duration [s]; the logarithm of one more than the number of excursions; the end of the
 last one [s]; the time at which the rock fell [s]."""
 REST_FEATURES = (
-    Feature("final_yaw", "yaw", "rest pose"),
-    Feature("final_travel", "slip", "rest pose"),
+    Feature("final_yaw", FeatureChannel.YAW, Phase.REST),
+    Feature("final_travel", FeatureChannel.SLIP, Phase.REST),
 )
 """Turn about the vertical [rad] and travel in plan [m] from rest to rest, both magnitudes: which
 way a rock turns is often chance."""

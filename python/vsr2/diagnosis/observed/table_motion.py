@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
-from vsr2.diagnosis.observed.features import Feature
+from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
@@ -30,10 +30,10 @@ Residuals = tuple[Array, Array]
 """And their variances, each (campaigns, channels, trials)."""
 
 TABLE_FEATURES = (
-    Feature("record_gain_slow", "table", "whole motion"),
-    Feature("record_phase_slow", "table", "whole motion"),
-    Feature("record_gain_fast", "table", "whole motion"),
-    Feature("record_phase_fast", "table", "whole motion"),
+    Feature("record_gain_slow", FeatureChannel.TABLE, Phase.MOTION),
+    Feature("record_phase_slow", FeatureChannel.TABLE, Phase.MOTION),
+    Feature("record_gain_fast", FeatureChannel.TABLE, Phase.MOTION),
+    Feature("record_phase_fast", FeatureChannel.TABLE, Phase.MOTION),
 )
 """Acceleration over displacement: logarithm of the gain, and phase lead [rad], over their errors;
 slow: 0.5 to 2 Hz, fast: 2 to 12 Hz."""

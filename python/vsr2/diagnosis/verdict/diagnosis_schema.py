@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from vsr2.campaign import Tier
 from vsr2.codes import NAMES, Code
+from vsr2.diagnosis.observed.features import FeatureChannel, Phase
 from vsr2.diagnosis.verdict.document import SCHEMA, Schema
 from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import (
@@ -17,7 +18,7 @@ from vsr2.diagnosis.verdict.statements import (
     ReasonCode,
     VerdictKind,
 )
-from vsr2.diagnosis.where.scan import LocationKind
+from vsr2.diagnosis.where.scan import Axis, LocationKind
 from vsr2.errors import Fault
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -114,10 +115,10 @@ class _Located(_Part):
     """Which location it is; of an intensity the values are thirds of the campaign's."""
 
     location: _Place
-    axis: Literal["conditions", "order", "session", "specimen"]
+    axis: Axis
     feature: str
-    channel: str
-    phase: str
+    channel: FeatureChannel
+    phase: Phase
     text: str = ""
 
 

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.features import Feature
+from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,16 @@ class ScanConstants:
 
 
 SCAN = ScanConstants()
-OUTCOME = Feature("outcome", "outcome", "whole response")
+OUTCOME = Feature("outcome", FeatureChannel.OUTCOME, Phase.RESPONSE)
+
+
+class Axis(StrEnum):
+    """Along what a location differs from the others."""
+
+    CONDITIONS = "conditions"
+    ORDER = "order"
+    SESSION = "session"
+    SPECIMEN = "specimen"
 
 
 class LocationKind(StrEnum):
@@ -82,11 +91,16 @@ class LocationKind(StrEnum):
     """`specimen`."""
 
     @property
-    def axis(self) -> str:
-        """Conditions, order, session or specimen."""
-        if self in (LocationKind.TREND, LocationKind.STEP):
-            return "order"
-        return str(self) if self in (LocationKind.SESSION, LocationKind.SPECIMEN) else "conditions"
+    def axis(self) -> Axis:
+        """Along which such locations differ from the others."""
+        match self:
+            case LocationKind.TREND | LocationKind.STEP:
+                return Axis.ORDER
+            case LocationKind.SESSION:
+                return Axis.SESSION
+            case LocationKind.SPECIMEN:
+                return Axis.SPECIMEN
+        return Axis.CONDITIONS
 
 
 class Third(StrEnum):
@@ -123,10 +137,10 @@ class Location:
         """Which location it is, as it stands in `diagnosis.json`."""
         return {
             "location": {"kind": str(self.kind), "values": dict(self.values)},
-            "axis": self.kind.axis,
+            "axis": str(self.kind.axis),
             "feature": self.feature.name,
-            "channel": self.feature.channel,
-            "phase": self.feature.phase,
+            "channel": str(self.feature.channel),
+            "phase": str(self.feature.phase),
         }
 
     @property
@@ -183,7 +197,7 @@ def scan(
     """
     family = list(_family(conditions))
     weights = np.stack([one.weight for one in family]).astype(np.float64)
-    by_order = np.array([one.kind.axis == "order" for one in family])
+    by_order = np.array([one.kind.axis is Axis.ORDER for one in family])
     by_session = np.array([one.kind is LocationKind.SESSION for one in family])
     rng = np.random.default_rng([seed, 5])
     known = (observed != 0).astype(np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from vsr2.results import NO_HAND_OVER, Status
@@ -77,6 +77,39 @@ def engine_in_use(engine: str, hand_over: str) -> str:
     if hand_over == NO_HAND_OVER:
         return engine
     return f"{engine}, then exact ({hand_over.replace('_', ' ')})"
+
+
+def trial_name(index: int, name: str) -> str:
+    """A trial by its index and name."""
+    return f"trial {index} ({name})"
+
+
+def trial_result(index: int, name: str, outcome: str, status: str) -> str:
+    """A trial, its outcome, and its status where that is not ok."""
+    said = f"{trial_name(index, name)}: {outcome}"
+    return said if status == Status.ok.name else f"{said}, {status}"
+
+
+def diagram_caption(trials: int) -> str:
+    """What an overturning diagram shows."""
+    return f"Outcomes of {trials} trials in PGA [g] against PGV/PGA [s] of the motions as driven"
+
+
+def history_caption(trial: str) -> str:
+    """What time histories show, of a :func:`trial_result`."""
+    return (
+        "Pedestal position commanded and actual [m], tilt [deg], slip [mm] and change of roll, "
+        f"pitch, yaw [deg] against time [s]; {trial}"
+    )
+
+
+def tracking_caption(trials: Iterable[str]) -> str:
+    """What a tracking figure shows, of trials by :func:`trial_name`."""
+    return (
+        "Commanded against actual pedestal motion (supplement Fig. S1): position [m], error [mm], "
+        "power spectral density of both accelerations, gain and phase [deg] against frequency "
+        f"[Hz]; {', '.join(trials)}"
+    )
 
 
 # Fragility

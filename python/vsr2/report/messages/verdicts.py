@@ -12,6 +12,7 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from vsr2.diagnosis.observed.features import FeatureChannel
 from vsr2.diagnosis.verdict.next_measurement import MeasurementKind
 from vsr2.diagnosis.verdict.statements import ReasonCode, VerdictKind
 from vsr2.report.pages import environment, listed, plain
@@ -68,7 +69,7 @@ def next_measurement(measure: Mapping[str, Any]) -> str:
 
 def location(row: Mapping[str, Any]) -> str:
     """A location of the gap, with the feature where that is not the outcome."""
-    feature = "" if row["channel"] == "outcome" else f"{row['feature']}: "
+    feature = "" if row["channel"] == FeatureChannel.OUTCOME else f"{row['feature']}: "
     return feature + _say("locations", row["location"]["kind"], **row["location"])
 
 
@@ -105,6 +106,11 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     sure = closed is not None and min(gap[k]["ci95"][0] for k in ("headline", "closure")) > 0
     kind = verdict["kind"]
     return _say("closing", "sure" if sure else "unsure", said=said, kind=kind, closed=closed)
+
+
+def figure_caption(name: str) -> str:
+    """What a figure of the page shows."""
+    return _say("figures", name)
 
 
 def closure_note(content: Mapping[str, Any]) -> str:
