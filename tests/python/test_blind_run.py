@@ -435,18 +435,20 @@ def test_a_key_that_cannot_be_read_is_not_missed(diagnosed, tmp_path) -> None:
 def test_a_small_pack_from_end_to_end(diagnosed, tmp_path, capsys) -> None:
     pack, key, out = diagnosed
     names = [c["id"] for c in read_json(pack / "data" / "pack.json")["campaigns"]]
-    simulated = {
-        (name, tier): json.loads((out / name / tier / DIAGNOSIS_FILE).read_text())["provenance"][
-            "budget"
-        ]["simulated"]
+    found = {
+        (name, tier): json.loads((out / name / tier / DIAGNOSIS_FILE).read_text())
         for name in names
         for tier in "MT"
     }
+    simulated = {key: one["provenance"]["budget"]["simulated"] for key, one in found.items()}
     # Campaigns of one protocol share their simulations, but for what is named of each.
     _, *records = (out / "simulations.jsonl").read_text().splitlines()
     kept = sum(len(b64decode(json.loads(record)["keys"])) // KEY for record in records)
     assert sum(simulated.values()) == kept
-    assert sorted(simulated[name, "M"] for name in names)[:9] == [0] * 9
+    on_its_own = [name for name in names if simulated[name, "M"]]
+    assert len(on_its_own) < len(names)
+    # The first one simulates for all.
+    assert sum(found[name, "M"]["verdict"]["kind"] == "none" for name in on_its_own) <= 1
     score = ["blind", "score", str(pack / "data"), str(key), str(out), "--out", str(tmp_path / "s")]
     assert main(score) == 2
     assert "no diagnosis at tier B" in capsys.readouterr().err
