@@ -401,17 +401,22 @@ def main() -> None:
         for engine in ENGINES:
             cpu[engine] += results[engine]["cpu_s"]
         print(*rows[-1].values(), flush=True)
+    text = verdicts(rows, tilts, cpu)
+    print(text)
+    name = f"engine_equivalence_{options.scene}"
+    write_table(rows, options.out / f"{name}.csv")
+    command = f"python studies/engine_equivalence.py --scene {options.scene}"
+    write_atomic(options.out / f"{name}.txt", lambda f: f.write(f"{command}\n{text}\n".encode()))
+
+
+def write_table(rows: Sequence[dict[str, str]], path: Path) -> None:
+    """Rows of equal keys as CSV, in a folder that is made where it is missing."""
     table = io.StringIO()
     writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    text = verdicts(rows, tilts, cpu)
-    print(text)
-    options.out.mkdir(parents=True, exist_ok=True)
-    name = f"engine_equivalence_{options.scene}"
-    write_atomic(options.out / f"{name}.csv", lambda f: f.write(table.getvalue().encode()))
-    command = f"python studies/engine_equivalence.py --scene {options.scene}"
-    write_atomic(options.out / f"{name}.txt", lambda f: f.write(f"{command}\n{text}\n".encode()))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, lambda file: file.write(table.getvalue().encode()))
 
 
 def vars_of(pose: Pose) -> dict[str, list[float]]:

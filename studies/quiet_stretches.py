@@ -18,8 +18,6 @@ stopped goes on from there. Writes `quiet_stretches.csv`, one row a scene.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import math
 import time
 from dataclasses import replace
@@ -36,10 +34,10 @@ from engine_equivalence import (
     scene_of,
     settled_pose,
     vars_of,
+    write_table,
 )
 from vsr2.config.study import Contact, Engine, Settling
 from vsr2.motion import Motion
-from vsr2.results.atomic import write_atomic
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch
 from vsr2.trial import Trial
@@ -145,12 +143,7 @@ def main() -> None:
         ]
         rows.append(row_of(name, found))
         print(*rows[-1].values(), flush=True)
-    table = io.StringIO()
-    writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    options.out.mkdir(parents=True, exist_ok=True)
-    write_atomic(options.out / "quiet_stretches.csv", lambda f: f.write(table.getvalue().encode()))
+    write_table(rows, options.out / "quiet_stretches.csv")
 
 
 if __name__ == "__main__":

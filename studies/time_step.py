@@ -16,8 +16,6 @@ Writes `time_step.csv`, one row a scene and a step.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import math
 import time
 from pathlib import Path
@@ -25,10 +23,17 @@ from typing import Any
 
 import numpy as np
 
-from engine_equivalence import ROOT, borderline_records, part, replicates, settled_pose, vars_of
+from engine_equivalence import (
+    ROOT,
+    borderline_records,
+    part,
+    replicates,
+    settled_pose,
+    vars_of,
+    write_table,
+)
 from quiet_stretches import SCENES, scene
 from vsr2.motion import Motion, Record, build_recorded_motion
-from vsr2.results.atomic import write_atomic
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch
 
@@ -125,12 +130,7 @@ def main() -> None:
         rows += rows_of(name, found)
         for row in rows[-len(STEPS) :]:
             print(*row.values(), flush=True)
-    table = io.StringIO()
-    writer = csv.DictWriter(table, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    options.out.mkdir(parents=True, exist_ok=True)
-    write_atomic(options.out / "time_step.csv", lambda f: f.write(table.getvalue().encode()))
+    write_table(rows, options.out / "time_step.csv")
 
 
 if __name__ == "__main__":

@@ -15,9 +15,9 @@ using Eigen::Vector3d;
 // A point this near to the line through two others is on it [m].
 constexpr double kOnLine = 1e-6;
 
-// Deflections are taken for gone after so many times the memory of the contacts: a block then starts to
-// rock with velocities that differ by 1e-10 m/s; after five times, 1e-8 m/s, and 3 % of borderline outcomes
-// differed where 1 % do.
+// Deflections are taken for gone after so many times the memory of the contacts, e^-10 of them being
+// left. After five times a block began to rock with velocities off by 1e-8 m/s, and 3 % of borderline
+// outcomes differed; after ten 1 % do (studies/quiet_stretches.py).
 constexpr double kFaded = 10.0;
 
 // Greatest answer of a linear oscillator to an input of size 1, over its static answer [1].

@@ -23,8 +23,8 @@ namespace vsr2 {
 /// linear oscillator of damping ratio z < 1 answers none by more than coth(pi z / (2 sqrt(1 - z^2)))
 /// times its greatest size, the integral of its impulse response's absolute value; one of z >= 1 by no
 /// more than that size. The slowest of the rock's three modes on its contacts (heave and two tilts)
-/// has the least z. Changes of f from rest are enlarged by its factor, and by kSafety for what the
-/// model of small deflections leaves out.
+/// has the least z. Changes of f from rest are enlarged by its factor, and by kSafety, chosen by hand, for
+/// what the model of small deflections leaves out.
 class Bearing {
  public:
   Bearing(const Foothold& foothold, double gravity);
@@ -54,7 +54,7 @@ class Bearing {
 /// The set-points of a trial, and between which of them a rock at rest need not be stepped.
 class QuietStretches {
  public:
-  /// @param steps whole steps that follow the motion at its last set-point.
+  /// @param spec outlives this.
   explicit QuietStretches(const TrialSpec& spec);
 
   /// The last set-point up to which the rock is still as it is at set-point `k`, contacts without

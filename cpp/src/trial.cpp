@@ -25,8 +25,8 @@ constexpr std::int64_t kLeaningWindows = 8;
 constexpr double kCreepAllowance = 2.0;
 
 // A rock that is as slow as this for so long rests, as in settling. A scanned rock on three points still
-// trembles by some 1e-4 m/s. A quiet stretch leaves that out, which changes no more outcomes than a start
-// that is moved by 1e-6 m (docs/validation/engines.md).
+// trembles between 1e-4 and 1e-3 m/s. A quiet stretch leaves that out, which changes no more outcomes than
+// a start that is moved by 1e-6 m (docs/validation/engines.md).
 constexpr RestCriterion kStill{1e-3, 2e-3, 0.25};
 
 void check(const TrialSpec& spec) {

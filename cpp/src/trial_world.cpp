@@ -30,8 +30,8 @@ void append_row(std::vector<double>& log, double time, double commanded,
 }
 
 // Whether a fresh world at the pose of rest would have the same contacts. All corners of a box are found
-// at once, the vertices of a hull one a step: it settles anew, and borderline outcomes of a scanned rock
-// shift by a tenth with the contacts that it finds.
+// at once, the vertices of a hull one a step: it settles again, and borderline outcomes of a scanned rock
+// shift with the contacts that it finds.
 bool has_no_memory(const Scene& scene, const TrialResult& settled) {
   return settled.engine == EngineKind::fast && settled.handover == Handover::none &&
          std::holds_alternative<BoxPart>(scene.rock().parts.front());
