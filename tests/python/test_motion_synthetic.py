@@ -14,14 +14,14 @@ from vsr2.motion import (
     shaped_noise,
     synthetic_motion,
 )
-from vsr2.motion.synthetic import DURATION_TOLERANCE, MIN_CYCLES, PGV_PGA_TOLERANCE
+from vsr2.motion.synthetic import SYNTHETIC
 
 
 @settings(max_examples=12, deadline=None)
 @given(
     pga=st.floats(0.02, 2.0),
     pgv_pga=st.floats(0.02, 0.35),
-    cycles=st.floats(1.5 * MIN_CYCLES, 40.0),
+    cycles=st.floats(1.5 * SYNTHETIC.least_cycles, 40.0),
     seed=st.integers(0, 2**63 - 1),
     time_step=st.sampled_from([0.001, 0.00125, 0.004, 1 / 240]),
 )
@@ -30,8 +30,8 @@ def test_the_measures_are_those_asked_for(pga, pgv_pga, cycles, seed, time_step)
     motion = synthetic_motion(pga, pgv_pga, duration, seed, time_step)
     measures = intensity_measures(motion)
     assert measures.pga_g == pytest.approx(pga, rel=1e-12)
-    assert measures.pgv_pga == pytest.approx(pgv_pga, rel=PGV_PGA_TOLERANCE)
-    assert measures.duration_5_95 == pytest.approx(duration, rel=DURATION_TOLERANCE)
+    assert measures.pgv_pga == pytest.approx(pgv_pga, rel=SYNTHETIC.pgv_pga_tolerance)
+    assert measures.duration_5_95 == pytest.approx(duration, rel=SYNTHETIC.duration_tolerance)
     assert motion.time_step == time_step
     assert motion.kind == "recording"
     # a motion of the ground ends where it began

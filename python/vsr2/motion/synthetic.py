@@ -9,7 +9,7 @@ site and no earthquake; they have the intensity measures asked for, and nothing 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,25 +22,68 @@ from vsr2.motion.units import STANDARD_GRAVITY
 
 SYNTHETIC_INTERVAL = 0.005
 """Sampling interval at which the noise is shaped [s]."""
-PGV_PGA_TOLERANCE = 0.01
-"""Relative, of the motion as driven; its PGA is exact."""
-DURATION_TOLERANCE = 0.03
-"""Relative, of the significant duration."""
-PGV_PGA_RANGE = (0.012, 0.4)
-"""PGV/PGA that a motion can have [s]."""
-MIN_CYCLES = 2.0
-"""Least significant duration, in periods 2 pi PGV/PGA."""
-MIN_DURATION, MAX_DURATION = 2.0, 300.0
-"""Of the significant duration [s]."""
 
-_GROUND_FREQUENCIES = (0.2, 45.0)
-_LOW_PASS = 20.0
-_ATTEMPTS = 40
-_ROUNDS = 6
+
+@dataclass(frozen=True)
+class SyntheticConstants:
+    """How noise is shaped and tuned; chosen by hand where no source is named.
+
+    Attributes:
+        ground_damping: of the ground, as a share of critical; Kanai (1957) and Tajimi (1960) give
+            0.6 for firm ground.
+        strongest: where the envelope is strongest, as a share of the record.
+        envelope_power: of t/t_s exp(1 - t/t_s).
+        high_pass: corner over the ground frequency.
+        least_high_pass: of that corner [Hz].
+        low_pass: corner, unless a high ground frequency raises it [Hz].
+        low_pass_ratio: least corner over the ground frequency.
+        filter_power: of frequency over corner, twice the order of a Butterworth filter of order 4.
+        ramp: over which the record begins and ends at rest [s].
+        ground_frequencies: tried, least and greatest [Hz].
+        halvings: of their range, in the logarithm: to 1e-4 of the frequency.
+        start_length: first length tried, over the significant duration; the envelope has about
+            this ratio of record to 5-95 % duration.
+        stretch: least and greatest change of the length in one round.
+        least_length: of a record, which its two ramps leave room in [s].
+        rounds: of tuning length and frequency to one noise.
+        attempts: noises tried of one seed.
+        pgv_pga_tolerance: relative, of the motion as driven; its PGA is exact.
+        duration_tolerance: relative, of the significant duration.
+        pgv_pga_range: that a motion can have [s].
+        least_cycles: significant duration in periods 2 pi PGV/PGA.
+        duration_range: of the significant duration [s].
+        greatest_pga: [g].
+    """
+
+    ground_damping: float = 0.6
+    strongest: float = 0.3
+    envelope_power: int = 3
+    high_pass: float = 0.2
+    least_high_pass: float = 0.2
+    low_pass: float = 20.0
+    low_pass_ratio: float = 1.5
+    filter_power: int = 8
+    ramp: float = 1.0
+    ground_frequencies: tuple[float, float] = (0.2, 45.0)
+    halvings: int = 16
+    start_length: float = 2.2
+    stretch: tuple[float, float] = (0.5, 2.0)
+    least_length: float = 1.5
+    rounds: int = 6
+    attempts: int = 40
+    pgv_pga_tolerance: float = 0.01
+    duration_tolerance: float = 0.03
+    pgv_pga_range: tuple[float, float] = (0.012, 0.4)
+    least_cycles: float = 2.0
+    duration_range: tuple[float, float] = (2.0, 300.0)
+    greatest_pga: float = 100.0
+
+
+SYNTHETIC = SyntheticConstants()
 
 
 def shaped_noise(
-    duration: float, ground_frequency: float, seed: int, *, low_pass: float = _LOW_PASS
+    duration: float, ground_frequency: float, seed: int, *, low_pass: float = SYNTHETIC.low_pass
 ) -> Array:
     """Displacement of arbitrary scale, every `SYNTHETIC_INTERVAL`, at rest at 0 at both ends.
 
@@ -53,24 +96,25 @@ def shaped_noise(
     """
     count = round(duration / SYNTHETIC_INTERVAL) + 1
     time = np.arange(count) * SYNTHETIC_INTERVAL
-    strongest = 0.3 * duration
-    envelope = (time / strongest * np.exp(1 - time / strongest)) ** 3
+    strongest = SYNTHETIC.strongest * duration
+    envelope = (time / strongest * np.exp(1 - time / strongest)) ** SYNTHETIC.envelope_power
     noise = np.random.default_rng(seed).standard_normal(count) * envelope
 
     # zeros after the record, so that the filters do not wrap round
     length = max(8192, 2 ** math.ceil(math.log2(2 * count)))
     frequency = np.fft.rfftfreq(length, SYNTHETIC_INTERVAL)
     r2 = (frequency / ground_frequency) ** 2
-    damping = (2 * 0.6) ** 2 * r2
+    damping = (2 * SYNTHETIC.ground_damping) ** 2 * r2
     ground = np.sqrt((1 + damping) / ((1 - r2) ** 2 + damping))
     safe = np.maximum(frequency, 1e-9)
-    corner = max(0.2, 0.2 * ground_frequency)
-    band = 1 / np.sqrt((1 + (corner / safe) ** 8) * (1 + (frequency / low_pass) ** 8))
+    corner = max(SYNTHETIC.least_high_pass, SYNTHETIC.high_pass * ground_frequency)
+    power = SYNTHETIC.filter_power
+    band = 1 / np.sqrt((1 + (corner / safe) ** power) * (1 + (frequency / low_pass) ** power))
     spectrum = np.fft.rfft(noise, length) * ground * band / -((2 * np.pi * safe) ** 2)
     spectrum[0] = 0
     moved = np.fft.irfft(spectrum, length)[:count]
 
-    ramp = np.minimum(np.arange(count) * SYNTHETIC_INTERVAL, 1.0)
+    ramp = np.minimum(time / SYNTHETIC.ramp, 1.0)
     blend = ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
     shaped: Array = moved * blend * blend[::-1]
     return shaped
@@ -105,7 +149,7 @@ def synthetic_motion(
     """
     _check(pga, pgv_pga, duration, seed)
     label = name or f"synthetic_pga{pga:.12g}g_pgv_pga{pgv_pga:.12g}s_d{duration:.12g}s_seed{seed}"
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(SYNTHETIC.attempts):
         # a sequence of its own for every attempt of every seed
         noise_seed = int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0])
         motion = _tuned(pga, pgv_pga, duration, noise_seed, time_step, label)
@@ -117,24 +161,28 @@ def synthetic_motion(
             return replace(motion, name=label, source=source, recorded=None)
     raise MotionError(
         f"synthetic motion with PGV/PGA {pgv_pga:g} s and a significant duration of {duration:g} "
-        f"s: none of {_ATTEMPTS} noises of seed {seed} could be tuned to it; take another seed, or "
-        "a longer duration"
+        f"s: none of {SYNTHETIC.attempts} noises of seed {seed} could be tuned to it; take another "
+        "seed, or a longer duration"
     )
 
 
 def _check(pga: float, pgv_pga: float, duration: float, seed: int) -> None:
-    if not (math.isfinite(pga) and 0 < pga <= 100):
-        raise MotionError(f"synthetic motion: pga is {pga} g; it must lie above 0, up to 100 g")
-    low, high = PGV_PGA_RANGE
+    most = SYNTHETIC.greatest_pga
+    if not (math.isfinite(pga) and 0 < pga <= most):
+        raise MotionError(
+            f"synthetic motion: pga is {pga} g; it must lie above 0, up to {most:g} g"
+        )
+    low, high = SYNTHETIC.pgv_pga_range
     if not low <= pgv_pga <= high:
         raise MotionError(
             f"synthetic motion: pgv_pga is {pgv_pga} s; it must lie from {low:g} to {high:g} s"
         )
-    least = max(MIN_DURATION, MIN_CYCLES * 2 * math.pi * pgv_pga)
-    if not least <= duration <= MAX_DURATION:
+    shortest, longest = SYNTHETIC.duration_range
+    least = max(shortest, SYNTHETIC.least_cycles * 2 * math.pi * pgv_pga)
+    if not least <= duration <= longest:
         raise MotionError(
             f"synthetic motion: duration is {duration} s; with PGV/PGA {pgv_pga:g} s it must lie "
-            f"from {least:.3g} to {MAX_DURATION:g} s"
+            f"from {least:.3g} to {longest:g} s"
         )
     if seed < 0:
         raise MotionError(f"synthetic motion: seed is {seed}; it must not be negative")
@@ -144,8 +192,8 @@ def _tuned(
     pga: float, pgv_pga: float, duration: float, seed: int, time_step: float, label: str
 ) -> Motion | None:
     """The motion of this noise, or None where its measures cannot be brought to those asked for."""
-    total = 2.2 * duration + 1.0
-    for _ in range(_ROUNDS):
+    total = SYNTHETIC.start_length * duration + SYNTHETIC.ramp
+    for _ in range(SYNTHETIC.rounds):
         if total / min(time_step, SYNTHETIC_INTERVAL) > MAX_SAMPLES:
             return None
         frequency = _ground_frequency(total, pgv_pga, seed)
@@ -154,22 +202,23 @@ def _tuned(
             Record(label, SYNTHETIC_INTERVAL, displacement=moved / np.abs(moved).max()), time_step
         ).scaled_to_pga(pga * STANDARD_GRAVITY)
         reached = significant_duration(motion.acceleration, time_step)
-        long_enough = abs(reached - duration) <= DURATION_TOLERANCE * duration
-        if long_enough and abs(motion.pgv_pga - pgv_pga) <= PGV_PGA_TOLERANCE * pgv_pga:
+        long_enough = abs(reached - duration) <= SYNTHETIC.duration_tolerance * duration
+        if long_enough and abs(motion.pgv_pga - pgv_pga) <= SYNTHETIC.pgv_pga_tolerance * pgv_pga:
             return motion
-        # the tapers of 1 s do not stretch with the envelope
-        total = max(1.5, total * min(max(duration / reached, 0.5), 2.0))
+        # the ramps do not stretch with the envelope
+        low, high = SYNTHETIC.stretch
+        total = max(SYNTHETIC.least_length, total * min(max(duration / reached, low), high))
     return None
 
 
 def _shaped(duration: float, ground_frequency: float, seed: int) -> Array:
-    low_pass = max(_LOW_PASS, 1.5 * ground_frequency)
+    low_pass = max(SYNTHETIC.low_pass, SYNTHETIC.low_pass_ratio * ground_frequency)
     return shaped_noise(duration, ground_frequency, seed, low_pass=low_pass)
 
 
 def _ground_frequency(duration: float, pgv_pga: float, seed: int) -> float:
-    low, high = _GROUND_FREQUENCIES
-    for _ in range(16):
+    low, high = SYNTHETIC.ground_frequencies
+    for _ in range(SYNTHETIC.halvings):
         middle = math.sqrt(low * high)
         # a higher ground frequency means more acceleration for the same velocity
         if _ratio(_shaped(duration, middle, seed)) > pgv_pga:
