@@ -31,6 +31,7 @@ from typing import Any
 
 from blind_results import RECORD, committed_verdicts, recompute, record_of, write_gz
 from vsr2.blind import PackSettings, diagnose_pack, make_pack, score_pack
+from vsr2.blind.form.pack_settings import EngineName
 from vsr2.blind.form.seal import (
     folder_sha256,
     is_open,
@@ -52,7 +53,8 @@ from vsr2.report.blind import write_scores
 from vsr2.report.messages.blind_packs import diagnosed_pack, event_text
 
 ROOT = Path(__file__).resolve().parents[1]
-ENGINES = ("bullet", "mujoco")
+ENGINES = (EngineName.BULLET, EngineName.MUJOCO)
+"""In the order in which a pack draws their campaigns."""
 COMMITS = "commits.json"
 """In a part's folder: which commits made and diagnosed it."""
 
@@ -96,7 +98,9 @@ CHECKS = {
     ),
     "leave-one-out": Check(
         1,
-        PackSettings(engines=("bullet",), single=0, none=10, unknown=0, pair=0, leave_one_out=1),
+        PackSettings(
+            engines=(EngineName.BULLET,), single=0, none=10, unknown=0, pair=0, leave_one_out=1
+        ),
         1000,
     ),
 }
@@ -328,7 +332,7 @@ def page(
         versions = ", ".join(
             f"{key} {value}"
             for key, value in opened["versions"].items()
-            if key in ("version", "bullet", "mujoco", "numpy", "python")
+            if key in ("version", *EngineName, "numpy", "python")
         )
         counts = ", ".join(f"{kind} {count}" for kind, count in sorted(kinds.items()))
         lines.append(

@@ -31,6 +31,7 @@ from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pga
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import build_engine
+from vsr2.blind.form.pack_settings import ENGINES, EngineName, Kind
 from vsr2.blind.mujoco import ContactModel
 from vsr2.blind.scoring.score import ScoreCode, score_cases
 from vsr2.config import load_study
@@ -78,15 +79,17 @@ def main() -> int:
         "--results", type=Path, default=ROOT / "docs" / "results" / "blind_validation_2"
     )
     parser.add_argument("--scene", type=Path, default=ROOT / "configs" / "blind.yaml")
-    parser.add_argument("--engine", action="append", choices=["bullet", "mujoco"])
-    parser.add_argument("--kind", action="append", choices=["single", "unknown", "pair"])
+    parser.add_argument("--engine", action="append", choices=ENGINES)
+    parser.add_argument("--kind", action="append", choices=[Kind.SINGLE, Kind.UNKNOWN, Kind.PAIR])
     parser.add_argument("--seed", type=int, default=1, help="of measuring (default 1)")
     parser.add_argument("--spread", action="store_true", help="over seeds of measuring")
     parser.add_argument("--seeds", type=int, default=4, help="of --spread (default 4)")
     options = parser.parse_args()
     if options.spread:
-        for name in options.engine or ["bullet"]:
-            file = "signals_spread.csv" if name == "bullet" else f"signals_spread_{name}.csv"
+        for name in options.engine or [EngineName.BULLET]:
+            file = (
+                "signals_spread.csv" if name == EngineName.BULLET else f"signals_spread_{name}.csv"
+            )
             spread(name, options.scene, options.results / file, options.seeds)
         return 0
     path = options.results / "signals.csv"
@@ -96,8 +99,8 @@ def main() -> int:
         for row in measured(
             key,
             options.scene,
-            options.engine or ["bullet"],
-            options.kind or ["single"],
+            options.engine or [EngineName.BULLET],
+            options.kind or [Kind.SINGLE],
             options.seed,
             known,
         ):
@@ -173,7 +176,7 @@ def page(results: Path, rows: list[dict[str, str]]) -> str:
     singles = [
         replace(case, relative=found[case.id, case.effects[0]["name"]])
         for case in cases
-        if case.kind == "single" and (case.id, case.effects[0]["name"]) in found
+        if case.kind == Kind.SINGLE and (case.id, case.effects[0]["name"]) in found
     ]
     lines = [
         "# Strengths measured again",

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blind_results import read_parts
+from vsr2.blind.form.pack_settings import EngineName, Kind
 from vsr2.blind.scoring.cases import Case, engine_group
 from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.score import ScoreCode, Scores, is_named, right, score_cases, wrong
 from vsr2.campaign import TIERS
 from vsr2.report.text import markdown_table
 
-ENGINES = ("bullet", "mujoco")
 STRONG = (2.0, math.inf)
 WEAK = (1.0, 2.0)
 FROM_ONE = (1.0, math.inf)
@@ -39,6 +39,12 @@ class Row:
     limits: tuple[float, ...]
     bullet: str = "-"
     mujoco: str = "-"
+
+    @property
+    def wanted(self) -> dict[EngineName, str]:
+        """By engine."""
+        return {EngineName.BULLET: self.bullet, EngineName.MUJOCO: self.mujoco}
+
     is_share: bool = True
 
 
@@ -118,7 +124,7 @@ def targets_table(cases: Sequence[Case]) -> str:
             _limits(row.limits),
             *(
                 cell
-                for engine, target in zip(ENGINES, (row.bullet, row.mujoco), strict=True)
+                for engine, target in row.wanted.items()
                 for cell in (_cell(scores, engine_group(engine, *row.limits), row), target)
             ),
         )
@@ -158,11 +164,11 @@ def _number(value: float) -> str:
 def outcomes_table(cases: Sequence[Case]) -> str:
     """What the verdicts came to, at tiers B / M / T."""
     columns = {
-        "single, 2+": [c for c in cases if c.kind == "single" and c.relative >= STRONG[0]],
-        "single, below 2": [c for c in cases if c.kind == "single" and c.relative < STRONG[0]],
+        "single, 2+": [c for c in cases if c.kind == Kind.SINGLE and c.relative >= STRONG[0]],
+        "single, below 2": [c for c in cases if c.kind == Kind.SINGLE and c.relative < STRONG[0]],
         **{
             kind: [c for c in cases if c.kind == kind]
-            for kind in ("pair", "unknown", "none", "reference")
+            for kind in (Kind.PAIR, Kind.UNKNOWN, Kind.NONE, Kind.REFERENCE)
         },
     }
     columns = {name: chosen for name, chosen in columns.items() if chosen}

@@ -62,6 +62,7 @@ from vsr2.config.study import (
     ORIGINAL,
     Contact,
     Engine,
+    EngineMode,
     FixedStart,
     MeshRock,
     Outcome,
@@ -77,7 +78,7 @@ from vsr2.simulation import run_batch
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parent.parent
-ENGINES = ("exact", "fast")
+ENGINES: tuple[EngineMode, ...] = ("exact", "fast")
 RUNS = {"exact": ("exact", 0), "paired": ("fast", 0), "fast": ("fast", 1)}
 """Engine of each run, and the seed of its starts."""
 MARGIN = 0.03

@@ -29,7 +29,7 @@ from vsr2.blind.custodian.engine import Engine, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.form.events import EventCode, Say, unheard
-from vsr2.blind.form.pack_form import Axis, tiers_made
+from vsr2.blind.form.pack_form import EffectAxis, tiers_made
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.form.seal import (
     KEY_FILE,
@@ -410,10 +410,11 @@ def _change(a: Response, b: Response) -> float:
     return round(float(a.overturned != b.overturned) + abs(math.log(tilts[0] / tilts[1])), 4)
 
 
-def _axis(effects: tuple[Drawn, ...]) -> Axis:
+def _axis(effects: tuple[Drawn, ...]) -> EffectAxis:
     if not effects:
-        return Axis.NONE
-    return Axis.ORDER if any(effect.drifts for effect in effects) else Axis.CONDITIONS
+        return EffectAxis.NONE
+    drifts = any(effect.drifts for effect in effects)
+    return EffectAxis.ORDER if drifts else EffectAxis.CONDITIONS
 
 
 def _constants() -> dict[str, dict[str, Any]]:

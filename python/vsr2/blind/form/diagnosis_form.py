@@ -25,6 +25,7 @@ from vsr2.config.problems import shown
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.diagnosis.verdict.statements import VerdictKind
+from vsr2.diagnosis.where.scan import LocationAxis
 from vsr2.errors import BlindError
 
 DIAGNOSIS_FILE = "diagnosis.json"
@@ -69,11 +70,11 @@ class Location(Part):
     """One location of a gap.
 
     Attributes:
-        axis: conditions, order, session or specimen.
+        axis: along which its trials differ from the others.
         trials: inside it, of a location that stands out; None: of another one.
     """
 
-    axis: Name
+    axis: LocationAxis = Field(strict=False)
     trials: Annotated[frozenset[Name], Field(strict=False)] | None = None
 
 

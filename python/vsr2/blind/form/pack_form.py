@@ -40,7 +40,7 @@ _EFFECTS: Mapping[Kind, tuple[int, float]] = {
 """Least and greatest number of effects by kind."""
 
 
-class Axis(StrEnum):
+class EffectAxis(StrEnum):
     """Along what an effect acts."""
 
     CONDITIONS = "conditions"
@@ -185,7 +185,7 @@ class _Effect(Part):
 
 
 class _Where(Part):
-    axis: Axis = Field(strict=False)
+    axis: EffectAxis = Field(strict=False)
     weights: list[Annotated[float, Field(ge=0)]]
 
 
@@ -207,7 +207,7 @@ class _Entry(Part):
     @model_validator(mode="after")
     def _check_kind(self) -> _Entry:
         check_count(self.names, self.kind, _EFFECTS[self.kind])
-        if (self.where.axis is Axis.NONE) == bool(self.effects):
+        if (self.where.axis is EffectAxis.NONE) == bool(self.effects):
             wanted = "it should be none where the kind is none, and only where nothing acts"
             raise misfit("where.axis", str(self.where.axis), wanted)
         for name in self.names:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.pack_form import Axis
+from vsr2.blind.form.pack_form import EffectAxis
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.scoring.cases import Case, groups
 from vsr2.blind.scoring.intervals import (
@@ -25,6 +25,7 @@ from vsr2.blind.scoring.intervals import (
 )
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.statements import VerdictKind
+from vsr2.diagnosis.where.scan import LocationAxis
 
 Array = NDArray[np.float64]
 
@@ -51,6 +52,14 @@ SCORING = ScoringRules()
 THRESHOLDS = frozenset({("catch", "slack"), ("outcome_rule", "tilt")})
 """Strengths that are tilts beyond which something acts: without the effect there is none. Engines
 state that as infinity or as a tilt that no trial reaches, from which no distance is a size."""
+
+
+FITTING: Mapping[EffectAxis, frozenset[LocationAxis]] = {
+    EffectAxis.CONDITIONS: frozenset({LocationAxis.CONDITIONS}),
+    EffectAxis.ORDER: frozenset({LocationAxis.ORDER, LocationAxis.SESSION}),
+    EffectAxis.NONE: frozenset(),
+}
+"""Axes of locations that fit the axis of an effect."""
 
 
 class ScoreCode(StrEnum):
@@ -216,8 +225,7 @@ def where_gain(case: Case) -> float | None:
 
 def axis_named(case: Case) -> bool:
     """Whether a location stands out along the axis of the effect."""
-    drifts = case.where["axis"] == Axis.ORDER
-    wanted = {"order", "session"} if drifts else {"conditions"}
+    wanted = FITTING[EffectAxis(case.where["axis"])]
     return any(location.axis in wanted for location in case.verdict.where)
 
 

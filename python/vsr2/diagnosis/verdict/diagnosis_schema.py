@@ -18,7 +18,7 @@ from vsr2.diagnosis.verdict.statements import (
     ReasonCode,
     VerdictKind,
 )
-from vsr2.diagnosis.where.scan import Axis, LocationKind
+from vsr2.diagnosis.where.scan import LocationAxis, LocationKind
 from vsr2.errors import Fault
 
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -115,7 +115,7 @@ class _Located(_Part):
     """Which location it is; of an intensity the values are thirds of the campaign's."""
 
     location: _Place
-    axis: Axis
+    axis: LocationAxis
     feature: str
     channel: FeatureChannel
     phase: Phase

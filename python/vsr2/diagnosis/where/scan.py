@@ -66,7 +66,7 @@ SCAN = ScanConstants()
 OUTCOME = Feature("outcome", FeatureChannel.OUTCOME, Phase.RESPONSE)
 
 
-class Axis(StrEnum):
+class LocationAxis(StrEnum):
     """Along what a location differs from the others."""
 
     CONDITIONS = "conditions"
@@ -91,16 +91,16 @@ class LocationKind(StrEnum):
     """`specimen`."""
 
     @property
-    def axis(self) -> Axis:
+    def axis(self) -> LocationAxis:
         """Along which such locations differ from the others."""
         match self:
             case LocationKind.TREND | LocationKind.STEP:
-                return Axis.ORDER
+                return LocationAxis.ORDER
             case LocationKind.SESSION:
-                return Axis.SESSION
+                return LocationAxis.SESSION
             case LocationKind.SPECIMEN:
-                return Axis.SPECIMEN
-        return Axis.CONDITIONS
+                return LocationAxis.SPECIMEN
+        return LocationAxis.CONDITIONS
 
 
 class Third(StrEnum):
@@ -197,7 +197,7 @@ def scan(
     """
     family = list(_family(conditions))
     weights = np.stack([one.weight for one in family]).astype(np.float64)
-    by_order = np.array([one.kind.axis is Axis.ORDER for one in family])
+    by_order = np.array([one.kind.axis is LocationAxis.ORDER for one in family])
     by_session = np.array([one.kind is LocationKind.SESSION for one in family])
     rng = np.random.default_rng([seed, 5])
     known = (observed != 0).astype(np.float64)
