@@ -14,13 +14,13 @@ docs/results/nominal_scene.csv.
 from __future__ import annotations
 
 import argparse
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from engine_equivalence import ROOT, write_table
 from vsr2.blind.mujoco import Situation, TableMotion, block, ground_motion, run_trial
 from vsr2.config import Study, load_study
 from vsr2.config.study import BoxRock
@@ -31,7 +31,6 @@ from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
-ROOT = Path(__file__).resolve().parent.parent
 STRENGTHS = (1.5, 2.0, 2.5)
 """Peak accelerations over that of uplift."""
 VARIANTS: dict[str, tuple[str, ...]] = {
@@ -153,11 +152,7 @@ def main() -> None:
             row = {"shaken": "squarely" if squarely else "at 35 to 45 deg", "bullet": name}
             rows.append(row | compared(bullet, mujoco))
             print(", ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    with options.out.open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(rows, options.out)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,9 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -115,32 +117,61 @@ def row_of(name: str, found: list[dict[str, Any]]) -> dict[str, str]:
     }
 
 
-def main() -> None:
-    """Run what parts are missing and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def options_of(
+    description: str, study: str, *, records: int, replicates: int
+) -> argparse.Namespace:
+    """Options of a study of ensembles by scene, with its own sizes.
+
+    Args:
+        description: of the study, its first line.
+        study: name of its parts.
+        records: borderline records a scene.
+        replicates: a record.
+    """
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
-    parser.add_argument("--records", type=int, default=20)
-    parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--records", type=int, default=records)
+    parser.add_argument("--replicates", type=int, default=replicates)
     parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--parts", type=Path, default=ROOT / "out" / "quiet_stretches")
+    parser.add_argument("--parts", type=Path, default=ROOT / "out" / study)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
-    options = parser.parse_args()
-    rows = []
+    return parser.parse_args()
+
+
+def by_scene(
+    options: argparse.Namespace, skip: str, run: Callable[[str, Pose, Motion, int], dict[str, Any]]
+) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """Each scene with what a run found under its borderline records; what is done is read.
+
+    Args:
+        options: of :func:`options_of`.
+        skip: of the engine with which records are sought.
+        run: ensembles of a scene from a settled start under one record, with its seed.
+    """
     for name in options.scenes:
         folder = options.parts / f"{name}_{options.replicates}"
         folder.mkdir(parents=True, exist_ok=True)
-        every = scene(name, "none")
-        pose = part(folder / "start.json", lambda every=every: vars_of(settled_pose(every)))
+        given = scene(name, skip)
+        pose = part(folder / "start.json", partial(_settled, given))
         base = Pose(tuple(pose["position"]), tuple(pose["orientation"]))
-        found = [
-            part(
-                folder / f"runs_{seed:03d}.json",
-                lambda name=name, base=base, motion=motion, seed=seed: ensembles(
-                    name, base, motion, seed, options
-                ),
-            )
-            for seed, motion in borderline_records(every, base, folder, options)
-        ]
+        yield (
+            name,
+            [
+                part(folder / f"runs_{seed:03d}.json", partial(run, name, base, motion, seed))
+                for seed, motion in borderline_records(given, base, folder, options)
+            ],
+        )
+
+
+def _settled(given: Scene) -> dict[str, Any]:
+    return vars_of(settled_pose(given))
+
+
+def main() -> None:
+    """Run what parts are missing and write the table."""
+    options = options_of(__doc__, "quiet_stretches", records=20, replicates=300)
+    rows = []
+    for name, found in by_scene(options, "none", partial(ensembles, options=options)):
         rows.append(row_of(name, found))
         print(*rows[-1].values(), flush=True)
     write_table(rows, options.out / "quiet_stretches.csv")

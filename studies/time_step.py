@@ -18,21 +18,13 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from engine_equivalence import (
-    ROOT,
-    borderline_records,
-    part,
-    replicates,
-    settled_pose,
-    vars_of,
-    write_table,
-)
-from quiet_stretches import SCENES, scene
+from engine_equivalence import replicates, write_table
+from quiet_stretches import by_scene, options_of, scene
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch
@@ -50,9 +42,10 @@ def at_step(given: Scene, time_step: float) -> Scene:
 
 
 def ensembles(
-    given: Scene, base: Pose, motion: Motion, seed: int, options: argparse.Namespace
+    name: str, base: Pose, motion: Motion, seed: int, options: argparse.Namespace
 ) -> dict[str, Any]:
     """Outcomes, largest tilts [rad] and CPU time [s] at each step under one record."""
+    given = scene(name, "quiet")
     record = Record(motion.name, motion.time_step, displacement=motion.displacement)
     found: dict[str, Any] = {"fell": [], "tilt": [], "cpu_s": []}
     for step in STEPS:
@@ -103,30 +96,9 @@ def rows_of(name: str, found: list[dict[str, Any]]) -> list[dict[str, str]]:
 
 def main() -> None:
     """Run what parts are missing and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
-    parser.add_argument("--records", type=int, default=40)
-    parser.add_argument("--replicates", type=int, default=50)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--parts", type=Path, default=ROOT / "out" / "time_step")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results")
-    options = parser.parse_args()
+    options = options_of(__doc__, "time_step", records=40, replicates=50)
     rows: list[dict[str, str]] = []
-    for name in options.scenes:
-        folder = options.parts / f"{name}_{options.replicates}"
-        folder.mkdir(parents=True, exist_ok=True)
-        given = scene(name, "quiet")
-        pose = part(folder / "start.json", lambda given=given: vars_of(settled_pose(given)))
-        base = Pose(tuple(pose["position"]), tuple(pose["orientation"]))
-        found = [
-            part(
-                folder / f"runs_{seed:03d}.json",
-                lambda given=given, base=base, motion=motion, seed=seed: ensembles(
-                    given, base, motion, seed, options
-                ),
-            )
-            for seed, motion in borderline_records(given, base, folder, options)
-        ]
+    for name, found in by_scene(options, "quiet", partial(ensembles, options=options)):
         rows += rows_of(name, found)
         for row in rows[-len(STEPS) :]:
             print(*row.values(), flush=True)

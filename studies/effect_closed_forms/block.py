@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vsr2.effects import Bench, Effect, Response, with_effects
+from vsr2.effects import Bench, Check, Effect, Response, with_effects
 from vsr2.effects.standing import mass_height, support_of
 from vsr2.trial import Trial
 
@@ -40,6 +40,20 @@ def uplift_acceleration(
         else:
             low = middle
     return 0.5 * (low + high)
+
+
+def uplift_check(
+    bench: Bench,
+    effect: Effect,
+    values: Mapping[str, float],
+    expected: float,
+    formula: str,
+    *,
+    tolerance: float = 0.01,
+) -> Check:
+    """Of the bench's block: :func:`uplift_acceleration`, with a relative tolerance."""
+    found = uplift_acceleration(bench, bench.block(), effect, values, expected)
+    return Check(f"uplift {formula} [m/s^2]", found, expected, tolerance * expected)
 
 
 def rocking(trial: Trial) -> tuple[float, float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from effect_closed_forms.block import (
     half_widths,
-    uplift_acceleration,
+    uplift_check,
 )
 from effect_closed_forms.forms import closed_form
 from vsr2.config.study import Contact
@@ -95,14 +95,8 @@ def slenderness(effect: Effect, bench: Bench) -> list[Check]:
     change = 0.06
     _, b = half_widths(trial)
     expected = trial.scene.engine.gravity * b / mass_height(trial) * (1 + change)
-    return [
-        Check(
-            "uplift at a = g (1 + change) b / h [m/s^2]",
-            uplift_acceleration(bench, trial, effect, {"change": change}, expected),
-            expected,
-            0.01 * expected,
-        )
-    ]
+    values = {"change": change}
+    return [uplift_check(bench, effect, values, expected, "at a = g (1 + change) b / h")]
 
 
 @closed_form
@@ -110,16 +104,8 @@ def com_offset(effect: Effect, bench: Bench) -> list[Check]:
     trial, distance = bench.block(), 0.015
     b, _ = half_widths(trial)
     expected = trial.scene.engine.gravity * (b - distance) / mass_height(trial)
-    return [
-        Check(
-            "uplift towards the shift at a = g (b - d) / h [m/s^2]",
-            uplift_acceleration(
-                bench, trial, effect, {"distance": distance, "azimuth": 180.0}, expected
-            ),
-            expected,
-            0.01 * expected,
-        )
-    ]
+    values = {"distance": distance, "azimuth": 180.0}
+    return [uplift_check(bench, effect, values, expected, "towards the shift at a = g (b - d) / h")]
 
 
 @closed_form
@@ -128,12 +114,7 @@ def edge_rounding(effect: Effect, bench: Bench) -> list[Check]:
     _, b = half_widths(trial)
     expected = trial.scene.engine.gravity * (b - radius) / mass_height(trial)
     return [
-        Check(
-            "uplift at a = g (b - r) / h [m/s^2]",
-            uplift_acceleration(bench, trial, effect, {"radius": radius}, expected),
-            expected,
-            0.01 * expected,
-        ),
+        uplift_check(bench, effect, {"radius": radius}, expected, "at a = g (b - r) / h"),
         _rolling(effect, bench, radius),
     ]
 
@@ -174,11 +155,13 @@ def base_asperity(effect: Effect, bench: Bench) -> list[Check]:
     reach = 0.7 * float(bump_positions(support.polygon)[:, 0].max())
     expected = trial.scene.engine.gravity * reach / (support.height + 0.002)
     return [
-        Check(
-            "uplift about the bumps at a = g x / (h + height) [m/s^2]",
-            uplift_acceleration(bench, trial, effect, values, expected),
+        uplift_check(
+            bench,
+            effect,
+            values,
             expected,
-            0.03 * expected,
+            "about the bumps at a = g x / (h + height)",
+            tolerance=0.03,
         ),
         _impact(effect, bench),
     ]
@@ -217,14 +200,8 @@ def base_slope(effect: Effect, bench: Bench) -> list[Check]:
     b, _ = half_widths(trial)
     alpha = math.atan2(b, mass_height(trial))
     expected = trial.scene.engine.gravity * math.tan(alpha - math.radians(angle))
-    return [
-        Check(
-            "uplift downhill at a = g tan(alpha - slope) [m/s^2]",
-            uplift_acceleration(bench, trial, effect, {"angle": angle, "azimuth": 180.0}, expected),
-            expected,
-            0.01 * expected,
-        )
-    ]
+    values = {"angle": angle, "azimuth": 180.0}
+    return [uplift_check(bench, effect, values, expected, "downhill at a = g tan(alpha - slope)")]
 
 
 @closed_form

@@ -12,7 +12,7 @@ from effect_closed_forms.block import (
     half_widths,
     rocking,
     turning_rate,
-    uplift_acceleration,
+    uplift_check,
 )
 from effect_closed_forms.forms import closed_form
 from vsr2.effects import Bench, Check, Circumstances, Effect, library
@@ -121,12 +121,10 @@ def adhesion(effect: Effect, bench: Bench) -> list[Check]:
     weight = trial.scene.rock.mass.mass * trial.scene.engine.gravity
     own = trial.scene.engine.gravity * b / mass_height(trial)
     expected = own * (1 + 1e3 * strength * area / weight)
+    values = {"strength": strength}
     return [
-        Check(
-            "uplift at a = g b / h (1 + sigma A / (m g)) [m/s^2]",
-            uplift_acceleration(bench, trial, effect, {"strength": strength}, expected),
-            expected,
-            0.02 * expected,
+        uplift_check(
+            bench, effect, values, expected, "at a = g b / h (1 + sigma A / (m g))", tolerance=0.02
         )
     ]
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from effect_closed_forms.block import (
     half_widths,
-    uplift_acceleration,
+    uplift_check,
 )
 from effect_closed_forms.forms import closed_form
 from vsr2.effects import Bench, Check, Effect
@@ -93,13 +93,9 @@ def table_gain(effect: Effect, bench: Bench) -> list[Check]:
     trial, change = bench.block(), 0.15
     _, b = half_widths(trial)
     expected = trial.scene.engine.gravity * b / mass_height(trial) / (1 + change)
+    values = {"change": change}
     return [
-        Check(
-            "uplift at a commanded a = g b / h / (1 + change) [m/s^2]",
-            uplift_acceleration(bench, trial, effect, {"change": change}, expected),
-            expected,
-            0.01 * expected,
-        )
+        uplift_check(bench, effect, values, expected, "at a commanded a = g b / h / (1 + change)")
     ]
 
 
@@ -181,14 +177,8 @@ def vertical_motion(effect: Effect, bench: Bench) -> list[Check]:
     slope = b / mass_height(trial)
     # a h = (g + share a) b at uplift.
     expected = trial.scene.engine.gravity * slope / (1 - share * slope)
-    return [
-        Check(
-            "uplift at a = g (b / h) / (1 - share b / h) [m/s^2]",
-            uplift_acceleration(bench, trial, effect, {"share": share}, expected),
-            expected,
-            0.01 * expected,
-        )
-    ]
+    values = {"share": share}
+    return [uplift_check(bench, effect, values, expected, "at a = g (b / h) / (1 - share b / h)")]
 
 
 @closed_form
