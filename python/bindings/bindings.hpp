@@ -2,6 +2,7 @@
 // What the files of the binding have in common: records whose fields are taken by name and of their
 // own type, enumerations, arrays and poses.
 
+#include <cstdint>
 #include <functional>
 #include <initializer_list>
 #include <string>
@@ -15,6 +16,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "vsr2/rest.hpp"
 #include "vsr2/scene.hpp"
 
 namespace vsr2::binding {
@@ -23,36 +25,98 @@ namespace py = pybind11;
 
 using Vector4 = Eigen::Vector4d;  // a quaternion x, y, z, w
 
-/// A number that Python's True and False do not convert to, nor integers between two floats.
+/// A number or an array as Python gave it; `taken` checks it, where the name of the argument is known.
 template <typename T>
-struct Number {
-  T value;
-  operator T() const { return value; }
+struct Given {
+  py::object object;
 };
+
+template <typename T>
+constexpr bool is_given =
+    (std::is_arithmetic_v<T> && !std::is_same_v<T, bool>) || std::is_same_v<T, Eigen::Vector3d> ||
+    std::is_same_v<T, Vector4>;
 
 /// What a value of type T is taken as: a field of a record, an argument of a function.
 template <typename T>
-using Taken = std::conditional_t<std::is_arithmetic_v<T> && !std::is_same_v<T, bool>, Number<T>, T>;
+using Taken = std::conditional_t<is_given<T>, Given<T>, T>;
+
+/// A type of the elements of arrays.
+enum class Elements { float64, integers };
+/// A length that an array may choose.
+constexpr py::ssize_t kAny = -1;
+
+/// The array that an argument is, never converted.
+///
+/// @throws py::type_error not an array, one with a mask, or one of other elements.
+/// @throws InvalidInput another shape.
+py::array taken_array(const py::object& given, const char* name, Elements elements,
+                      std::initializer_list<py::ssize_t> shape);
+
+/// What numbers of a type are called in errors.
+template <typename T>
+inline constexpr const char* kNumberName = "a float, or an integer equal to one";
+template <>
+inline constexpr const char* kNumberName<int> = "an integer of 32 bits";
+template <>
+inline constexpr const char* kNumberName<std::int64_t> = "an integer of 64 bits";
+template <>
+inline constexpr const char* kNumberName<std::size_t> = "an integer of 64 bits, not negative";
+
+/// Refuses what is not a number of the type.
+[[noreturn]] void refuse_number(const py::object& given, const char* name, const char* wanted);
+
+/// The value of an argument; True and False are no numbers, nor are arrays, and no integer is taken
+/// that lies between two floats.
+///
+/// @throws py::type_error another type.
+/// @throws InvalidInput an array of another shape.
+template <typename T>
+T taken(const Given<T>& given, const char* name) {
+  if constexpr (std::is_arithmetic_v<T>) {
+    const py::object& object = given.object;
+    py::detail::make_caster<T> number;
+    bool fits = !PyBool_Check(object.ptr()) && !py::isinstance<py::array>(object) &&
+                number.load(object, false);
+    if constexpr (std::is_floating_point_v<T>)  // Python compares integers and floats exactly
+      fits = fits && (!PyLong_Check(object.ptr()) || object.equal(py::float_(T(number))));
+    if (!fits)
+      refuse_number(object, name, kNumberName<T>);
+    return T(number);
+  } else {
+    const py::array array = taken_array(given.object, name, Elements::float64, {T::RowsAtCompileTime});
+    T out;
+    for (py::ssize_t i = 0; i < T::RowsAtCompileTime; ++i)
+      out[i] = *static_cast<const double*>(array.data(i));
+    return out;
+  }
+}
+
+/// Values of other types are their own.
+template <typename T>
+  requires(!is_given<T>)
+T taken(T value, const char*) {
+  return value;
+}
 
 }  // namespace vsr2::binding
 
 template <typename T>
-struct pybind11::detail::type_caster<vsr2::binding::Number<T>> {
-  PYBIND11_TYPE_CASTER(vsr2::binding::Number<T>, make_caster<T>::name);
-  bool load(handle source, bool convert) {
-    make_caster<T> number;
-    if (PyBool_Check(source.ptr()) || !number.load(source, convert)) return false;
-    value.value = cast_op<T>(number);
-    if constexpr (std::is_floating_point_v<T>)  // Python compares integers and floats exactly
-      return !PyLong_Check(source.ptr()) || source.equal(float_(value.value));
+struct pybind11::detail::type_caster<vsr2::binding::Given<T>> {
+  static constexpr auto element() {
+    if constexpr (std::is_base_of_v<Eigen::MatrixBase<T>, T>)
+      return const_name("typing.Annotated[numpy.typing.NDArray[numpy.float64], \"[") +
+             const_name<static_cast<std::size_t>(T::RowsAtCompileTime)>() + const_name("]\"]");
+    else
+      return make_caster<T>::name;
+  }
+  PYBIND11_TYPE_CASTER(vsr2::binding::Given<T>, element());
+  bool load(handle source, bool) {
+    value.object = reinterpret_borrow<object>(source);
     return true;
   }
 };
 
 namespace vsr2::binding {
-
-/// An argument that takes its own type alone.
-inline py::arg strict(const char* name) { return py::arg(name).noconvert(); }
 
 /// A keyword of a record: its name, and how it is reached (a member, or a function that returns a
 /// reference to part of the record).
@@ -72,10 +136,10 @@ py::class_<T> bind_record(py::module_& m, const char* name, const Fields&... fie
   py::class_<T> type(m, name);
   type.def(py::init([fields...](Taken<ValueOf<T, Fields>>... values) {
              T record;
-             ((std::invoke(fields.access, record) = std::move(values)), ...);
+             ((std::invoke(fields.access, record) = taken(std::move(values), fields.name)), ...);
              return record;
            }),
-           py::kw_only(), strict(fields.name)...);
+           py::kw_only(), py::arg(fields.name).noconvert()...);
   return type;
 }
 
@@ -87,12 +151,17 @@ void bind_enum(py::module_& m, const char* name, std::initializer_list<std::pair
   type.finalize();
 }
 
-inline bool is_float64(const py::array& array) {
-  return array.dtype().equal(py::dtype::of<double>());
+/// The pose of the arguments `position` and `orientation`.
+inline Pose taken_pose(const Given<Eigen::Vector3d>& position, const Given<Vector4>& xyzw) {
+  return {taken(position, "position"), Eigen::Quaterniond(taken(xyzw, "orientation"))};
 }
 
-inline Pose make_pose(const Eigen::Vector3d& position, const Vector4& xyzw) {
-  return {position, Eigen::Quaterniond(xyzw)};
+/// The criterion of the arguments `linear_speed`, `angular_speed` and `window`.
+inline RestCriterion taken_rest(const Given<double>& linear_speed, const Given<double>& angular_speed,
+                                const Given<double>& window) {
+  return {.linear_speed = taken(linear_speed, "linear_speed"),
+          .angular_speed = taken(angular_speed, "angular_speed"),
+          .window = taken(window, "window")};
 }
 
 /// What a scene is made of, and the scene.

@@ -11,10 +11,9 @@
 namespace vsr2::binding {
 namespace {
 
-/// Rows of three numbers, of a type that the caller has checked.
+/// Rows of three numbers of an argument.
 template <typename Scalar>
-std::vector<std::array<Scalar, 3>> rows3(const py::array& array, const std::string& what) {
-  if (array.ndim() != 2 || array.shape(1) != 3) throw InvalidInput(what + " must have shape (n, 3)");
+std::vector<std::array<Scalar, 3>> rows3(const py::array& array) {
   const py::array_t<Scalar, py::array::c_style | py::array::forcecast> values(array);
   std::vector<std::array<Scalar, 3>> out(static_cast<std::size_t>(values.shape(0)));
   std::copy_n(values.data(), 3 * out.size(), out.empty() ? nullptr : out.front().data());
@@ -22,24 +21,21 @@ std::vector<std::array<Scalar, 3>> rows3(const py::array& array, const std::stri
 }
 
 /// Points [m]: float64 alone, since other types of numbers may lose digits.
-std::vector<Eigen::Vector3d> points(const py::array& array, const std::string& what) {
-  if (!is_float64(array))
-    throw py::type_error(what + " must be float64, not " + std::string(py::str(array.dtype())));
+std::vector<Eigen::Vector3d> points(const Given<py::array>& given, const char* name) {
   std::vector<Eigen::Vector3d> out;
-  for (const auto& row : rows3<double>(array, what)) out.emplace_back(row.data());
+  for (const auto& row : rows3<double>(taken_array(given.object, name, Elements::float64, {kAny, 3})))
+    out.emplace_back(row.data());
   return out;
 }
 
 /// Indices of vertices, of whatever integer type.
-std::vector<std::array<std::int64_t, 3>> indices(const py::array& array) {
-  const char kind = array.dtype().kind();
-  if (kind != 'i' && kind != 'u')
-    throw py::type_error("faces must be integers, not " + std::string(py::str(array.dtype())));
-  auto out = rows3<std::int64_t>(array, "faces");
-  if (kind != 'u') return out;
+std::vector<std::array<std::int64_t, 3>> indices(const Given<py::array>& given, const char* name) {
+  const py::array array = taken_array(given.object, name, Elements::integers, {kAny, 3});
+  auto out = rows3<std::int64_t>(array);
+  if (array.dtype().kind() != 'u') return out;
   for (const auto& face : out)
     if (*std::min_element(face.begin(), face.end()) < 0)
-      throw InvalidInput("faces must be below 2^63");
+      throw InvalidInput(std::string(name) + " must be below 2^63");
   return out;
 }
 
@@ -92,17 +88,17 @@ void bind_engine(py::module_& m) {
 
 void bind_parts(py::module_& m) {
   py::class_<HullPart>(m, "HullPart")
-      .def(py::init([](const py::array& array) { return HullPart{points(array, "hull points")}; }),
-           strict("points"));
+      .def(py::init([](const Given<py::array>& given) { return HullPart{points(given, "points")}; }),
+           py::arg("points"));
   bind_record<BoxPart>(
       m, "BoxPart", Field{"size", &BoxPart::size},
       Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }},
       Field{"orientation", [](BoxPart& b) -> Vector4& { return b.pose.orientation.coeffs(); }});
   py::class_<TrianglesPart>(m, "TrianglesPart")
-      .def(py::init([](const py::array& vertices, const py::array& faces) {
-             return TrianglesPart{points(vertices, "vertices"), indices(faces)};
+      .def(py::init([](const Given<py::array>& vertices, const Given<py::array>& faces) {
+             return TrianglesPart{points(vertices, "vertices"), indices(faces, "faces")};
            }),
-           strict("vertices"), strict("faces"));
+           py::arg("vertices"), py::arg("faces"));
 }
 
 void bind_bodies(py::module_& m) {

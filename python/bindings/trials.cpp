@@ -22,9 +22,10 @@ bool is_read_only(const py::array& array) {
 
 /// Borrows the memory of a motion's channel. The array lives until the last trial that needs it is
 /// gone, on whatever thread that is, and must stay read-only.
-Samples borrow(const py::array& array) {
-  if (array.ndim() != 1 || !is_float64(array) || (array.flags() & py::array::c_style) == 0)
-    throw py::type_error("samples must be a contiguous array of float64 of shape (n,)");
+Samples borrow(const Given<py::array>& given) {
+  const py::array array = taken_array(given.object, "values", Elements::float64, {kAny});
+  if ((array.flags() & py::array::c_style) == 0)
+    throw py::type_error("values must be contiguous in memory; give a copy");
   if (!is_read_only(array))
     throw InvalidInput(
         "samples are borrowed, so their array, and one that it is a view of, must be read-only and "
@@ -106,22 +107,22 @@ void bind_endings(py::module_& m) {
 
 void bind_specification(py::module_& m) {
   py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
-      .def(py::init(&borrow), strict("values"));
+      .def(py::init(&borrow), py::arg("values"));
 
   py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
-      .def(py::init([](std::shared_ptr<Scene> scene, Drive drive, const Eigen::Vector3d& position,
-                       const Vector4& orientation, Taken<double> linear_speed,
-                       Taken<double> angular_speed, Taken<double> window, Taken<double> timeout,
-                       Taken<std::int64_t> log_every) {
+      .def(py::init([](std::shared_ptr<Scene> scene, Drive drive,
+                       const Taken<Eigen::Vector3d>& position,
+                       const Taken<Vector4>& orientation, const Taken<double>& linear_speed,
+                       const Taken<double>& angular_speed, const Taken<double>& window,
+                       const Taken<double>& timeout, const Taken<std::int64_t>& log_every) {
              return std::make_shared<SettledStart>(
-                 std::move(scene), drive, make_pose(position, orientation),
-                 RestCriterion{.linear_speed = linear_speed,
-                               .angular_speed = angular_speed,
-                               .window = window}, timeout, log_every);
+                 std::move(scene), drive, taken_pose(position, orientation),
+                 taken_rest(linear_speed, angular_speed, window), taken(timeout, "timeout"),
+                 taken(log_every, "log_every"));
            }),
-           py::kw_only(), py::arg("scene"), py::arg("drive"), strict("position"),
-           strict("orientation"), strict("linear_speed"), strict("angular_speed"),
-           strict("window"), strict("timeout"), strict("log_every"));
+           py::kw_only(), py::arg("scene"), py::arg("drive"), py::arg("position"),
+           py::arg("orientation"), py::arg("linear_speed"), py::arg("angular_speed"),
+           py::arg("window"), py::arg("timeout"), py::arg("log_every"));
 
   using T = TrialSpec;
   bind_record<T>(
@@ -168,17 +169,26 @@ void bind_result(py::module_& m) {
 
 void bind_batch(py::module_& m) {
   py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
-      .def(py::init([](Taken<int> threads) { return new Batch(threads); }), strict("threads"))
+      .def(py::init([](const Taken<int>& threads) { return new Batch(taken(threads, "threads")); }),
+           py::arg("threads"))
       .def("add", &Batch::add, py::arg("trial"))
       .def("close", &Batch::close)
       // Python signals are handled between the short waits, so Ctrl-C is noticed at once.
-      .def("wait", [](Batch& batch, Taken<double> timeout) { return batch.wait(timeout); },
-           strict("timeout"), py::call_guard<py::gil_scoped_release>())
+      .def("wait",
+           [](Batch& batch, const Taken<double>& given) {
+             const double timeout = taken(given, "timeout");
+             const py::gil_scoped_release release;
+             return batch.wait(timeout);
+           },
+           py::arg("timeout"))
       .def("exhausted", &Batch::exhausted, py::call_guard<py::gil_scoped_release>())
       .def("cancel", &Batch::cancel)
       .def("join", &Batch::join, py::call_guard<py::gil_scoped_release>())
-      .def("take", [](Batch& batch, Taken<std::size_t> index) { return batch.take(index); },
-           strict("index"));
+      .def("take",
+           [](Batch& batch, const Taken<std::size_t>& index) {
+             return batch.take(taken(index, "index"));
+           },
+           py::arg("index"));
 }
 
 void bind_column_lists(py::module_& m) {

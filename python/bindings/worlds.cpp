@@ -63,10 +63,11 @@ void bind_worlds(py::module_& m) {
            }),
            py::arg("scene"), py::arg("drive"))
       .def("spawn_rock",
-           [](RecordedWorld& world, const Eigen::Vector3d& position, const Vector4& orientation) {
-             world.spawn_rock(make_pose(position, orientation));
+           [](RecordedWorld& world, const Taken<Eigen::Vector3d>& position,
+              const Taken<Vector4>& orientation) {
+             world.spawn_rock(taken_pose(position, orientation));
            },
-           strict("position"), strict("orientation"))
+           py::arg("position"), py::arg("orientation"))
       .def("delete_rock", &RecordedWorld::delete_rock)
       .def_property_readonly("has_rock", &RecordedWorld::has_rock)
       .def_property_readonly("engine", &RecordedWorld::engine, "Engine it was built with.")
@@ -76,25 +77,34 @@ void bind_worlds(py::module_& m) {
       .def("restore_state", &RecordedWorld::restore_state, py::arg("state"),
            py::call_guard<py::gil_scoped_release>())
       .def("settle",
-           [](RecordedWorld& world, Taken<double> linear_speed, Taken<double> angular_speed,
-              Taken<double> window, Taken<double> timeout) {
-             return world.settle({.linear_speed = linear_speed,
-                                  .angular_speed = angular_speed,
-                                  .window = window},
-                                 timeout);
+           [](RecordedWorld& world, const Taken<double>& linear_speed,
+              const Taken<double>& angular_speed, const Taken<double>& window,
+              const Taken<double>& timeout) {
+             const RestCriterion rest = taken_rest(linear_speed, angular_speed, window);
+             const double longest = taken(timeout, "timeout");
+             const py::gil_scoped_release release;
+             return world.settle(rest, longest);
            },
-           py::kw_only(), strict("linear_speed"), strict("angular_speed"), strict("window"),
-           strict("timeout"), py::call_guard<py::gil_scoped_release>(),
+           py::kw_only(), py::arg("linear_speed"), py::arg("angular_speed"), py::arg("window"),
+           py::arg("timeout"),
            "Holds the pedestal until the rock rests: steps taken, and whether it rests.")
-      .def("set_rock_velocity", &RecordedWorld::set_rock_velocity, strict("linear"),
-           strict("angular"))
-      .def("step",
-           [](RecordedWorld& world, Taken<double> position, Taken<double> velocity,
-              Taken<double> transverse, Taken<double> vertical, Taken<double> pitch) {
-             world.step({position, velocity, {transverse, vertical, pitch}});
+      .def("set_rock_velocity",
+           [](RecordedWorld& world, const Taken<Eigen::Vector3d>& linear,
+              const Taken<Eigen::Vector3d>& angular) {
+             world.set_rock_velocity(taken(linear, "linear"), taken(angular, "angular"));
            },
-           strict("position"), strict("velocity"), strict("transverse") = 0.0,
-           strict("vertical") = 0.0, strict("pitch") = 0.0)
+           py::arg("linear"), py::arg("angular"))
+      .def("step",
+           [](RecordedWorld& world, const Taken<double>& position, const Taken<double>& velocity,
+              const Taken<double>& transverse, const Taken<double>& vertical,
+              const Taken<double>& pitch) {
+             world.step({taken(position, "position"),
+                         taken(velocity, "velocity"),
+                         {taken(transverse, "transverse"), taken(vertical, "vertical"),
+                          taken(pitch, "pitch")}});
+           },
+           py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
+           py::arg("vertical") = 0.0, py::arg("pitch") = 0.0)
       .def_property_readonly("pedestal",
                              [](const RecordedWorld& world) {
                                const PedestalState s = world.pedestal();

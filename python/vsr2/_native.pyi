@@ -80,7 +80,7 @@ class HullPart:
     def __init__(self, points: numpy.ndarray) -> None:
         ...
 class BoxPart:
-    def __init__(self, *, size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]) -> None:
+    def __init__(self, *, size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
         ...
 class TrianglesPart:
     def __init__(self, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
@@ -89,10 +89,10 @@ class PitchSpring:
     def __init__(self, *, frequency: float, damping: float, compliance: float, inertia: float) -> None:
         ...
 class PedestalSpec:
-    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], mass: float, base_size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], top: float, material: ContactValues, pitch_pivot: float, pitch_spring: PitchSpring | None) -> None:
+    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], origin: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], mass: float, base_size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], top: float, material: ContactValues, pitch_pivot: float, pitch_spring: PitchSpring | None) -> None:
         ...
 class RockSpec:
-    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], mass: float, principal_inertia: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], principal_axes: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], material: ContactValues) -> None:
+    def __init__(self, *, parts: list[HullPart | BoxPart | TrianglesPart], mass: float, principal_inertia: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], inertia_from_aabb: bool, mass_center: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], principal_axes: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"], material: ContactValues) -> None:
         ...
 class Mechanisms:
     def __init__(self, *, impact_energy_ratio: float, rocking_damping: float, rolling_resistance: float, friction_ratio: float, friction_speed: float, adhesion: float, catch_slack: float) -> None:
@@ -143,15 +143,15 @@ class World:
         ...
     def save_state(self) -> WorldState:
         ...
-    def set_rock_velocity(self, linear: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], angular: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]) -> None:
+    def set_rock_velocity(self, linear: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], angular: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"]) -> None:
         ...
-    def settle(self, *, linear_speed: float, angular_speed: float, window: float, timeout: float) -> tuple[int, bool]:
+    def settle(self, *, linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex) -> tuple[int, bool]:
         """
         Holds the pedestal until the rock rests: steps taken, and whether it rests.
         """
-    def spawn_rock(self, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]) -> None:
+    def spawn_rock(self, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
         ...
-    def step(self, position: float, velocity: float, transverse: float = 0.0, vertical: float = 0.0, pitch: float = 0.0) -> None:
+    def step(self, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
     @property
     def engine(self) -> EngineKind:
@@ -205,7 +205,7 @@ class Samples:
     def __init__(self, values: numpy.ndarray) -> None:
         ...
 class SettledStart:
-    def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], linear_speed: float, angular_speed: float, window: float, timeout: float, log_every: int) -> None:
+    def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"], linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex, log_every: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
 class TrialSpec:
     def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: float, rest_linear_speed: float, rest_angular_speed: float, rest_window: float, overturned_tilt: float, toppled_tilt: float, rocked_tilt: float, slid_distance: float, rotated_angle: float, stop_early: bool, log_every: int, contacts_every: int) -> None:
@@ -282,7 +282,7 @@ class TrialResult:
     def steps(self) -> int:
         ...
 class Batch:
-    def __init__(self, threads: int) -> None:
+    def __init__(self, threads: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     def add(self, trial: TrialSpec) -> int:
         ...
@@ -294,9 +294,9 @@ class Batch:
         ...
     def join(self) -> None:
         ...
-    def take(self, index: int) -> TrialResult:
+    def take(self, index: typing.SupportsInt | typing.SupportsIndex) -> TrialResult:
         ...
-    def wait(self, timeout: float) -> list[int]:
+    def wait(self, timeout: typing.SupportsFloat | typing.SupportsIndex) -> list[int]:
         ...
 def build_facts() -> dict[str, str]:
     ...

@@ -53,6 +53,7 @@ def test_peaks_of_nothing_are_refused():
         ({"displacement": np.zeros(1)}, "at least|2 to"),
         ({"displacement": np.array([1e-3, 0.0, 0.0])}, "subtract the first value"),
         ({"displacement": ["a", "b", "c"]}, "not an array of numbers"),
+        ({"velocity": np.ma.array(np.zeros(3), mask=[0, 1, 0])}, "velocity is a masked array"),
         ({"time_step": 0.0}, "time step"),
         ({"time_step": float("nan")}, "time step"),
     ],

@@ -291,8 +291,11 @@ def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:
         file: that errors name.
 
     Raises:
-        MotionError: no array of numbers, or not of one dimension and `fewest` to `MAX_SAMPLES`.
+        MotionError: no array of numbers, one with a mask, or not of one dimension and `fewest` to
+            `MAX_SAMPLES`.
     """
+    if isinstance(given, np.ma.MaskedArray):
+        raise MotionError(f"{what} is a masked array; fill what its mask hides", file=file)
     try:
         value = read_only(np.asarray(given, dtype=np.float64, order="C"))
     except (TypeError, ValueError) as error:

@@ -318,7 +318,10 @@ class Simulation:
         Raises:
             SimulationError: there is no rock, or the values are not three finite numbers.
         """
-        velocities = [np.asarray(values, dtype=np.float64) for values in (linear, angular)]
+        velocities = [
+            np.ma.asanyarray(values, dtype=np.float64).filled(np.nan)
+            for values in (linear, angular)
+        ]
         if any(v.shape != (3,) or not np.isfinite(v).all() for v in velocities):
             raise SimulationError(
                 f"set_rock_velocity: needs three finite numbers each, got {linear} and {angular}"

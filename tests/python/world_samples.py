@@ -1,0 +1,15 @@
+"""The study of a block that several tests of worlds step."""
+
+from __future__ import annotations
+
+from vsr2.config.study import Study
+
+
+def study(**sections: object) -> Study:
+    return Study.model_validate(
+        {
+            "rock": {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0},
+            "motion": {"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1},
+            **sections,
+        }
+    )
