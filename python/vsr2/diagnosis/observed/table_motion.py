@@ -26,8 +26,6 @@ from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
-Residuals = tuple[Array, Array]
-"""And their variances, each (campaigns, channels, trials)."""
 
 TABLE_FEATURES = (
     Feature("record_gain_slow", FeatureChannel.TABLE, Phase.MOTION),
