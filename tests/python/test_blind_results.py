@@ -25,7 +25,7 @@ from blind_results import (
 )
 from blind_samples import hand_made
 from blind_targets import outcomes_table, targets_table
-from test_blind_score import CAMPAIGNS, VERDICTS
+from scored_campaigns import CAMPAIGNS, VERDICTS
 from vsr2.blind import score_pack
 from vsr2.blind.form.diagnosis_form import Estimate
 from vsr2.blind.form.seal import open_key, read_json, read_pack

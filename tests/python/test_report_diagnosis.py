@@ -6,27 +6,23 @@ import csv
 import json
 import math
 import re
-from typing import Any
-from urllib.parse import unquote
-from xml.etree import ElementTree
 
 import jsonschema
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
-from vsr2.diagnosis import SCHEMA, Diagnosis, schema
+from diagnosis_content import (
+    CONTENT,
+    GAP,
+    NONE_CAN_BE,
+    ROWS,
+    effect,
+    estimate,
+    location,
+)
+from vsr2.diagnosis import Diagnosis, schema
 from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
-    GREY,
-    RED,
-    channels_figure,
-    effects_figure,
-    losses_figure,
     map_figure,
-    order_figure,
-    reliability_figure,
-    sets_figure,
 )
 from vsr2.report.messages.verdicts import (
     closure_note,
@@ -34,275 +30,6 @@ from vsr2.report.messages.verdicts import (
     verdict_sentence,
     with_sentences,
 )
-from vsr2.report.panels import svg
-
-
-def estimate(value: float, half: float = 0.01) -> dict:
-    return {"value": value, "ci95": [value - half, value + half]}
-
-
-def control(closure: float, loss: float) -> dict:
-    return {"closure": estimate(closure), "loss": estimate(loss)}
-
-
-def effect(name: str, probability: float, acts: float) -> dict:
-    size = {"mean": 0.11, "median": 0.12, "ci90": [0.06, 0.16], "ci95": [0.05, 0.17], "unit": "1"}
-    return {
-        "name": name,
-        "probability": probability,
-        "acts": acts,
-        "parameters": {"size": size},
-    }
-
-
-def location(
-    values: dict, feature: str, channel: str, phase: str, size: float, p: float, **found: Any
-) -> dict:
-    return {
-        "location": {"kind": "intensity" if values else "all_trials", "values": values},
-        "axis": "conditions",
-        "feature": feature,
-        "channel": channel,
-        "phase": phase,
-        "effect_size": size,
-        "p_familywise": p,
-        "concentration": 1.0,
-        "trials": None,
-        **found,
-    }
-
-
-NONE_CAN_BE = {"value": None, "ci95": None}
-GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
-LOW_PGA = location(
-    {"pga": "low"}, "outcome", "outcome", "whole response", 0.9, 0.004,
-    concentration=2.4, trials=["A", "B"],
-)  # fmt: skip
-CONTENT = {
-    "schema": SCHEMA,
-    "campaign": {
-        "name": "hand", "trials": 4, "tier": "T", "motions": 2, "sessions": 2,
-        "responding_trials": 4,
-    },
-    "gap": {
-        "state": "found",
-        "effects": ["wear"],
-        "before": estimate(0.8),
-        "after": estimate(0.3),
-        "floor": estimate(0.2),
-        "closure": estimate(0.83),
-        "excess": estimate(0.6),
-        "excess_after": estimate(0.1),
-        "gain": estimate(0.5),
-        "headline": estimate(0.5),
-        "layers": {
-            "numerical": 0.02, "time_step": 0.03, "solver": None, "input": 0.04, "nuisance": 0.05,
-            "physical": None, "physical_expected": None, "trials": 4, "repeats": 0,
-        },
-    },
-    "where": [
-        LOW_PGA,
-        location({}, "outcome", "outcome", "whole response", 0.6, 0.01),
-        location(
-            {"pga": "high"}, "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4
-        ),
-        location({}, "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
-    ],
-    "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": [GAP]},
-    "effects": [effect("wear", 0.76, 0.8), effect("catch", 0.09, 0.12)],
-    "sets": [
-        {"effects": ["wear"], "probability": 0.72},
-        {"effects": ["unknown"], "probability": 0.1},
-        {"effects": ["catch", "wear"], "probability": 0.08},
-        {"effects": [], "probability": 0.05},
-        {"effects": ["catch"], "probability": 0.05},
-    ],
-    "none_probability": 0.05,
-    "conformal_set_90": ["wear"],
-    "negative_control": {"recalibrated": control(0.17, 0.7), "dealt": control(0.33, 0.6)},
-    "unknown": {"probability": 0.1, "detection_rate": 0.4},
-    "posterior": {
-        "temperature": 1.1, "none_limit": 0.3, "least_name": 0.85, "set_level": 0.95,
-        "wrong": 0.09, "named": 0.62, "detection_rate": 0.4, "campaigns": 2000,
-    },
-    "next_measurement": {
-        "kind": "split",
-        "splits": ["wear", "catch"],
-        "instruments": ["repeat_first_trials", "slack"],
-        "repetition": {"trial": "T7", "information_per_repeat": 1.0, "repeats": 3},
-        "others": [
-            {
-                "name": "table_gain",
-                "instrument": "table_sensors",
-                "repetition": {"trial": "T8", "information_per_repeat": 1.0, "repeats": 4},
-            },
-            {
-                "name": "friction",
-                "instrument": "push_and_rock",
-                "repetition": {"trial": "T9", "information_per_repeat": 0.0, "repeats": None},
-            },
-        ],
-        "out_of_library": None,
-    },
-    "limits": [{"code": "one_session", "values": {}}],
-    "provenance": {
-        "versions": {"vsr2": "1"},
-        "budget": {
-            "state": "sufficient", "simulations": 9, "allowed": 10, "cost_s": 0.1, "simulated": 9,
-            "reused": 0, "campaigns": 2000,
-        },
-        "detection_limits": {"wear +": 0.1},
-        "constants": {"look": {"trials": 40}},
-        "excluded": [],
-        "references": [],
-        "held_out": True,
-        "nuisances": ["friction"],
-        "simulator": "0",
-        "seed": 0,
-        "wall_time_s": 1.0,
-    },
-}  # fmt: skip
-TRIALS = (
-    ("A", "s1", 1, 1.0, 0, 0.9, 0.2, 2.3, 0.22),
-    ("B", "s1", 2, 1.0, 1, 0.9, 0.8, 0.1, 0.22),
-    ("C", "s2", 3, 1.4, 1, 0.1, 0.8, 2.3, 0.22),
-    ("D", "s2", 4, 1.4, 1, 0.1, 0.8, 2.3, 0.22),
-)
-ROWS = tuple(
-    {
-        "trial": name,
-        "motion": "m",
-        "session": session,
-        "order": order,
-        "log_pga": pga,
-        "log_ratio": -2.0 + 0.1 * order,
-        "overturned": overturned,
-        "uncertain": 1,
-        "before": before,
-        "after": after,
-        "loss_before": loss,
-        "loss_after": after_loss,
-        "floor": 0.1,
-    }
-    for name, session, order, pga, overturned, before, after, loss, after_loss in TRIALS
-)
-
-
-def marks(figure: Figure) -> dict[str, Any]:
-    """Marks of the figure by the text that a browser shows on them."""
-    [panel] = figure.axes
-    found = {
-        unquote(artist.get_gid().removeprefix("tooltip-")): artist
-        for artist in panel.get_children()
-        if artist.get_gid()
-    }
-    assert panel.get_legend() or figure.legends, "no legend"
-    return found
-
-
-def at(mark: Line2D) -> tuple[float, float]:
-    return float(mark.get_xdata()[0]), float(mark.get_ydata()[0])
-
-
-def test_the_bars_are_as_high_as_the_losses() -> None:
-    figure = losses_figure(CONTENT)
-    height = {text.split(":")[0]: bar.get_height() for text, bar in marks(figure).items()}
-    wanted = {"before": 0.8, "after": 0.3, "recalibrated": 0.7, "dealt": 0.6, "floor": 0.2}
-    assert height == wanted
-    ends = [line.get_ydata() for line in figure.axes[0].lines]
-    assert ends == [pytest.approx([v - 0.01, v + 0.01]) for v in wanted.values()]
-    assert figure.axes[0].get_ylabel() == "loss a trial [nat]"
-
-
-def test_where_nothing_is_named_there_are_before_and_floor_alone() -> None:
-    bare = {"closure": NONE_CAN_BE, "loss": NONE_CAN_BE}
-    content = CONTENT | {
-        "gap": CONTENT["gap"] | {"after": NONE_CAN_BE},
-        "negative_control": {"recalibrated": bare, "dealt": bare},
-    }
-    assert list(marks(losses_figure(content))) == ["before: 0.800", "floor: 0.200"]
-
-
-def test_effects_are_ordered_by_whether_they_act_and_the_set_is_filled() -> None:
-    figure = effects_figure(CONTENT)
-    bars = marks(figure)
-    assert list(bars) == ["wear: 0.800", "catch: 0.120", "unknown: 0.100", "none: 0.050"]
-    assert [bar.get_width() for bar in bars.values()] == [0.8, 0.12, 0.1, 0.05]
-    hollow = {text.split(":")[0] for text, bar in bars.items() if bar.get_facecolor()[3] == 0}
-    assert hollow == {"unknown", "none", "catch"}
-    top, bottom = (figure.axes[0].transData.transform((0, y))[1] for y in (0, 3))
-    assert top > bottom, "the most probable is not on top"
-
-
-def test_sets_are_shown_as_what_acts_together() -> None:
-    [panel] = sets_figure(CONTENT).axes
-    assert [text.get_text() for text in panel.get_yticklabels()] == [
-        "wear", "unknown", "catch + wear", "none", "catch",
-    ]  # fmt: skip
-    assert [bar.get_width() for bar in panel.patches] == [0.72, 0.1, 0.08, 0.05, 0.05]
-
-
-def test_no_more_than_ten_hypotheses_are_drawn() -> None:
-    many = [effect(f"e{i}", 0.05, 0.05) for i in range(12)]
-    assert len(marks(effects_figure({**CONTENT, "effects": many}))) == 10
-
-
-def test_the_map_fills_what_overturned_and_reddens_what_surprised() -> None:
-    by_trial = {text[0]: mark for text, mark in marks(map_figure(ROWS)).items()}
-    filled = {name for name, one in by_trial.items() if one.get_markerfacecolor() != "none"}
-    assert filled == {"B", "C", "D"}
-    assert {name for name, one in by_trial.items() if one.get_color() == RED} == set()
-    red = {name for name, one in by_trial.items() if one.get_markeredgecolor() == RED}
-    assert red == {"A", "C", "D"}
-    assert at(by_trial["A"]) == pytest.approx((math.e / 9.80665, math.exp(-1.9)))
-    assert by_trial["A"].get_markersize() > by_trial["B"].get_markersize()
-
-
-def test_the_order_shows_observed_minus_predicted_and_the_sessions_means() -> None:
-    figure = order_figure(ROWS)
-    found = {trial: at(mark) for trial, mark in marks(figure).items()}
-    wanted = {"A": (1, -0.9), "B": (2, 0.1), "C": (3, 0.9), "D": (4, 0.9)}
-    assert found == {name: pytest.approx(xy) for name, xy in wanted.items()}
-    means = [line for line in figure.axes[0].lines if not line.get_gid()]
-    assert [list(line.get_xdata()) for line in means] == [[1, 2], [3, 4]]
-    assert [line.get_ydata()[0] for line in means] == pytest.approx([-0.4, 0.9])
-
-
-def test_channels_that_stand_out_are_filled() -> None:
-    bars = marks(channels_figure(CONTENT))
-    filled = {text: bar.get_facecolor()[3] > 0 for text, bar in bars.items()}
-    assert filled == {
-        "all trials: +0.60, family-wise p 0.010": True,
-        "largest_tilt: all trials: -0.30, family-wise p 0.500": False,
-    }
-    assert [bar.get_width() for bar in bars.values()] == [0.6, -0.3]
-
-
-def test_reliability_draws_before_as_crosses_and_after_as_dots() -> None:
-    points = [
-        (mark.get_marker(), unquote(mark.get_gid().removeprefix("tooltip-")), at(mark))
-        for mark in reliability_figure(ROWS).axes[0].lines
-        if mark.get_gid()
-    ]
-    # All three that the model with the effect gives 0.8 overturned, the one with 0.2 did not.
-    assert points == [
-        ("x", "before: 2 trials", pytest.approx((0.1, 1.0))),
-        ("x", "before: 2 trials", pytest.approx((0.9, 0.5))),
-        ("o", "after: 1 trials", pytest.approx((0.2, 0.0))),
-        ("o", "after: 3 trials", pytest.approx((0.8, 1.0))),
-    ]
-
-
-def test_a_drawing_is_xml_with_its_tooltips_and_always_the_same() -> None:
-    rows = [row | {"trial": f'<b>{row["trial"]}</b> & "co"'} for row in ROWS]
-    drawing = svg(order_figure(rows), 'a "map" of <what>')
-    root = ElementTree.fromstring(drawing)
-    assert root.get("aria-label") == 'a "map" of <what>'
-    assert root.get("viewBox")
-    assert root.get("width") is None
-    titles = [one.text for one in root.iter("{http://www.w3.org/2000/svg}title")]
-    assert titles == [row["trial"] for row in rows]
-    assert svg(order_figure(rows), 'a "map" of <what>') == drawing
 
 
 def test_the_page_shows_the_numbers() -> None:
@@ -470,14 +197,6 @@ def test_a_trial_to_repeat_with_new_instruments_separates_no_effects() -> None:
 def test_trials_without_measures_are_reported() -> None:
     [panel] = map_figure([row | {"log_pga": math.nan} for row in ROWS]).axes
     assert [text.get_text() for text in panel.texts] == ["no trial has intensity measures"]
-
-
-def test_trials_that_never_lift_off_are_no_surprise() -> None:
-    still = {"uncertain": 0, "before": math.nan, "loss_before": math.nan, "floor": math.nan}
-    rows = [ROWS[0] | still, *ROWS[1:]]
-    by_trial = {text[0]: mark for text, mark in marks(map_figure(rows)).items()}
-    assert by_trial["A"].get_markeredgecolor() == GREY
-    assert "A" not in marks(order_figure(rows))
 
 
 def test_hostile_names_stay_text() -> None:
