@@ -22,7 +22,7 @@ struct Pattern {
 //   bound_motor(next)      bounds `next`, the impulse demanded of the motor
 //   takes_normal(i, next)  bounds `next`, the impulse demanded; false: the row does nothing
 //   has_spin(i), bound_spin(i, next); has_lateral(i), bound_lateral(i, next_1, next_2)
-//   note_...(i, change)    is told what was applied
+//   note_...(i, change)    takes what was applied
 template <Joint kJoint, typename Scalar, typename Rows>
 VSR2_INLINE void sweep(const ContactProblem& p, Rows& rows, VelocityChange<Scalar>& v) {
   if constexpr (kJoint == Joint::motor) {

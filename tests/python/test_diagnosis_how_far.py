@@ -19,7 +19,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     outcome_loss,
     resampled_means,
 )
-from vsr2.diagnosis.how_far.held_out import HELD_OUT, LOSSES, HowFar, judge, rows, simulations
+from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -77,7 +77,7 @@ def test_means_are_resampled_by_complete_motions() -> None:
 
 
 def losses_of(names=("wear",), **given):
-    values = {name: np.array(given[name], dtype=float) for name in LOSSES}
+    values = {name: np.array(given[name], dtype=float) for name in Loss}
     count = values["before"].size
     blank = np.full(count, 0.5)
     return HowFar(values, blank, blank, np.arange(count) % 2, names)

@@ -41,7 +41,7 @@ def test_the_page_shows_the_numbers() -> None:
         "recalibration 0.17 [0.16, 0.18], the response dealt to wrong trials 0.33 [0.32, 0.34]",
         "Headline, closure minus the better of these, or 0: 0.50 [0.49, 0.51]",
         "repeat trial T7, where wear and catch differ most; about 3 repeats would",
-        "table gain record the table beside the specimen",
+        "table gain record the shake table beside the specimen",
         "drives the simulation T8 4",
         "decay of rocking T9 no number",
         "starts moved by 1e-6 to 1e-4 m and rad: 2.0%",

@@ -146,7 +146,7 @@ def test_what_to_measure_next_is_worded() -> None:
     film = "film every trial and judge all of them again by one rule"
     assert next_measurement(check) == film
     two = ["film_outcomes", "vertical_record"]
-    record = "record the table's vertical acceleration"
+    record = "record the shake table's vertical acceleration"
     assert next_measurement(check | {"kind": "split", "instruments": two}) == (
         f"{film}; or {record}"
     )

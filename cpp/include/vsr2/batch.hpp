@@ -33,7 +33,7 @@ class Batch {
   void close();
   /// Waits up to `timeout` [s] for finished trials and returns their indices (empty: none yet).
   std::vector<std::size_t> wait(double timeout);
-  /// The batch is closed or cancelled, and wait() has told all trials that ran.
+  /// The batch is closed or cancelled, and wait() has returned all trials that ran.
   bool exhausted();
   /// Running trials stop within a few steps with status `cancelled`; no others begin.
   void cancel();

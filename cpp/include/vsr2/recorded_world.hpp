@@ -61,7 +61,7 @@ class RecordedWorld final : public World {
 
   /// @throws InvalidInput after more than WorldState::kMaxSteps time steps.
   WorldState save_state() const;
-  /// Goes on from a state of a world of the same scene: builds the world anew and does again what
+  /// Goes on from a state of a world of the same scene: builds the world again and does again what
   /// led to the state, at the engine's speed. On an exception nothing has changed.
   /// @throws InvalidInput if the state is of another drive or cannot be done again here.
   void restore_state(const WorldState& state);

@@ -160,8 +160,8 @@ def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> 
     used = ~np.isnan(campaign.overturned) & (measures.pga > 0) & (measures.pgv_pga > 0)
     if not used.any():
         raise ResultError(
-            f"campaign {campaign.name!r}: no trial has an outcome, PGA and PGV/PGA; give the table "
-            "pga_m_s2 and pgv_pga_s, or motions"
+            f"campaign {campaign.name!r}: no trial has an outcome, PGA and PGV/PGA; give "
+            "trials.csv pga_m_s2 and pgv_pga_s, or motions"
         )
     chosen = campaign.select(used)
     pga, ratio, truth = measures.pga[used], measures.pgv_pga[used], chosen.overturned == 1

@@ -53,6 +53,10 @@ class FusionConstants:
             smoothed.
         run_up: most samples for which the filter runs up to the record's start.
         segment: length of the segments of its spectra [s].
+        least_wiener: prior variance over the noise's, where weak shaking hides in the noise.
+        fewest_shaking: samples that count as shaking; of fewer, all of the record's do.
+        most_persistence: of a channel's noise: beyond it, noise is a drift.
+        most_share: of the autoregressive part in it: some of it is white.
     """
 
     rest_window: float = 0.5
@@ -62,6 +66,10 @@ class FusionConstants:
     peak_shaking: float = 3.0
     run_up: int = 4000
     segment: float = 4.0
+    least_wiener: float = 0.1
+    fewest_shaking: int = 16
+    most_persistence: float = 0.99
+    most_share: float = 0.98
 
 
 FUSION = FusionConstants()
@@ -419,18 +427,17 @@ def _wiener_variance(acceleration: Array, noise: ChannelNoise, interval: float) 
     model = noise.acceleration
     per_step = 2 * (model.deviation * interval**2) ** 2 * (1 - model.share * model.persistence)
     total = float(np.mean(np.diff(acceleration) ** 2))
-    # weak shaking may hide in the noise; a tenth of it leaves the prior open
-    return FUSION.peak_shaking * max(total - per_step, 0.1 * per_step)
+    return FUSION.peak_shaking * max(total - per_step, FUSION.least_wiener * per_step)
 
 
 def _shaking(acceleration: Array) -> NDArray[np.intp]:
-    """Sample numbers between 5 % and 95 % of the squared acceleration's sum; at least 16."""
+    """Sample numbers between 5 % and 95 % of the squared acceleration's sum, or all."""
     total = np.cumsum(acceleration**2)
     inside = np.flatnonzero(
         (total >= FUSION.shaking_share * total[-1])
         & (total <= (1 - FUSION.shaking_share) * total[-1])
     )
-    return inside if inside.size >= 16 else np.arange(acceleration.size)
+    return inside if inside.size >= FUSION.fewest_shaking else np.arange(acceleration.size)
 
 
 def _fitted_noise(record: Record, windows: Array, channel: str) -> Noise:
@@ -446,8 +453,8 @@ def _fitted_noise(record: Record, windows: Array, channel: str) -> Noise:
     # autoregressive part p: c1 = p^1 s c0, c2 = p^2 s c0
     if c1 <= 0 or c2 <= 0:
         return Noise(math.sqrt(c0))
-    persistence = min(c2 / c1, 0.99)
-    share = min(c1 / c0 / persistence, 0.98)
+    persistence = min(c2 / c1, FUSION.most_persistence)
+    share = min(c1 / c0 / persistence, FUSION.most_share)
     return Noise(math.sqrt(c0), share, persistence)
 
 

@@ -40,7 +40,7 @@ MIN_RELATIVE_CORNER = 1e-5
 
 @dataclass(frozen=True)
 class ProcessingConstants:
-    """How rest is told from motion, and ends are brought to rest; chosen by hand.
+    """How rest is distinguished from motion, and ends are brought to rest; chosen by hand.
 
     Attributes:
         rest_band: before shaking: a signal within this share of its peak around its first level.

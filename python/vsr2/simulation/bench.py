@@ -58,12 +58,28 @@ class BenchConstants:
         density: of both rocks [kg/m^3].
         ramp: time over which a push comes and goes [s].
         touch: gap at which a body is released [m].
+        stand: edge lengths of the pedestal [m].
+        scan_points: of the made scan.
+        scan_seed: of its radii.
+        scan_half_axes: of the ellipsoid that it is cut from [m].
+        scan_scatter: of its radii, relative.
+        scan_cut: height of its base under the ellipsoid's centre [m].
+        scan_unevenness: of its base, to either side [m].
+        scan_yaw: at which it stands [degree].
     """
 
     block: tuple[float, float, float] = (0.4, 0.6, 1.2)
     density: float = 2700.0
     ramp: float = 0.1
     touch: float = 1e-6
+    stand: tuple[float, float, float] = (20.0, 20.0, 0.5)
+    scan_points: int = 700
+    scan_seed: int = 20231
+    scan_half_axes: tuple[float, float, float] = (0.27, 0.33, 0.75)
+    scan_scatter: float = 0.02
+    scan_cut: float = 0.52
+    scan_unevenness: float = 0.001
+    scan_yaw: float = 20.0
 
 
 BENCH = BenchConstants()
@@ -76,7 +92,7 @@ def with_tail(trial: Trial, tail: float) -> Trial:
 
 
 def _stand() -> PedestalBody:
-    return build_pedestal(PrismPedestal(size=(20.0, 20.0, 0.5)))
+    return build_pedestal(PrismPedestal(size=BENCH.stand))
 
 
 class EffectBench(Bench):
@@ -219,19 +235,20 @@ def boulder(pedestal: PedestalBody, clearance: float) -> RockBody:
     """
     import trimesh
 
-    rng = np.random.default_rng(20231)
-    count = 700
+    rng, count = np.random.default_rng(BENCH.scan_seed), BENCH.scan_points
     height = 1 - 2 * (np.arange(count) + 0.5) / count
     around = np.pi * (3 - math.sqrt(5)) * np.arange(count)
     level = np.sqrt(1 - height**2)
     unit = np.column_stack([level * np.cos(around), level * np.sin(around), height])
-    points = unit * np.array([0.27, 0.33, 0.75]) * (1 + 0.02 * rng.standard_normal((count, 1)))
-    # Points below the cut become the base, uneven by a millimetre.
-    low = points[:, 2] < -0.52
-    points[low, 2] = -0.52 + 0.001 * rng.uniform(-1, 1, int(low.sum()))
+    scatter = 1 + BENCH.scan_scatter * rng.standard_normal((count, 1))
+    points = unit * np.array(BENCH.scan_half_axes) * scatter
+    # Points below the cut become the base.
+    low = points[:, 2] < -BENCH.scan_cut
+    uneven = BENCH.scan_unevenness * rng.uniform(-1, 1, int(low.sum()))
+    points[low, 2] = -BENCH.scan_cut + uneven
     hull = hull_surface(points)
     mesh = trimesh.Trimesh(hull.vertices, hull.faces, process=False)
     mass: MassProperties = mesh_mass_properties(mesh, density=BENCH.density, source="boulder")
     parts = (Hull(hull.vertices),)
-    start = start_pose(YawStart(yaw=20.0), parts, mass, pedestal, clearance=clearance)
+    start = start_pose(YawStart(yaw=BENCH.scan_yaw), parts, mass, pedestal, clearance=clearance)
     return RockBody(parts=parts, mass=mass, start=start, surface=hull, source="boulder")

@@ -66,7 +66,7 @@ class CheckConstants:
             start.
         jitter: standard deviation of each coordinate of a hull's points [m].
         resamples: pairs of samples behind each floor.
-        tilts: least and greatest that are told apart [rad].
+        tilts: least and greatest that are distinguished [rad].
         draws: perturbed starts, and hulls, under each motion, by rock; the block's response is
             hardly chaotic.
         turns: of the rock about the vertical, by rock; the block's so that its response is not

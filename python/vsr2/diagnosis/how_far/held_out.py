@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import Any
 
@@ -68,7 +69,25 @@ class HeldOutConstants:
 
 
 HELD_OUT = HeldOutConstants()
-LOSSES = ("before", "after", "recalibrated", "dealt", "floor")
+
+
+class Loss(StrEnum):
+    """Whose loss on trials not seen."""
+
+    BEFORE = "before"
+    """The nominal model."""
+    AFTER = "after"
+    """The model with what is named."""
+    RECALIBRATED = "recalibrated"
+    """A negative control: probabilities of the nominal model, rescaled."""
+    DEALT = "dealt"
+    """A negative control: the response of what is named, dealt to wrong trials."""
+    FLOOR = "floor"
+    """The noise floor."""
+
+
+CONTROLS = (Loss.RECALIBRATED, Loss.DEALT)
+"""Negative controls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,50 +95,50 @@ class HowFar:
     """Losses of every trial that was simulated, and predictions.
 
     Attributes:
-        losses: by name (`LOSSES`), each (trials,); after and controls NaN where nothing is named.
+        losses: each (trials,); after and controls NaN where nothing is named.
         before, after: probabilities of overturning, shape (trials,).
         motion: of each trial, shape (trials,).
         names: of the effects that `after` has.
     """
 
-    losses: dict[str, Array]
+    losses: dict[Loss, Array]
     before: Array
     after: Array
     motion: NDArray[np.int64]
     names: tuple[str, ...]
 
     @cached_property
-    def _means(self) -> dict[str, Array]:
-        """Mean losses by name, then those of each replicate, shape (1 + replicates,)."""
-        values = np.stack([self.losses[name] for name in LOSSES])
+    def _means(self) -> dict[Loss, Array]:
+        """Mean losses, then those of each replicate, shape (1 + replicates,)."""
+        values = np.stack([self.losses[name] for name in Loss])
         drawn = resampled_means(values, self.motion, replicates=HELD_OUT.resamples)
         means = np.vstack([values.mean(axis=1), drawn])
-        return dict(zip(LOSSES, means.T, strict=True))
+        return dict(zip(Loss, means.T, strict=True))
 
-    def mean(self, name: str) -> Interval:
+    def mean(self, name: Loss) -> Interval:
         """Mean loss."""
         return interval(self._means[name])
 
-    def excess(self, name: str) -> Interval:
+    def excess(self, name: Loss) -> Interval:
         """Mean loss over the floor."""
-        return interval(self._means[name] - self._means["floor"])
+        return interval(self._means[name] - self._means[Loss.FLOOR])
 
     def gain(self) -> Interval:
         """Mean loss before minus after, of equal trials."""
-        return interval(self._means["before"] - self._means["after"])
+        return interval(self._means[Loss.BEFORE] - self._means[Loss.AFTER])
 
-    def closure(self, name: str) -> Interval:
+    def closure(self, name: Loss) -> Interval:
         """(before - model) / (before - floor); none where there is no gap."""
-        return self._share(self._means["before"] - self._means[name])
+        return self._share(self._means[Loss.BEFORE] - self._means[name])
 
     def headline(self) -> Interval:
         """Closure minus that of the better control, or minus 0 where both make it worse."""
-        controls = [self._means[name] for name in ("before", "recalibrated", "dealt")]
-        return self._share(np.min(controls, axis=0) - self._means["after"])
+        controls = [self._means[name] for name in (Loss.BEFORE, *CONTROLS)]
+        return self._share(np.min(controls, axis=0) - self._means[Loss.AFTER])
 
     def _share(self, part: Array) -> Interval:
         """A difference of mean losses over the gap, of equal replicates."""
-        gap = self._means["before"] - self._means["floor"]
+        gap = self._means[Loss.BEFORE] - self._means[Loss.FLOOR]
         if gap[0] <= 0:
             return Interval(np.nan, np.nan, np.nan)
         gap[1:] = np.maximum(gap[1:], 1e-9)
@@ -159,11 +178,11 @@ def judge(
     draws = range(1, members + 1)
     before = _ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, seed)
     outcome, features = seen.overturned[trials], seen.features[trials]
-    losses = {"before": _loss(before, before.probability, outcome, features)}
-    losses["floor"] = _floor(before)
+    losses = {Loss.BEFORE: _loss(before, before.probability, outcome, features)}
+    losses[Loss.FLOOR] = _floor(before)
     blank = np.full(trials.size, np.nan)
     if not names:
-        losses |= dict.fromkeys(("after", "recalibrated", "dealt"), blank)
+        losses |= dict.fromkeys((Loss.AFTER, *CONTROLS), blank)
         return HowFar(losses, before.probability, blank, motion, ())
     group = _groups(motion, outcome)
     drawn: list[list[Effects]] = [[] for _ in trials]
@@ -175,10 +194,10 @@ def judge(
     after = _ensemble(
         cache, seen, trials, drawn, later, HELD_OUT.replicate, seed + 1, progress=progress
     )
-    losses["after"] = _loss(after, after.probability, outcome, features)
+    losses[Loss.AFTER] = _loss(after, after.probability, outcome, features)
     scaled = _recalibrated(before.probability, outcome, group)
-    losses["recalibrated"] = _loss(before, scaled, outcome, features)
-    losses["dealt"] = _dealt(before, after, outcome, features, seen.log_pga[trials], seed)
+    losses[Loss.RECALIBRATED] = _loss(before, scaled, outcome, features)
+    losses[Loss.DEALT] = _dealt(before, after, outcome, features, seen.log_pga[trials], seed)
     return HowFar(losses, before.probability, after.probability, motion, tuple(names))
 
 
@@ -336,9 +355,9 @@ def rows(how_far: HowFar, seen: Observations, trials: NDArray[np.int64]) -> list
                 "uncertain": int(k is not None),
                 "before": at(how_far.before),
                 "after": at(how_far.after),
-                "loss_before": at(how_far.losses["before"]),
-                "loss_after": at(how_far.losses["after"]),
-                "floor": at(how_far.losses["floor"]),
+                "loss_before": at(how_far.losses[Loss.BEFORE]),
+                "loss_after": at(how_far.losses[Loss.AFTER]),
+                "floor": at(how_far.losses[Loss.FLOOR]),
             }
         )
     return out

@@ -43,7 +43,7 @@ class ObservedConstants:
             has it stay within a millimetre, another lets it go several.
         rest_scatter: standard deviation of the logarithm of larger ones between two correct
             engines.
-        distinct: standard errors from which a turn or a travel is told from none.
+        distinct: standard errors from which a turn or a travel is distinguished from none.
         repeated: greatest difference of ln PGA and of ln PGV between recordings of one motion
             repeated: for noise of the records and the table's scatter. The next amplitude of a
             campaign lies 5 % off or more.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.held_out import HowFar, rows
+from vsr2.diagnosis.how_far.held_out import CONTROLS, HowFar, Loss, rows
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.training import Found, Posterior, label_set
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
@@ -101,7 +101,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
                 "closure": how_far.closure(name).to_json(),
                 "loss": how_far.mean(name).to_json(),
             }
-            for name in ("recalibrated", "dealt")
+            for name in CONTROLS
         },
         "posterior": asdict(posterior.levels) | {"campaigns": posterior.campaigns},
         "next_measurement": measure and measure.to_json(),
@@ -116,11 +116,11 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
     return {
         "state": str(evidence.verdict.gap),
         "effects": list(how_far.names),
-        **{name: how_far.mean(name).to_json() for name in ("before", "after", "floor")},
-        "excess": how_far.excess("before").to_json(),
-        "excess_after": how_far.excess("after").to_json(),
+        **{name: how_far.mean(name).to_json() for name in (Loss.BEFORE, Loss.AFTER, Loss.FLOOR)},
+        "excess": how_far.excess(Loss.BEFORE).to_json(),
+        "excess_after": how_far.excess(Loss.AFTER).to_json(),
         "gain": how_far.gain().to_json(),
-        "closure": how_far.closure("after").to_json(),
+        "closure": how_far.closure(Loss.AFTER).to_json(),
         "headline": how_far.headline().to_json(),
         "layers": dict(evidence.layers),
     }

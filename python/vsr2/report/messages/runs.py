@@ -173,8 +173,8 @@ def no_baselines(why: NoBaselines | None) -> str:
             return "fewer motions with outcome, PGA and PGV/PGA than folds, or a single one"
         case NoBaselines.NO_INTENSITIES:
             return (
-                "no trial has an outcome, PGA and PGV/PGA; give the table pga_m_s2 and pgv_pga_s, "
-                "or motions"
+                "no trial has an outcome, PGA and PGV/PGA; give trials.csv pga_m_s2 and "
+                "pgv_pga_s, or motions"
             )
     return ""
 

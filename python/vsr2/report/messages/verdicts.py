@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @cache
 def _templates() -> dict[tuple[str, str], Template]:
-    """By table and key of `verdicts.toml`."""
+    """By section and key of `verdicts.toml`."""
     text = files("vsr2.report.messages").joinpath("verdicts.toml").read_text(encoding="utf-8")
     made = environment(
         {
@@ -32,27 +32,27 @@ def _templates() -> dict[tuple[str, str], Template]:
             "interval": interval,
             "location": location,
             "number": format,
-            "say": lambda key, table: _say(table, key),
+            "say": lambda key, section: _say(section, key),
             "unit": _unit,
         }
     )
     return {
-        (table, key): made.from_string(template)
-        for table, templates in tomllib.loads(text).items()
+        (section, key): made.from_string(template)
+        for section, templates in tomllib.loads(text).items()
         for key, template in templates.items()
     }
 
 
-def _say(table: str, key: str, **values: Any) -> str:
-    return _templates()[table, key].render(values)
+def _say(section: str, key: str, **values: Any) -> str:
+    return _templates()[section, key].render(values)
 
 
 def sentence(statement: Mapping[str, Any]) -> str:
     """A reason or a limit, with its code and values."""
     code = str(statement["code"])
-    table = "reasons" if ("reasons", code) in _templates() else "limits"
+    section = "reasons" if ("reasons", code) in _templates() else "limits"
     # `none`, a name of some values, is a constant to a template.
-    return _say(table, code, values=statement["values"], **statement["values"])
+    return _say(section, code, values=statement["values"], **statement["values"])
 
 
 def instrument(code: str) -> str:
@@ -77,8 +77,8 @@ def noise_floor(layers: Mapping[str, Any]) -> list[str]:
     """What is changed in each layer of the noise floor that is known, and its share."""
     return [
         f"{_say('layers', name)}: {layers[name]:.1%}"
-        for table, name in _templates()
-        if table == "layers" and layers.get(name) is not None
+        for section, name in _templates()
+        if section == "layers" and layers.get(name) is not None
     ]
 
 
@@ -119,7 +119,7 @@ def closure_note(content: Mapping[str, Any]) -> str:
 
 
 def channels_note(content: Mapping[str, Any]) -> str:
-    """What other channels would show, and how the table was checked."""
+    """What other channels would show, and how the shake table was checked."""
     return _say("notes", "channels", **content)
 
 
