@@ -161,7 +161,7 @@ class CalibrationSettings(Section):
                     f"parameters.{name}: method.proposals `cma` goes over ranges; give `range`, or "
                     "set it to `tpe`"
                 )
-            if self.method.kind == "sequential" and parameter.values is None:
+            if isinstance(self.method, Sequential) and parameter.values is None:
                 raise ValueError(
                     f"parameters.{name}: the sequential procedure goes over a list; give `values`"
                 )

@@ -24,7 +24,7 @@ import numpy as np
 from vsr2.analysis import Classification
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
-from vsr2.calibration.calibration_study import CalibrationStudy, study_values
+from vsr2.calibration.calibration_study import CalibrationStudy, Sequential, study_values
 from vsr2.calibration.evaluation import RUNNING
 from vsr2.calibration.evaluation_store import EVALUATIONS_FILE
 from vsr2.calibration.objective import metrics_of, objective_of
@@ -91,7 +91,7 @@ def save_calibration(
         "scores.csv": score_rows(result),
         "profiles.csv": profile_rows(result),
     }
-    if result.settings.method.kind == "sequential":
+    if isinstance(result.settings.method, Sequential):
         tables[TABLE] = sequential_rows(result)
     if result.folds:
         tables["folds.csv"] = fold_rows(result)

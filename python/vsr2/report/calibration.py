@@ -13,7 +13,7 @@ import numpy as np
 
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.calibration.calibrate import CalibrationResult
-from vsr2.calibration.calibration_study import Parameter
+from vsr2.calibration.calibration_study import Parameter, Sequential
 from vsr2.calibration.calibration_tables import best_of_sweeps
 from vsr2.calibration.profile import Identifiability, Profile
 from vsr2.campaign import intensity_measures
@@ -230,7 +230,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
 
 def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
     """The report as Markdown."""
-    sequential = result.settings.method.kind == "sequential"
+    sequential = isinstance(result.settings.method, Sequential)
     verdicts = {profile.name: profile.verdict for profile in result.profiles}
     return render(
         "calibration.md",

@@ -102,13 +102,13 @@ TILT_FEATURES = (
     SERIES_TILT,
     CONTRADICTION,
     *(
-        Feature(
-            f"{number}_{what}",
-            FeatureChannel.TILT,
-            Phase.UPLIFT if what == "start" else Phase.IMPACTS,
-        )
+        Feature(f"{number}_{what}", FeatureChannel.TILT, phase)
         for number in _NUMBERS
-        for what in ("start", "excursion", "duration")
+        for what, phase in (
+            ("start", Phase.UPLIFT),
+            ("excursion", Phase.IMPACTS),
+            ("duration", Phase.IMPACTS),
+        )
     ),
     Feature("excursions", FeatureChannel.TILT, Phase.STRONG),
     TIME_ALOFT,
