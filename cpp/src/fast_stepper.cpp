@@ -20,6 +20,11 @@ using Eigen::Vector3d;
 
 // Bullet's search takes four points that span less than this for points of one plane [m^3].
 constexpr double kFlatVolume = 1e-8;
+// Bullet's normal is the direction of least depth: vertical in a thick top, away from its edge. The
+// bounds are chosen by hand, well inside of where that ends; beyond them Bullet takes over.
+constexpr double kDeepestOfRock = 0.1;  // depth over half the size of the rock [1]
+constexpr double kDeepestOfTop = 0.2;   // depth over the least half edge of the top's box [1]
+constexpr double kGuardOfRock = 0.01;   // distance from the top's edge, over half the rock's size [1]
 
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
@@ -90,11 +95,9 @@ FastModel::FastModel(const Scene& scene) {
   breaking_threshold =
       std::min(shapes.rock->getContactBreakingThreshold(engine.contact_breaking_threshold),
                shapes.pedestal->getContactBreakingThreshold(engine.contact_breaking_threshold));
-  // Bullet's normal is the direction of least depth: vertical in a thick top, away from its edge. Both
-  // bounds are chosen by hand, well inside of where that ends; beyond them Bullet takes over.
   const double size = is_box ? box_half.norm() : radius;
-  deepest = std::min(0.1 * size, 0.2 * support_half.minCoeff());
-  guard = 2.0 * engine.collision_margin + 0.01 * size;
+  deepest = std::min(kDeepestOfRock * size, kDeepestOfTop * support_half.minCoeff());
+  guard = 2.0 * engine.collision_margin + kGuardOfRock * size;
 
   mass = rock.mass;
   inertia = scene.rock_inertia();
