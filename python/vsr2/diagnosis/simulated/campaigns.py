@@ -37,9 +37,9 @@ class SetPrior:
     """
 
     none: float = 0.1
-    two: float = 0.25
+    two: float = 0.4
     least: float = 0.4
-    most: float = 8.0
+    most: float = 16.0
     least_share: float = 1 / 256
     alone: float = 0.35
 
