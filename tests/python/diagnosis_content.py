@@ -81,7 +81,13 @@ CONTENT = {
         ),
         location({}, "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
     ],
-    "verdict": {"kind": "effect", "effects": ["wear"], "probability": 0.9, "reasons": [GAP]},
+    "verdict": {
+        "kind": "effect",
+        "effects": ["wear"],
+        "findings": [["wear"]],
+        "probability": 0.9,
+        "reasons": [GAP],
+    },
     "effects": [effect("wear", 0.76, 0.8), effect("catch", 0.09, 0.12)],
     "sets": [
         {"effects": ["wear"], "probability": 0.72},

@@ -210,7 +210,7 @@ def test_scoring_reads_what_a_diagnosis_writes() -> None:
 
 def test_a_bare_verdict_is_enough() -> None:
     verdict = verdict_of(
-        {"schema": "vsr2.diagnosis/4", "verdict": {"kind": "none", "probability": 0.7}}, "x"
+        {"schema": "vsr2.diagnosis/5", "verdict": {"kind": "none", "probability": 0.7}}, "x"
     )
     assert verdict.probabilities == {"none": 0.7}
     assert verdict.closure is None

@@ -457,7 +457,7 @@ def test_a_real_campaign_is_diagnosed(shaken, tmp_path) -> None:
     with few_simulations():
         result = diagnose(
             replace(some, trials=trials), study, out=tmp_path / "out",
-            budget=Budget(campaigns=36), hypotheses=hypotheses, execution=Execution(threads=1),
+            budget=Budget(campaigns=150), hypotheses=hypotheses, execution=Execution(threads=1),
         )  # fmt: skip
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     jsonschema.validate(content, schema())

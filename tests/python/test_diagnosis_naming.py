@@ -34,6 +34,18 @@ def test_sets_are_none_every_effect_every_pair_and_outside() -> None:
     assert len(Sets(("a",))) == 3
 
 
+@pytest.mark.parametrize("most", [1, 3, 4])
+def test_sets_hold_at_most_so_many_effects(most) -> None:
+    sets = Sets(SETS.names, most)
+    wanted = [
+        set(names) for size in range(most + 1) for names in itertools.combinations(sets.names, size)
+    ]
+    assert [set(np.array(sets.names)[row]) for row in sets.members[:-1]] == wanted
+    np.testing.assert_array_equal(sets.size[:-1], [len(one) for one in wanted])
+    assert len(sets) == len(wanted) + 1
+    assert sets.index(sets.names[:most]) == wanted.index(set(sets.names[:most]))
+
+
 def test_labels_share_all_of_the_probability() -> None:
     p = np.random.default_rng(0).dirichlet(np.ones(12), 5)
     labels = label_probability(p, SETS)
@@ -49,6 +61,12 @@ def test_the_effect_of_a_pair_that_acts_more_probably_leads() -> None:
         p[0, SETS.index(names)] = value
     # They act with 0.7, 0.5, 0.3 and 0.1.
     np.testing.assert_allclose(label_probability(p, SETS)[0], [0, 0.7, 0.2, 0.1, 0, 0])
+    three = Sets(SETS.names, 3)
+    p = np.zeros((1, len(three)))
+    for names, value in ((("a",), 0.2), (("a", "c"), 0.3), (("b", "c", "d"), 0.5)):
+        p[0, three.index(names)] = value
+    # They act with 0.5, 0.5, 0.8 and 0.5.
+    np.testing.assert_allclose(label_probability(p, three)[0], [0, 0.2, 0, 0.8, 0, 0])
 
 
 def test_sets_that_hold_a_missing_effect_are_not_allowed() -> None:
@@ -103,8 +121,9 @@ def test_candidates_cover_the_sets_that_hold_one_of_them() -> None:
     # b first, as 0.45 lie in its sets; then a adds 0.3 alone.
     assert found.effects[:2] == (1, 0)
     np.testing.assert_allclose(found.covered[:2], [0.45 / 0.8, 0.75 / 0.8])
-    assert found.pair == (1, 2)
-    assert found.pair_probability == pytest.approx(0.15 / 0.8), "given a gap"
+    ((findings, probability),) = found.together
+    assert findings == ((1,), (2,))
+    assert probability == pytest.approx(0.15 / 0.8), "given a gap"
 
 
 @pytest.mark.parametrize(
@@ -155,9 +174,37 @@ def test_an_effect_of_no_probability_is_never_put_forward() -> None:
             assert set(effects) == set(given) - {"outside"}
 
 
+def test_causes_that_act_together_are_named_with_their_twins() -> None:
+    """a and b are twins: that c acts with one of them is sure, with which one is not."""
+    kind, effects, naming = said(TWINS, ac=0.5, bc=0.4)
+    assert (kind, effects, naming.findings) == ("pair", ("a", "b", "c"), ((0, 1), (2,)))
+    assert naming.probability == pytest.approx(1.0)
+    assert said(DISTINCT, ac=0.5, bc=0.4)[:2] == ("effect", ("c",))
+    assert said(TWINS, ac=0.75, bc=0.15)[2].findings == ((0,), (2,)), "no more than needed"
+
+
+def test_the_most_causes_are_named_that_act_together() -> None:
+    three = Sets(SETS.names, 3)
+
+    def of(**given):
+        p = np.zeros(len(three))
+        for names, value in given.items():
+            p[three.index(names)] = value
+        p[0] = 1 - p.sum()
+        found = candidates(p, three, DISTINCT)
+        return decide(found, none_limit=0.3, least=0.8, alike=DISTINCT)
+
+    every = of(abc=0.85, ab=0.1)
+    assert (every.kind, every.findings) == (VerdictKind.SEVERAL, ((0,), (1,), (2,)))
+    some = of(acd=0.5, bcd=0.4)
+    assert (some.kind, some.findings) == (VerdictKind.PAIR, ((2,), (3,)))
+    assert some.probability == pytest.approx(1.0)
+
+
 def test_a_name_is_wrong_where_none_of_it_acts() -> None:
     def one(kind, *effects):
-        return Naming(VerdictKind(kind), effects, 0.9)
+        findings = tuple((e,) for e in effects) if kind == "pair" else (effects,)
+        return Naming(VerdictKind(kind), findings, 0.9)
 
     assert not is_wrong(one("class", 0, 2), (2, 3))
     assert is_wrong(one("class", 0, 2), (1,))

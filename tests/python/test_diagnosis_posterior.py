@@ -30,17 +30,19 @@ def campaigns_of(sets, nuisances=None, trials=1):
 # --- network -------------------------------------------------------------------------------------
 
 
-def test_gradients_are_those_of_differences(monkeypatch) -> None:
+@pytest.mark.parametrize("most", [1, 2, 3, 4])
+def test_gradients_are_those_of_differences(most, monkeypatch) -> None:
+    sets = Sets(SETS.names, most)
     small = replace(NETWORK, hidden=(5, 4), dropout=0.3, decay=0.01)
     monkeypatch.setattr("vsr2.diagnosis.posterior.network.NETWORK", small)
     rng = np.random.default_rng(0)
-    network = Network.drawn(SETS, 6, rng)
+    network = Network.drawn(sets, 6, rng)
     for bias in network.biases:
         bias += 0.1 * rng.standard_normal(bias.shape)
     inputs, weight = rng.standard_normal((9, 6)), rng.uniform(0.5, 2.0, 9)
     allowed = rng.random((9, 4)) > 0.2
     truth = np.array([int(np.flatnonzero(row)[-1 - i % 2]) for i, row in
-                      enumerate(SETS.allowed(allowed))])  # fmt: skip
+                      enumerate(sets.allowed(allowed))])  # fmt: skip
 
     def loss() -> float:
         # The same units are left out as in the step.

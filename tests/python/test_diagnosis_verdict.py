@@ -18,7 +18,7 @@ from vsr2.diagnosis.verdict.compose import _estimate, _unrolled, shown
 from vsr2.diagnosis.verdict.limits import (
     LIMITS,
     beyond_tolerance,
-    equivalents_of_a_pair,
+    equivalents_of_several,
     excluded_equivalents,
     few_sessions,
     limits_of_the_verdict,
@@ -31,7 +31,7 @@ from vsr2.diagnosis.verdict.next_measurement import (
     Measurement,
     MeasurementKind,
     Rival,
-    measurement_of_a_pair,
+    measurement_of_several,
     measurement_out_of_library,
     next_measurement,
 )
@@ -42,7 +42,8 @@ from vsr2.effects import library as full_library
 
 
 def verdict_with(kind, *effects):
-    return Verdict(VerdictKind(kind), effects, 0.9, GapState.FOUND, ())
+    findings = tuple((one,) for one in effects) if kind == "pair" else (effects,)
+    return Verdict(VerdictKind(kind), findings, 0.9, GapState.FOUND, ())
 
 
 def test_a_statement_has_the_values_that_its_code_declares() -> None:
@@ -58,12 +59,12 @@ def test_a_statement_has_the_values_that_its_code_declares() -> None:
 
 def test_a_pair_names_what_stands_behind_its_members() -> None:
     library = full_library()
-    assert list(equivalents_of_a_pair(verdict_with("pair", "catch", "com_offset"), library)) == [
+    assert list(equivalents_of_several(verdict_with("pair", "catch", "com_offset"), library)) == [
         Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=(other,))
         for name, other in (("catch", "outcome_rule"), ("com_offset", "base_slope"))
     ]
-    assert not list(equivalents_of_a_pair(verdict_with("pair", "inertia", "time_scale"), library))
-    assert not list(equivalents_of_a_pair(verdict_with("effect", "com_offset"), library))
+    assert not list(equivalents_of_several(verdict_with("pair", "inertia", "time_scale"), library))
+    assert not list(equivalents_of_several(verdict_with("effect", "com_offset"), library))
 
 
 def test_what_lies_beyond_its_tolerance_may_look_like_an_effect() -> None:
@@ -193,7 +194,7 @@ def found(*given, outside=0.0):
             ("wear",),
             ["gap", "name_reached", "second_effect_likely"],
         ),
-        (found(("wear", "catch", 0.9)), "pair", ("wear", "catch"), ["gap", "pair_reached"]),
+        (found(("wear", "catch", 0.9)), "pair", ("wear", "catch"), ["gap", "together_reached"]),
         (found(("wear", 0.3), outside=0.5), "unknown", (), ["gap", "outside_outweighs"]),
         (
             found(*((n, 0.2) for n in ("base_slope", "wear", "catch", "friction"))),
@@ -358,7 +359,7 @@ def test_the_trial_to_repeat_is_the_one_that_separates_most(forty) -> None:
 
 
 def test_a_pair_needs_both_instruments_and_an_unknown_cause_a_look_at_what_is_left(forty) -> None:
-    both = measurement_of_a_pair(("catch", "wear"), LIBRARY)
+    both = measurement_of_several(("catch", "wear"), LIBRARY)
     assert both.kind is MeasurementKind.BOTH
     assert both.instruments == (Instrument.SLACK, Instrument.REPEAT_FIRST_TRIALS)
     excess = np.zeros(40)

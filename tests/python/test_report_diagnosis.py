@@ -144,6 +144,10 @@ def test_the_schema_refuses(part, change) -> None:
         ({"kind": "class", "names": ["wear", "catch"]}, "added, the first closes 83%"),
         ({"kind": "class", "names": ["wear", "catch"], "alike": True}, "cannot tell them apart"),
         ({"kind": "pair", "names": ["wear", "catch"]}, "Wear and catch together explain the gap"),
+        (
+            {"kind": "several", "names": [["wear", "catch"], ["friction"], ["inertia"]]},
+            "Wear or catch, friction and inertia together explain the gap (90%): added, they close",
+        ),
         ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60%)."),
         ({"kind": "none", "names": []}, "but residuals stand out: low PGA (family-wise p 0.004)"),
         (
@@ -155,9 +159,12 @@ def test_the_schema_refuses(part, change) -> None:
 )
 def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None:
     alike = [{"code": "equivalent_here", "values": {}}] if changes.get("alike") else []
+    kind, names = changes.get("kind", "effect"), changes.get("names", ["wear"])
+    findings = names if kind == "several" else [[n] for n in names] if kind == "pair" else [names]
     verdict = CONTENT["verdict"] | {
-        "kind": changes.get("kind", "effect"),
-        "effects": changes.get("names", ["wear"]),
+        "kind": kind,
+        "effects": [name for finding in findings for name in finding],
+        "findings": findings,
         "probability": changes.get("probability", 0.9),
         "reasons": [GAP, *alike],
     }

@@ -22,6 +22,7 @@ class Question:
             time_scale.change=-0.3:0.1 (may be repeated)
         reference: folder of a campaign of the same trials that is known to have no effect (may be
             repeated)
+        most_effects: so many effects may act together, 1 to 4; more need more simulated campaigns
         seed: of everything random
     """
 
@@ -30,6 +31,7 @@ class Question:
     prior: tuple[str, ...] = ()
     nuisance: opt.Nuisances = ()
     reference: tuple[Path, ...] = ()
+    most_effects: opt.Integer = 2
     seed: opt.Integer = 0
 
 
@@ -101,6 +103,7 @@ def diagnose(
                 priors=dict(_prior(text) for text in question.prior),
                 nuisances=opt.nuisances(question.nuisance),
                 references=[load_campaign(folder) for folder in question.reference],
+                most_effects=question.most_effects,
             ),
             execution=Execution(
                 effort.threads,

@@ -110,7 +110,13 @@ def diagnose(
     found = diagnose_with(
         simulator,
         seen.campaign,
-        Question(seen.tier, simulator.excluded, tuple(hypotheses.references), seed),
+        Question(
+            seen.tier,
+            simulator.excluded,
+            tuple(hypotheses.references),
+            seed,
+            hypotheses.most_effects,
+        ),
         cache=folder if cache is None else cache,
         budget=budget,
         report=execution.report,

@@ -50,7 +50,7 @@ from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.diagnosis.verdict.limits import LIMITS
 from vsr2.diagnosis.verdict.next_measurement import MEASUREMENT
 from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
-from vsr2.diagnosis.verdict.statements import BudgetState, VerdictKind
+from vsr2.diagnosis.verdict.statements import BudgetState
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import SCAN
 from vsr2.errors import DiagnosisError
@@ -98,12 +98,14 @@ class Question:
         excluded: effects that are not looked for.
         references: campaigns of the same trials that are known to have no effect.
         seed: of all draws.
+        most_effects: that may act together.
     """
 
     tier: Tier | None = None
     excluded: tuple[str, ...] = ()
     references: tuple[Campaign, ...] = ()
     seed: int = 0
+    most_effects: int = 2
 
 
 QUESTION = Question()
@@ -148,7 +150,7 @@ def diagnose_with(
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
         schedule = Schedule(budget, store, len(seen), simulator.library, started)
-        work = _Work(store, seen, schedule, kept, excluded, seed, report)
+        work = _Work(store, seen, schedule, kept, question, report)
         seen_look = work.look()
         trials = seen_look.responding
         posterior = work.posterior(seen_look)
@@ -237,8 +239,8 @@ def _reference(campaign: Campaign, seen: Observations) -> Observations:
 
 
 def _judged(verdict: Verdict, posterior: Posterior) -> list[str]:
-    """What is simulated again: both effects of a pair, else the first that is named or leads."""
-    names = verdict.effects[: 2 if verdict.kind is VerdictKind.PAIR else 1]
+    """What is simulated again: of each cause the first effect that is named or leads."""
+    names = [finding[0] for finding in verdict.findings]
     return [name for name in names if name in posterior.parameters.rows]
 
 
@@ -250,8 +252,7 @@ class _Work:
     seen: Observations
     schedule: Schedule
     cache: ProtocolCache | None
-    excluded: tuple[str, ...]
-    seed: int
+    question: Question
     report: Report | None
 
     def notify(
@@ -271,7 +272,7 @@ class _Work:
         """Detection limits, and the trials that respond."""
         return look(
             self.store, len(self.seen), most=self.schedule.look_trials,
-            plain=self.schedule.plain, seed=self.seed,
+            plain=self.schedule.plain, seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.LOOK, n / m),
         )  # fmt: skip
 
@@ -286,8 +287,9 @@ class _Work:
         leading: tuple[Found, Posterior] | None = None
         while count := self.schedule.next_campaigns(done, trials.size):
             more = simulate_campaigns(
-                self.store, found, trials, range(done, done + count), seed=self.seed
-            )
+                self.store, found, trials, range(done, done + count),
+                most=self.question.most_effects, seed=self.question.seed,
+            )  # fmt: skip
             campaigns = campaigns.joined(more)
             done += count
             self._simulated(done, trials.size, leading)
@@ -296,7 +298,9 @@ class _Work:
                 first = self._trained(campaigns, trials, done)
                 leading = (
                     first.infer(
-                        self.seen.overturned[trials], self.seen.features[trials], self.excluded
+                        self.seen.overturned[trials],
+                        self.seen.features[trials],
+                        self.question.excluded,
                     ),
                     first,
                 )
@@ -317,14 +321,20 @@ class _Work:
         return load_posterior(self._path(self.cache, campaigns), self.store.simulator.library)
 
     def _path(self, cache: ProtocolCache, campaigns: int) -> Path:
-        return cache.posterior(self.store.simulator.identity, self.seen, campaigns, self.seed)
+        asked = self.question
+        return cache.posterior(
+            self.store.simulator.identity, self.seen, campaigns, asked.seed, asked.most_effects
+        )
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:
         known = self._known(done)
         if known is not None:
             return known
         started = time.monotonic()
-        made = train(self.seen, campaigns, self.store.simulator.library, trials, seed=self.seed)
+        made = train(
+            self.seen, campaigns, self.store.simulator.library, trials,
+            most=self.question.most_effects, seed=self.question.seed,
+        )  # fmt: skip
         self.schedule.trained(len(campaigns), time.monotonic() - started)
         if self.cache is not None:
             save_posterior(made, self._path(self.cache, done))

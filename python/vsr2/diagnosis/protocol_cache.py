@@ -41,7 +41,9 @@ class ProtocolCache:
         """File of simulations."""
         return self.folder / SIMULATIONS
 
-    def posterior(self, identity: str, seen: Observations, campaigns: int, seed: int) -> Path:
+    def posterior(
+        self, identity: str, seen: Observations, campaigns: int, seed: int, most: int = 2
+    ) -> Path:
         """File of the posterior trained for a simulator and what a campaign measures.
 
         Args:
@@ -49,12 +51,14 @@ class ProtocolCache:
             seen: the observed campaign, whose outcomes have no part in it.
             campaigns: simulated.
             seed: of the training.
+            most: effects that may act together.
         """
         digest = hashlib.blake2b(digest_size=8)
         constants = (SUMMARY, DISCREPANCY, NETWORK, TRAINING, PARAMETERS, SET_PRIOR)
         parts = (
             identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
-            seen.tilt_noise, seen.rest_noise, campaigns, seed, [astuple(one) for one in constants],
+            seen.tilt_noise, seen.rest_noise, campaigns, seed, most,
+            [astuple(one) for one in constants],
         )  # fmt: skip
         digest.update(repr(parts).encode())
         return self.folder / f"posterior-{digest.hexdigest()}.npz"

@@ -33,7 +33,8 @@ FAILED_FILE = "failed.json"
 NAMING: Mapping[VerdictKind, tuple[int, float]] = {
     VerdictKind.EFFECT: (1, 1),
     VerdictKind.CLASS: (1, float("inf")),
-    VerdictKind.PAIR: (2, 2),
+    VerdictKind.PAIR: (2, float("inf")),
+    VerdictKind.SEVERAL: (3, float("inf")),
 }
 """Kinds that name effects, with the least and greatest number of them."""
 

@@ -134,7 +134,7 @@ def right(case: Case) -> bool:
     named, truth = _named(case), set(case.truth)
     if not is_named(case):
         return truth == {case.verdict.kind}
-    if case.verdict.kind is VerdictKind.PAIR:
+    if case.verdict.kind.names_several:
         return len(truth) > 1 and named == truth
     return len(truth) == 1 and truth <= named and len(named) <= SCORING.most_classes
 
@@ -147,7 +147,7 @@ def wrong(case: Case) -> bool | None:
     if not is_named(case):
         return None
     named, truth = _named(case), set(case.truth)
-    return not (named <= truth if case.verdict.kind is VerdictKind.PAIR else named & truth)
+    return not (named <= truth if case.verdict.kind.names_several else named & truth)
 
 
 def _named(case: Case) -> set[str]:

@@ -20,7 +20,7 @@ from vsr2.diagnosis.simulated.library import Library
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 4
+FORMAT = 5
 """Of the file, and of what features are: a posterior of another form is trained again."""
 
 
@@ -53,6 +53,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
     content = {
         "format": FORMAT,
         "names": posterior.sets.names,
+        "most": posterior.sets.most,
         "trials": posterior.summaries.trials,
         "networks": len(posterior.networks),
         "layers": len(posterior.networks[0].weights),
@@ -80,7 +81,7 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
             about = json.loads(str(file["about"]))
             if about["format"] != FORMAT or tuple(about["names"]) != tuple(library):
                 return None
-            sets = Sets(tuple(about["names"]))
+            sets = Sets(tuple(about["names"]), about["most"])
             networks = tuple(
                 Network(
                     sets,

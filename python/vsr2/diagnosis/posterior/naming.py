@@ -15,19 +15,25 @@ Array = NDArray[np.float64]
 
 
 class VerdictKind(StrEnum):
-    """What a verdict says; `PAIR` names two effects that act together."""
+    """What a verdict says; `PAIR` names two causes that act together, `SEVERAL` more."""
 
     NONE = library.NONE
     EFFECT = "effect"
     CLASS = "class"
     PAIR = "pair"
+    SEVERAL = "several"
     UNKNOWN = library.UNKNOWN
     UNRESOLVED = "unresolved"
 
     @property
     def names_effects(self) -> bool:
         """Whether it says which effects are missing."""
-        return self in (VerdictKind.EFFECT, VerdictKind.CLASS, VerdictKind.PAIR)
+        return self in (VerdictKind.EFFECT, VerdictKind.CLASS) or self.names_several
+
+    @property
+    def names_several(self) -> bool:
+        """Whether it says that more than one cause acts."""
+        return self in (VerdictKind.PAIR, VerdictKind.SEVERAL)
 
 
 @dataclass(frozen=True)
@@ -37,8 +43,8 @@ class NamingConstants:
     Attributes:
         classes: of effects that may be named as one finding.
         outside: probability, given a gap, from which a cause outside the library outweighs.
-        second: probability of two effects, given a gap, from which a name says that a second is
-            likely.
+        second: probability of two effects or more, given a gap, from which a name says that a
+            second is likely.
     """
 
     classes: int = 3
@@ -47,6 +53,8 @@ class NamingConstants:
 
 
 NAMING = NamingConstants()
+Findings = tuple[tuple[int, ...], ...]
+"""Causes that act together: of each the effects, one of which acts."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +64,8 @@ class Candidates:
     Attributes:
         none: probability that nothing is missing.
         outside: probability of a cause outside the library, given a gap.
-        pair: the most probable pair, indices of effects.
-        pair_probability: of it, given a gap.
+        together: causes that may act together, the most of them first, each with the probability,
+            given a gap, that all act; of equally many the fewest effects first.
         effects: indices, each adding most to the probability that one of them acts.
         covered: that probability with each further effect, given a gap.
         classes: that these make, effects declared alike being one.
@@ -65,8 +73,7 @@ class Candidates:
 
     none: float
     outside: float
-    pair: tuple[int, int]
-    pair_probability: float
+    together: tuple[tuple[Findings, float], ...]
     effects: tuple[int, ...]
     covered: tuple[float, ...]
     classes: tuple[int, ...]
@@ -78,17 +85,23 @@ class Naming:
 
     Attributes:
         kind: of the verdict.
-        effects: indices; of an unresolved verdict those that lead.
+        findings: causes, of each the effects that it may be; of an unresolved verdict one, the
+            effects that lead.
         probability: of what is said; of effects, given a gap.
         classes: that the effects make.
         alike: whether all effects named are declared alike.
     """
 
     kind: VerdictKind
-    effects: tuple[int, ...]
+    findings: Findings
     probability: float
     classes: int = 0
     alike: bool = False
+
+    @property
+    def effects(self) -> tuple[int, ...]:
+        """Of all findings."""
+        return tuple(effect for finding in self.findings for effect in finding)
 
 
 def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Candidates:
@@ -102,12 +115,9 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
     none = float(probability[0])
     given = probability / max(1 - none, 1e-12)
     count = len(sets.names)
-    best = 0
-    if count > 1:
-        best = int(np.argmax(given[1 + count : -1]))
-    first, second = sets.pairs
     left = np.array(given)
     left[0] = left[-1] = 0.0
+    together = _together(left, sets, alike)
     chosen: list[int] = []
     covered: list[float] = []
     counts: list[int] = []
@@ -124,14 +134,62 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
         if counts[-1] > NAMING.classes:
             break
     return Candidates(
-        none,
-        float(given[-1]),
-        (int(first[best]), int(second[best])) if count > 1 else (0, 0),
-        float(given[1 + count + best]) if count > 1 else 0.0,
-        tuple(chosen),
-        tuple(covered),
-        tuple(counts),
+        none, float(given[-1]), together, tuple(chosen), tuple(covered), tuple(counts)
     )
+
+
+def _together(
+    given: Array, sets: Sets, alike: NDArray[np.bool_]
+) -> tuple[tuple[Findings, float], ...]:
+    """Causes that may act together: see `Candidates`.
+
+    Of each size one set leads, all of whose effects act with the greatest probability: the most
+    probable one of that size, or a part of that which leads larger ones. To each of its effects
+    those declared alike to it are added, first the one that adds most to the probability that all
+    causes act.
+
+    Args:
+        given: probability of each set of effects, given a gap, shape (sets,).
+        sets: the hypotheses.
+        alike: effects declared alike, shape (effects, effects).
+    """
+    out: list[tuple[Findings, float]] = []
+    leaders = np.zeros(0, dtype=np.int64)
+    for rows in reversed(sets.by_size[1:]):
+        own = np.flatnonzero(sets.size == rows.shape[1])
+        # Where most of them stand in larger sets, they are a part of the leaders there.
+        options = [rows[int(np.argmax(given[own]))]]
+        options += [np.delete(leaders, k) for k in range(leaders.size)]
+        acting = [float(given[sets.members[:, one].all(axis=1)].sum()) for one in options]
+        leaders = options[int(np.argmax(acting))]
+        findings = [[int(effect)] for effect in leaders]
+        hit = [np.array(sets.members[:, effect]) for effect in leaders]
+        out.append((_frozen(findings), float(given[np.all(hit, axis=0)].sum())))
+        more = [
+            (k, int(effect))
+            for k, leader in enumerate(leaders)
+            for effect in np.flatnonzero(alike[leader])
+            if effect not in leaders
+        ]
+        while more:
+            gains = []
+            for k, effect in more:
+                others = [one for j, one in enumerate(hit) if j != k]
+                added = np.all(others, axis=0) & sets.members[:, effect] & ~hit[k]
+                gains.append(float(given[added].sum()))
+            best = int(np.argmax(gains))
+            if not gains[best] > 0:
+                break
+            k, effect = more[best]
+            more = [one for one in more if one[1] != effect]
+            findings[k].append(effect)
+            hit[k] |= sets.members[:, effect]
+            out.append((_frozen(findings), out[-1][1] + gains[best]))
+    return tuple(out)
+
+
+def _frozen(findings: list[list[int]]) -> Findings:
+    return tuple(tuple(one) for one in findings)
 
 
 def decide(
@@ -140,8 +198,9 @@ def decide(
     """What is said.
 
     None is said unless its probability is below what one gap-free campaign in twenty has. A cause
-    outside the library is said where it outweighs. Else the smallest set of effects is named of
-    which one acts with the probability `least`, given a gap, or the pair that reaches it. Where the
+    outside the library is said where it outweighs. Else the most causes are named that act together
+    with the probability `least`, given a gap; each is an effect or effects that are declared alike.
+    Else the smallest set of effects is named of which one acts with that probability. Where the
     next effect is declared alike to the first, both are named.
 
     Args:
@@ -154,8 +213,10 @@ def decide(
         return Naming(VerdictKind.NONE, (), found.none)
     if found.outside > NAMING.outside:
         return Naming(VerdictKind.UNKNOWN, (), found.outside)
-    if found.pair_probability >= least:
-        return Naming(VerdictKind.PAIR, found.pair, found.pair_probability)
+    for findings, probability in found.together:
+        if probability >= least:
+            kind = VerdictKind.PAIR if len(findings) == 2 else VerdictKind.SEVERAL
+            return Naming(kind, findings, min(probability, 1.0), len(findings))
     reached = [k for k, covered in enumerate(found.covered) if covered >= least]
     if not reached or found.classes[reached[0]] > NAMING.classes:
         count = sum(c <= NAMING.classes for c in found.classes)
@@ -167,7 +228,7 @@ def decide(
         kind = VerdictKind.EFFECT if count == 1 else VerdictKind.CLASS
     return Naming(
         kind,
-        found.effects[:count],
+        (found.effects[:count],),
         found.covered[count - 1],
         found.classes[count - 1],
         count > 1 and found.classes[count - 1] == 1,
@@ -181,8 +242,8 @@ def is_wrong(said: Naming, acting: tuple[int, ...]) -> bool:
         said: of a campaign.
         acting: effects of the library that act in it; empty too where the cause lies outside.
     """
-    if said.kind is VerdictKind.PAIR:
-        return not set(said.effects) <= set(acting)
+    if said.kind.names_several:
+        return any(not set(finding) & set(acting) for finding in said.findings)
     if said.kind in (VerdictKind.EFFECT, VerdictKind.CLASS):
         return not set(said.effects) & set(acting)
     return False

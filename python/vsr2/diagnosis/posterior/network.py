@@ -1,11 +1,12 @@
 """A small network from summaries to the probability of every set of effects.
 
-Its outputs are a score for every effect alone, one for every effect as a part of a pair, and three
-more: none, a pair, outside. The logit of a pair is the sum of its parts and that of `a pair`, so
-that a pair needs no campaigns of its own. Trained by the logarithmic score on simulated campaigns,
-its probabilities are those of the hypotheses given the summaries (P. Pudlo et al., "Reliable ABC
-model choice via random forests", Bioinformatics 32, 2016; S. T. Radev et al., "Amortized Bayesian
-model comparison with evidential deep learning", IEEE Trans. Neural Netw. Learn. Syst. 34, 2023).
+Its outputs are a score for every effect alone, one for every effect as a part of a larger set, and
+one each for none, a pair, three effects and so on, and outside. The logit of a larger set is the
+sum of its parts and of that of its size, so that a set needs no campaigns of its own. Trained by
+the logarithmic score on simulated campaigns, its probabilities are those of the hypotheses given
+the summaries (P. Pudlo et al., "Reliable ABC model choice via random forests", Bioinformatics 32,
+2016; S. T. Radev et al., "Amortized Bayesian model comparison with evidential deep learning", IEEE
+Trans. Neural Netw. Learn. Syst. 34, 2023).
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ class Network:
     @classmethod
     def drawn(cls, sets: Sets, inputs: int, rng: np.random.Generator) -> Network:
         """With the weights that training starts from (He initialisation)."""
-        sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 3]
+        sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 1 + len(sets.by_size)]
         weights = [rng.standard_normal((a, b)) * np.sqrt(2 / a) for a, b in pairwise(sizes)]
         weights[-1] *= NETWORK.first_outputs
         return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
@@ -130,36 +131,53 @@ class Network:
     def _slope(self, outputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
         """Of minus the log probability of the truth, by the outputs.
 
-        Pairs are summed as products of their parts, and none is computed by itself.
+        The sum over sets of one size of the products of their parts is an elementary symmetric
+        polynomial of the parts, so that no set is computed by itself.
         """
-        count = len(self.sets.names)
+        count, larger = len(self.sets.names), len(self.sets.by_size) - 1
         logits = np.array(outputs)
         logits[:, : 2 * count] = np.where(np.tile(allowed, 2), outputs[:, : 2 * count], FORBIDDEN)
         part = logits[:, count : 2 * count]
         most = part.max(axis=1, keepdims=True)
         factor = np.exp(part - most)
-        # The sum over pairs of products: of each with those before it.
-        before = np.cumsum(factor, axis=1) - factor
-        total = np.maximum((factor * before).sum(axis=1, keepdims=True), 1e-300)
-        logits[:, [2 * count + 1]] += 2 * most + np.log(total)
-        kinds = np.r_[0:count, 2 * count : 2 * count + 3]
+        totals = _symmetric_sums(factor, larger + 1)
+        for size in range(2, larger + 2):
+            logits[:, [2 * count + size - 1]] += size * most + np.log(totals[size])
+        kinds = np.r_[0:count, 2 * count : outputs.shape[1]]
         out = np.zeros(outputs.shape)
         out[:, kinds] = np.exp(_log_softmax(logits[:, kinds]))
-        others = factor.sum(axis=1, keepdims=True) - factor
-        out[:, count : 2 * count] = out[:, [2 * count + 1]] * factor * others / total
+        others = np.ones(factor.shape)
+        for size in range(2, larger + 2):
+            # The polynomial of the other parts, one size smaller.
+            others = np.maximum(totals[size - 1] - factor * others, 0.0)
+            acts = out[:, [2 * count + size - 1]] * factor * others / totals[size]
+            out[:, count : 2 * count] += acts
         out -= self._own[truth]
         return out
 
     @cached_property
     def _own(self) -> Array:
         """Outputs of which the logit of each set is the sum, shape (sets, outputs)."""
-        count = len(self.sets.names)
-        out = np.zeros((len(self.sets), 2 * count + 3))
-        pairs = np.arange(1 + count, len(self.sets) - 1)
+        count, size = len(self.sets.names), self.sets.size
+        out = np.zeros((len(self.sets), 2 * count + 1 + len(self.sets.by_size)))
         out[1 : 1 + count, :count] = np.eye(count)
-        out[pairs, count : 2 * count] = self.sets.members[pairs]
-        out[0, -3] = out[pairs, -2] = out[-1, -1] = 1.0
+        larger = np.flatnonzero(size > 1)
+        out[larger, count : 2 * count] = self.sets.members[larger]
+        out[larger, 2 * count + size[larger] - 1] = 1.0
+        out[0, 2 * count] = out[-1, -1] = 1.0
         return out
+
+
+def _symmetric_sums(factor: Array, most: int) -> list[Array]:
+    """Elementary symmetric polynomials of each row, of degree 0 to `most`, each shape (n, 1)."""
+    out = [np.ones((len(factor), 1))]
+    before = np.ones(factor.shape)
+    for _ in range(most):
+        # Products whose last factor stands at each place, then those whose last stands before it.
+        product = factor * before
+        out.append(np.maximum(product.sum(axis=1, keepdims=True), 1e-300))
+        before = np.cumsum(product, axis=1) - product
+    return out
 
 
 Batches = Callable[[np.random.Generator], tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array]]

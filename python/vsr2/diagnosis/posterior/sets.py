@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +18,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sets:
-    """All sets of at most two effects, and the hypothesis `outside`.
+    """All sets of at most some effects, and the hypothesis `outside`.
 
-    Their order is: none, every effect alone, every pair, outside.
+    Their order is: none, every effect alone, every pair, every three, ..., outside.
 
     Attributes:
         names: of the effects.
+        most: effects that a set may hold.
     """
 
     names: tuple[str, ...]
+    most: int = 2
 
     def __len__(self) -> int:
-        count = len(self.names)
-        return 2 + count + count * (count - 1) // 2
+        return 2 + sum(len(rows) for rows in self.by_size)
 
     @property
     def outside(self) -> int:
@@ -37,24 +39,31 @@ class Sets:
         return len(self) - 1
 
     @cached_property
-    def pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First and second effect of every pair."""
-        first, second = np.triu_indices(len(self.names), 1)
-        return first, second
+    def by_size(self) -> tuple[NDArray[np.int64], ...]:
+        """Effects of every set of one, of two, ... effects, each shape (sets, size)."""
+        effects = range(len(self.names))
+        return tuple(
+            np.array(list(combinations(effects, size)), dtype=np.int64).reshape(-1, size)
+            for size in range(1, min(self.most, len(self.names)) + 1)
+        )
+
+    @cached_property
+    def size(self) -> NDArray[np.int64]:
+        """Number of effects that each set holds, 0 of none and of outside, shape (sets,)."""
+        return np.asarray(self.members.sum(axis=1))
 
     @cached_property
     def members(self) -> NDArray[np.bool_]:
         """Which effects each set holds, shape (sets, effects)."""
-        count = len(self.names)
-        out = np.zeros((len(self), count), dtype=bool)
-        out[1 + np.arange(count), np.arange(count)] = True
-        first, second = self.pairs
-        rows = 1 + count + np.arange(first.size)
-        out[rows, first] = out[rows, second] = True
+        out = np.zeros((len(self), len(self.names)), dtype=bool)
+        first = 1
+        for rows in self.by_size:
+            out[np.arange(first, first + len(rows))[:, None], rows] = True
+            first += len(rows)
         return out
 
     def index(self, names: Collection[str]) -> int:
-        """Of a set of at most two effects."""
+        """Of a set of at most `most` effects."""
         wanted = np.isin(self.names, list(names))
         return int(np.flatnonzero((self.members[:-1] == wanted).all(axis=1))[0])
 
@@ -73,16 +82,19 @@ class Sets:
     def leading(self, probability: Array) -> Array:
         """Probability that each effect acts and leads, shape (n, effects).
 
-        Of two effects that act together, the one leads that acts with the greater probability.
+        Of effects that act together, the one leads that acts with the greatest probability.
 
         Args:
             probability: of every set, shape (n, sets).
         """
-        count, (first, second) = len(self.names), self.pairs
         acts = self.marginal(probability)
-        leads = np.where(acts[:, first] >= acts[:, second], first, second)
-        out = np.array(probability[:, 1 : 1 + count])
-        np.add.at(out, (np.arange(len(out))[:, None], leads), probability[:, 1 + count : -1])
+        out = np.zeros(acts.shape)
+        for row, (own, all_sets) in enumerate(zip(acts, probability, strict=True)):
+            first = 1
+            for rows in self.by_size:
+                leads = rows[np.arange(len(rows)), own[rows].argmax(axis=1)]
+                np.add.at(out[row], leads, all_sets[first : first + len(rows)])
+                first += len(rows)
         return out
 
 

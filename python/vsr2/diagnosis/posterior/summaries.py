@@ -47,7 +47,7 @@ class SummaryConstants:
     own: float = 5.0
     chance: float = 0.02
     power: float = 0.7
-    largest: float = 8.0
+    largest: float = 16.0
     folds: int = 5
     penalties: tuple[float, ...] = (0.3, 1.0, 3.0)
     copies: int = 2

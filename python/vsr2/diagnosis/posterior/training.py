@@ -30,7 +30,8 @@ class TrainingConstants:
     """What the posterior is trained for; chosen by hand.
 
     Attributes:
-        none, one, two, outside: prior probability of the hypotheses.
+        none, one, two, outside: prior probability of the hypotheses; where more than two effects
+            may act, what one and two have is spread evenly over the numbers of effects.
         copies: disturbed copies of each campaign.
         passed: copies of each campaign in one pass of training.
         seeds: networks that are trained for each fold.
@@ -62,6 +63,12 @@ class TrainingConstants:
     added_scale: float = 1e-6
     temperatures: tuple[float, float] = (-1.0, 1.5)
     names: tuple[float, ...] = tuple(k / 100 for k in range(50, 100))
+
+    def sizes(self, most: int) -> tuple[float, ...]:
+        """Prior probability of none, one, ... effects, where at most so many act."""
+        if most == 2:
+            return self.none, self.one, self.two
+        return self.none, *[(self.one + self.two) / most] * most
 
 
 TRAINING = TrainingConstants()
@@ -210,6 +217,7 @@ def train(
     library: Library,
     trials: NDArray[np.int64],
     *,
+    most: int = 2,
     seed: int = 0,
 ) -> Posterior:
     """Train on simulated campaigns.
@@ -219,9 +227,10 @@ def train(
         campaigns: simulated, of the same trials.
         library: effects, in the order of the hypotheses.
         trials: indices of those simulated.
+        most: effects that may act together.
         seed: of everything random.
     """
-    sets = Sets(tuple(library))
+    sets = Sets(tuple(library), most)
     motion = seen.motion[trials]
     overturned = campaigns.overturned
     features = seen.noted(overturned, campaigns.peak_tilt, campaigns.features, seed)
@@ -281,8 +290,8 @@ class _Truth:
         acting = np.array([np.isin(sets.names, own) for own in names]).reshape(len(names), -1)
         index = np.array([sets.index(own) for own in names], dtype=np.int64)
         count = acting.sum(axis=1)
-        shares = np.array([max(float((count == k).mean()), 1e-9) for k in range(3)])
-        wanted = np.array([TRAINING.none, TRAINING.one, TRAINING.two])
+        wanted = np.array(TRAINING.sizes(sets.most))
+        shares = np.array([max(float((count == k).mean()), 1e-9) for k in range(len(wanted))])
         return cls(sets, index, acting, (wanted / shares)[count], declared_alike(library))
 
     def without(self, rng: np.random.Generator, rows: NDArray[np.int64]) -> tuple[Bools, Bools]:

@@ -30,18 +30,30 @@ class SetPrior:
 
     Attributes:
         none: share of campaigns without effect.
-        two: share of campaigns with two effects.
+        two: share of campaigns with two effects, where two may act at most.
+        one_of_several: share of campaigns with one effect, where more may act; more effects are as
+            frequent as two.
         least, most: ends of the size of an effect, log-uniform, in detection limits.
         least_share: of an effect's range, where it jumps beside its null.
         alone: probability that a primary parameter beside another stays at its null.
     """
 
     none: float = 0.1
-    two: float = 0.25
+    two: float = 0.3
+    one_of_several: float = 0.2
     least: float = 0.4
-    most: float = 8.0
+    most: float = 16.0
     least_share: float = 1 / 256
     alone: float = 0.35
+
+    def sizes(self, most: int) -> tuple[float, ...]:
+        """Shares of campaigns with none, one, ... effects, where at most so many act."""
+        if most == 1:
+            return self.none, 1 - self.none
+        if most == 2:
+            return self.none, 1 - self.none - self.two, self.two
+        larger = (1 - self.none - self.one_of_several) / (most - 1)
+        return self.none, self.one_of_several, *[larger] * (most - 1)
 
 
 SET_PRIOR = SetPrior()
@@ -140,15 +152,20 @@ def draw_acting(
 
 
 def draw_set(
-    library: Library, limits: Mapping[tuple[str, Side], Limit], index: int, seed: int
+    library: Library,
+    limits: Mapping[tuple[str, Side], Limit],
+    index: int,
+    seed: int,
+    most: int = 2,
 ) -> tuple[Acting, ...]:
-    """What acts in a campaign: none, one or two effects, each effect about as often.
+    """What acts in a campaign, each effect about as often.
 
     Args:
         library: of effects.
         limits: by effect and side.
         index: of the campaign; any can be drawn alone.
         seed: of all draws.
+        most: effects that may act together.
     """
     names = [name for name in library if name not in insensitive(library, limits)]
     rng = np.random.default_rng([seed, 22, index])
@@ -157,8 +174,9 @@ def draw_set(
         return ()
     deck = np.random.default_rng([seed, 23, index // len(names)]).permutation(len(names))
     chosen = [int(deck[index % len(names)])]
-    if kind > 1 - SET_PRIOR.two and len(names) > 1:
-        chosen.append(int(rng.choice(np.delete(np.arange(len(names)), chosen[0]))))
+    ends = np.cumsum(SET_PRIOR.sizes(most))
+    for _ in range(min(int((kind > ends[1:-1]).sum()), len(names) - 1)):
+        chosen.append(int(rng.choice(np.delete(np.arange(len(names)), chosen))))
     return tuple(draw_acting(library, names[i], limits, rng) for i in sorted(chosen))
 
 
@@ -173,6 +191,7 @@ def simulate_campaigns(
     trials: NDArray[np.int64],
     rows: range,
     *,
+    most: int = 2,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Campaigns:
@@ -183,11 +202,12 @@ def simulate_campaigns(
         found: detection limits.
         trials: indices of those simulated.
         rows: numbers of the campaigns.
+        most: effects that may act together.
         seed: of the draws.
         progress: called with simulations done and all.
     """
     library = cache.simulator.library
-    sets = tuple(draw_set(library, found.limits, c, seed) for c in rows)
+    sets = tuple(draw_set(library, found.limits, c, seed, most) for c in rows)
     return _simulated(cache, trials, sets, [FIRST_NUISANCE + c for c in rows], progress)
 
 

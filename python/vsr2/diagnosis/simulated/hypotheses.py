@@ -20,6 +20,9 @@ from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError
 
+MOST_EFFECTS = 4
+"""That may act together: all sets of so many are hypotheses, some 40,000 of 30 effects."""
+
 
 @dataclass(frozen=True)
 class Hypotheses:
@@ -34,9 +37,11 @@ class Hypotheses:
         nuisances: what is uncertain about the set-up.
         contact_family: by what two correct simulators of the scene differ: drawn as nuisances are.
         references: campaigns of the same trials that are known to have no effect.
+        most_effects: that may act together, 1 to 4. More need more simulated campaigns.
 
     Raises:
-        DiagnosisError: an unknown name in `exclude`, or a prior that is none of a magnitude.
+        DiagnosisError: an unknown name in `exclude`, a number of effects outside its range, or a
+            prior that is none of a magnitude.
         ConfigError: an unknown effect or parameter in `priors`, or ends that it cannot have.
     """
 
@@ -46,6 +51,13 @@ class Hypotheses:
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
     contact_family: Sequence[Nuisance] = CONTACT_FAMILY
     references: Sequence[Campaign] = ()
+    most_effects: int = 2
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.most_effects <= MOST_EFFECTS:
+            raise DiagnosisError(
+                f"most_effects is {self.most_effects}; give a number from 1 to {MOST_EFFECTS}"
+            )
 
     @property
     def ends(self) -> dict[str, list[float]]:

@@ -19,7 +19,7 @@ from vsr2.diagnosis.verdict.limits import LIMITS, limits_of_the_data, limits_of_
 from vsr2.diagnosis.verdict.next_measurement import (
     Measurement,
     MeasurementKind,
-    measurement_of_a_pair,
+    measurement_of_several,
     measurement_out_of_library,
     next_measurement,
 )
@@ -83,6 +83,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
         "verdict": {
             "kind": str(verdict.kind),
             "effects": list(verdict.effects),
+            "findings": [list(finding) for finding in verdict.findings],
             "probability": verdict.probability,
             "reasons": [reason.to_json() for reason in verdict.reasons],
         },
@@ -230,8 +231,8 @@ def _measurement(
     if verdict.kind is VerdictKind.NONE:
         return None
     library = posterior.parameters.library
-    if verdict.kind is VerdictKind.PAIR:
-        return measurement_of_a_pair(verdict.effects, library)
+    if verdict.kind.names_several:
+        return measurement_of_several([one[0] for one in verdict.findings], library)
     if verdict.kind is VerdictKind.UNKNOWN or not verdict.effects:
         excess = np.array([row["loss_before"] - row["floor"] for row in table])
         outside = measurement_out_of_library(seen, np.nan_to_num(excess), evidence.where)

@@ -134,6 +134,7 @@ class _Location(_Located):
 class _Verdict(_Part):
     kind: VerdictKind
     effects: list[str]
+    findings: list[list[str]]
     probability: Share
     reasons: Annotated[list[Any], WithJsonSchema(_statements(ReasonCode))]
     text: str = ""

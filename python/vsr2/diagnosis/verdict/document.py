@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from vsr2.results.atomic import csv_text, write_text
 
-Schema = Literal["vsr2.diagnosis/4"]
+Schema = Literal["vsr2.diagnosis/5"]
 SCHEMA: Schema = get_args(Schema)[0]
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"

@@ -17,7 +17,7 @@ from vsr2.diagnosis.posterior.sets import are_alike
 from vsr2.diagnosis.posterior.training import TRAINING, Found, Posterior
 from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.diagnosis.verdict.rules import Verdict
-from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode, VerdictKind
+from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode
 from vsr2.diagnosis.where.scan import SCAN, interleaved
 from vsr2.effects import effect as effect_of
 from vsr2.errors import Fault
@@ -74,7 +74,7 @@ def limits_of_the_verdict(
     library = posterior.parameters.library
     return [
         *_doubts(verdict, how_far, float(found.probability[-1])),
-        *equivalents_of_a_pair(verdict, library),
+        *equivalents_of_several(verdict, library),
         *excluded_equivalents(verdict, provenance.get("excluded", ())),
         *beyond_tolerance(verdict, provenance.get("nuisances", ())),
         *open_sizes(library, verdict, effects),
@@ -132,9 +132,9 @@ def _doubts(verdict: Verdict, how_far: HowFar, outside: float) -> Iterator[State
         yield Statement.of(LimitCode.CONTROL_CLOSES_AS_MUCH)
 
 
-def equivalents_of_a_pair(verdict: Verdict, library: Library) -> Iterator[Statement]:
-    """Effects that theory takes for about the same as one of a pair."""
-    if verdict.kind is not VerdictKind.PAIR:
+def equivalents_of_several(verdict: Verdict, library: Library) -> Iterator[Statement]:
+    """Effects that theory takes for about the same as one of those that act together."""
+    if not verdict.kind.names_several:
         return
     for name in verdict.effects:
         own = library[name]

@@ -21,7 +21,7 @@ from vsr2.effects.effect import Stage
 
 
 class MeasurementKind(StrEnum):
-    """What a measurement is for: one effect, the members of a class, both of a pair, no effect."""
+    """What a measurement is for: one effect, members of a class, several that act, no effect."""
 
     CHECK = "check"
     SPLIT = "split"
@@ -140,7 +140,7 @@ class Measurement:
     Attributes:
         kind: what for.
         splits: effects that it separates, or the one that it checks.
-        instruments: that look directly at these, or at both effects of a pair.
+        instruments: that look directly at these, or at each of the effects that act together.
         repetition: without new instruments, for the first two of `splits`.
         others: the same for the leader against each further member.
         out_of_library: alone, or before all else if the verdict is open.
@@ -209,8 +209,8 @@ def next_measurement(
     )
 
 
-def measurement_of_a_pair(names: Sequence[str], library: Library) -> Measurement:
-    """What shows each of two effects that act together: nothing has to be split."""
+def measurement_of_several(names: Sequence[str], library: Library) -> Measurement:
+    """What shows each of the effects that act together: nothing has to be split."""
     ways = tuple(dict.fromkeys(instrument(library[name]) for name in names))
     return Measurement(MeasurementKind.BOTH, instruments=ways)
 

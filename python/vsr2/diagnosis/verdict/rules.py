@@ -15,18 +15,24 @@ class Verdict:
     """The verdict and why.
 
     Attributes:
-        kind: none, effect, class, pair, unknown or unresolved.
-        effects: named, the most probable first, or those that lead; empty for none and unknown.
+        kind: what is said.
+        findings: causes that act together, of each the effects that it may be, the most probable
+            first; of an unresolved verdict one, the effects that lead; empty for none and unknown.
         probability: of what is said; of effects, given a gap.
         gap: whether there is one.
         reasons: what led to it.
     """
 
     kind: VerdictKind
-    effects: tuple[str, ...]
+    findings: tuple[tuple[str, ...], ...]
     probability: float
     gap: GapState
     reasons: tuple[Statement, ...]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Of all findings."""
+        return tuple(name for finding in self.findings for name in finding)
 
     @property
     def named(self) -> tuple[str, ...]:
@@ -42,7 +48,8 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
         posterior: trained.
     """
     said, levels = found.naming, posterior.levels
-    names = tuple(posterior.sets.names[e] for e in said.effects)
+    findings = tuple(tuple(posterior.sets.names[e] for e in one) for one in said.findings)
+    names = tuple(name for one in findings for name in one)
     none, probability = float(found.probability[0]), float(said.probability)
     against_none = {"none": none, "limit": levels.none_limit}
     if said.kind is VerdictKind.NONE:
@@ -58,8 +65,8 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
     match said.kind:
         case VerdictKind.UNKNOWN:
             reasons.append(Statement.of(ReasonCode.OUTSIDE_OUTWEIGHS, probability=probability))
-        case VerdictKind.PAIR:
-            reasons.append(Statement.of(ReasonCode.PAIR_REACHED, **reached))
+        case VerdictKind.PAIR | VerdictKind.SEVERAL:
+            reasons.append(Statement.of(ReasonCode.TOGETHER_REACHED, **reached))
         case VerdictKind.UNRESOLVED:
             needed = {"effects": names, "classes": said.classes}
             reasons.append(Statement.of(ReasonCode.TOO_MANY_NEEDED, **reached, **needed))
@@ -67,8 +74,8 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
             reasons.append(Statement.of(ReasonCode.NAME_REACHED, **reached))
             if said.alike:
                 reasons.append(Statement.of(ReasonCode.EQUIVALENT_HERE))
-            pairs = found.probability[1 + len(posterior.sets.names) : -1]
-            two = float(pairs.sum() / max(1 - none, 1e-12))
+            larger = found.probability[posterior.sets.size > 1]
+            two = float(larger.sum() / max(1 - none, 1e-12))
             if two > NAMING.second:
                 reasons.append(Statement.of(ReasonCode.SECOND_EFFECT_LIKELY, probability=two))
-    return Verdict(said.kind, names, probability, GapState.FOUND, tuple(reasons))
+    return Verdict(said.kind, findings, probability, GapState.FOUND, tuple(reasons))

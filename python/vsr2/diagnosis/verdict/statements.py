@@ -36,7 +36,7 @@ class ReasonCode(Code):
     """`favoured`: effects; none: a cause outside the library."""
     GAP = "gap", {"none": float, "limit": float}
     NAME_REACHED = "name_reached", {"probability": float, "wanted": float}
-    PAIR_REACHED = "pair_reached", {"probability": float, "wanted": float}
+    TOGETHER_REACHED = "together_reached", {"probability": float, "wanted": float}
     SECOND_EFFECT_LIKELY = "second_effect_likely", {"probability": float}
     EQUIVALENT_HERE = "equivalent_here"
     OUTSIDE_OUTWEIGHS = "outside_outweighs", {"probability": float}

@@ -95,6 +95,7 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         "verdicts",
         verdict["kind"],
         names=[plain(name) for name in named],
+        findings=[" or ".join(plain(name) for name in one) for one in verdict["findings"]],
         chance=f"{verdict['probability']:.0%}" if verdict["probability"] < 0.995 else "over 99%",
         alike=ReasonCode.EQUIVALENT_HERE in [reason["code"] for reason in verdict["reasons"]],
         found=standing_out(content),
