@@ -44,6 +44,10 @@ def test_gradients_are_those_of_differences(most, monkeypatch) -> None:
     truth = np.array([int(np.flatnonzero(row)[-1 - i % 2]) for i, row in
                       enumerate(sets.allowed(allowed))])  # fmt: skip
 
+    found = network.score(inputs, allowed, truth)
+    every = network.log_probability(inputs, allowed)
+    np.testing.assert_allclose(found, every[np.arange(9), truth], rtol=1e-12)
+
     def loss() -> float:
         # The same units are left out as in the step.
         values, _ = network._layers(inputs, np.random.default_rng(5))

@@ -128,30 +128,55 @@ class Network:
                 back = (back @ self.weights[layer].T) * kept[layer - 1] * (values[layer] > 0)
         return [*weights, *biases]
 
-    def _slope(self, outputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
-        """Of minus the log probability of the truth, by the outputs.
+    def score(self, inputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+        """Log probability of the true set, shape (n,).
+
+        Args:
+            inputs: shape (n, inputs).
+            allowed: effects that the hypotheses may hold, shape (n, effects).
+            truth: index of the true set, which is allowed, shape (n,).
+        """
+        outputs = self._layers(inputs, None)[0][-1]
+        logits, *_ = self._kinds(outputs, allowed)
+        most = logits.max(axis=1, keepdims=True)
+        total = np.log(np.exp(logits - most).sum(axis=1)) + most[:, 0]
+        return np.asarray((outputs * self._own[truth]).sum(axis=1) - total)
+
+    def _kinds(
+        self, outputs: Array, allowed: NDArray[np.bool_]
+    ) -> tuple[Array, Array, list[Array]]:
+        """Logits of every effect alone, of none, of all sets of each size together, of outside.
 
         The sum over sets of one size of the products of their parts is an elementary symmetric
         polynomial of the parts, so that no set is computed by itself.
+
+        Returns:
+            The logits; of every part its exponential, over that of the greatest; the polynomials.
         """
-        count, larger = len(self.sets.names), len(self.sets.by_size) - 1
-        logits = np.array(outputs)
-        logits[:, : 2 * count] = np.where(np.tile(allowed, 2), outputs[:, : 2 * count], FORBIDDEN)
-        part = logits[:, count : 2 * count]
+        count, sizes = len(self.sets.names), len(self.sets.by_size)
+        own = np.where(allowed, outputs[:, :count], FORBIDDEN)
+        part = np.where(allowed, outputs[:, count : 2 * count], FORBIDDEN)
+        kinds = np.array(outputs[:, 2 * count :])
         most = part.max(axis=1, keepdims=True)
         factor = np.exp(part - most)
-        totals = _symmetric_sums(factor, larger + 1)
-        for size in range(2, larger + 2):
-            logits[:, [2 * count + size - 1]] += size * most + np.log(totals[size])
-        kinds = np.r_[0:count, 2 * count : outputs.shape[1]]
+        sums = _symmetric_sums(factor, sizes)
+        for size in range(2, sizes + 1):
+            kinds[:, [size - 1]] += size * most + np.log(sums[size])
+        return np.concatenate([own, kinds], axis=1), factor, sums
+
+    def _slope(self, outputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+        """Of minus the log probability of the truth, by the outputs."""
+        count = len(self.sets.names)
+        logits, factor, sums = self._kinds(outputs, allowed)
+        probability = np.exp(_log_softmax(logits))
         out = np.zeros(outputs.shape)
-        out[:, kinds] = np.exp(_log_softmax(logits[:, kinds]))
+        out[:, :count], out[:, 2 * count :] = probability[:, :count], probability[:, count:]
         others = np.ones(factor.shape)
-        for size in range(2, larger + 2):
+        for size in range(2, len(self.sets.by_size) + 1):
             # The polynomial of the other parts, one size smaller.
-            others = np.maximum(totals[size - 1] - factor * others, 0.0)
-            acts = out[:, [2 * count + size - 1]] * factor * others / totals[size]
-            out[:, count : 2 * count] += acts
+            others = np.maximum(sums[size - 1] - factor * others, 0.0)
+            of_size = probability[:, [count + size - 1]]
+            out[:, count : 2 * count] += of_size * factor * others / sums[size]
         out -= self._own[truth]
         return out
 
@@ -237,7 +262,7 @@ def log_score(
     weight: Array,
 ) -> float:
     """Weighted mean of minus the log probability of the true set [nat]."""
-    found = network.log_probability(inputs, allowed)[np.arange(len(truth)), truth]
+    found = network.score(inputs, allowed, truth)
     return float(-(weight * found).sum() / weight.sum())
 
 
