@@ -165,6 +165,11 @@ class Rehearsal:
             self.cache, self.look, self.trials, range(campaigns), seed=seed
         )
 
+    @property
+    def campaigns(self) -> Campaigns:
+        """Simulated ones, those of the look first."""
+        return self._plain.joined(self._campaigns)
+
     def at(self, tier: Tier) -> Observations:
         """The blank campaign as a tier sees it."""
         measured = {"B": (), "M": self._seen.measured}.get(

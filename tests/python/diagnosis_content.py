@@ -98,6 +98,7 @@ CONTENT = {
     ],
     "none_probability": 0.05,
     "conformal_set_90": ["wear"],
+    "waterfall": None,
     "negative_control": {"recalibrated": control(0.17, 0.7), "dealt": control(0.33, 0.6)},
     "unknown": {"probability": 0.1, "detection_rate": 0.4},
     "posterior": {

@@ -20,6 +20,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     resampled_means,
 )
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
+from vsr2.diagnosis.how_far.waterfall import Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -342,3 +343,58 @@ def test_repeats_are_expected_to_differ_as_often_as_gap_free_campaigns_say() -> 
     assert (layers["repeats"], layers["physical"]) == (2, 1.0)
     # Of trial 2 one in 0.42, of trial 5, which never lifts off, none.
     assert layers["physical_expected"] == pytest.approx(0.21)
+
+
+# --- cause by cause ------------------------------------------------------------------------------
+
+
+def falls_of(losses) -> Waterfall:
+    values = np.array(losses)
+    trials = values.shape[1]
+    zero = np.zeros(trials)
+    return Waterfall(("a", "b"), values, values[-1], zero, zero, np.arange(trials))
+
+
+def test_shares_are_means_over_orders_and_add_up() -> None:
+    # None, a, b, both: b is worth more where a acts already.
+    found = falls_of([[1.0, 1.0], [0.6, 0.6], [0.9, 0.9], [0.2, 0.2]])
+    assert found.share("a").value == pytest.approx((0.4 + 0.7) / 2)
+    assert found.share("b").value == pytest.approx((0.1 + 0.4) / 2)
+    assert [one.value for one in found.ends("b")] == pytest.approx([0.1, 0.4])
+    assert found.order() == ("a", "b")
+    assert found.closure().value == pytest.approx(0.8)
+    steps = found.to_json()["steps"]
+    assert [step["effects"] for step in steps] == [[], ["a"], ["a", "b"]]
+    assert [step["loss"]["value"] for step in steps] == pytest.approx([1.0, 0.6, 0.2])
+
+
+def test_each_of_two_causes_is_found_on_motions_not_seen(judged, monkeypatch) -> None:
+    effects = (("table_gain", (0.1,)), ("wear", (0.12,)))
+    seen = judged.seen(*effects)
+    rehearsal, found = judged.rehearsal, judged.rehearsal.infer(seen)
+    floor = judged.judge(seen).losses[Loss.FLOOR]
+
+    def fall(**changes):
+        given = {"seen": seen, **changes}
+        return waterfall(
+            rehearsal.cache, given["seen"], rehearsal.trials, rehearsal.campaigns,
+            (judged.posterior, found), floor,
+        )  # fmt: skip
+
+    falls = fall()
+    assert set(falls.order()[:2]) == {"table_gain", "wear"}
+    shares = [falls.share(name) for name in falls.names]
+    before, after = falls.loss(()), falls.loss(falls.names)
+    assert sum(one.value for one in shares) == pytest.approx(before.value - after.value)
+    assert min(falls.share(name).low for name in ("table_gain", "wear")) > 0
+    assert falls.closure().value > 0.6
+    # A motion's own outcomes have no part in its prediction.
+    monkeypatch.setattr(
+        "vsr2.diagnosis.how_far.waterfall.motion_groups", lambda motion, outcome: motion % 5
+    )
+    first = seen.motion[rehearsal.trials] == seen.motion[rehearsal.trials][0]
+    turned = np.where(seen.motion == seen.motion[rehearsal.trials][0], 1 - seen.overturned,
+                      seen.overturned)  # fmt: skip
+    one, other = fall(), fall(seen=replace(seen, overturned=turned))
+    np.testing.assert_array_equal(other.probability[first], one.probability[first])
+    assert (other.probability != one.probability).any()

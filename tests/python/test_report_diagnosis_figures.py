@@ -61,6 +61,7 @@ def test_where_nothing_is_named_there_are_before_and_floor_alone() -> None:
     bare = {"closure": NONE_CAN_BE, "loss": NONE_CAN_BE}
     content = CONTENT | {
         "gap": CONTENT["gap"] | {"after": NONE_CAN_BE},
+        "waterfall": None,
         "negative_control": {"recalibrated": bare, "dealt": bare},
     }
     assert list(marks(losses_figure(content))) == ["before: 0.800", "floor: 0.200"]

@@ -46,6 +46,7 @@ class Effort:
         campaigns: so many simulated campaigns, whatever they cost: equal numbers give equal
             verdicts, and campaigns of one set-up share them
         no_how_far: do not simulate again what is named, to say how far the gap shrinks
+        waterfall: judge each of the likeliest causes, on motions that neither fit nor choice saw
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
         client: address of a Dask scheduler that runs trials
@@ -55,6 +56,7 @@ class Effort:
     simulations: opt.Integer | None = None
     campaigns: opt.Integer | None = None
     no_how_far: bool = False
+    waterfall: bool = False
     cache: Path | None = None
     threads: opt.Threads = None
     client: str | None = None
@@ -96,7 +98,11 @@ def diagnose(
             tier=question.tier,
             out=out,
             budget=Budget(
-                effort.budget_minutes, effort.simulations, effort.campaigns, not effort.no_how_far
+                effort.budget_minutes,
+                effort.simulations,
+                effort.campaigns,
+                not effort.no_how_far,
+                effort.waterfall,
             ),
             hypotheses=Hypotheses(
                 exclude=question.exclude,

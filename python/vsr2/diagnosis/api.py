@@ -116,6 +116,7 @@ def diagnose(
             tuple(hypotheses.references),
             seed,
             hypotheses.most_effects,
+            budget.waterfall,
         ),
         cache=folder if cache is None else cache,
         budget=budget,

@@ -6,7 +6,9 @@ import math
 import time
 from dataclasses import dataclass
 
+from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.held_out import simulations as judging
+from vsr2.diagnosis.how_far.waterfall import simulations as waterfall_simulations
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.library import Library
@@ -53,6 +55,8 @@ class Budget:
             set-up share them; None: from the above. At least 150.
         held_out: simulate again what is named, on motions that were not seen; without it a
             diagnosis does not say how far the gap shrinks.
+        waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw,
+            which takes five more trainings.
 
     Raises:
         DiagnosisError: a number out of range.
@@ -62,6 +66,7 @@ class Budget:
     simulations: int | None = None
     campaigns: int | None = None
     held_out: bool = True
+    waterfall: bool = False
 
     def __post_init__(self) -> None:
         if not 0 < self.minutes < math.inf:
@@ -127,9 +132,15 @@ class Schedule:
         """What judging will take [s]."""
         return self._judging(trials) * self._cache.cost
 
+    def _retraining_s(self, campaigns: int) -> float:
+        """What training of the posterior and for each group of motions will take [s]."""
+        times = 1 + (HELD_OUT.groups if self._budget.waterfall else 0)
+        return times * self._training * campaigns
+
     def _judging(self, trials: int) -> int:
         """Simulations that judging asks for."""
         again = judging(trials) if self._budget.held_out else 0
+        again += waterfall_simulations(trials) if self._budget.waterfall else 0
         return again + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
 
     def trained(self, campaigns: int, seconds: float) -> None:
@@ -151,9 +162,9 @@ class Schedule:
         if self._budget.simulations is not None:
             left = self._budget.simulations - self._cache.asked - self._judging(trials)
             return max(0, min(most, left // max(trials, 1)))
-        per_campaign = trials * self._cache.cost + self._training
+        per_campaign = trials * self._cache.cost + self._retraining_s(1)
         left_s = 60 * self._budget.minutes - self.spent_s - self.judging_s(trials)
-        left_s -= self._training * done
+        left_s -= self._retraining_s(done)
         return max(0, min(most, int(left_s / max(per_campaign, 1e-6))))
 
     def progress(self, done: int, trials: int) -> tuple[float, float]:
@@ -170,7 +181,7 @@ class Schedule:
         else:
             left_s = max(60 * self._budget.minutes - self.spent_s, 0.0)
             return min(self.spent_s / (60 * self._budget.minutes), 1.0), left_s
-        left_s = left * trials * self._cache.cost + self._training * (done + left)
+        left_s = left * trials * self._cache.cost + self._retraining_s(done + left)
         return done / max(done + left, 1), left_s + self.judging_s(trials)
 
     def first_answer(self, done: int) -> bool:

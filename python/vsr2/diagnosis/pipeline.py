@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
-from vsr2.diagnosis.how_far.held_out import HELD_OUT, judge
+from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge
+from vsr2.diagnosis.how_far.waterfall import WATERFALL, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.features import SERIES
 from vsr2.diagnosis.observed.observations import (
@@ -65,6 +66,7 @@ class Stage(StrEnum):
     SIMULATION = "simulation"
     TRAINING = "training"
     JUDGEMENT = "judgement"
+    WATERFALL = "waterfall"
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,7 @@ class Question:
         references: campaigns of the same trials that are known to have no effect.
         seed: of all draws.
         most_effects: that may act together.
+        waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw.
     """
 
     tier: Tier | None = None
@@ -106,6 +109,7 @@ class Question:
     references: tuple[Campaign, ...] = ()
     seed: int = 0
     most_effects: int = 2
+    waterfall: bool = False
 
 
 QUESTION = Question()
@@ -169,6 +173,7 @@ def diagnose_with(
             _judged(verdict, posterior) if budget.held_out else (), seed=seed,
             progress=lambda n, m: work.notify(Stage.JUDGEMENT, n / m, found, posterior),
         )  # fmt: skip
+        falls = work.waterfall(posterior, found, trials, how_far) if question.waterfall else None
         layers = noise_floor(store, seen, trials, posterior.standard.probability)
         where = where_it_lies(seen, trials, found.residuals, posterior.gap_free, seed)
         spent = work.budget_of(posterior)
@@ -180,7 +185,7 @@ def diagnose_with(
     }
     evidence = Evidence(
         verdict, found, posterior, how_far, where, trials,
-        insensitive(simulator.library, seen_look.limits), layers,
+        insensitive(simulator.library, seen_look.limits), layers, falls,
     )  # fmt: skip
     return compose(seen, evidence, noted)
 
@@ -254,6 +259,7 @@ class _Work:
     cache: ProtocolCache | None
     question: Question
     report: Report | None
+    campaigns: Campaigns | None = None
 
     def notify(
         self,
@@ -274,6 +280,26 @@ class _Work:
             self.store, len(self.seen), most=self.schedule.look_trials,
             plain=self.schedule.plain, seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.LOOK, n / m),
+        )  # fmt: skip
+
+    def waterfall(
+        self, posterior: Posterior, found: Found, trials: NDArray[np.int64], how_far: HowFar
+    ) -> Waterfall:
+        """What each of the likeliest causes adds, judged with the campaigns of the posterior."""
+        campaigns = self.campaigns
+        if campaigns is None:
+            asked, count = self.question, posterior.campaigns - self.schedule.plain
+            looked = self.look()
+            campaigns = plain_campaigns(self.store, trials, self.schedule.plain).joined(
+                simulate_campaigns(
+                    self.store, looked, trials, range(count),
+                    most=asked.most_effects, seed=asked.seed,
+                )
+            )  # fmt: skip
+        return waterfall(
+            self.store, self.seen, trials, campaigns, (posterior, found),
+            how_far.losses[Loss.FLOOR], excluded=self.question.excluded, seed=self.question.seed,
+            progress=lambda n, m: self.notify(Stage.WATERFALL, n / m, found, posterior),
         )  # fmt: skip
 
     def posterior(self, found: Look) -> Posterior:
@@ -305,6 +331,7 @@ class _Work:
                     first,
                 )
         self.notify(Stage.TRAINING, 0.0)
+        self.campaigns = campaigns
         return self._trained(campaigns, trials, done)
 
     def _simulated(self, done: int, trials: int, leading: tuple[Found, Posterior] | None) -> None:
@@ -379,6 +406,7 @@ def _constants() -> dict[str, dict[str, Any]]:
         "noise_floor": asdict(NOISE_FLOOR),
         "scan": asdict(SCAN),
         "held_out": asdict(HELD_OUT),
+        "waterfall": asdict(WATERFALL),
         "measurement": asdict(MEASUREMENT),
         "limits": asdict(LIMITS),
     }

@@ -17,6 +17,7 @@ from vsr2.report.diagnosis_figures import (
     order_figure,
     reliability_figure,
     sets_figure,
+    waterfall_figure,
 )
 from vsr2.report.messages.verdicts import (
     channels_note,
@@ -31,6 +32,7 @@ from vsr2.report.messages.verdicts import (
     sentence,
     standing_out,
     verdict_sentence,
+    waterfall_note,
     with_sentences,
 )
 from vsr2.report.pages import render
@@ -91,6 +93,7 @@ def _rendered(template: str, found: Diagnosis, **more: Any) -> str:
             "verdict_sentence": verdict_sentence(content),
             "closure_note": closure_note(content),
             "channels_note": channels_note(content),
+            "waterfall_note": waterfall_note(content),
             "found": standing_out(content),
             "noise_floor": noise_floor(content["gap"]["layers"]),
             **more,
@@ -105,6 +108,7 @@ def diagnosis_figures(found: Diagnosis) -> dict[str, tuple[Figure, str]]:
         "sets": sets_figure(content),
         "effects": effects_figure(content),
         "losses": losses_figure(content),
+        **({"waterfall": waterfall_figure(content)} if content["waterfall"] else {}),
         "map": map_figure(found.trials),
         "order": order_figure(found.trials),
         "channels": channels_figure(content),

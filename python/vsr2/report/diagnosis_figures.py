@@ -113,6 +113,25 @@ def losses_figure(content: Mapping[str, Any]) -> Figure:
     return figure
 
 
+def waterfall_figure(content: Mapping[str, Any]) -> Figure:
+    """Loss as simulated, after each cause in turn, with all of the posterior, and the floor."""
+    falls = content["waterfall"]
+    steps = [("as simulated", falls["steps"][0]["loss"], RED)]
+    steps += [(f"+ {step['effects'][-1]}", step["loss"], BLUE) for step in falls["steps"][1:]]
+    steps += [("+ all others", falls["everything"], BLUE), ("floor", falls["floor"], GREY)]
+    figure, panel = _panel((5.2, 0.9 + 0.34 * len(steps)))
+    for name, estimate, colour in steps:
+        [bar] = panel.barh(name, estimate["value"], height=0.64, color=colour)
+        tooltip(bar, f"{name}: {estimate['value']:.3f}")
+        [interval] = panel.plot(estimate["ci95"], [name] * 2, color=INK, linewidth=1.4)
+    interval.set_label("95 % interval")
+    panel.invert_yaxis()
+    panel.set_xlabel("loss a trial [nat]")
+    panel.grid(axis="y", visible=False)
+    _legend(figure)
+    return figure
+
+
 def map_figure(rows: Rows) -> Figure:
     """Loss over the floor in the plane of PGA and PGV/PGA."""
     known = [r for r in rows if math.isfinite(r["log_pga"]) and math.isfinite(r["log_ratio"])]

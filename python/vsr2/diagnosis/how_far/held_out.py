@@ -35,6 +35,7 @@ from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
 from vsr2.diagnosis.simulated.simulator import Effects, Request
+from vsr2.effects import Effect
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -176,32 +177,32 @@ def judge(
     members, motion = HELD_OUT.members, seen.motion[trials]
     plain: list[Effects] = [()] * members
     draws = range(1, members + 1)
-    before = _ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, seed)
+    before = ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, seed)
     outcome, features = seen.overturned[trials], seen.features[trials]
-    losses = {Loss.BEFORE: _loss(before, before.probability, outcome, features)}
+    losses = {Loss.BEFORE: simulated_loss(before, before.probability, outcome, features)}
     losses[Loss.FLOOR] = _floor(before)
     blank = np.full(trials.size, np.nan)
     if not names:
         losses |= dict.fromkeys((Loss.AFTER, *CONTROLS), blank)
         return HowFar(losses, before.probability, blank, motion, ())
-    group = _groups(motion, outcome)
+    group = motion_groups(motion, outcome)
     drawn: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
         effects = _drawn_effects(posterior, residuals, group != k, names, seed * 100 + int(k))
         for i in np.flatnonzero(group == k):
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
-    after = _ensemble(
+    after = ensemble(
         cache, seen, trials, drawn, later, HELD_OUT.replicate, seed + 1, progress=progress
     )
-    losses[Loss.AFTER] = _loss(after, after.probability, outcome, features)
+    losses[Loss.AFTER] = simulated_loss(after, after.probability, outcome, features)
     scaled = _recalibrated(before.probability, outcome, group)
-    losses[Loss.RECALIBRATED] = _loss(before, scaled, outcome, features)
+    losses[Loss.RECALIBRATED] = simulated_loss(before, scaled, outcome, features)
     losses[Loss.DEALT] = _dealt(before, after, outcome, features, seen.log_pga[trials], seed)
     return HowFar(losses, before.probability, after.probability, motion, tuple(names))
 
 
-def _ensemble(
+def ensemble(
     cache: SimulationCache,
     seen: Observations,
     trials: NDArray[np.int64],
@@ -226,7 +227,10 @@ def _ensemble(
     return Ensemble(overturned, noted)
 
 
-def _loss(simulated: Ensemble, probability: Array, outcome: Array, features: Array) -> Array:
+def simulated_loss(
+    simulated: Ensemble, probability: Array, outcome: Array, features: Array
+) -> Array:
+    """Loss of each trial by simulations of it, shape (trials,)."""
     scores = by_kind(feature_scores(simulated.features, features))
     return np.asarray(outcome_loss(probability, outcome) + scores)
 
@@ -238,11 +242,12 @@ def _floor(simulated: Ensemble) -> Array:
     for i in everyone:
         others = simulated.take(np.delete(everyone, i))
         own = simulated.overturned[i], simulated.features[i]
-        out += _loss(others, others.probability, *own)
+        out += simulated_loss(others, others.probability, *own)
     return out / len(simulated)
 
 
-def _groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64]:
+def motion_groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64]:
+    """Group of each trial; the trials of a motion are of one group."""
     from vsr2.campaign.folds import grouped_folds
 
     return grouped_folds(motion, outcome, min(HELD_OUT.groups, np.unique(motion).size), seed=0)
@@ -261,13 +266,20 @@ def _drawn_effects(
     for m in range(HELD_OUT.members):
         acting = []
         for name in sorted(names, key=list(library).index):
-            free = dict(
-                zip((p.name for p in free_parameters(library[name])), sampled[name][m], strict=True)
-            )
-            values = tuple(float(free.get(p.name, p.null)) for p in library[name].parameters)
-            acting.append((name, values))
+            acting.append((name, parameter_values(library[name], sampled[name][m])))
         out.append(tuple(acting))
     return out
+
+
+def parameter_values(effect: Effect, free: Array) -> tuple[float, ...]:
+    """All parameters of an effect, those that are not free at their nulls.
+
+    Args:
+        effect: of the library.
+        free: values of its free parameters.
+    """
+    given = dict(zip((p.name for p in free_parameters(effect)), free, strict=True))
+    return tuple(float(given.get(p.name, p.null)) for p in effect.parameters)
 
 
 def _recalibrated(probability: Array, outcome: Array, group: NDArray[np.int64]) -> Array:
@@ -318,7 +330,7 @@ def _dealt(
             partner[mixed] = np.roll(mixed, 1)
         shifted = before.features + np.nan_to_num(moved[partner])
         probability = _within(expit(start + change[partner]))
-        out += _loss(Ensemble(before.overturned, shifted), probability, outcome, features)
+        out += simulated_loss(Ensemble(before.overturned, shifted), probability, outcome, features)
     return out / HELD_OUT.dealt
 
 
@@ -333,15 +345,28 @@ def _mean(values: Array) -> Array:
     return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
 
 
-def rows(how_far: HowFar, seen: Observations, trials: NDArray[np.int64]) -> list[dict[str, Any]]:
-    """One row a trial of the campaign; nothing is known of those that never lift off."""
-    place = {int(t): i for i, t in enumerate(trials)}
+def rows(
+    how_far: HowFar,
+    seen: Observations,
+    trials: NDArray[np.int64],
+    predicted: Array | None = None,
+) -> list[dict[str, Any]]:
+    """One row a trial of the campaign; nothing is known of those that never lift off.
+
+    Args:
+        how_far: before and after.
+        seen: the observed campaign.
+        trials: indices of those simulated.
+        predicted: probability of overturning with all effects of the posterior that the trials of
+            other motions give, shape (trials,); None: not judged.
+    """
+    place, nan = {int(t): i for i, t in enumerate(trials)}, float("nan")
     out = []
     for i, trial in enumerate(seen.campaign.trials):
         k = place.get(i)
 
         def at(values: Array, k: int | None = k) -> float:
-            return float("nan") if k is None else float(values[k])
+            return nan if k is None else float(values[k])
 
         out.append(
             {
@@ -355,6 +380,7 @@ def rows(how_far: HowFar, seen: Observations, trials: NDArray[np.int64]) -> list
                 "uncertain": int(k is not None),
                 "before": at(how_far.before),
                 "after": at(how_far.after),
+                "predicted": nan if predicted is None else at(predicted),
                 "loss_before": at(how_far.losses[Loss.BEFORE]),
                 "loss_after": at(how_far.losses[Loss.AFTER]),
                 "floor": at(how_far.losses[Loss.FLOOR]),

@@ -112,6 +112,13 @@ class Campaigns:
             series,
         )
 
+    def of_trials(self, kept: NDArray[np.bool_]) -> Campaigns:
+        """Some trials of each campaign, shape (trials,)."""
+        series = None if self.features is None else self.features[:, kept]
+        return Campaigns(
+            self.sets, self.nuisances, self.overturned[:, kept], self.peak_tilt[:, kept], series
+        )
+
     @cached_property
     def gap_free(self) -> NDArray[np.bool_]:
         """Which have no effect, shape (rows,)."""

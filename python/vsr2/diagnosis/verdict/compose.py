@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.how_far.held_out import CONTROLS, HowFar, Loss, rows
+from vsr2.diagnosis.how_far.waterfall import Waterfall
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.training import Found, Posterior, label_set
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
@@ -44,6 +45,7 @@ class Evidence:
         trials: indices of those that were simulated as campaigns.
         insensitive: effects to which the campaign does not respond.
         layers: of the noise floor.
+        waterfall: what each of the likeliest causes adds; None: not judged.
     """
 
     verdict: Verdict
@@ -54,6 +56,7 @@ class Evidence:
     trials: NDArray[np.int64]
     insensitive: Sequence[str]
     layers: Mapping[str, Any]
+    waterfall: Waterfall | None = None
 
 
 def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any]) -> Diagnosis:
@@ -66,7 +69,8 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
         seen, evidence.trials, posterior, evidence.insensitive, evidence.layers, provenance
     )
     labels = (NONE, *sets.names, UNKNOWN)
-    table = rows(how_far, seen, evidence.trials)
+    falls = evidence.waterfall
+    table = rows(how_far, seen, evidence.trials, None if falls is None else falls.probability)
     measure = _measurement(evidence, seen, table)
     content: dict[str, Any] = {
         "schema": SCHEMA,
@@ -97,6 +101,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
         "conformal_set_90": [
             labels[i] for i in label_set(found.probability, sets, posterior.levels.set_level)
         ],
+        "waterfall": None if falls is None else falls.to_json(),
         "negative_control": {
             name: {
                 "closure": how_far.closure(name).to_json(),

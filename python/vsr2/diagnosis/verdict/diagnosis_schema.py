@@ -179,6 +179,30 @@ class _Controls(_Part):
     dealt: _Control
 
 
+class _Cause(_Part):
+    """What one effect takes off the loss: over all orders, first of all, last of all."""
+
+    name: str
+    share: _Estimate
+    first: _Estimate
+    last: _Estimate
+
+
+class _Step(_Part):
+    effects: list[str]
+    loss: _Estimate
+
+
+class _Waterfall(_Part):
+    """Losses a trial [nat] on motions that neither fit nor choice saw."""
+
+    effects: list[_Cause]
+    steps: list[_Step]
+    everything: _Estimate
+    floor: _Estimate
+    closure: _Estimate
+
+
 class _Posterior(_Part):
     """What calibration on held-out campaigns set."""
 
@@ -266,6 +290,7 @@ class _Diagnosis(_Part):
     none_probability: Share
     unknown: _Unknown
     conformal_set_90: list[str]
+    waterfall: _Waterfall | None
     negative_control: _Controls
     posterior: _Posterior
     next_measurement: _Measurement | None

@@ -14,6 +14,7 @@ STAGES: Mapping[Stage, str] = {
     Stage.SIMULATION: "simulating",
     Stage.TRAINING: "training",
     Stage.JUDGEMENT: "judging",
+    Stage.WATERFALL: "judging causes one by one",
 }
 
 

@@ -124,6 +124,11 @@ def channels_note(content: Mapping[str, Any]) -> str:
     return _say("notes", "channels", **content)
 
 
+def waterfall_note(content: Mapping[str, Any]) -> str:
+    """What each cause takes off the loss; empty: they were not judged one by one."""
+    return _say("notes", "waterfall", **content) if content["waterfall"] else ""
+
+
 def with_sentences(content: Mapping[str, Any]) -> dict[str, Any]:
     """The content with a `text` beside every code, location and measurement, and the verdict."""
 

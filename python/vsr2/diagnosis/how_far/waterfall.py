@@ -1,0 +1,242 @@
+"""The waterfall: by how much each cause shrinks the loss on motions that were not seen.
+
+Motions are dealt into groups. For each group the posterior is trained and applied without it, so
+that neither what acts nor its parameters know these trials. Then they are simulated with sets of
+effects, and parameters, drawn from that posterior. Of a draw the effects that are to be judged are
+kept or left out: the losses of all choices of effects tell what each adds, in every order. The mean
+over orders is its share (L. S. Shapley, "A value for n-person games", 1953).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import factorial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.how_far.ensemble_losses import Interval, interval, resampled_means
+from vsr2.diagnosis.how_far.held_out import (
+    HELD_OUT,
+    ensemble,
+    motion_groups,
+    parameter_values,
+    simulated_loss,
+)
+from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.posterior.training import Found, Posterior, train
+from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
+from vsr2.diagnosis.simulated.campaigns import Campaigns
+from vsr2.diagnosis.simulated.simulator import Effects
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WaterfallConstants:
+    """How causes are judged; chosen by hand.
+
+    Attributes:
+        effects: that are judged one by one, the most probable ones.
+        choices: of effects of a draw that differ, about: a draw seldom holds all that are judged.
+        nuisances: draw of the nuisances of the first simulation.
+        replicate: of starts and noise there.
+    """
+
+    effects: int = 4
+    choices: int = 5
+    nuisances: int = 700
+    replicate: int = 3
+
+
+WATERFALL = WaterfallConstants()
+
+
+def simulations(trials: int) -> int:
+    """That the waterfall asks for, about."""
+    return WATERFALL.choices * HELD_OUT.members * trials
+
+
+@dataclass(frozen=True, eq=False)
+class Waterfall:
+    """Losses of every trial that was simulated, on motions not seen.
+
+    Attributes:
+        names: effects that are judged.
+        losses: with each choice of them, shape (2^names, trials); bit i of the row is effect i.
+        everything: with all effects of the posterior, shape (trials,).
+        probability: of overturning then, shape (trials,).
+        floor: shape (trials,).
+        motion: of each trial, shape (trials,).
+    """
+
+    names: tuple[str, ...]
+    losses: Array
+    everything: Array
+    probability: Array
+    floor: Array
+    motion: NDArray[np.int64]
+
+    @cached_property
+    def _means(self) -> Array:
+        """Mean losses, then those of each replicate, shape (1 + replicates, choices + 2)."""
+        values = np.vstack([self.losses, self.everything, self.floor])
+        drawn = resampled_means(values, self.motion, replicates=HELD_OUT.resamples)
+        return np.vstack([values.mean(axis=1), drawn])
+
+    def loss(self, names: Sequence[str]) -> Interval:
+        """Mean loss with some of the effects."""
+        return interval(self._means[:, sum(1 << self.names.index(name) for name in names)])
+
+    def loss_of_everything(self) -> Interval:
+        """Mean loss with all effects of the posterior."""
+        return interval(self._means[:, -2])
+
+    def loss_of_floor(self) -> Interval:
+        """Mean loss of campaigns without a gap."""
+        return interval(self._means[:, -1])
+
+    def closure(self) -> Interval:
+        """Share of the gap that is closed with all effects of the posterior."""
+        gap = self._means[:, 0] - self._means[:, -1]
+        if gap[0] <= 0:
+            return Interval(np.nan, np.nan, np.nan)
+        gap[1:] = np.maximum(gap[1:], 1e-9)
+        return interval((self._means[:, 0] - self._means[:, -2]) / gap)
+
+    def share(self, name: str) -> Interval:
+        """What an effect takes off the mean loss, on average over all orders [nat a trial]."""
+        return interval(np.mean([self._gains(name, n) for n in range(len(self.names))], axis=0))
+
+    def ends(self, name: str) -> tuple[Interval, Interval]:
+        """The same where it comes first of all, and last of all."""
+        return interval(self._gains(name, 0)), interval(self._gains(name, len(self.names) - 1))
+
+    def _gains(self, name: str, before: int) -> Array:
+        """Mean gain of adding an effect to so many others, shape (1 + replicates,)."""
+        own = 1 << self.names.index(name)
+        others = [c for c in range(1 << len(self.names)) if not c & own and c.bit_count() == before]
+        count = len(self.names)
+        ways = factorial(count - 1) // (factorial(before) * factorial(count - 1 - before))
+        assert len(others) == ways
+        return np.asarray(np.mean([self._means[:, c] - self._means[:, c | own] for c in others], 0))
+
+    def order(self) -> tuple[str, ...]:
+        """Effects by their shares, the greatest first."""
+        return tuple(sorted(self.names, key=lambda name: -self.share(name).value))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data."""
+        order = self.order()
+        return {
+            "effects": [
+                {
+                    "name": name,
+                    "share": self.share(name).to_json(),
+                    "first": self.ends(name)[0].to_json(),
+                    "last": self.ends(name)[1].to_json(),
+                }
+                for name in order
+            ],
+            "steps": [
+                {"effects": list(order[:k]), "loss": self.loss(order[:k]).to_json()}
+                for k in range(len(order) + 1)
+            ],
+            "everything": self.loss_of_everything().to_json(),
+            "floor": self.loss_of_floor().to_json(),
+            "closure": self.closure().to_json(),
+        }
+
+
+def waterfall(
+    cache: SimulationCache,
+    seen: Observations,
+    trials: NDArray[np.int64],
+    campaigns: Campaigns,
+    whole: tuple[Posterior, Found],
+    floor: Array,
+    *,
+    excluded: Sequence[str] = (),
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Waterfall:
+    """Judge the most probable effects one by one, on motions that were not seen.
+
+    Args:
+        cache: of simulations.
+        seen: the observed campaign.
+        trials: indices of those simulated.
+        campaigns: simulated, of these trials.
+        whole: the posterior, and inference on the whole campaign, by which effects are chosen.
+        floor: loss of each trial without a gap, shape (trials,).
+        excluded: effects that are not looked for.
+        seed: of draws.
+        progress: called with choices of effects done and all.
+    """
+    posterior, found = whole
+    motion, outcome = seen.motion[trials], seen.overturned[trials]
+    acts = posterior.sets.marginal(found.probability)
+    likely = np.argsort(-acts, kind="stable")[: WATERFALL.effects]
+    names = tuple(posterior.sets.names[k] for k in likely if acts[k] > 0)
+    group = motion_groups(motion, outcome)
+    members: list[list[Effects]] = [[] for _ in trials]
+    for k in np.unique(group):
+        own = np.flatnonzero(group == k)
+        drawn = _drawn_sets(seen, trials, campaigns, posterior, group != k, excluded, seed)
+        for i in own:
+            members[i] = drawn
+    draws = range(WATERFALL.nuisances, WATERFALL.nuisances + HELD_OUT.members)
+    features = seen.features[trials]
+
+    def simulated(kept: set[str] | None) -> tuple[Array, Array]:
+        """Loss and probability with some effects of each draw; None: all."""
+        chosen = [
+            [tuple(one for one in own if kept is None or one[0] in kept) for own in drawn]
+            for drawn in members
+        ]
+        result = ensemble(cache, seen, trials, chosen, draws, WATERFALL.replicate, seed + 2)
+        return simulated_loss(result, result.probability, outcome, features), result.probability
+
+    losses = []
+    choices = 1 << len(names)
+    for choice in range(choices):
+        losses.append(simulated({n for i, n in enumerate(names) if choice >> i & 1})[0])
+        if progress is not None:
+            progress(choice + 1, choices + 1)
+    everything, probability = simulated(None)
+    return Waterfall(names, np.stack(losses), everything, probability, floor, motion)
+
+
+def _drawn_sets(
+    seen: Observations,
+    trials: NDArray[np.int64],
+    campaigns: Campaigns,
+    posterior: Posterior,
+    known: NDArray[np.bool_],
+    excluded: Sequence[str],
+    seed: int,
+) -> list[Effects]:
+    """Effects with parameters, drawn from the posterior that some trials give."""
+    own = trials[known]
+    part = train(
+        seen, campaigns.of_trials(known), posterior.parameters.library, own,
+        most=posterior.sets.most, seed=seed,
+    )  # fmt: skip
+    found = part.infer(seen.overturned[own], seen.features[own], excluded)
+    rng = np.random.default_rng([seed, 61])
+    chosen = rng.choice(found.probability.size, HELD_OUT.members, p=found.probability)
+    library = part.parameters.library
+    held = part.sets.members[chosen]
+    acting = [n for k, n in enumerate(part.sets.names) if held[:, k].any()]
+    samples = {n: part.parameters.sample(n, found.residuals, seed) for n in acting}
+    out: list[Effects] = []
+    for m, row in enumerate(held):
+        effects = []
+        for k in np.flatnonzero(row):
+            name = part.sets.names[k]
+            effects.append((name, parameter_values(library[name], samples[name][m])))
+        out.append(tuple(effects))
+    return out
