@@ -77,7 +77,7 @@ def test_there_are_the_canonical_names_but_friction() -> None:
         "table_saturation", "base_slope", "com_offset", "slenderness", "inertia", "restitution",
         "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance",
         "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "time_scale",
-        "placement", "wear", "change_point", "catch", "outcome_rule", "adhesion",
+        "placement", "registration", "wear", "change_point", "catch", "outcome_rule", "adhesion",
     }  # fmt: skip
     assert set(EFFECTS) == canonical
 
@@ -549,6 +549,17 @@ def test_placement_is_drawn_for_each_trial() -> None:
     assert np.mean(radius**2) == pytest.approx(0.5, abs=0.07)
     again = under("placement", situation(), TrialContext(trial_seed=7), yaw=10.0, offset=0.02)
     assert (again.yaw, again.offset) == (starts[7].yaw, starts[7].offset)
+
+
+@pytest.mark.parametrize("yaw", [-30.0, 30.0])
+def test_a_turned_block_lifts_later(yaw: float) -> None:
+    # About the edge whose normal is turned away: a h cos(yaw) = g b.
+    assert_threshold(1 / math.cos(math.radians(yaw)), "registration", yaw=yaw)
+    starts = {
+        under("registration", situation(yaw=0.1), TrialContext(trial_seed=i), yaw=yaw).yaw
+        for i in range(5)
+    }
+    assert starts == {0.1 + math.radians(yaw)}, "the same in every trial"
 
 
 def test_an_outcome_rule_labels_and_flips() -> None:

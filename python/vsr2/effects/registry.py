@@ -24,6 +24,7 @@ from vsr2.effects import (
     mechanism,
     order,
     outcome,
+    registration,
     start,
 )
 from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
@@ -35,7 +36,8 @@ GROUP = "vsr2.effects"
 BUILT_IN: tuple[Effect, ...] = tuple(
     effect
     for module in (
-        geometry, inertia, contact, mechanism, actuation, beside, start, order, outcome
+        geometry, registration, inertia, contact, mechanism, actuation, beside, start, order,
+        outcome,
     )
     for effect in effects_in(module)
 )  # fmt: skip
