@@ -410,5 +410,5 @@ _ENTRIES = (
 
 EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ENTRIES}
 """By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex
-contacts lift a body that slides, so that it hops and rocks where a rigid one only slides. Of
-`registration` the turn alone: its lean is `com_offset`."""
+contacts lift a body that slides, so that it hops and rocks where a rigid one only slides; nor
+`session`, which steps it. Of `registration` the turn alone: its lean is `com_offset`."""
