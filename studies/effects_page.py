@@ -97,7 +97,7 @@ def _section(effect: Effect) -> Iterator[str]:
     yield "| parameter | unit | prior | none given | meaning |"
     yield "| --- | --- | --- | --- | --- |"
     for parameter in effect.parameters:
-        if not parameter.name.startswith(_OTHERS):
+        if not parameter.name.startswith(_HIDDEN.get(effect.name, ())):
             yield _row(parameter)
     confounded = ", ".join(f"`{name}`" for name in effect.confounded_with) or "nothing listed"
     touched = ", ".join(effect.channels)
@@ -110,8 +110,8 @@ def _wrapped(text: str) -> str:
     return textwrap.fill(" ".join(text.split()), 99, break_long_words=False)
 
 
-# Of `change_point`, which repeats the parameters of all geometric effects.
-_OTHERS = ("com_offset_", "edge_rounding_", "base_asperity_", "base_slope_")
+# It repeats the parameters of all geometric effects.
+_HIDDEN = {"change_point": ("com_offset_", "edge_rounding_", "base_asperity_", "base_slope_")}
 
 
 def _row(parameter: Parameter) -> str:

@@ -49,6 +49,8 @@ MILD = {
     "table_saturation": {"velocity": 0.45, "acceleration": 20.0},
     "table_pitch": {"compliance": 0.005},
     "outcome_rule": {"tilt": 0.2, "flips": 0.0},
+    "registration": {"yaw": 40.0, "lean": 1.0},
+    "session": {"registration_yaw": 20.0, "table_gain_change": -0.1},
 }
 """Values of effects at whose far end nothing rocks or all does; the others are shown at that."""
 

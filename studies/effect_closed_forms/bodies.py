@@ -13,9 +13,10 @@ from effect_closed_forms.block import (
 )
 from effect_closed_forms.forms import closed_form
 from vsr2.config.study import Contact
-from vsr2.effects import Bench, Check, Effect
+from vsr2.effects import Bench, Check, Effect, library
 from vsr2.effects.geometry import bump_positions
 from vsr2.effects.standing import mass_height, support_of
+from vsr2.motion import SideMotion
 
 
 @closed_form
@@ -97,6 +98,45 @@ def slenderness(effect: Effect, bench: Bench) -> list[Check]:
     expected = trial.scene.engine.gravity * b / mass_height(trial) * (1 + change)
     values = {"change": change}
     return [uplift_check(bench, effect, values, expected, "at a = g (1 + change) b / h")]
+
+
+@closed_form
+def registration(effect: Effect, bench: Bench) -> list[Check]:
+    block, turn, lean, offset = bench.block(), 25.0, 2.0, 0.015
+    b, _ = half_widths(block)
+    h, g = mass_height(block), block.scene.engine.gravity
+    # Turned by the angle, the block feels the motion turned by it backwards.
+    pulse = bench.pulse(4.5, 2.0)
+    along, across = math.cos(math.radians(turn)), -math.sin(math.radians(turn))
+    side = SideMotion(across * pulse.displacement, across * pulse.velocity)
+    driven = replace(block, motion=replace(pulse.scaled(along), transverse=side))
+    expected = bench.run(driven).observation.peak_tilt
+    turned = bench.run(replace(block, motion=pulse), effect, effect.complete({"yaw": turn}))
+    uneven = library()["com_offset"].change(block, {"distance": offset, "azimuth": 180.0})
+    mirrored = g * (b + offset) / h
+    s, c = math.sin(math.radians(lean)), math.cos(math.radians(lean))
+    leaning = g * (b - h * s) / (h * c)
+    values = effect.complete({"lean": lean, "lean_azimuth": 180.0})
+    axes = effect.change(block, values).scene.rock.mass.principal_axes
+    return [
+        Check(
+            "largest tilt of a turned block, as under the motion turned backwards [rad]",
+            turned.observation.peak_tilt, expected, 0.01 * expected,
+        ),
+        Check(
+            "uplift of an uneven block after half a turn, at a = g (b + d) / h [m/s^2]",
+            uplift_acceleration(bench, uneven, effect, effect.complete({"yaw": 180.0}), mirrored),
+            mirrored, 0.01 * mirrored,
+        ),
+        Check(
+            "uplift towards the lean at a = g (b - h sin(lean)) / (h cos(lean)) [m/s^2]",
+            uplift_acceleration(bench, block, effect, values, leaning), leaning, 0.01 * leaning,
+        ),
+        Check(
+            "a principal axis lies by the lean off the vertical [degree]",
+            math.degrees(math.acos(axes[2, 2])), lean, 1e-9,
+        ),
+    ]  # fmt: skip
 
 
 @closed_form

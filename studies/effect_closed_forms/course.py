@@ -188,6 +188,41 @@ def change_point(effect: Effect, bench: Bench) -> list[Check]:
 
 
 @closed_form
+def session(effect: Effect, bench: Bench) -> list[Check]:
+    trial = replace(bench.block(), motion=bench.pulse(4.0, 2.0))
+    values = {
+        "at": 0.4, "registration_yaw": 12.0, "slenderness_change": -0.1, "friction_factor": 0.5,
+        "table_gain_change": 0.1,
+    }  # fmt: skip
+    checks = []
+    for order, stepped in zip((0.0, 0.25, 0.5, 1.0), (False, False, True, True), strict=True):
+        then = at_order(effect, trial, values, order)
+        turned = then.start_pose.orientation
+        rough = [
+            one.scene.contact.rock.lateral_friction * one.scene.contact.pedestal.lateral_friction
+            for one in (then, trial)
+        ]
+        found = {
+            "turn of the start [degree]": (
+                math.degrees(2 * math.atan2(turned[2], turned[3])), 12.0 * stepped
+            ),
+            "tan(alpha) over that before [1]": (
+                mass_height(trial) / mass_height(then), 0.9 if stepped else 1.0
+            ),
+            "friction over that before [1]": (rough[0] / rough[1], 0.5 if stepped else 1.0),
+            "PGA over that before [1]": (
+                then.motion.pga / trial.motion.pga, 1.1 if stepped else 1.0
+            ),
+        }  # fmt: skip
+        session = "abcde"[round(4 * order)]
+        checks += [
+            Check(f"session {session} of five: {what}", measured, expected, 1e-9)
+            for what, (measured, expected) in found.items()
+        ]
+    return checks
+
+
+@closed_form
 def outcome_rule(effect: Effect, bench: Bench) -> list[Check]:
     trial = replace(bench.block(), motion=bench.pulse(4.5, 2.0))
     plain = bench.run(trial, tail=2.0)

@@ -49,7 +49,7 @@ def test_there_are_the_canonical_names_but_friction() -> None:
         "table_saturation", "base_slope", "com_offset", "slenderness", "inertia", "restitution",
         "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance",
         "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "time_scale",
-        "placement", "wear", "change_point", "catch", "outcome_rule", "adhesion",
+        "placement", "registration", "wear", "change_point", "catch", "outcome_rule", "adhesion",
     }  # fmt: skip
     assert set(EFFECTS) == canonical
 

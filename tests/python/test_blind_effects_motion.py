@@ -103,6 +103,17 @@ def test_placement_is_drawn_for_each_trial() -> None:
     assert (again.yaw, again.offset) == (starts[7].yaw, starts[7].offset)
 
 
+@pytest.mark.parametrize("yaw", [-30.0, 30.0])
+def test_a_turned_block_lifts_later(yaw: float) -> None:
+    # About the edge whose normal is turned away: a h cos(yaw) = g b.
+    assert_threshold(1 / math.cos(math.radians(yaw)), "registration", yaw=yaw)
+    starts = {
+        under("registration", situation(yaw=0.1), TrialContext(trial_seed=i), yaw=yaw).yaw
+        for i in range(5)
+    }
+    assert starts == {0.1 + math.radians(yaw)}, "the same in every trial"
+
+
 def test_an_outcome_rule_labels_and_flips() -> None:
     response = run_trial(situation(4.6))
     assert not response.overturned

@@ -19,7 +19,7 @@ from vsr2.blind.form.seal import folder_sha256
 from vsr2.blind.mujoco import ContactModel
 from vsr2.config import Study
 from vsr2.diagnosis import DEFAULT_NUISANCES
-from vsr2.effects import apply_effects
+from vsr2.effects import apply_effects, library
 from vsr2.errors import BlindError, SimulationError
 
 
@@ -169,6 +169,14 @@ def test_the_library_is_drawn_from(study) -> None:
     assert effects["table_bandwidth"].strength.reciprocal
     assert effects["wear"].drifts
     assert [other.name for other in effects["base_slope"].others] == ["azimuth"]
+    # What would act at any strength is not drawn beside it.
+    strengths = {"registration": "yaw", "session": "registration_yaw"}
+    assert {name: effects[name].strength.name for name in strengths} == strengths
+    for name in effects:
+        drawn = {other.name for other in effects[name].others}
+        assert drawn == {
+            p.name for p in library()[name].parameters if p.secondary and p.prior != "fixed"
+        }
     assert effects["change_point"].strength.name == "slenderness_change"
     # Names and units of strengths are the same on both engines, so that one verdict fits both.
     both = build_engine("mujoco", study).effects

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -475,6 +476,26 @@ def test_angles_are_regressed_on_a_circle() -> None:
     assert apart.max() < 60
     assert (found < 90).any()
     assert (found > 270).any()
+
+
+def test_an_angle_about_zero_keeps_its_sign() -> None:
+    rng = np.random.default_rng(7)
+    effect = full_library()["registration"]
+    yaw = rng.uniform(-180, 180, 400)
+    turn = np.radians(yaw)
+    ways = rng.standard_normal((2, 20))
+    residuals = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ ways
+    residuals += 0.1 * rng.standard_normal(residuals.shape)
+    names = [p.name for p in effect.parameters]
+    values = np.zeros((400, len(names)))
+    values[:, names.index("yaw")] = yaw
+    parameters = fitted(effect, values, residuals)
+    for true in (-140.0, -10.0, 25.0, 170.0):
+        seen = np.array([math.cos(math.radians(true)), math.sin(math.radians(true))]) @ ways
+        found = parameters.sample("registration", seen)[:, names.index("yaw")]
+        assert np.abs(found).max() <= 180
+        apart = (found - true + 180) % 360 - 180
+        assert abs(np.median(apart)) < 5, true
 
 
 def test_what_has_an_infinite_null_is_regressed_by_its_inverse() -> None:

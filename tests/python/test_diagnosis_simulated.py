@@ -214,6 +214,30 @@ def test_one_of_two_primary_parameters_may_act_alone() -> None:
     np.testing.assert_allclose(at_null.mean(axis=0), SET_PRIOR.alone / 2, atol=0.04)
 
 
+def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_whole_range() -> None:
+    effects = {"registration": full_library()["registration"]}
+    limits = {("registration", side): Limit(0.01, jumps=False) for side in (-1, 1)}
+    rng = np.random.default_rng(2)
+    count = 4000
+    drawn = [draw_acting(effects, "registration", limits, rng) for _ in range(count)]
+    yaw, lean, _ = np.array([one.values for one in drawn]).T
+    # Eight limits of the range are 14.4 degrees; uniform draws lie beyond in all but 8 %.
+    beyond = np.abs(yaw) > 8 * 0.01 * 180
+    expected = SET_PRIOR.whole * (1 - 0.08)
+    assert beyond.mean() == pytest.approx(expected, abs=3 * 0.5 / np.sqrt(count))
+    quartiles = np.quantile(np.abs(yaw[beyond]), [0.25, 0.5, 0.75])
+    np.testing.assert_allclose(quartiles, 14.4 + 165.6 * np.array([0.25, 0.5, 0.75]), atol=9)
+    assert {int(np.sign(one)) for one in yaw[beyond]} == {-1, 1}
+    # What else the effect has stays within the sizes that a campaign just shows.
+    assert lean.max() <= 8 * 0.01 * 3.0 + 1e-9
+    for one, turn, leaning in zip(drawn, yaw, lean, strict=True):
+        assert one.side == (np.sign(turn) or one.side)
+        assert one.size == pytest.approx(max(abs(turn) / 180, leaning / 3) / 0.01)
+    narrow = {"registration": effects["registration"].with_prior("yaw", -20.0, 20.0)}
+    within = [draw_acting(narrow, "registration", limits, rng).values[0] for _ in range(500)]
+    assert 15 < max(within) <= 20, "over the whole of the prior that is asked for"
+
+
 def test_any_row_of_campaigns_is_the_same_alone() -> None:
     simulator = LinearSimulator({"wear": loss(40.0), "table_gain": loss(40.0)})
     with SimulationCache(simulator) as cache:

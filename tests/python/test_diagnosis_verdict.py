@@ -60,8 +60,11 @@ def test_a_statement_has_the_values_that_its_code_declares() -> None:
 def test_a_pair_names_what_stands_behind_its_members() -> None:
     library = full_library()
     assert list(equivalents_of_several(verdict_with("pair", "catch", "com_offset"), library)) == [
-        Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=(other,))
-        for name, other in (("catch", "outcome_rule"), ("com_offset", "base_slope"))
+        Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect=name, others=others)
+        for name, others in (
+            ("catch", ("outcome_rule",)),
+            ("com_offset", ("base_slope", "registration")),
+        )
     ]
     assert not list(equivalents_of_several(verdict_with("pair", "inertia", "time_scale"), library))
     assert not list(equivalents_of_several(verdict_with("effect", "com_offset"), library))
@@ -263,10 +266,17 @@ def test_doubts_about_what_is_named_are_stated() -> None:
 
 def test_angles_are_averaged_as_directions() -> None:
     np.testing.assert_allclose(
-        _unrolled(np.array([350.0, 10.0, 10.0, 30.0]), 360.0), [-10, 10, 10, 30], atol=1e-9
+        _unrolled(np.array([350.0, 10.0, 10.0, 30.0]), 0.0, 360.0), [-10, 10, 10, 30], atol=1e-9
+    )
+    # About a mean within the prior: -10, not 350; and 175 beside the ends.
+    np.testing.assert_allclose(
+        _unrolled(np.array([-40.0, -10.0, 20.0]), -180.0, 180.0), [-40, -10, 20], atol=1e-9
+    )
+    np.testing.assert_allclose(
+        _unrolled(np.array([160.0, 175.0, -170.0]), -180.0, 180.0), [160, 175, 190], atol=1e-9
     )
     # Beyond half a turn: about a mean of 300 degrees, 60 lies at 420.
-    found = _unrolled(np.array([*[290.0, 310.0] * 1000, 60.0]), 360.0)
+    found = _unrolled(np.array([*[290.0, 310.0] * 1000, 60.0]), 0.0, 360.0)
     np.testing.assert_allclose(found[[0, 1, -1]], [290, 310, 420], atol=1e-6)
 
 

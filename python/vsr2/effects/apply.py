@@ -5,13 +5,13 @@ from __future__ import annotations
 import warnings
 import zlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import EffectWarning
-from vsr2.effects.registry import chosen
+from vsr2.effects.registry import chosen, place
 from vsr2.errors import ConfigError, Fault, SimulationError, Vsr2Error
 from vsr2.trial import Applied, Trial
 
@@ -165,31 +165,76 @@ def _changed(
             outcome=one.outcome, settling=one.settling, effects=(*trials[i].effects, *acting[i]),
         )  # fmt: skip
 
-    for one, where in effects:
-        sees_motion = one.stage not in _BEFORE_MOTION
-        made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
+    for _, where in effects:
         for i, applied in where.items():
-            key = id(applied), id(rest[i]), id(moved[i]) if sees_motion else 0
-            if one.stage != "outcome" and key not in made:
-                found = _made(joined(i) if sees_motion else rest[i], one, dict(applied.values))
-                made[key] = standing.of(found), moving.of(found)
             acting[i].append(applied)
-            if key in made:
-                rest[i] = made[key][0]
-                if sees_motion:
-                    moved[i] = made[key][1]
+    for hook in _hooks(effects):
+        sees_motion = hook.effect.stage not in _BEFORE_MOTION
+        made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
+        for i, values in hook.values.items():
+            key = id(values), id(rest[i]), id(moved[i]) if sees_motion else 0
+            if key not in made:
+                found = _made(joined(i) if sees_motion else rest[i], hook, values)
+                made[key] = standing.of(found), moving.of(found)
+            rest[i] = made[key][0]
+            if sees_motion:
+                moved[i] = made[key][1]
     return [joined(i) if acting[i] else trial for i, trial in enumerate(trials)]
 
 
-def _made(trial: Trial, one: Effect, values: dict[str, float]) -> Trial:
+@dataclass(frozen=True)
+class _Hook:
+    """What changes trials at one place in the order.
+
+    Attributes:
+        effect: whose `change` it is.
+        values: by the trial's index; equal ones are one object.
+        whole: the effect of which it is a part; None: of none.
+    """
+
+    effect: Effect
+    values: Mapping[int, dict[str, float]]
+    whole: Effect | None = None
+
+    @property
+    def key(self) -> str:
+        """Of the study, by which errors name the effect."""
+        return f"effects.{self.effect.name if self.whole is None else self.whole.name}"
+
+    def key_of(self, own: str) -> str:
+        """Of the study, for the key that an error of the effect names."""
+        before = f"effects.{self.effect.name}."
+        if self.whole is None or not own.startswith(before):
+            return own
+        return f"{self.key}.{self.effect.name}_{own.removeprefix(before)}"
+
+
+def _hooks(effects: Sequence[tuple[Effect, Mapping[int, Applied]]]) -> list[_Hook]:
+    """Of all effects, and of the parts of those with some, in the order of application."""
+    found = []
+    for one, where in effects:
+        known = {id(applied): dict(applied.values) for applied in where.values()}
+        if one.parts:
+            acting = {key: dict(one.acting_parts(values)) for key, values in known.items()}
+            for part in one.parts:
+                own = {i: acting[id(a)][part] for i, a in where.items() if part in acting[id(a)]}
+                found.append(_Hook(part, own, one))
+        elif one.stage != "outcome":
+            found.append(_Hook(one, {i: known[id(applied)] for i, applied in where.items()}))
+    return sorted(found, key=lambda hook: place(hook.effect))
+
+
+def _made(trial: Trial, hook: _Hook, values: dict[str, float]) -> Trial:
     try:
-        changed = one.change(trial, values)
+        changed = hook.effect.change(trial, values)
     except Vsr2Error as error:
-        if error.key:
+        key = hook.key_of(error.key) if error.key else hook.key
+        if key == error.key:
             raise
-        raise type(error)(error.message, key=f"effects.{one.name}", fault=error.fault) from error
+        raise type(error)(error.message, key=key, fault=error.fault) from error
     if not isinstance(changed, Trial):
         raise SimulationError(
-            f"effect {one.name!r}: `change` must return a Trial (returned {type(changed).__name__})"
+            f"effect {hook.effect.name!r}: `change` must return a Trial "
+            f"(returned {type(changed).__name__})"
         )
     return changed

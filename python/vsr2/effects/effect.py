@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -136,6 +136,9 @@ class Effect:
         rank: order within the stage, smallest first; then by name.
         jump: why responses jump beside the null value, where they do; empty: they do not.
         once: why it cannot act in a trial in which it acts already; empty: it can.
+        parts: effects that it brings in, each at its own place in the order, instead of a `change`
+            of its own; its parameters have the names of part and parameter, such as
+            `table_gain_change`.
     """
 
     name: ClassVar[str]
@@ -148,15 +151,28 @@ class Effect:
     rank: ClassVar[int] = 0
     jump: ClassVar[str] = ""
     once: ClassVar[str] = ""
+    parts: ClassVar[tuple[Effect, ...]] = ()
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         """The trial with the effect. Called only where `values` are not null.
 
         A function of its arguments alone, which may change scene, motion, drive, start, outcome and
         settling, and looks at nothing else. In the stages before "actuation" it neither looks at
-        nor changes motion and drive, so that trials share what it makes.
+        nor changes motion and drive, so that trials share what it makes. By default that of the
+        `parts`, one after the other.
         """
+        for part, own in self.acting_parts(values):
+            trial = part.change(trial, own)
         return trial
+
+    def acting_parts(
+        self, values: Mapping[str, float]
+    ) -> Iterator[tuple[Effect, dict[str, float]]]:
+        """The `parts` that are not null, each with its own values."""
+        for part in self.parts:
+            own = {p.name: values[f"{part.name}_{p.name}"] for p in part.parameters}
+            if not part.is_null(own):
+                yield part, own
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
         """The values in force in one trial: where order, session or chance come in."""

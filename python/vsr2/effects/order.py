@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from vsr2.effects import geometry
+from vsr2.effects.actuation import TableGain
+from vsr2.effects.contact import Friction
 from vsr2.effects.effect import Circumstances, Effect, effects_in
-from vsr2.effects.geometry import Slenderness
+from vsr2.effects.geometry import ComOffset, Slenderness
 from vsr2.effects.parameter import Parameter
+from vsr2.effects.registration import Registration
 from vsr2.trial import Trial
 
 WEAR_STEPS = 32
 """Wear advances in this many equal steps, so that trials share scenes."""
+MARKED_YAW = (-30.0, 30.0)
+"""Ends of the turn of a rock that is put back by its marks [degree]; chosen by hand."""
 
 
 class Wear(Effect):
@@ -45,49 +50,14 @@ class Wear(Effect):
         return Slenderness().change(trial, {"change": -values["loss"]})
 
 
-def _renamed() -> tuple[Parameter, ...]:
-    """Parameters of all geometric effects under names of both."""
-    found = []
-    for effect in effects_in(geometry):
-        for parameter in effect.parameters:
-            drawn = (effect.name, parameter.name) == ("slenderness", "change")
-            found.append(
-                replace(
-                    parameter,
-                    name=f"{effect.name}_{parameter.name}",
-                    prior=parameter.prior if drawn else "fixed",
-                    lower=-0.15 if drawn else parameter.lower,
-                    upper=0.15 if drawn else parameter.upper,
-                    meaning=f"`{parameter.name}` of `{effect.name}` after the change",
-                )
-            )
-    return tuple(found)
+class Step(Effect):
+    """Base of effects that bring in others at one point of a campaign.
 
-
-class ChangePoint(Effect):
-    """A step of the geometry between two sessions.
-
-    Takes the parameters of all geometric effects, under the names of both; only the change of
-    slenderness is drawn from a prior. The change comes between the two sessions that lie nearest to
-    `at`, all sessions counted as equally long; with one session only, between two trials.
+    The step comes between the two sessions that lie nearest to `at`, all sessions counted as
+    equally long; with one session only, between two trials.
     """
 
-    name = "change_point"
-    meaning = "From one session on the geometry is another: an edge broke, a base was repaired"
-    parameters = (
-        Parameter(
-            "at", "1", 0.5, 0.1, 0.9, "uniform",
-            "where the change lies among the sessions, counted as equally long, 0 to 1; with one "
-            "session, among the trials",
-            limits=(0.0, 1.0), secondary=True,
-        ),
-        *_renamed(),
-    )  # fmt: skip
-    channels = ("tilt",)
-    confounded_with = ("wear",)
-    source = "this library: damage between sessions"
     stage = "order"
-    rank = 1
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
         sessions = circumstances.sessions
@@ -98,12 +68,98 @@ class ChangePoint(Effect):
             after = sessions.index(circumstances.session) >= first
         return values if after else self.null()
 
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        for effect in sorted(effects_in(geometry), key=lambda effect: effect.rank):
-            own = {
-                parameter.name: values[f"{effect.name}_{parameter.name}"]
-                for parameter in effect.parameters
-            }
-            if not effect.is_null(own):
-                trial = effect.change(trial, own)
-        return trial
+
+def _place_in_time(lower: float, upper: float) -> Parameter:
+    return Parameter(
+        "at", "1", 0.5, lower, upper, "uniform",
+        "where the change lies among the sessions, counted as equally long, 0 to 1; with one "
+        "session, among the trials",
+        limits=(0.0, 1.0), secondary=True,
+    )  # fmt: skip
+
+
+def _of_parts(
+    parts: Sequence[Effect], drawn: Mapping[str, tuple[float, float] | None]
+) -> tuple[Parameter, ...]:
+    """Parameters of all parts under names of both.
+
+    Args:
+        parts: effects.
+        drawn: names of those with a prior, and its ends where they are not the part's own; the
+            others are fixed.
+    """
+    found = []
+    for effect in parts:
+        for parameter in effect.parameters:
+            name = f"{effect.name}_{parameter.name}"
+            lower, upper = drawn.get(name) or (parameter.lower, parameter.upper)
+            found.append(
+                replace(
+                    parameter,
+                    name=name,
+                    prior=parameter.prior if name in drawn else "fixed",
+                    lower=lower,
+                    upper=upper,
+                    meaning=f"`{parameter.name}` of `{effect.name}` after the change",
+                    whole_range=parameter.whole_range and drawn.get(name, ()) is None,
+                )
+            )
+    return tuple(found)
+
+
+class ChangePoint(Step):
+    """A step of the geometry between two sessions.
+
+    Takes the parameters of all geometric effects, under the names of both; only the change of
+    slenderness is drawn from a prior. The change comes between the two sessions that lie nearest to
+    `at`, all sessions counted as equally long; with one session only, between two trials.
+    """
+
+    name = "change_point"
+    meaning = "From one session on the geometry is another: an edge broke, a base was repaired"
+    parts = tuple(effects_in(geometry))
+    parameters = (
+        _place_in_time(0.1, 0.9),
+        *_of_parts(parts, {"slenderness_change": (-0.15, 0.15)}),
+    )
+    channels = ("tilt",)
+    confounded_with = ("wear",)
+    source = "this library: damage between sessions"
+    rank = 1
+
+
+class Session(Step):
+    """A step of what holds for a whole session, from one of them on.
+
+    The step comes before the session that the data choose, as a change point does, all sessions
+    being counted as equally long; with one session only, between two trials. What steps is what a
+    pause may change: the specimen is put back turned beside its marks, or upon another part of its
+    base; a surface is cleaned or dusty; the table is tuned or calibrated again. Takes the
+    parameters of `registration`, `com_offset`, `slenderness`, `friction` and `table_gain`, under
+    the names of both, each at its own place in the order of application. The offset and the change
+    of slenderness have no prior, since a lean has the first and `change_point` the second; a study
+    may give them.
+    """
+
+    name = "session"
+    meaning = (
+        "From one session on the specimen stands otherwise, or friction or the table are others"
+    )
+    parts = (Registration(), ComOffset(), Slenderness(), Friction(), TableGain())
+    parameters = (
+        _place_in_time(0.0, 1.0),
+        *_of_parts(
+            parts,
+            {
+                "registration_yaw": MARKED_YAW,
+                "registration_lean": None,
+                "registration_lean_azimuth": None,
+                "friction_factor": None,
+                "table_gain_change": None,
+            },
+        ),
+    )
+    channels = ("tilt", "yaw", "slip", "motion")
+    confounded_with = ("change_point", "wear")
+    source = "this library: what a pause in a campaign may change"
+    rank = 2

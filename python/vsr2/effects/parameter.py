@@ -40,6 +40,9 @@ class Parameter:
         secondary: without effect on its own (an azimuth, a frequency); whether an effect is null
             is decided by the others.
         choices: words a study may write, in the order of their values 0, 1, 2, ...
+        whole_range: the prior is meant as it stands, as of a direction that nobody has noted down.
+            Other parameters are drawn near what a campaign just shows, for a greater value is seen
+            anyway; of this one a diagnosis draws values over the whole prior, too.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Parameter:
     limits: tuple[float, float] | None = None
     secondary: bool = False
     choices: tuple[str, ...] = ()
+    whole_range: bool = False
 
     def __post_init__(self) -> None:
         if self.prior not in get_args(Prior):

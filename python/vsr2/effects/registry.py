@@ -24,6 +24,7 @@ from vsr2.effects import (
     mechanism,
     order,
     outcome,
+    registration,
     start,
 )
 from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
@@ -35,7 +36,8 @@ GROUP = "vsr2.effects"
 BUILT_IN: tuple[Effect, ...] = tuple(
     effect
     for module in (
-        geometry, inertia, contact, mechanism, actuation, beside, start, order, outcome
+        geometry, registration, inertia, contact, mechanism, actuation, beside, start, order,
+        outcome,
     )
     for effect in effects_in(module)
 )  # fmt: skip
@@ -100,7 +102,7 @@ def chosen(given: Mapping[str, Mapping[str, float | str]]) -> list[tuple[Effect,
         ConfigError: an unknown effect or parameter, or a value that cannot be used.
     """
     picked = [(effect(name), values) for name, values in given.items()]
-    picked.sort(key=lambda pair: _place(pair[0]))
+    picked.sort(key=lambda pair: place(pair[0]))
     return [(one, one.accept(values)) for one, values in picked]
 
 
@@ -140,10 +142,11 @@ def check_study_effects(
 
 def in_order(effects: Mapping[str, Effect]) -> list[Effect]:
     """Effects in the order of application: by stage, rank, name."""
-    return sorted(effects.values(), key=_place)
+    return sorted(effects.values(), key=place)
 
 
-def _place(one: Effect) -> tuple[int, int, str]:
+def place(one: Effect) -> tuple[int, int, str]:
+    """What sorts effects in the order of application: stage, rank, name."""
     return STAGES.index(one.stage), one.rank, one.name
 
 

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from vsr2.config.study import Settling
 from vsr2.errors import GeometryError
 from vsr2.scene import Box, Hull, Pose, Support, height_above, start_support
-from vsr2.scene.rotation import multiply
+from vsr2.scene.rotation import (
+    IDENTITY,
+    matrix_from_quaternion,
+    multiply,
+    yaw_quaternion,
+)
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
@@ -83,6 +88,34 @@ def restand(trial: Trial, parts: tuple[Hull | Box, ...], start: Pose | None = No
         raise GeometryError("the effect leaves no pedestal under the rock; make it smaller")
     x, y, z = moved.position
     return Pose((x, y, z + (before - after)), moved.orientation)
+
+
+def turned_start(trial: Trial, yaw: float, shift: Array) -> Pose:
+    """The start turned about the normal of the top through the mass centre, and shifted along it.
+
+    Args:
+        trial: with the present start.
+        yaw: anticlockwise [rad].
+        shift: in plan, shape (3,) with no third component [m].
+
+    Raises:
+        GeometryError: the pedestal is no longer under the rock.
+    """
+    rotation = matrix_from_quaternion(trial.start_pose.orientation)
+    position = np.asarray(trial.start_pose.position)
+    center = position + rotation @ trial.scene.rock.mass.mass_center
+    turn = yaw_quaternion(yaw)
+    # About the normal of the top and along it, where it slopes.
+    x, y, z, w = slope = trial.scene.pedestal.slope
+    if slope != IDENTITY:
+        turn = multiply(multiply(slope, turn), (-x, -y, -z, w))
+    moved = center + matrix_from_quaternion(turn) @ (position - center)
+    moved += matrix_from_quaternion(slope) @ shift
+    start = Pose(
+        (float(moved[0]), float(moved[1]), float(moved[2])),
+        multiply(turn, trial.start_pose.orientation),
+    )
+    return restand(trial, trial.scene.rock.parts, start)
 
 
 def settle_at(trial: Trial, factor: float) -> Trial:

@@ -6,13 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from vsr2.effects.effect import Circumstances, Effect
+from vsr2.effects.geometry import direction
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.standing import restand
-from vsr2.scene import Pose
-from vsr2.scene.rotation import IDENTITY, matrix_from_quaternion, multiply, yaw_quaternion
+from vsr2.effects.standing import turned_start
 from vsr2.trial import Trial
 
 
@@ -49,20 +46,5 @@ class Placement(Effect):
         }
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        rotation = matrix_from_quaternion(trial.start_pose.orientation)
-        position = np.asarray(trial.start_pose.position)
-        center = position + rotation @ trial.scene.rock.mass.mass_center
-        turn = yaw_quaternion(math.radians(values["yaw"]))
-        # About the normal of the top and along it, where it slopes.
-        x, y, z, w = slope = trial.scene.pedestal.slope
-        if slope != IDENTITY:
-            turn = multiply(multiply(slope, turn), (-x, -y, -z, w))
-        azimuth = math.radians(values["azimuth"])
-        shift = values["offset"] * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
-        moved = center + matrix_from_quaternion(turn) @ (position - center)
-        moved += matrix_from_quaternion(slope) @ shift
-        start = Pose(
-            (float(moved[0]), float(moved[1]), float(moved[2])),
-            multiply(turn, trial.start_pose.orientation),
-        )
-        return replace(trial, start=restand(trial, trial.scene.rock.parts, start))
+        shift = values["offset"] * direction(values["azimuth"])
+        return replace(trial, start=turned_start(trial, math.radians(values["yaw"]), shift))

@@ -105,11 +105,15 @@ class BulletEngine:
 
     @staticmethod
     def _drawable(effect: Effect, trial: Trial) -> Drawable | None:
-        """With the first parameter that is no secondary one as its strength."""
-        free = [p for p in effect.parameters if p.prior != "fixed"]
-        free.sort(key=lambda parameter: parameter.secondary)
-        if not free or free[0].secondary:
+        """With the first parameter that is no secondary one as its strength.
+
+        Further ones stay null, since each would act whatever the strength.
+        """
+        open_ones = [p for p in effect.parameters if p.prior != "fixed"]
+        primary = [p for p in open_ones if not p.secondary]
+        if not primary:
             return None
+        free = [primary[0], *(p for p in open_ones if p.secondary)]
         null = effect.nominal(trial)
         strength, *others = (
             Parameter(p.name, p.unit, null[p.name], p.lower, p.upper, math.isinf(null[p.name]))

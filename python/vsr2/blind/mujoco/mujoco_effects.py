@@ -387,6 +387,12 @@ _ENTRIES = (
         ("azimuth", "degree", 0.0, 0.0, 360.0),
         apply=_base_slope,
     ),
+    # Beyond a quarter turn a block is one that is turned the other way.
+    _effect(
+        "registration",
+        ("yaw", "degree", 0.0, -90.0, 90.0),
+        apply=lambda s, v, _: replace(s, yaw=s.yaw + math.radians(v["yaw"])),
+    ),
     _effect(
         "placement",
         ("yaw", "degree", 0.0, 0.0, 10.0),
@@ -404,4 +410,5 @@ _ENTRIES = (
 
 EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ENTRIES}
 """By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex
-contacts lift a body that slides, so that it hops and rocks where a rigid one only slides."""
+contacts lift a body that slides, so that it hops and rocks where a rigid one only slides; nor
+`session`, which steps it. Of `registration` the turn alone: its lean is `com_offset`."""

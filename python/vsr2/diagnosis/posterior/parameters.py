@@ -114,7 +114,7 @@ class Parameters:
         columns = []
         for parameter, value in zip(self._free(name), self.values[name].T, strict=True):
             if is_angle(parameter):
-                turn = 2 * np.pi * value / turn_of(parameter)
+                turn = 2 * np.pi * (value - parameter.lower) / turn_of(parameter)
                 columns += [np.cos(turn), np.sin(turn)]
             elif parameter.secondary:
                 columns.append((value - parameter.lower) / (parameter.upper - parameter.lower))

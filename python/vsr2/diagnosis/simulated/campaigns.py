@@ -36,6 +36,8 @@ class SetPrior:
         least, most: ends of the size of an effect, log-uniform, in detection limits.
         least_share: of an effect's range, where it jumps beside its null.
         alone: probability that a primary parameter beside another stays at its null.
+        whole: share of an effect's draws in which parameters whose whole range counts come from
+            their prior as it stands, instead of a size in detection limits.
     """
 
     none: float = 0.1
@@ -45,6 +47,7 @@ class SetPrior:
     most: float = 16.0
     least_share: float = 1 / 256
     alone: float = 0.35
+    whole: float = 0.5
 
     def sizes(self, most: int) -> tuple[float, ...]:
         """Shares of campaigns with none, one, ... effects, where at most so many act."""
@@ -140,7 +143,11 @@ def draw_acting(
     limits: Mapping[tuple[str, Side], Limit],
     rng: np.random.Generator,
 ) -> Acting:
-    """An effect at a size that is log-uniform in detection limits, on either side of its null."""
+    """An effect on either side of its null, at a size that is log-uniform in detection limits.
+
+    Parameters whose whole range counts (`Parameter.whole_range`) come from their prior as it stands
+    in half of the draws. The size is then that of the parameter farthest from its null.
+    """
     effect = library[name]
     reached = [s for s in sides(effect) if limits[name, s].share * SET_PRIOR.least <= 1]
     side = int(rng.choice(reached or sides(effect)))
@@ -154,8 +161,12 @@ def draw_acting(
     parts = np.where(rng.random(len(primary)) < SET_PRIOR.alone, 0.0, rng.random(len(primary)))
     parts[rng.integers(len(primary))] = 1.0
     secondary = rng.random(len(free_parameters(effect)) - len(primary)).tolist()
-    values = values_at(effect, side, (share * parts).tolist(), secondary)
-    return Acting(name, side, share / limit.share, values)
+    shares = share * parts
+    whole = np.array([parameter.whole_range for parameter in primary])
+    if whole.any() and rng.random() < SET_PRIOR.whole:
+        shares[whole] = rng.random(int(whole.sum()))
+    values = values_at(effect, side, shares.tolist(), secondary)
+    return Acting(name, side, float(shares.max()) / limit.share, values)
 
 
 def draw_set(

@@ -169,7 +169,7 @@ def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
     inverse = bool(np.isinf(parameter.null))
     known = 1 / values if inverse else values
     if is_angle(parameter):
-        known = _unrolled(known, parameter.upper - parameter.lower)
+        known = _unrolled(known, parameter.lower, parameter.upper)
     low, least, middle, most, high = np.quantile(known, [0.025, 0.05, 0.5, 0.95, 0.975])
     found = {"mean": float(known.mean()), "median": float(middle)}
     ends = {"ci90": [float(least), float(most)], "ci95": [float(low), float(high)]}
@@ -183,13 +183,15 @@ def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
     return {**found, **ends, "unit": parameter.unit}
 
 
-def _unrolled(values: Array, turn: float) -> Array:
+def _unrolled(values: Array, lower: float, upper: float) -> Array:
     """Angles as they lie about their mean direction, half a turn to either side of it.
 
     The direction is that of the mean unit vector (K. V. Mardia and P. E. Jupp, "Directional
-    Statistics", 2000), within 0 and a turn.
+    Statistics", 2000), within the ends of the prior, a turn apart.
     """
-    mean = np.angle(np.exp(2j * np.pi * values / turn).mean()) * turn / (2 * np.pi) % turn
+    turn = upper - lower
+    mean = np.angle(np.exp(2j * np.pi * values / turn).mean()) * turn / (2 * np.pi)
+    mean = lower + (mean - lower) % turn
     return np.asarray(mean + (values - mean + turn / 2) % turn - turn / 2, dtype=np.float64)
 
 

@@ -69,6 +69,7 @@ BY_EFFECT: dict[str, Instrument] = {
     "table_pitch": Instrument.TABLE_ROTATION,
     "off_axis_motion": Instrument.OFF_AXIS_RECORD,
     "vertical_motion": Instrument.VERTICAL_RECORD,
+    "registration": Instrument.SURVEY_STARTS,
 }
 """Of effects for which a stage's instrument says too little."""
 
