@@ -25,6 +25,7 @@ from vsr2.effects import (
     order,
     outcome,
     start,
+    support,
 )
 from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
 from vsr2.effects.parameter import Parameter, near
@@ -35,7 +36,7 @@ GROUP = "vsr2.effects"
 BUILT_IN: tuple[Effect, ...] = tuple(
     effect
     for module in (
-        geometry, inertia, contact, mechanism, actuation, beside, start, order, outcome
+        geometry, support, inertia, contact, mechanism, actuation, beside, start, order, outcome
     )
     for effect in effects_in(module)
 )  # fmt: skip

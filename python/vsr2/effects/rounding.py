@@ -46,9 +46,9 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
 
     grown = radius if ball is None else ball
     hull = ConvexHull(points)
-    planes = _distinct(hull.equations)
+    planes = distinct_planes(hull.equations)
     normals, offsets = planes[:, :3], planes[:, 3]
-    center = _deep_point(normals, offsets)
+    center = deep_point(normals, offsets)
     depth = float((-(normals @ center) - offsets).min())
     if depth <= radius * (1 + 1e-6):
         raise GeometryError(
@@ -61,7 +61,7 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         raise GeometryError(
             f"eroding the rock by {radius:g} m fails; change the radius slightly"
         ) from error
-    vertices = _merged(eroded.intersections)
+    vertices = merged(eroded.intersections)
     scale = float(np.ptp(points, axis=0).max())
     # How far each eroded vertex lies inside each moved plane.
     inside = -(vertices @ normals.T) - (offsets + radius)
@@ -81,12 +81,12 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         dilated = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
         above = dilated.intersections[(dilated.intersections - center) @ down < 0]
     pieces.append(above)
-    distinct = _merged(np.unique(np.vstack(pieces), axis=0))
+    distinct = merged(np.unique(np.vstack(pieces), axis=0))
     outline: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
     return outline
 
 
-def _distinct(equations: Array) -> Array:
+def distinct_planes(equations: Array) -> Array:
     """Planes of a hull; Qhull gives one for each triangle of a face."""
     order = np.lexsort(np.round(equations, 9).T)
     kept: list[Array] = []
@@ -96,7 +96,7 @@ def _distinct(equations: Array) -> Array:
     return np.asarray(kept)
 
 
-def _deep_point(normals: Array, offsets: Array) -> Array:
+def deep_point(normals: Array, offsets: Array) -> Array:
     """Centre of the largest ball inside (Chebyshev centre)."""
     from scipy.optimize import linprog
 
@@ -110,7 +110,7 @@ def _deep_point(normals: Array, offsets: Array) -> Array:
     return np.asarray(found.x[:3])
 
 
-def _merged(points: Array, tolerance: float = 1e-7) -> Array:
+def merged(points: Array, tolerance: float = 1e-7) -> Array:
     """Points without near copies; the first of each cluster in a grid stays."""
     _, first = np.unique(np.round(points / tolerance), axis=0, return_index=True)
     return points[np.sort(first)]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vsr2.config.study import Settling
 from vsr2.errors import GeometryError
 from vsr2.scene import Box, Hull, Pose, Support, height_above, start_support
-from vsr2.scene.rotation import multiply
+from vsr2.scene.rotation import matrix_from_quaternion, multiply
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
@@ -25,6 +25,13 @@ def support_of(trial: Trial) -> Support:
     x, y, z, w = trial.scene.pedestal.slope
     level = multiply((-x, -y, -z, w), trial.start_pose.orientation)
     return start_support(replace(trial.scene.rock, start=Pose(trial.start_pose.position, level)))
+
+
+def downwards(trial: Trial) -> Array:
+    """Unit vector from the rock to the pedestal's top at the start, in M, shape (3,)."""
+    rotation = matrix_from_quaternion(trial.start_pose.orientation)
+    down: Array = -rotation.T @ matrix_from_quaternion(trial.scene.pedestal.slope)[:, 2]
+    return down
 
 
 def mass_height(trial: Trial) -> float:
