@@ -78,6 +78,7 @@ def test_there_are_the_canonical_names_but_friction() -> None:
         "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance",
         "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "time_scale",
         "placement", "wear", "change_point", "catch", "outcome_rule", "adhesion",
+        "support", "input_channel",
     }  # fmt: skip
     assert set(EFFECTS) == canonical
 
@@ -189,6 +190,13 @@ def test_a_slope_lowers_the_threshold() -> None:
 
 def test_a_rounded_edge_lowers_the_threshold() -> None:
     assert_threshold((0.2 - 0.015) / 0.2, "edge_rounding", radius=0.015)
+
+
+@pytest.mark.parametrize(
+    ("shrink", "rim"), [(0.01, 0.0), (-0.01, 0.0), (0.01, 0.01), (-0.005, 0.01)]
+)
+def test_another_support_moves_the_threshold(shrink: float, rim: float) -> None:
+    assert_threshold((0.2 - shrink - rim) / 0.2, "support", shrink=shrink, rim=rim)
 
 
 def test_inertia_changes_the_energy_of_an_impact() -> None:
@@ -529,6 +537,17 @@ def test_filters_of_the_table_reach_the_table() -> None:
         assert not np.allclose(under(name, base, **values).table.x, base.table.x)
     assert not lifts_at(1.4, "table_saturation", acceleration=0.9 * THRESHOLD)
     assert lifts(1.4 * THRESHOLD)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 4.0, 8.0, 16.0])
+def test_the_gain_of_a_record_depends_on_frequency(frequency: float) -> None:
+    time = np.arange(round(12.0 / INTERVAL)) * INTERVAL
+    x = 0.01 * np.sin(np.pi * time / 12.0) ** 4 * np.sin(2 * np.pi * frequency * time)
+    base = situation(table=TableMotion(INTERVAL, x))
+    found = under("input_channel", base, low_gain=0.3, high_gain=-0.2).table.x
+    slow, fast = 1 / (1 + (frequency / 2) ** 4), 1 - 1 / (1 + (frequency / 8) ** 4)
+    assert np.ptp(found) / np.ptp(x) == pytest.approx(1 + 0.3 * slow - 0.2 * fast, abs=0.01)
+    assert np.abs(np.diff(found[-20:])).max() < 1e-6
 
 
 # --- start and outcome ---------------------------------------------------------------------------

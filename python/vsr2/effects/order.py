@@ -67,9 +67,10 @@ def _renamed() -> tuple[Parameter, ...]:
 class ChangePoint(Effect):
     """A step of the geometry between two sessions.
 
-    Takes the parameters of all geometric effects, under the names of both; only the change of
-    slenderness is drawn from a prior. The change comes between the two sessions that lie nearest to
-    `at`, all sessions counted as equally long; with one session only, between two trials.
+    Takes the parameters of all geometric effects but `support`, under the names of both; only the
+    change of slenderness is drawn from a prior. The change comes between the two sessions that lie
+    nearest to `at`, all sessions counted as equally long; with one session only, between two
+    trials.
     """
 
     name = "change_point"

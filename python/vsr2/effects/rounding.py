@@ -49,6 +49,7 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
     planes = distinct_planes(hull.equations)
     normals, offsets = planes[:, :3], planes[:, 3]
     center = deep_point(normals, offsets)
+    assert center is not None, "a hull has an inside"
     depth = float((-(normals @ center) - offsets).min())
     if depth <= radius * (1 + 1e-6):
         raise GeometryError(
@@ -81,9 +82,16 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         dilated = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
         above = dilated.intersections[(dilated.intersections - center) @ down < 0]
     pieces.append(above)
-    distinct = merged(np.unique(np.vstack(pieces), axis=0))
-    outline: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
-    return outline
+    return outline(np.unique(np.vstack(pieces), axis=0))
+
+
+def outline(points: Array) -> Array:
+    """The vertices of a hull, without near copies, in their order."""
+    from scipy.spatial import ConvexHull
+
+    distinct = merged(points)
+    found: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
+    return found
 
 
 def distinct_planes(equations: Array) -> Array:
@@ -96,8 +104,8 @@ def distinct_planes(equations: Array) -> Array:
     return np.asarray(kept)
 
 
-def deep_point(normals: Array, offsets: Array) -> Array:
-    """Centre of the largest ball inside (Chebyshev centre)."""
+def deep_point(normals: Array, offsets: Array) -> Array | None:
+    """Centre of the largest ball inside (Chebyshev centre); None where nothing is inside."""
     from scipy.optimize import linprog
 
     count = len(normals)
@@ -107,7 +115,7 @@ def deep_point(normals: Array, offsets: Array) -> Array:
         b_ub=-offsets,
         bounds=[(None, None)] * 3 + [(0, None)],
     )
-    return np.asarray(found.x[:3])
+    return None if found.x is None else np.asarray(found.x[:3])
 
 
 def merged(points: Array, tolerance: float = 1e-7) -> Array:

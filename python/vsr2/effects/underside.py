@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.effects.rounding import deep_point, distinct_planes, merged
+from vsr2.effects.rounding import deep_point, distinct_planes, outline
 from vsr2.errors import GeometryError
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def flattened(points: Array, down: Array, level: float, depth: float) -> Array:
     a, b = a[crossed], b[crossed]
     share = ((cut - reach[a]) / (reach[b] - reach[a]))[:, None]
     section = points[a] + share * (points[b] - points[a])
-    return merged(np.vstack([points[reach <= cut], section + depth * down]))
+    return outline(np.vstack([points[reach <= cut], section + depth * down]))
 
 
 def narrowed(points: Array, down: Array, inward: float) -> Array:
@@ -95,13 +95,13 @@ def narrowed(points: Array, down: Array, inward: float) -> Array:
     beside = np.sqrt(np.maximum(1.0 - below**2, 0.0))
     moved = offsets + np.where(below > -_LEVEL, inward * beside, 0.0)
     center = deep_point(normals, moved)
-    if (normals @ center + moved).max() >= 0:
+    if center is None or (normals @ center + moved).max() >= 0:
         raise GeometryError(f"{inward:g} m inwards leaves nothing of the rock; make it smaller")
     try:
         left = HalfspaceIntersection(np.column_stack([normals, moved]), center)
     except QhullError as error:
         raise GeometryError(f"moving the base by {inward:g} m fails; change it slightly") from error
-    return merged(left.intersections)
+    return outline(left.intersections)
 
 
 def smoothed(points: Array, down: Array, level: float, zone: float, most: float) -> Array:
