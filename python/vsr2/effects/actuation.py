@@ -173,7 +173,7 @@ class InputChannel(Effect):
     confounded_with = ("table_gain", "table_bandwidth", "input_filter")
     source = (
         "complementary filters; transducers and accelerometers err by frequency (Boore & Bommer "
-        "2005, Soil Dyn. Earthq. Eng. 25(2)); docs/reference/motions.md on fusion"
+        "2005, Soil Dyn. Earthq. Eng. 25(2)); docs/explanation/motions.md on two channels"
     )
     stage = "actuation"
     rank = 0

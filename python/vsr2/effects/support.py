@@ -68,7 +68,10 @@ class SupportRegion(Effect):
     )  # fmt: skip
     channels = ("tilt", "yaw", "slip", "rest pose")
     confounded_with = ("edge_rounding", "base_asperity", "slenderness", "com_offset")
-    source = "Purvance, Anooshehpoor & Brune (2008), EESD 37(7), on fitted rocking points; statics"
+    source = (
+        "statics of a block; erosion by a disc and opening by a ball (Serra 1982, Image Analysis "
+        "and Math. Morphology)"
+    )
     stage = "geometry"
     jump = "with a rim a box becomes a hull, whose contacts are found one by one, however small"
     once = "of two flats or rims the larger one alone would show"

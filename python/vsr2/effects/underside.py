@@ -24,7 +24,7 @@ def settled_down(points: Array, mass_center: Array, down: Array) -> Array:
 
     The body is let down without speed and tips from face to face: the ray from the mass centre
     along the present downward direction leaves the hull through the next one, and each lies nearer
-    to the mass centre than the one before (Goldberg et al. 1999, Int. J. Robotics Res. 18(10)).
+    to the mass centre than the one before (Goldberg et al., Part pose statistics, 1999).
 
     Args:
         points: shape (k, 3) [m].
