@@ -67,7 +67,7 @@ class SupportRegion(Effect):
         ),
     )  # fmt: skip
     channels = ("tilt", "yaw", "slip", "rest pose")
-    confounded_with = ("edge_rounding", "base_asperity", "slenderness", "com_offset")
+    confounded_with = ("edge_rounding", "base_asperity", "slenderness")
     source = (
         "statics of a block; erosion by a disc and opening by a ball (Serra 1982, Image Analysis "
         "and Math. Morphology)"
