@@ -6,9 +6,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from effect_closed_forms.block import (
     half_widths,
+    uplift_acceleration,
     uplift_check,
 )
 from effect_closed_forms.forms import closed_form
@@ -17,6 +19,8 @@ from vsr2.effects import Bench, Check, Effect, library
 from vsr2.effects.geometry import bump_positions
 from vsr2.effects.standing import mass_height, support_of
 from vsr2.motion import SideMotion
+from vsr2.scene import Hull
+from vsr2.trial import Trial
 
 
 @closed_form
@@ -186,6 +190,69 @@ def _rolling(effect: Effect, bench: Bench, radius: float) -> Check:
         expected,
         0.03 * expected,
     )
+
+
+@closed_form
+def support(effect: Effect, bench: Bench) -> list[Check]:
+    trial = bench.block()
+    _, b = half_widths(trial)
+    slope = trial.scene.engine.gravity / mass_height(trial)
+    checks = []
+    for values, width in (
+        ({"shrink": 0.01}, b - 0.01),
+        ({"shrink": -0.01}, b + 0.01),
+        ({"rim": 0.01}, b - 0.01),
+        ({"shrink": 0.005, "rim": 0.01}, b - 0.015),
+        # What is flat stays as it is.
+        ({"flat": 0.003, "smoothing": 0.001}, b),
+    ):
+        expected = slope * width
+        checks.append(
+            Check(
+                f"uplift with {values} at a = g (b - shrink - rim) / h [m/s^2]",
+                uplift_acceleration(bench, trial, effect, values, expected),
+                expected,
+                0.01 * expected,
+            )
+        )
+    return [*checks, *_bowl(effect, trial)]
+
+
+def _bowl(effect: Effect, trial: Trial) -> list[Check]:
+    """On a body with a round base: its section, and its points brought back to it."""
+    curvature, depth, bumps = 1.0, 0.002, 0.0005
+    radii, angles = np.meshgrid(
+        np.linspace(0.002, 0.12, 60), np.linspace(0, 2 * math.pi, 144, endpoint=False)
+    )
+    x, y = (radii * np.cos(angles)).ravel(), (radii * np.sin(angles)).ravel()
+    even = np.column_stack([x, y, 0.5 * curvature * (x**2 + y**2) - 0.6])
+    lid = np.array([[0.3, 0.3, 0.6], [-0.3, 0.3, 0.6], [-0.3, -0.3, 0.6], [0.3, -0.3, 0.6]])
+
+    def changed(base: NDArray[np.float64], values: dict[str, float]) -> NDArray[np.float64]:
+        rock = replace(trial.scene.rock, parts=(Hull(np.vstack([base, lid])),))
+        made = effect.change(trial.with_scene(rock=rock), effect.complete(values))
+        (part,) = made.scene.rock.parts
+        assert isinstance(part, Hull)
+        return part.points
+
+    flat = changed(even, {"flat": depth})
+    lowest = flat[flat[:, 2] < flat[:, 2].min() + 1e-9]
+    radius = float(np.hypot(lowest[:, 0], lowest[:, 1]).max())
+    rough = even + np.random.default_rng(0).uniform(-bumps, bumps, (len(even), 1)) * [0, 0, 1]
+    # The hull's own points, to which the bowl is fitted, lie on its lower side.
+    smooth = changed(rough, {"smoothing": 3 * bumps})
+    near = smooth[smooth[:, 2] < smooth[:, 2].min() + 0.004]
+    height = 0.5 * curvature * (near[:, 0] ** 2 + near[:, 1] ** 2)
+    return [
+        Check(
+            "radius of the flat of a bowl z = c r^2 / 2, sqrt(2 depth / c) [m]",
+            radius, math.sqrt(2 * depth / curvature), 5e-4,
+        ),
+        Check(
+            "roughness of a bowl smoothed by more than it is rough [m]",
+            float((near[:, 2] - height).std()), 0.0, 0.2 * bumps,
+        ),
+    ]  # fmt: skip
 
 
 @closed_form

@@ -13,11 +13,13 @@ from effect_closed_forms.block import (
     uplift_check,
 )
 from effect_closed_forms.forms import closed_form
+from vsr2.config.motion_source import Filter
 from vsr2.effects import Bench, Check, Effect
 from vsr2.effects.actuation import FILTER_ORDER
 from vsr2.effects.standing import mass_height
-from vsr2.motion import STANDARD_GRAVITY
+from vsr2.motion import STANDARD_GRAVITY, Motion, Record, Recorded
 from vsr2.motion.processing import differentiate
+from vsr2.trial import Trial
 
 
 def _sine_check(
@@ -73,9 +75,7 @@ def input_filter(effect: Effect, bench: Bench) -> list[Check]:
             trial.motion, displacement=x - x[0], velocity=found.velocity,
             acceleration=found.acceleration,
         )  # fmt: skip
-        passed = effect.change(
-            replace(trial, motion=motion), {"corner": corner, "input": 0.0}
-        ).motion
+        passed = effect.change(replace(trial, motion=motion), {"corner": corner}).motion
         expected = 1 / (1 + (frequency / corner) ** (2 * FILTER_ORDER))
         checks.append(
             Check(
@@ -86,6 +86,65 @@ def input_filter(effect: Effect, bench: Bench) -> list[Check]:
             )
         )
     return checks
+
+
+@closed_form
+def input_channel(effect: Effect, bench: Bench) -> list[Check]:
+    trial, low, high = bench.block(), 0.3, -0.2
+    step = trial.scene.engine.time_step
+    checks = []
+    for frequency in (1.0, 2.0, 4.0, 8.0, 16.0):
+        motion = _burst(trial.motion, step, frequency)
+        gained = effect.change(
+            replace(trial, motion=motion), effect.complete({"low_gain": low, "high_gain": high})
+        ).motion
+        slow, fast = 1 / (1 + (frequency / 2) ** 4), 1 - 1 / (1 + (frequency / 8) ** 4)
+        checks.append(
+            Check(
+                f"gain at {frequency:g} Hz, 1 + low / (1 + (f / 2)^4) + high (1 - ...) [1]",
+                float(np.abs(gained.acceleration).max() / np.abs(motion.acceleration).max()),
+                1 + low * slow + high * fast,
+                0.01,
+            )
+        )
+    return [*checks, *_crossings(effect, trial, step)]
+
+
+def _crossings(effect: Effect, trial: Trial, step: float) -> list[Check]:
+    """Two records of one motion, the accelerometer's twice as great."""
+    crossover, checks = 4.0, []
+    for frequency in (1.5, 4.0, 10.0):
+        whole = _burst(trial.motion, step, frequency)
+        for factor in (1.0, 2.0):
+            record = Record(
+                "two", step, displacement=whole.displacement,
+                acceleration=factor * whole.acceleration,
+            )  # fmt: skip
+            own = replace(trial, motion=Recorded(record, filter=Filter()).motion(step))
+            joined = effect.change(own, effect.complete({"crossover": crossover})).motion
+            slow = 1 / (1 + (frequency / crossover) ** 4)
+            checks.append(
+                Check(
+                    f"of {frequency:g} Hz joined at 4 Hz, the acceleration {factor:g} times [1]",
+                    float(
+                        np.abs(joined.displacement).max() / np.abs(own.motion.displacement).max()
+                    ),
+                    slow + factor * (1 - slow),
+                    0.02,
+                )
+            )
+    return checks
+
+
+def _burst(motion: Motion, step: float, frequency: float) -> Motion:
+    """A sine that swells and fades over 8 s, so that it is nearly of one frequency."""
+    time = np.arange(round(8.0 / step)) * step
+    x = 0.01 * np.sin(np.pi * time / time[-1]) ** 4 * np.sin(2 * np.pi * frequency * time)
+    found = differentiate(x, step)
+    return replace(
+        motion, displacement=found.displacement, velocity=found.velocity,
+        acceleration=found.acceleration,
+    )  # fmt: skip
 
 
 @closed_form

@@ -50,6 +50,7 @@ def test_there_are_the_canonical_names_but_friction() -> None:
         "rocking_damping", "base_asperity", "contact_stiffness", "rolling_resistance",
         "friction_rate", "spin_friction", "off_axis_motion", "vertical_motion", "time_scale",
         "placement", "registration", "wear", "change_point", "catch", "outcome_rule", "adhesion",
+        "support", "input_channel",
     }  # fmt: skip
     assert set(EFFECTS) == canonical
 
@@ -154,6 +155,13 @@ def test_a_slope_lowers_the_threshold() -> None:
 
 def test_a_rounded_edge_lowers_the_threshold() -> None:
     assert_threshold((0.2 - 0.015) / 0.2, "edge_rounding", radius=0.015)
+
+
+@pytest.mark.parametrize(
+    ("shrink", "rim"), [(0.01, 0.0), (-0.01, 0.0), (0.01, 0.01), (-0.005, 0.01)]
+)
+def test_another_support_moves_the_threshold(shrink: float, rim: float) -> None:
+    assert_threshold((0.2 - shrink - rim) / 0.2, "support", shrink=shrink, rim=rim)
 
 
 def test_inertia_changes_the_energy_of_an_impact() -> None:

@@ -16,6 +16,7 @@ from test_blind_mujoco import (
 )
 from threshold_samples import THRESHOLD, assert_threshold, lifts_at, middle, strongest, under
 from vsr2.blind.mujoco import (
+    TableMotion,
     TrialContext,
     drive,
     observe,
@@ -125,3 +126,14 @@ def test_an_outcome_rule_labels_and_flips() -> None:
     seen = [observe(response, flips, TrialContext(trial_seed=i)).overturned for i in range(2000)]
     # A binomial's standard deviation is 8 of 60.
     assert abs(sum(seen) - 60) < 32
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0, 4.0, 8.0, 16.0])
+def test_the_gain_of_a_record_depends_on_frequency(frequency: float) -> None:
+    time = np.arange(round(12.0 / INTERVAL)) * INTERVAL
+    x = 0.01 * np.sin(np.pi * time / 12.0) ** 4 * np.sin(2 * np.pi * frequency * time)
+    base = situation(table=TableMotion(INTERVAL, x))
+    found = under("input_channel", base, low_gain=0.3, high_gain=-0.2).table.x
+    slow, fast = 1 / (1 + (frequency / 2) ** 4), 1 - 1 / (1 + (frequency / 8) ** 4)
+    assert np.ptp(found) / np.ptp(x) == pytest.approx(1 + 0.3 * slow - 0.2 * fast, abs=0.01)
+    assert np.abs(np.diff(found[-20:])).max() < 1e-6

@@ -14,11 +14,13 @@ from planted import shaken_campaign
 from vsr2.campaign import Campaign
 from vsr2.config import Study, study_from_mapping
 from vsr2.diagnosis import Budget, Execution, Hypotheses, Nuisance, diagnose
-from vsr2.diagnosis.simulated.nuisances import Normal, with_deviations
+from vsr2.diagnosis.simulated.library import free_parameters
+from vsr2.diagnosis.simulated.nuisances import Normal, Scope, with_deviations
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Effects, Request
 from vsr2.effects import apply_effects, effect, library
 from vsr2.errors import ConfigError, DiagnosisError, Fault, GeometryError
+from vsr2.motion import Recorded
 from vsr2.trial import Trial
 
 BOX = {
@@ -132,7 +134,7 @@ def test_a_nuisance_multiplies_the_scene_s_own_value(shaken) -> None:
     assert found == pytest.approx(0.72)
 
 
-@pytest.mark.parametrize("name", ["edge_rounding", "base_asperity", "table_pitch"])
+@pytest.mark.parametrize("name", ["edge_rounding", "base_asperity", "table_pitch", "support"])
 def test_what_cannot_act_twice_is_not_available(shaken, name: str) -> None:
     first = effect(name).parameters[0].name
     own = simulator(
@@ -147,6 +149,41 @@ def test_what_cannot_act_twice_is_not_available(shaken, name: str) -> None:
         simulator(
             shaken, {name: {first: 0.002}}, nuisances=[Nuisance(name, first, Normal(0.001, 0.0))]
         )
+
+
+@pytest.mark.parametrize(
+    ("acceleration", "nuisances", "open"),
+    [
+        (True, (), True),
+        (False, (), False),
+        # Noise of a trial's own comes first, and then its record no longer tells the motion.
+        (True, [Nuisance("motion_noise", "displacement", Normal(1e-5), Scope.TRIAL)], False),
+    ],
+)
+def test_the_crossover_is_diagnosed_where_every_record_has_both_channels(
+    shaken, acceleration: bool, nuisances, open: bool
+) -> None:
+    records = {
+        name: replace(
+            one,
+            displacement=Recorded(one).motion(one.sample_interval).displacement[: one.size],
+            acceleration=one.acceleration if acceleration else None,
+        )
+        for name, one in shaken.motions.items()
+    }
+    own = simulator(
+        replace(shaken, motions=records),
+        library={"input_channel": effect("input_channel")},
+        nuisances=nuisances,
+    )
+    found = own.library["input_channel"]
+    assert [p.name for p in free_parameters(found)] == [
+        "low_gain", "high_gain", *(["crossover"] if open else [])
+    ]  # fmt: skip
+    values = tuple(3.0 if open and p.name == "crossover" else p.null for p in found.parameters)
+    acting = () if not open else (("input_channel", values),)
+    after = [one.motion for one in built(own, acting, nuisance=1, replicate=1)]
+    assert all(("below 3 Hz" in motion.source) == open for motion in after)
 
 
 @pytest.mark.filterwarnings("ignore::vsr2.effects.EffectRangeWarning")

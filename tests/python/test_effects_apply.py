@@ -175,7 +175,7 @@ def test_refusals_name_what_is_near(trials: list[Trial]) -> None:
     with pytest.raises(ConfigError, match="not between 0"):
         apply_effects(trials, {"wear": {"loss": 0.1}}, relative_order=[0, 1, 2, 3])
     with pytest.raises(MotionError, match="needs a recorded motion"):
-        apply_effects(trials, {"input_filter": {"input": "acceleration"}})
+        apply_effects(trials, {"input_channel": {"channel": "acceleration"}})
     with pytest.warns(EffectRangeWarning, match=r"0\.3 is outside the prior, -0\.15 to 0\.15"):
         apply_effects(trials, {"table_gain": {"change": 0.3}})
     with pytest.raises(ConfigError, match="positive lower end"):
@@ -245,8 +245,8 @@ def test_input_comes_from_the_channel_that_is_asked_for() -> None:
     motion = build_recorded_motion(record, 0.001, scale=0.5)
     bench = EffectBench()
     trial = replace(bench.block(), motion=motion)
-    other = apply_effects([trial], {"input_filter": {"input": "acceleration"}})[0]
-    same = apply_effects([trial], {"input_filter": {"input": "displacement"}})[0]
+    other = apply_effects([trial], {"input_channel": {"channel": "acceleration"}})[0]
+    same = apply_effects([trial], {"input_channel": {"channel": "displacement"}})[0]
     assert other.motion.pga == pytest.approx(1.2 * motion.pga, rel=0.02)
     np.testing.assert_array_equal(same.motion.displacement, motion.displacement)
 

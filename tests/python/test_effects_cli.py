@@ -182,9 +182,9 @@ def test_a_record_without_the_channel_is_refused_by_the_effects_key(
     x = 0.01 * np.sin(np.linspace(0, np.pi, 100)) ** 4
     write_record(Record("r", 0.005, displacement=x), tmp_path / "r.csv")
     motion = {"mode": "all_recordings", "folder": str(tmp_path), "pattern": "r.csv"}
-    assert run(write(tmp_path, {"input_filter": {"input": "acceleration"}}, motion=motion)) == 2
+    assert run(write(tmp_path, {"input_channel": {"channel": "acceleration"}}, motion=motion)) == 2
     errors = capsys.readouterr().err
-    assert "effects.input_filter.input: acceleration cannot be built for 'r'" in errors
+    assert "effects.input_channel.channel: acceleration cannot be built for 'r'" in errors
     assert "motion.channel" not in errors
 
 

@@ -119,29 +119,29 @@ def shaken(motion: Motion) -> Trial:
 @pytest.mark.parametrize("channel", ["displacement", "acceleration"])
 def test_time_is_scaled_after_the_channel_is_chosen(channel: str) -> None:
     trial = shaken(recorded())
-    chosen = apply_effects([trial], {"input_filter": {"input": channel}})[0].motion
+    chosen = apply_effects([trial], {"input_channel": {"channel": channel}})[0].motion
     both = apply_effects(
-        [trial], {"time_scale": {"change": 0.03}, "input_filter": {"input": channel}}
+        [trial], {"time_scale": {"change": 0.03}, "input_channel": {"channel": channel}}
     )[0].motion
     assert both.duration == pytest.approx(1.03 * chosen.duration, abs=3e-3)
     assert both.pgv == pytest.approx(chosen.pgv / 1.03, rel=1e-3)
     gained = apply_effects(
-        [trial], {"table_gain": {"change": 0.1}, "input_filter": {"input": channel}}
+        [trial], {"table_gain": {"change": 0.1}, "input_channel": {"channel": channel}}
     )[0].motion
     assert gained.pga == pytest.approx(1.1 * chosen.pga)
 
 
 def test_a_channel_is_refused_where_it_would_undo_an_effect() -> None:
     slow = apply_effects([shaken(recorded())], {"time_scale": {"change": 0.03}})
-    with pytest.raises(MotionError, match=r"effects\.input_filter\.input.* together with"):
-        apply_effects(slow, {"input_filter": {"input": "displacement"}})
+    with pytest.raises(MotionError, match=r"effects\.input_channel\.channel.* together with"):
+        apply_effects(slow, {"input_channel": {"channel": "displacement"}})
 
 
 def test_a_channel_that_the_record_lacks_is_refused_by_the_effects_key() -> None:
     x = recorded().displacement[::5]
     motion = build_recorded_motion(Record("r", 0.005, displacement=x), 0.001)
-    with pytest.raises(MotionError, match=r"effects\.input_filter\.input: acceleration cannot"):
-        apply_effects([shaken(motion)], {"input_filter": {"input": "acceleration"}})
+    with pytest.raises(MotionError, match=r"effects\.input_channel\.channel: acceleration cannot"):
+        apply_effects([shaken(motion)], {"input_channel": {"channel": "acceleration"}})
 
 
 def test_a_filter_rings_amid_the_record_s_own_time() -> None:

@@ -75,7 +75,7 @@ def test_neutral(effect: Effect, checker: EffectChecker) -> None:
 @pytest.mark.parametrize("effect", EFFECTS, ids=by_name)
 def test_continuous(effect: Effect, checker: EffectChecker) -> None:
     if effect.jump:
-        assert effect.name in ("base_asperity", "edge_rounding", "outcome_rule")
+        assert effect.name in ("base_asperity", "edge_rounding", "outcome_rule", "support")
         return
     for found in checker.step(effect).values():
         assert found.is_continuous, found

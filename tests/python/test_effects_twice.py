@@ -123,4 +123,6 @@ def test_what_cannot_act_twice_is_refused(one: Effect, block: Trial) -> None:
     with pytest.raises(SimulationError, match=f"effects.{one.name}: .*{one.once}") as raised:
         acted(first, one, one.extreme())
     assert raised.value.fault is Fault.ACTS_ALREADY
-    assert {one.name for one in ONCE} == {"base_asperity", "edge_rounding", "table_pitch"}
+    assert {one.name for one in ONCE} == {
+        "base_asperity", "edge_rounding", "support", "table_pitch",
+    }  # fmt: skip

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
-from vsr2.config.motion_source import Filter
+from vsr2.config.motion_source import Channel, Filter
 from vsr2.effects.effect import Effect
 from vsr2.effects.oscillator import (
     Array,
@@ -21,10 +21,11 @@ from vsr2.effects.oscillator import (
     ringing_samples,
 )
 from vsr2.effects.parameter import Parameter
-from vsr2.errors import MotionError
+from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import SideMotion, band_pass
 from vsr2.motion.processing import Kinematics, differentiate
 from vsr2.motion.resample import resample
+from vsr2.motion.study_motions import CROSSOVER_ORDER, Recorded
 from vsr2.trial import Trial
 
 LOW_PASS_DAMPING = math.sqrt(0.5)
@@ -32,7 +33,6 @@ LOW_PASS_DAMPING = math.sqrt(0.5)
 LOOP_FREQUENCY = 3.0
 """At which a saturated table comes back to its command [Hz]."""
 FILTER_ORDER = 3
-_INPUT = "effects.input_filter.input"
 
 
 def _driven(
@@ -118,41 +118,180 @@ class TimeScale(Effect):
         return _driven(trial, path, f"time times {factor:.12g}", beside)
 
 
+class InputChannel(Effect):
+    """Which record drives the table, and how far its instruments err.
+
+    `crossover` joins the two records by complementary filters without delay, whose sum is one: gain
+    1 / (1 + (f / fc)^4) on the displacement, the rest on the acceleration integrated twice.
+    Infinity leaves the displacement alone, 0 the acceleration. `channel` builds the motion from one
+    record, or from both by their noise (`fused`). Filter and scale are the study's. Both need a
+    recorded motion that has the channels, and are refused where it has not. `crossover` has a prior
+    of its own, log-uniform over its range, where all trials have both records.
+
+    `low_gain` multiplies what is slower than `low_corner` by 1 + low_gain, `high_gain` what is
+    faster than `high_corner` by 1 + high_gain; the gain is 1 + low_gain L(f / low_corner) +
+    high_gain (1 - L(f / high_corner)) with L(r) = 1 / (1 + r^4), without delay. Gains act on any
+    motion, those of one record or none too. All of this comes before all else that is done to the
+    motion.
+    """
+
+    name = "input_channel"
+    meaning = (
+        "The table's motion is taken from the other record or from both, and the instrument's gain "
+        "is wrong where it is slow or fast"
+    )
+    parameters = (
+        Parameter(
+            "low_gain", "1", 0.0, -0.4, 0.4, "uniform", "relative change of what is slow",
+            limits=(-0.9, 5.0),
+        ),
+        Parameter(
+            "high_gain", "1", 0.0, -0.4, 0.4, "uniform", "relative change of what is fast",
+            limits=(-0.9, 5.0),
+        ),
+        Parameter(
+            "crossover", "Hz", math.inf, 0.5, 20.0, "fixed",
+            "below it the displacement record drives, above it the acceleration record; none "
+            "given: the record that the study has; open where all trials have both records",
+            limits=(0.05, 400.0),
+        ),
+        Parameter(
+            "channel", "1", 0.0, 0.0, 3.0, "fixed",
+            "record that drives: `study`: as the study has it",
+            choices=("study", "displacement", "acceleration", "fused"),
+        ),
+        Parameter(
+            "low_corner", "Hz", 2.0, 0.5, 4.0, "fixed", "half of `low_gain` is left there",
+            limits=(0.05, 100.0), secondary=True,
+        ),
+        Parameter(
+            "high_corner", "Hz", 8.0, 4.0, 20.0, "fixed", "half of `high_gain` is reached there",
+            limits=(0.05, 400.0), secondary=True,
+        ),
+    )  # fmt: skip
+    channels = ("motion", "tilt")
+    confounded_with = ("table_gain", "table_bandwidth", "input_filter")
+    source = (
+        "complementary filters; transducers and accelerometers err by frequency (Boore & Bommer "
+        "2005, Soil Dyn. Earthq. Eng. 25(2)); docs/explanation/motions.md on two channels"
+    )
+    stage = "actuation"
+    rank = 0
+
+    def nominal(self, trial: Trial) -> dict[str, float]:
+        recorded, values = trial.motion.recorded, self.null()
+        if recorded is not None and recorded.crossover is not None:
+            values["crossover"] = recorded.crossover
+        elif recorded is not None and recorded.used == "acceleration":
+            values["crossover"] = 0.0
+        return values
+
+    def opened(self, trials: Sequence[Trial]) -> Self:
+        records = [trial.motion.recorded for trial in trials]
+        both = all([r is not None and r.record.lacking("fused") is None for r in records])
+        found = self.parameter("crossover")
+        if not both or found.prior != "fixed":
+            return self
+        return self.with_prior("crossover", found.lower, found.upper, "loguniform")
+
+    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
+        choice: Any = self.parameter("channel").choices[int(values["channel"])]
+        crossover = values["crossover"]
+        crossed = 0 < crossover < math.inf
+        if crossed and choice != "study":
+            raise ConfigError(
+                f"{choice} is one way to drive and a crossover of {crossover:g} Hz another; leave "
+                "one of them out",
+                key="effects.input_channel.channel",
+            )
+        if crossed:
+            trial = _from_record(
+                trial, "crossover", "fused", lambda recorded: recorded.crossed(crossover)
+            )
+        elif choice != "study":
+            trial = _from_record(trial, "channel", choice, lambda r: r.through(choice))
+        low, high = values["low_gain"], values["high_gain"]
+        if low == 0 and high == 0:
+            return trial
+        motion, step = trial.motion, trial.motion.time_step
+        corners = [(low, values["low_corner"]), (high, values["high_corner"])]
+        pad = math.ceil(3.0 / min(corner for gain, corner in corners if gain) / step)
+
+        def changed(signal: Array) -> Array:
+            # Amid rest, so that the filters ring out on both sides.
+            amid = np.pad(_late(signal, pad), (0, pad), mode="edge")
+            slow, below = (_below(amid, corner, step) for _, corner in corners)
+            shaped: Array = amid + low * slow + high * (amid - below)
+            return shaped
+
+        signals = (motion.displacement, motion.velocity, motion.acceleration)
+        path = Kinematics(*map(changed, signals))
+        note = f"gain {1 + low:.12g} below {corners[0][1]:g} Hz, {1 + high:.12g} above "
+        size = path.displacement.size
+        return _driven(
+            trial, path, f"{note}{corners[1][1]:g} Hz",
+            lambda side: _held(_late_side(side, pad), size),
+        )  # fmt: skip
+
+
+def _below(signal: Array, corner: float, step: float) -> Array:
+    """What is slower than a corner [Hz], without delay: gain 1 / (1 + (f / fc)^4)."""
+    if corner >= 0.5 / step:
+        return signal
+    return band_pass(signal, step, Filter(low=0.0, high=corner, order=CROSSOVER_ORDER))
+
+
+def _from_record(
+    trial: Trial, parameter: str, channel: Channel, other: Callable[[Recorded], Recorded]
+) -> Trial:
+    """The trial under the motion that its record gives in another way."""
+    motion, recorded = trial.motion, trial.motion.recorded
+    key = f"effects.input_channel.{parameter}"
+    if recorded is None:
+        raise MotionError(
+            f"{channel} needs a recorded motion that no effect has changed yet, and "
+            f"{motion.name!r} is none; leave it out, or apply it together with the other effects",
+            key=key,
+        )
+    missing = recorded.record.lacking(channel)
+    if missing:
+        raise MotionError(
+            f"{channel} cannot be built for {motion.name!r}: {recorded.record.label} has no "
+            f"{missing} channel; leave it out, or name a channel of the record",
+            key=key,
+        )
+    try:
+        built = other(recorded).motion(motion.time_step, name=motion.name)
+    except MotionError as error:
+        raise MotionError(
+            f"{channel} cannot be built for {motion.name!r}: {error}", key=key
+        ) from error
+    return replace(trial, motion=built)
+
+
 class InputFilter(Effect):
     """How the recorded motion is turned into the driven one.
 
-    `corner` is a Butterworth filter of order 3, run forward and backward: gain 1 / (1 + (f /
-    fc)^6), no delay. `input` builds the motion again from another channel of the record, with the
-    study's own filter and scale; it needs a recorded motion that has the channel. Both come before
-    all else that is done to the motion, `time_scale` included: `corner` is in the record's time.
+    A Butterworth filter of order 3, run forward and backward: gain 1 / (1 + (f / fc)^6), no delay.
+    It comes right after `input_channel`, before all else that is done to the motion, `time_scale`
+    included: `corner` is in the record's time.
     """
 
     name = "input_filter"
-    meaning = (
-        "The motion is low-passed on its way into the simulation, or comes from another channel"
-    )
+    meaning = "The motion is low-passed on its way into the simulation"
     parameters = (
         Parameter(
             "corner", "Hz", math.inf, 5.0, 40.0, "loguniform",
             "of the zero-phase low-pass; none given: no filter", limits=(1.0, 400.0),
         ),
-        Parameter(
-            "input", "1", 0.0, 0.0, 3.0, "fixed",
-            "channel of the record: `study`: as the study has it",
-            choices=("study", "displacement", "acceleration", "fused"),
-        ),
     )  # fmt: skip
     channels = ("motion", "tilt")
     confounded_with = ("table_bandwidth",)
-    source = (
-        "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2); docs/reference/motions.md on fusion"
-    )
+    source = "Boore & Bommer (2005), Soil Dyn. Earthq. Eng. 25(2)"
     stage = "actuation"
     rank = 0
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        if values["input"] != 0:
-            trial = self._from_channel(trial, int(values["input"]))
         corner, motion = values["corner"], trial.motion
         # What lies beyond half the sampling rate passes everything.
         if corner >= 0.5 / motion.time_step:
@@ -167,31 +306,6 @@ class InputFilter(Effect):
             return _held(_late_side(side, pad), amid.size)
 
         return _driven(trial, path, f"low-pass {corner:g} Hz", beside)
-
-    def _from_channel(self, trial: Trial, choice: int) -> Trial:
-        motion, recorded = trial.motion, trial.motion.recorded
-        channel: Any = self.parameter("input").choices[choice]
-        if recorded is None:
-            raise MotionError(
-                f"{channel} needs a recorded motion that no effect has changed yet, and "
-                f"{motion.name!r} is none; leave it at `study`, or apply it together with the "
-                "other effects",
-                key=_INPUT,
-            )
-        missing = recorded.record.lacking(channel)
-        if missing:
-            raise MotionError(
-                f"{channel} cannot be built for {motion.name!r}: {recorded.record.label} has no "
-                f"{missing} channel; set it to a channel of the record, or to `study`",
-                key=_INPUT,
-            )
-        try:
-            built = recorded.through(channel).motion(motion.time_step, name=motion.name)
-        except MotionError as error:
-            raise MotionError(
-                f"{channel} cannot be built for {motion.name!r}: {error}", key=_INPUT
-            ) from error
-        return replace(trial, motion=built)
 
 
 class TableGain(Effect):

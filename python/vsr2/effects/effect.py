@@ -239,6 +239,14 @@ class Effect:
         """Values that leave a trial as it is: the null values; the trial's own where one is NaN."""
         return self.null()
 
+    def opened(self, trials: Sequence[Trial]) -> Self:
+        """The same effect with priors for what is fixed but in trials of a certain kind.
+
+        Args:
+            trials: all of a campaign, without the effect.
+        """
+        return self
+
     def with_null(self, values: Mapping[str, float]) -> Self:
         """The same effect with other null values."""
         made = copy(self)

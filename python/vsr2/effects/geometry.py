@@ -15,6 +15,7 @@ from vsr2.effects.rounding import rounded_hull
 from vsr2.effects.standing import (
     SCAN_SETTLING,
     assert_stands,
+    downwards,
     mass_height,
     restand,
     settle_at,
@@ -69,7 +70,7 @@ def with_mass_center(trial: Trial, shift: Array) -> Trial:
     return replace(trial.with_scene(rock=moved_rock), start=start)
 
 
-def _standing(trial: Trial, parts: tuple[Hull | Box, ...]) -> Trial:
+def with_parts(trial: Trial, parts: tuple[Hull | Box, ...]) -> Trial:
     """The trial with other collision parts of the rock, as high above the pedestal as before."""
     rock = replace(trial.scene.rock, parts=parts)
     return replace(trial.with_scene(rock=rock), start=restand(trial, parts))
@@ -180,26 +181,32 @@ class EdgeRounding(Effect):
     once = "of two roundings the larger one alone would show"
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        rotation = matrix_from_quaternion(trial.start_pose.orientation)
-        down = -rotation.T @ matrix_from_quaternion(trial.scene.pedestal.slope)[:, 2]
-        radius, margin = values["radius"], trial.scene.engine.collision_margin
-        parts: list[Hull | Box] = []
-        rock = trial.scene.rock
-        for part, points in zip(rock.parts, part_points(rock.parts), strict=True):
-            # The engine's margin lies inside a box and around a hull.
-            if isinstance(part, Box) and radius < margin:
-                hull = box_with_margin(part, trial, radius)
-            elif isinstance(part, Box):
-                hull = rounded_hull(points, radius, down, ball=radius - margin)
-            elif radius < LEAST_RADIUS:
-                hull = part.points
-            else:
-                hull = rounded_hull(points, radius, down)
-            parts.append(Hull(hull))
-        kept = tuple(parts)
+        radius, rock, down = values["radius"], trial.scene.rock, downwards(trial)
+        parts = tuple(rounded_part(part, radius, down, trial) for part in rock.parts)
         if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in rock.parts):
             trial = settle_at(trial, SCAN_SETTLING)
-        return _standing(trial, kept)
+        return with_parts(trial, parts)
+
+
+def rounded_part(part: Hull | Box, radius: float, down: Array, trial: Trial) -> Hull:
+    """A collision part with its underside opened by a ball.
+
+    Args:
+        part: of the rock.
+        radius: of the ball [m].
+        down: unit vector towards the pedestal in M, shape (3,).
+        trial: with the engine, and the start that tells which faces are base and top.
+
+    Raises:
+        GeometryError: no ball of this radius fits into the part.
+    """
+    margin = trial.scene.engine.collision_margin
+    # The engine's margin lies inside a box and around a hull.
+    if isinstance(part, Box) and radius < margin:
+        return Hull(box_with_margin(part, trial, radius))
+    if isinstance(part, Box):
+        return Hull(rounded_hull(box_corners(part), radius, down, ball=radius - margin))
+    return Hull(part.points if radius < LEAST_RADIUS else rounded_hull(part.points, radius, down))
 
 
 class BaseAsperity(Effect):
@@ -266,7 +273,7 @@ class BaseAsperity(Effect):
         else:
             up = rotation[2]
             parts = rock.parts + tuple(_bump(tip, up, values["height"]) for tip in in_model)
-        return _standing(trial, parts)
+        return with_parts(trial, parts)
 
 
 def bump_positions(polygon: Array) -> Array:

@@ -26,6 +26,7 @@ from vsr2.effects import (
     outcome,
     registration,
     start,
+    support,
 )
 from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
 from vsr2.effects.parameter import Parameter, near
@@ -36,8 +37,8 @@ GROUP = "vsr2.effects"
 BUILT_IN: tuple[Effect, ...] = tuple(
     effect
     for module in (
-        geometry, registration, inertia, contact, mechanism, actuation, beside, start, order,
-        outcome,
+        geometry, registration, support, inertia, contact, mechanism, actuation, beside, start,
+        order, outcome,
     )
     for effect in effects_in(module)
 )  # fmt: skip

@@ -46,9 +46,10 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
 
     grown = radius if ball is None else ball
     hull = ConvexHull(points)
-    planes = _distinct(hull.equations)
+    planes = distinct_planes(hull.equations)
     normals, offsets = planes[:, :3], planes[:, 3]
-    center = _deep_point(normals, offsets)
+    center = deep_point(normals, offsets)
+    assert center is not None, "a hull has an inside"
     depth = float((-(normals @ center) - offsets).min())
     if depth <= radius * (1 + 1e-6):
         raise GeometryError(
@@ -61,7 +62,7 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         raise GeometryError(
             f"eroding the rock by {radius:g} m fails; change the radius slightly"
         ) from error
-    vertices = _merged(eroded.intersections)
+    vertices = merged(eroded.intersections)
     scale = float(np.ptp(points, axis=0).max())
     # How far each eroded vertex lies inside each moved plane.
     inside = -(vertices @ normals.T) - (offsets + radius)
@@ -81,12 +82,19 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         dilated = HalfspaceIntersection(np.column_stack([normals, offsets + shrunk]), center)
         above = dilated.intersections[(dilated.intersections - center) @ down < 0]
     pieces.append(above)
-    distinct = _merged(np.unique(np.vstack(pieces), axis=0))
-    outline: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
-    return outline
+    return outline(np.unique(np.vstack(pieces), axis=0))
 
 
-def _distinct(equations: Array) -> Array:
+def outline(points: Array) -> Array:
+    """The vertices of a hull, without near copies, in their order."""
+    from scipy.spatial import ConvexHull
+
+    distinct = merged(points)
+    found: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
+    return found
+
+
+def distinct_planes(equations: Array) -> Array:
     """Planes of a hull; Qhull gives one for each triangle of a face."""
     order = np.lexsort(np.round(equations, 9).T)
     kept: list[Array] = []
@@ -96,8 +104,8 @@ def _distinct(equations: Array) -> Array:
     return np.asarray(kept)
 
 
-def _deep_point(normals: Array, offsets: Array) -> Array:
-    """Centre of the largest ball inside (Chebyshev centre)."""
+def deep_point(normals: Array, offsets: Array) -> Array | None:
+    """Centre of the largest ball inside (Chebyshev centre); None where nothing is inside."""
     from scipy.optimize import linprog
 
     count = len(normals)
@@ -107,10 +115,10 @@ def _deep_point(normals: Array, offsets: Array) -> Array:
         b_ub=-offsets,
         bounds=[(None, None)] * 3 + [(0, None)],
     )
-    return np.asarray(found.x[:3])
+    return None if found.x is None else np.asarray(found.x[:3])
 
 
-def _merged(points: Array, tolerance: float = 1e-7) -> Array:
+def merged(points: Array, tolerance: float = 1e-7) -> Array:
     """Points without near copies; the first of each cluster in a grid stays."""
     _, first = np.unique(np.round(points / tolerance), axis=0, return_index=True)
     return points[np.sort(first)]

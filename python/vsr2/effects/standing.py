@@ -32,6 +32,13 @@ def support_of(trial: Trial) -> Support:
     return start_support(replace(trial.scene.rock, start=Pose(trial.start_pose.position, level)))
 
 
+def downwards(trial: Trial) -> Array:
+    """Unit vector from the rock to the pedestal's top at the start, in M, shape (3,)."""
+    rotation = matrix_from_quaternion(trial.start_pose.orientation)
+    down: Array = -rotation.T @ matrix_from_quaternion(trial.scene.pedestal.slope)[:, 2]
+    return down
+
+
 def mass_height(trial: Trial) -> float:
     """Height of the mass centre above the support at the start, along the top's normal [m]."""
     return support_of(trial).height

@@ -39,6 +39,9 @@ MAX_MOTIONS = 100_000
 """Most motions of one study."""
 MAX_TOTAL_SAMPLES = 50_000_000
 """Most samples of all motions of one study together: 1.2 GB."""
+CROSSOVER_ORDER = 2
+"""Of the filters that join two records. White noise of the displacement then falls with frequency
+even in the second derivative, and a drift of the integrated acceleration with f^4."""
 
 
 def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
@@ -85,9 +88,13 @@ class Recorded:
             should have one: its noise is small, its second derivative is not.
         scale: factor on the motion; negative mirrors it.
         noise: of the channels, for "fused" alone; None: estimated from the record's rest.
+        crossover: for "fused" alone [Hz]: below it the displacement drives, above it the
+            acceleration, by complementary filters; None: the smoother of :mod:`vsr2.motion.fusion`
+            weighs them.
 
     Raises:
-        MotionError: a scale of 0, NaN or infinity, or `noise` with another channel than "fused".
+        MotionError: a scale of 0, NaN or infinity, `noise` or `crossover` with another channel than
+            "fused", both of them, or a `crossover` that is not positive and finite.
     """
 
     record: Record
@@ -96,13 +103,26 @@ class Recorded:
     filter: Filter | None = None
     scale: float = 1.0
     noise: ChannelNoise | None = None
+    crossover: float | None = None
 
     def __post_init__(self) -> None:
         if not math.isfinite(self.scale) or self.scale == 0:
             raise MotionError(f"{self.record.label}: scale {self.scale} must be finite and not 0")
+        self._check_crossover()
         if self.noise is not None and self.used != "fused":
             raise MotionError(
                 f"{self.record.label}: noise has no effect on the {self.used} channel; leave it out"
+            )
+
+    def _check_crossover(self) -> None:
+        if self.crossover is None:
+            return
+        if self.used != "fused" or self.noise is not None:
+            given = "noise" if self.noise is not None else f"the {self.used} channel"
+            raise MotionError(f"{self.record.label}: a crossover does not go with {given}")
+        if not 0 < self.crossover < math.inf:
+            raise MotionError(
+                f"{self.record.label}: crossover {self.crossover} Hz is not positive and finite"
             )
 
     @property
@@ -116,7 +136,15 @@ class Recorded:
         An acceleration without a filter gets the usual one, without which its integral drifts.
         """
         filter = self.filter or (Filter() if channel == "acceleration" else None)
-        return replace(self, channel=channel, filter=filter, noise=None)
+        return replace(self, channel=channel, filter=filter, noise=None, crossover=None)
+
+    def crossed(self, crossover: float) -> Recorded:
+        """The same record and scale, driving by both channels, joined at a frequency [Hz].
+
+        Raises:
+            MotionError: the frequency is not positive and finite.
+        """
+        return replace(self, channel="fused", noise=None, crossover=crossover)
 
     def motion(self, time_step: float, *, name: str | None = None) -> Motion:
         """The motion that the record asks of the pedestal.
@@ -160,6 +188,8 @@ class Recorded:
         """What drives (n,) [m], and how it came about."""
         record, channel, baseline, filter = self.record, self.used, self.baseline, self.filter
         how = f"{channel} channel"
+        if self.crossover is not None:
+            return self._joined(self.crossover)
         if channel == "fused":
             fused = fuse(record, noise=self.noise, baseline=baseline)
             displacement, seen = fused.displacement, fused.noise
@@ -176,6 +206,23 @@ class Recorded:
             interval = record.sample_interval
             displacement = band_pass(displacement, interval, filter, name=record.label)
         return displacement, how
+
+    def _joined(self, crossover: float) -> tuple[Array, str]:
+        """Both channels by filters of gain 1 / (1 + (f / fc)^4) and one minus it, without delay."""
+        record = self.record
+        nyquist = 0.5 / record.sample_interval
+        if crossover >= nyquist:
+            raise MotionError(
+                f"{record.label}: crossover {crossover:g} Hz is not below the record's Nyquist "
+                f"frequency {nyquist:g} Hz; lower it"
+            )
+        slow, _ = self.through("displacement")._displacement()
+        fast, _ = self.through("acceleration")._displacement()
+        low = Filter(low=0.0, high=crossover, order=CROSSOVER_ORDER)
+        apart = (slow - slow[0]) - fast
+        joined = fast + band_pass(apart, record.sample_interval, low, name=record.label)
+        how = f"displacement channel below {crossover:.12g} Hz, acceleration channel above"
+        return joined, how
 
 
 def build_recorded_motion(

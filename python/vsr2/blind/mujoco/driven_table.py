@@ -21,9 +21,15 @@ class TableConstants:
 
     Attributes:
         pitch_damping: damping ratio of the pitching mode [1].
+        slow: corner below which an instrument's gain for slow motion acts [Hz].
+        fast: corner above which its gain for fast motion acts [Hz].
+        rest: around a motion, in which such filters ring out [s].
     """
 
     pitch_damping: float = 0.1
+    slow: float = 2.0
+    fast: float = 8.0
+    rest: float = 2.0
 
 
 TABLE = TableConstants()
@@ -66,6 +72,31 @@ def drive(samples: Array, interval: float, step: float) -> tuple[Array, Array, A
     spline = CubicSpline(np.arange(samples.size) * interval, samples, bc_type="clamped")
     time = np.arange(int((samples.size - 1) * interval / step + 1e-9) + 1) * step
     return spline(time), spline(time, 1), spline(time, 2)
+
+
+def shaded(samples: Array, interval: float, low: float, high: float) -> Array:
+    """A motion whose slow and fast parts were recorded by instruments of another gain.
+
+    H = 1 + low L(f / f_low) + high (1 - L(f / f_high)) with L(r) = 1 / (1 + r^4), f_low and f_high
+    of `TABLE`, by the discrete Fourier transform amid rest.
+
+    Args:
+        samples: shape (n,).
+        interval: [s].
+        low: relative change of what is slow [1].
+        high: relative change of what is fast [1].
+    """
+    pad = round(TABLE.rest / interval)
+    amid = np.pad(samples, pad, mode="edge")
+    # Without its trend the transform's two ends meet.
+    trend = np.linspace(amid[0], amid[-1], amid.size)
+    frequency = np.fft.rfftfreq(amid.size, interval)
+    slow = 1 / (1 + (frequency / TABLE.slow) ** 4)
+    fast = 1 - 1 / (1 + (frequency / TABLE.fast) ** 4)
+    spectrum = np.fft.rfft(amid - trend) * (1 + low * slow + high * fast)
+    moved: Array = np.fft.irfft(spectrum, amid.size) + trend
+    moved -= moved[0]
+    return moved
 
 
 def low_passed(samples: Array, interval: float, corner: float, delay: float = 0.0) -> Array:

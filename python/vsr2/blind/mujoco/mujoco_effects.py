@@ -15,6 +15,7 @@ from vsr2.blind.mujoco.driven_table import (
     pitched,
     resonated,
     saturated,
+    shaded,
     stretched,
 )
 from vsr2.blind.mujoco.mujoco_trial import Response
@@ -198,6 +199,13 @@ def _polar(length: float, azimuth: float) -> tuple[float, float]:
     return length * math.cos(angle), length * math.sin(angle)
 
 
+def _support(s: Situation, v: Values, _: TrialContext) -> Situation:
+    """Each point moves into the body, so that faces beside it move in by `shrink`."""
+    points = s.body.points.copy()
+    points[:, :2] += v["shrink"] * s.body.inward
+    return replace(_with_body(s, points=points), rounding=s.rounding + v["rim"])
+
+
 def _base_asperity(s: Situation, v: Values, context: TrialContext) -> Situation:
     rng = _rng(context.campaign_seed, "bumps")
     base = s.body.base
@@ -289,6 +297,12 @@ _ENTRIES = (
         apply=lambda s, v, _: _with_body(s, inertia=s.body.inertia * (1 + v["change"])),
     ),
     _effect(
+        "support",
+        ("shrink", "m", 0.0, -0.01, 0.01),
+        ("rim", "m", 0.0, 0.0, 0.01),
+        apply=_support,
+    ),
+    _effect(
         "edge_rounding",
         ("radius", "m", 0.0, 0.0, 0.015),
         apply=lambda s, v, _: replace(s, rounding=s.rounding + v["radius"]),
@@ -337,6 +351,12 @@ _ENTRIES = (
         "catch",
         ("slack", "degree", math.inf, 5.0, 25.0),
         apply=lambda s, v, _: replace(s, catch_slack=math.radians(v["slack"])),
+    ),
+    _effect(
+        "input_channel",
+        ("low_gain", "1", 0.0, -0.4, 0.4),
+        ("high_gain", "1", 0.0, -0.4, 0.4),
+        apply=_table(lambda x, dt, v: shaded(x, dt, v["low_gain"], v["high_gain"])),
     ),
     _effect(
         "table_gain",

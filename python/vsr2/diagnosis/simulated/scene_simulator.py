@@ -143,7 +143,10 @@ class SceneSimulator:
         self._motion = [motions.index(trial.motion) for trial in campaign.trials]
         self.unavailable: dict[str, Vsr2Error] = {}
         self.library: dict[str, Effect] = {}
-        for effect in in_order(offered):
+        # With what is drawn for each trial, after which a record may no longer tell the motion.
+        drawn = self._perturbed(1, 1, {0})[0]
+        for closed in in_order(offered):
+            effect = closed.opened([*self._trials, drawn])
             error = self._refusal(effect)
             if error is None:
                 self.library[effect.name] = effect.with_null(effect.nominal(self._first))

@@ -1,0 +1,170 @@
+"""The effect `input_channel`: which record drives, and the gains of its instruments."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vsr2.config.motion_source import Filter
+from vsr2.diagnosis.simulated.library import free_parameters, sides, values_at
+from vsr2.effects import apply_effects, effect
+from vsr2.errors import ConfigError, MotionError
+from vsr2.motion import ChannelNoise, Motion, Noise, Record, Recorded
+from vsr2.motion.processing import differentiate
+from vsr2.simulation.bench import EffectBench
+from vsr2.trial import Trial
+
+STEP = 0.002
+OWN = effect("input_channel")
+
+
+def record(gain: float = 1.2, *, acceleration: bool = True) -> Record:
+    time = np.arange(4000) * STEP
+    x = sum(a * np.sin(2 * np.pi * f * time) for a, f in ((0.03, 0.8), (0.01, 3.0), (0.002, 10.0)))
+    found = differentiate(np.sin(np.pi * time / time[-1]) ** 4 * x, STEP)
+    channels = {"acceleration": gain * found.acceleration} if acceleration else {}
+    return Record("r", STEP, displacement=found.displacement, **channels)
+
+
+def trial(one: Record, **how: object) -> Trial:
+    motion = Recorded(one, **{"filter": Filter(), **how}).motion(0.001)  # type: ignore[arg-type]
+    return replace(EffectBench().block(), motion=motion)
+
+
+def driven(of: Trial, **values: float | str) -> Motion:
+    return apply_effects([of], {"input_channel": values})[0].motion
+
+
+def test_records_of_one_motion_join_to_it_at_any_crossover() -> None:
+    own = trial(record(1.0))
+    plain = own.motion
+    for crossover in (0.5, 3.0, 20.0):
+        joined = driven(own, crossover=crossover)
+        assert joined.size == plain.size
+        # The integral of the acceleration is off by what its band-pass does at the ends.
+        inside = slice(500, -500)
+        off = (joined.acceleration - plain.acceleration)[inside]
+        np.testing.assert_allclose(off, 0.0, atol=0.01)
+        np.testing.assert_allclose(joined.displacement, plain.displacement, atol=5e-4)
+
+
+def test_the_ends_of_the_crossover_are_the_records_alone() -> None:
+    own = trial(record())
+    slow, fast = driven(own, channel="displacement"), driven(own, channel="acceleration")
+    assert fast.pga > 1.1 * slow.pga
+    np.testing.assert_array_equal(slow.displacement, own.motion.displacement)
+    near = [driven(own, crossover=crossover).pga for crossover in (0.05, 200.0)]
+    assert near == pytest.approx([fast.pga, slow.pga], rel=0.01)
+
+
+def test_a_joined_motion_knows_its_record_and_is_joined_again() -> None:
+    own = trial(record(), scale=0.5)
+    joined = driven(own, crossover=3.0)
+    assert joined.recorded is not None
+    assert (joined.recorded.used, joined.recorded.crossover) == ("fused", 3.0)
+    assert joined.recorded.scale == 0.5
+    again = driven(replace(own, motion=joined), crossover=5.0)
+    np.testing.assert_array_equal(again.displacement, driven(own, crossover=5.0).displacement)
+    other = driven(replace(own, motion=joined), channel="displacement")
+    np.testing.assert_array_equal(other.displacement, own.motion.displacement)
+
+
+def test_nominal_is_the_record_that_drives() -> None:
+    def nominal(of: Trial) -> float:
+        return OWN.nominal(of)["crossover"]
+
+    both = record()
+    assert nominal(trial(both)) == math.inf
+    assert nominal(trial(both, channel="acceleration")) == 0.0
+    assert nominal(trial(both, channel="fused", crossover=3.0)) == 3.0
+    assert nominal(EffectBench().block()) == math.inf
+    for given in ({}, {"channel": "acceleration"}, {"channel": "fused", "crossover": 3.0}):
+        of = trial(both, **given)
+        assert OWN.with_null(OWN.nominal(of)).is_null(OWN.nominal(of))
+
+
+def test_the_crossover_is_open_where_all_trials_have_both_records() -> None:
+    both, one = trial(record()), trial(record(acceleration=False))
+    opened = OWN.opened([both, both])
+    assert {p.name for p in free_parameters(opened)} == {"low_gain", "high_gain", "crossover"}
+    for trials in ([both, one], [one], [EffectBench().block()]):
+        assert OWN.opened(trials) is OWN
+    own = OWN.with_prior("crossover", 1.0, 5.0, "uniform")
+    assert own.opened([both]) is own
+
+
+@pytest.mark.parametrize(
+    ("channel", "small", "large"), [("displacement", 20.0, 0.5), ("acceleration", 0.5, 20.0)]
+)
+def test_a_diagnosis_begins_at_the_record_that_drives(
+    channel: str, small: float, large: float
+) -> None:
+    # A channel is no magnitude: from either record the crossover leads to the other one.
+    of = trial(record(), channel=channel)
+    found = OWN.opened([of]).with_null(OWN.nominal(of))
+    names = [p.name for p in found.parameters]
+    at = names.index("crossover")
+    for side in sides(found):
+        for share, expected in ((1e-9, small), (1.0, large)):
+            values = values_at(found, side, [0.0, 0.0, share], ())
+            assert values[at] == pytest.approx(expected, rel=1e-5)
+            assert values[names.index("channel")] == 0.0
+        assert values_at(found, side, [0.5, 0.5, 0.0], ())[at] == OWN.nominal(of)["crossover"]
+
+
+def test_gains_act_on_any_motion_and_a_channel_that_is_not_there_is_refused() -> None:
+    one = trial(record(acceleration=False))
+    assert driven(one, high_gain=0.4).pga > 1.1 * one.motion.pga
+    assert driven(EffectBench().block(), low_gain=-0.4).pgv < EffectBench().block().motion.pgv
+    for values, key in (({"crossover": 3.0}, "crossover"), ({"channel": "fused"}, "channel")):
+        with pytest.raises(MotionError, match=rf"input_channel\.{key}: fused cannot .* accelerat"):
+            driven(one, **values)
+        with pytest.raises(MotionError, match=rf"input_channel\.{key}: fused needs a recorded"):
+            driven(EffectBench().block(), **values)
+    with pytest.raises(ConfigError, match=r"input_channel\.channel: fused is one way to drive"):
+        driven(trial(record()), channel="fused", crossover=3.0)
+
+
+def test_a_gain_changes_what_is_slow_or_fast_and_ends_at_rest() -> None:
+    own = trial(record())
+    slow, fast = driven(own, low_gain=0.3), driven(own, high_gain=0.3)
+    # Most of the displacement is slow, and much of the acceleration fast.
+    reach = float(np.ptp(own.motion.displacement))
+    assert 1.2 < np.ptp(slow.displacement) / reach < 1.3
+    assert np.ptp(fast.displacement) == pytest.approx(reach, rel=0.03)
+    assert fast.pga > 1.05 * own.motion.pga
+    for motion in (slow, fast):
+        assert motion.velocity[-1] == 0
+        assert motion.recorded is None
+        # The samples of speed and acceleration are those of the displacement's derivatives.
+        found = differentiate(motion.displacement, motion.time_step)
+        inside = slice(10, -10)
+        np.testing.assert_allclose(motion.velocity[inside], found.velocity[inside], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"channel": "displacement", "crossover": 3.0}, "go with the displacement channel"),
+        (
+            {
+                "channel": "fused", "crossover": 3.0,
+                "noise": ChannelNoise(Noise(1e-5), Noise(0.01)),
+            },
+            "go with noise",
+        ),
+        ({"channel": "fused", "crossover": math.inf}, "not positive and finite"),
+        ({"channel": "fused", "crossover": 0.0}, "not positive and finite"),
+    ],
+)  # fmt: skip
+def test_a_crossover_that_means_nothing_is_refused(given: dict[str, object], message: str) -> None:
+    with pytest.raises(MotionError, match=message):
+        Recorded(record(), **given)  # type: ignore[arg-type]
+
+
+def test_a_crossover_beyond_the_record_s_sampling_is_refused() -> None:
+    with pytest.raises(MotionError, match=r"300 Hz is not below the record's Nyquist .* 250 Hz"):
+        Recorded(record()).crossed(300.0).motion(0.001)
