@@ -47,6 +47,7 @@ class Effort:
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
         client: address of a Dask scheduler that runs trials
+        posterior_draws: write so many scenes with a draw of the posterior each, too
     """
 
     budget_minutes: float = 10.0
@@ -56,6 +57,7 @@ class Effort:
     cache: Path | None = None
     threads: opt.Threads = None
     client: str | None = None
+    posterior_draws: opt.Integer = 0
     quiet: opt.Quiet = False
 
 
@@ -73,20 +75,25 @@ def diagnose(
 ) -> int:
     """Find the cause of a campaign's sim-to-real gap.
 
-    Writes diagnosis.json, tables and a page (index.html) to the output folder. Simulations and
-    trained posteriors are kept there or in --cache, so that an interrupted or later run reuses
-    them. docs/explanation/diagnosis.md says what each number means.
+    Writes diagnosis.json, tables, a page (index.html) and the scene with what is named
+    (corrected.yaml) to the output folder. Simulations and trained posteriors are kept there or in
+    --cache, so that an interrupted or later run reuses them. docs/explanation/diagnosis.md says
+    what each number means.
 
     Args:
         scene: study of the nominal scene
         out: folder for the results
     """
     from vsr2.campaign import load_campaign
+    from vsr2.config import load_study
     from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache
     from vsr2.diagnosis import diagnose as find
+    from vsr2.diagnosis.corrected import check_draws, write_draws
     from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
     from vsr2.report.messages.progress_lines import ProgressLines
 
+    if effort.posterior_draws:
+        check_draws(effort.posterior_draws)
     with opt.cluster(effort.client) as client:
         found = find(
             campaign,
@@ -111,6 +118,8 @@ def diagnose(
             seed=question.seed,
         )
     page = write_diagnosis_page(found, out)
+    if effort.posterior_draws:
+        write_draws(found, load_study(scene), out, effort.posterior_draws)
     if not effort.quiet:
         print(format_diagnosis(found))
         print(f"wrote {page}")

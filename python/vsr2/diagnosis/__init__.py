@@ -2,6 +2,7 @@
 
 from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.corrected import corrected_study, drawn_studies
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
@@ -35,8 +36,10 @@ __all__ = [
     "Responses",
     "Scope",
     "Simulator",
+    "corrected_study",
     "diagnose",
     "diagnose_with",
+    "drawn_studies",
     "schema",
     "with_deviations",
 ]
