@@ -4,6 +4,7 @@ from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import corrected_study, drawn_studies
 from vsr2.diagnosis.pipeline import Question, diagnose_with
+from vsr2.diagnosis.prediction import Prediction, predict
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisances import (
@@ -30,6 +31,7 @@ __all__ = [
     "LogNormal",
     "Normal",
     "Nuisance",
+    "Prediction",
     "ProtocolCache",
     "Question",
     "Request",
@@ -40,6 +42,7 @@ __all__ = [
     "diagnose",
     "diagnose_with",
     "drawn_studies",
+    "predict",
     "schema",
     "with_deviations",
 ]

@@ -15,6 +15,7 @@ from vsr2.report.messages.runs import compatible_values
 if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
     from vsr2.calibration import CalibrationResult
+    from vsr2.diagnosis import Prediction
     from vsr2.diagnosis.reference_campaign import Agreement
     from vsr2.results import BatchResult
     from vsr2.simulation.bench import Rock
@@ -69,6 +70,30 @@ def baseline_table(scores: Sequence[BaselineScore]) -> str:
         for one in scores
     ]
     return table([header, *rows], str.ljust)
+
+
+def prediction_table(found: Prediction) -> str:
+    """Scores of predictions with their 95 % intervals and the calibration curve; or a count."""
+    if not found.scores:
+        count, p = len(found.campaign), found.probability
+        return (
+            f"{int(found.predicted.sum())} of {count} trials are predicted to overturn, "
+            f"{p.sum():.1f} on average; no outcome is known"
+        )
+    names = ("log_loss", "brier", "accuracy", "precision", "recall", "objective")
+    header = ["prediction", "fitted", "trials", "log loss", "Brier", *names[2:5], "mean of three"]
+    rows = [
+        [one.name, one.fitted, str(one.trials), *(str(one.intervals[name]) for name in names)]
+        for one in found.scores
+    ]
+    curve = [["probability", "trials", "predicted", "observed"]]
+    curve += [
+        [f"{one.low:.1f} to {one.high:.1f}", str(one.trials), f"{one.predicted:.3f}",
+         str(one.observed)]
+        for one in found.curve
+        if one.trials
+    ]  # fmt: skip
+    return f"{table([header, *rows], str.ljust)}\n\n{table(curve, str.ljust)}"
 
 
 _MEASURES = {
