@@ -22,7 +22,7 @@ from vsr2.diagnosis.prediction import PREDICTION
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import effect
-from vsr2.errors import CampaignError, ConfigError, DiagnosisError, GeometryError, ResultError
+from vsr2.errors import CampaignError, ConfigError, DiagnosisError, GeometryError
 
 BOX = {
     "name": "box",
@@ -178,7 +178,7 @@ def test_what_cannot_be_used_is_refused_before_anything_is_simulated(
     with pytest.warns(match="outside the prior"), pytest.raises(GeometryError, match="com_offset"):
         predict(campaign, [scene(), far])
     (tmp_path / "file").write_text("")
-    with pytest.raises(ResultError, match="cannot be used"):
+    with pytest.raises(DiagnosisError, match="cannot be used"):
         predict(campaign, scene(), out=tmp_path / "file" / "below")
     lost = tuple(replace(t, motion_file=None) for t in campaign.trials)
     with pytest.raises(CampaignError):

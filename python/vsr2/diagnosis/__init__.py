@@ -3,6 +3,7 @@
 from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import corrected_study, drawn_studies
+from vsr2.diagnosis.iteration import Iteration, iterate
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.prediction import Prediction, predict
 from vsr2.diagnosis.protocol_cache import ProtocolCache
@@ -28,6 +29,7 @@ __all__ = [
     "DrawnByEffect",
     "Execution",
     "Hypotheses",
+    "Iteration",
     "LogNormal",
     "Normal",
     "Nuisance",
@@ -42,6 +44,7 @@ __all__ = [
     "diagnose",
     "diagnose_with",
     "drawn_studies",
+    "iterate",
     "predict",
     "schema",
     "with_deviations",

@@ -105,9 +105,9 @@ def diagnose(
     )
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
-    folder = None if out is None else _made(Path(out))
+    folder = None if out is None else made_folder(Path(out))
     if cache is not None:
-        _made(cache.folder)
+        made_folder(cache.folder)
     found = diagnose_with(
         simulator,
         seen.campaign,
@@ -133,7 +133,12 @@ def diagnose(
     return found
 
 
-def _made(folder: Path) -> Path:
+def made_folder(folder: Path) -> Path:
+    """A folder for results, made where it is not there.
+
+    Raises:
+        DiagnosisError: it cannot be used.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -30,7 +30,7 @@ from vsr2.analysis.probability import (
 )
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
-from vsr2.diagnosis.api import EXECUTION, Execution
+from vsr2.diagnosis.api import EXECUTION, Execution, made_folder
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -216,10 +216,10 @@ def predict(
         The prediction.
 
     Raises:
-        DiagnosisError: an option cannot be used.
+        DiagnosisError: an option or the folder cannot be used.
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
-        ResultError: the folder cannot be used.
+        ResultError: a file cannot be written.
     """
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     used = given.with_motion()
@@ -232,7 +232,7 @@ def predict(
     if seed < 0:
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
     plain = replace(hypotheses, library={}, exclude=(), priors={})
-    folder = None if out is None else _made(Path(out))
+    folder = None if out is None else made_folder(Path(out))
     runs = _Runs(used, scenes, plain, execution, seed)
     runs.check()
     outcomes = runs.outcomes(count, folder)
@@ -282,16 +282,6 @@ def _scenes(given: Scene | Sequence[Scene]) -> list[Study]:
     return out
 
 
-def _made(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ResultError(
-            f"{folder}: cannot be used ({error.strerror}); choose another folder"
-        ) from error
-    return folder
-
-
 @dataclass(eq=False)
 class _Runs:
     """Replicates of a campaign under scenes that take turns.
@@ -331,7 +321,7 @@ class _Runs:
         cache = self.execution.cache
         path = None if folder is None else folder / SIMULATIONS
         if cache is not None:
-            path = _made(cache.folder) / SIMULATIONS
+            path = made_folder(cache.folder) / SIMULATIONS
         out = np.full((replicates, len(self.campaign)), np.nan)
         done = 0
 
