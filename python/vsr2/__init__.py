@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from vsr2.config import Study, load_study
     from vsr2.diagnosis import Diagnosis
     from vsr2.diagnosis.api import diagnose
+    from vsr2.diagnosis.prediction import predict
     from vsr2.effects import apply_effects
     from vsr2.motion import Motion
     from vsr2.results import BatchResult, TrialLog, load_result, save_result
@@ -30,6 +31,7 @@ __all__ = [
     "diagnose",
     "load_result",
     "load_study",
+    "predict",
     "run_batch",
     "save_result",
 ]

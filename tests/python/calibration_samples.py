@@ -29,7 +29,7 @@ parameters:
     range: [0.0, 0.9]
 method: {kind: joint, design: 8, refine: 3, profile_points: 4}
 folds: 3
-replicates: 200
+resamples: 200
 """
 
 

@@ -125,6 +125,10 @@ CONTENT = {
         "out_of_library": None,
     },
     "limits": [{"code": "one_session", "values": {}}],
+    "corrected": {
+        "effects": {"wear": {"loss": 0.08}}, "among": ["wear"],
+        "scene": {"friction": {"factor": 0.8}, "wear": {"loss": 0.08}},
+    },
     "provenance": {
         "versions": {"vsr2": "1"},
         "budget": {

@@ -235,7 +235,7 @@ def test_a_campaign_that_tells_nothing_is_refused(planted, tmp_path):
 def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(planted, tmp_path):
     method = f"refine: 1, profile_points: 0, screen: 4, sets: [{{yaw: {KNOWN_YAW}}}]"
     text = STUDY.replace("refine: 3, profile_points: 4", method)
-    text = text.replace("folds: 3", "folds: 2").replace("replicates: 200", "replicates: 100")
+    text = text.replace("folds: 3", "folds: 2").replace("resamples: 200", "resamples: 100")
     path = planted / "screened.yaml"
     path.write_text(text + "judged_with: {engine.mode: exact}\n")
     study = load_calibration(path)

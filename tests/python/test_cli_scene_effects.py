@@ -40,7 +40,7 @@ parameters:
   yaw: {keys: [rock.start.yaw], range: [0.0, 20.0], unit: deg}
 method: {kind: joint, design: 4, refine: 0, profile_points: 2}
 folds: 2
-replicates: 100
+resamples: 100
 """
 FRAGILITY = f"{MOTION}fragility: {{measures: [pga_g], replicates: 1}}\n"
 PACK = """
@@ -95,6 +95,12 @@ def compared(folder: Path, out: Path, *, effects: bool) -> object:
         return run("campaign", "compare", scene(folder, effects=effects), folder / "campaign")
 
 
+def predicted(folder: Path, out: Path, *, effects: bool) -> object:
+    path, given = scene(folder, effects=effects), ("--replicates", 2, "--threads", 1, "--quiet")
+    run("campaign", "predict", path, folder / "campaign", "--out", out, *given)
+    return (out / "predictions.csv").read_text()
+
+
 def calibrated(folder: Path, out: Path, *, effects: bool) -> object:
     study = scene(folder, CALIBRATION, effects=effects)
     run("calibrate", study, "--out", out, "--quiet", "--no-figures")
@@ -143,6 +149,7 @@ VERBS: dict[tuple[str, ...], Callable[..., object]] = {
     ("run",): ran,
     ("campaign", "simulate"): simulated,
     ("campaign", "compare"): compared,
+    ("campaign", "predict"): predicted,
     ("calibrate",): calibrated,
     ("fragility",): fragile,
     ("config", "check"): checked,

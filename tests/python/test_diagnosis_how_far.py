@@ -10,13 +10,13 @@ import pytest
 from diagnosis_samples import linear, linear_rehearsal, quick_training
 from planar.library import PLANAR_LIBRARY
 from planted import shaken_campaign
+from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far import held_out as module
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
     Interval,
     by_kind,
     feature_scores,
-    outcome_loss,
     resampled_means,
 )
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations

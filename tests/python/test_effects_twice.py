@@ -10,7 +10,7 @@ import pytest
 
 from vsr2.effects import Effect, library, with_effects
 from vsr2.effects.registry import BUILT_IN
-from vsr2.errors import Fault, SimulationError
+from vsr2.errors import ConfigError, Fault, SimulationError
 from vsr2.simulation import pair_values
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
@@ -108,6 +108,70 @@ def test_two_make_one_of_the_same_name(
     own = library()[name]
     found, expected = acted(block, own, one, other), acted(block, own, both)
     np.testing.assert_allclose(numbers(found), numbers(expected), rtol=1e-6, atol=1e-9)
+    joined = own.twice(own.complete(one), own.complete(other))
+    assert joined == pytest.approx(own.complete(both), nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "one", "other"),
+    [
+        ("com_offset", {"distance": 0.02, "azimuth": 30.0}, {"distance": 0.03, "azimuth": 250.0}),
+        ("base_slope", {"angle": 0.5, "azimuth": 350.0}, {"angle": 0.4, "azimuth": 80.0}),
+        ("time_scale", {"change": 0.1}, {"change": -0.2}),
+        ("input_filter", {"corner": 2.0}, {"corner": 2.5}),
+        ("table_bandwidth", {"corner": 8.0, "delay": 0.01}, {"corner": 6.0}),
+        ("table_saturation", {"velocity": 0.2}, {"velocity": 0.15}),
+        ("inertia", {"rule": 1.0, "change": 0.1}, {"change": 0.2}),
+        ("inertia", {"change": 0.2}, {"rule": 1.0, "change": 0.1}),
+    ],
+)
+def test_values_of_two_act_as_the_two(
+    name: str, one: dict[str, float], other: dict[str, float], block: Trial
+) -> None:
+    """Filters and caps in a row only about; vectors and scales to rounding or second order."""
+    own = library()[name]
+    both = own.twice(own.complete(one), own.complete(other))
+    found, expected = acted(block, own, both), acted(block, own, one, other)
+    about = 0.02 if own.name in ("input_filter", "table_bandwidth", "table_saturation") else 1e-4
+    np.testing.assert_allclose(numbers(found), numbers(expected), rtol=about, atol=1e-4)
+    assert np.nanmax(np.abs(numbers(found) - numbers(acted(block, own, one)))) > 1e-4
+
+
+def test_values_of_draws_add_by_their_squares() -> None:
+    own = library()["placement"]
+    found = own.twice({"yaw": 3.0, "offset": 0.0}, {"yaw": 4.0, "offset": 0.01})
+    assert found == {"yaw": 5.0, "offset": 0.01}
+
+
+def test_a_rule_of_the_outcome_takes_the_place_of_what_was_noted() -> None:
+    own = library()["outcome_rule"]
+    flips, rule = {"tilt": math.pi, "flips": 0.1}, {"tilt": 0.4, "flips": 0.0}
+    assert own.twice(flips, {"tilt": math.pi, "flips": 0.2})["flips"] == pytest.approx(0.26)
+    assert own.twice(flips, rule) == rule
+    assert own.twice(rule, flips) == {"tilt": 0.4, "flips": 0.1}
+
+
+def test_steps_at_one_place_make_one_and_others_are_refused() -> None:
+    own = library()["change_point"]
+    one = own.complete({"at": 0.4, "slenderness_change": 0.1, "com_offset_distance": 0.002})
+    other = own.complete({"at": 0.4, "slenderness_change": -0.2, "com_offset_distance": 0.003})
+    both = own.complete({"at": 0.4, "slenderness_change": -0.12, "com_offset_distance": 0.005})
+    assert own.twice(one, other) == pytest.approx(both)
+    with pytest.raises(ConfigError, match=r"effects.change_point.at: no value does what 0.4 and"):
+        own.twice(one, other | {"at": 0.7})
+
+
+@pytest.mark.parametrize("one", BUILT_IN, ids=by_name)
+def test_values_on_top_of_nothing_are_themselves(one: Effect) -> None:
+    values = one.extreme()
+    assert one.twice(one.null(), values) == one.twice(values, one.null()) == values
+
+
+def test_resonances_in_a_row_are_no_one_resonance() -> None:
+    own = library()["table_resonance"]
+    one, other = ({"amplification": 1.5, "frequency": f} for f in (9.0, 12.0))
+    with pytest.raises(ConfigError, match=r"effects.table_resonance.amplification: no value does"):
+        own.twice(one, other)
 
 
 def test_a_speed_of_slip_stays_where_the_ratio_alone_is_raised(block: Trial) -> None:
@@ -122,6 +186,8 @@ def test_what_cannot_act_twice_is_refused(one: Effect, block: Trial) -> None:
     assert acted(first, one, one.null()) is first, "null is no second time"
     with pytest.raises(SimulationError, match=f"effects.{one.name}: .*{one.once}") as raised:
         acted(first, one, one.extreme())
+    with pytest.raises(ConfigError, match=f"effects.{one.name}: .*{one.once}"):
+        one.twice(one.extreme(), one.extreme())
     assert raised.value.fault is Fault.ACTS_ALREADY
     assert {one.name for one in ONCE} == {
         "base_asperity", "edge_rounding", "support", "table_pitch",

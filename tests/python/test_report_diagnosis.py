@@ -26,6 +26,7 @@ from vsr2.report.diagnosis_figures import (
 )
 from vsr2.report.messages.verdicts import (
     closure_note,
+    corrected_note,
     sentence,
     verdict_sentence,
     with_sentences,
@@ -50,6 +51,7 @@ def test_the_page_shows_the_numbers() -> None:
         "On 2000 simulated campaigns",
         "A name needs a probability of 0.85, given a gap: 9 % of names",
         "Of causes outside the library 40 % are said to be so",
+        "90 % set: wear. corrected.yaml is the scene with wear (loss 0.08).",
     ):
         assert part in text, part
     assert "twice the solver's iterations" not in text
@@ -76,6 +78,34 @@ def test_the_terminal_gets_the_same_in_short() -> None:
     )
     assert "   0.80  wear                 size 0.12 [0.06, 0.16]" in lines
     assert lines[-1] == f"limit: {sentence(CONTENT['limits'][0])}"
+
+
+@pytest.mark.parametrize(
+    ("corrected", "said"),
+    [
+        (None, ""),
+        (
+            {"effects": {"wear": {"loss": 0.08}}, "among": ["wear", "change_point"], "scene": {}},
+            "corrected.yaml is the scene with wear (loss 0.08), the first of wear or change point.",
+        ),
+        (
+            {"effects": {"table_resonance": {"amplification": 1.2}}, "among": ["table_resonance"],
+             "scene": None},
+            "There is no corrected scene: no study states table resonance beside the scene's own "
+            "effects.",
+        ),
+        (
+            {"effects": {"wear": {"loss": 0.0801234}, "input_filter": {"input": "fused"}},
+             "among": ["wear", "input_filter"], "scene": {}},
+            "corrected.yaml is the scene with wear (loss 0.0801) and input filter (input fused).",
+        ),
+    ],
+)  # fmt: skip
+def test_what_the_corrected_scene_holds_is_said(corrected, said) -> None:
+    assert corrected_note(CONTENT | {"corrected": corrected}) == said
+    text = format_diagnosis(Diagnosis(CONTENT | {"corrected": corrected}, ROWS))
+    assert said in text
+    assert ("corrected" in text) == bool(said)
 
 
 def test_tables_hold_numbers_and_codes() -> None:

@@ -3,6 +3,7 @@
 from vsr2.analysis.baseline import baseline_scores, logistic_baseline
 from vsr2.analysis.bootstrap import classification_intervals
 from vsr2.analysis.metrics import Classification, classification_metrics
+from vsr2.analysis.probability import overturning_probability, probability_intervals, reliability
 from vsr2.analysis.tracking import Tracking, tracking
 
 __all__ = [
@@ -12,5 +13,8 @@ __all__ = [
     "classification_intervals",
     "classification_metrics",
     "logistic_baseline",
+    "overturning_probability",
+    "probability_intervals",
+    "reliability",
     "tracking",
 ]

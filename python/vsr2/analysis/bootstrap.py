@@ -86,7 +86,7 @@ def classification_intervals(
         raise ResultError(f"level {level} must lie between 0 and 1")
     drawn = score_replicates(truth, guess, motion_resamples(groups, replicates, seed))
     return {
-        name: _interval(float(getattr(found, name)), values, level)
+        name: percentile_interval(float(getattr(found, name)), values, level)
         for name, values in drawn.items()
     }
 
@@ -118,7 +118,14 @@ def _ratio(part: Array, total: Array) -> Array:
     return out
 
 
-def _interval(value: float, replicates: Array, level: float) -> Interval:
+def percentile_interval(value: float, replicates: Array, level: float = 0.95) -> Interval:
+    """A figure with its percentile interval.
+
+    Args:
+        value: on the trials as they are.
+        replicates: of the bootstrap, NaN where the figure is undefined, shape (replicates,).
+        level: of the interval.
+    """
     known = replicates[~np.isnan(replicates)]
     undefined = 1.0 - known.size / replicates.size
     if known.size == 0:

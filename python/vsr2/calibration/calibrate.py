@@ -25,7 +25,7 @@ from vsr2.calibration.calibration_study import (
 )
 from vsr2.calibration.evaluation import Evaluator, campaign_sha256, usable_trials
 from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
-from vsr2.calibration.objective import as_predictions, metrics_of, objective_of
+from vsr2.calibration.objective import Objective, as_predictions, metrics_of, objective_of
 from vsr2.calibration.profile import Profile, profiles
 from vsr2.calibration.search import (
     Score,
@@ -105,9 +105,9 @@ class CalibrationResult:
         steps: of the search on all trials, in order.
         searched: the best step of the search on all trials, which compares with the folds'.
         searched_predicted: prediction of each trial with its values, judged as the folds are
-            (1, 0, NaN), shape (trials,).
+            (probability or NaN), shape (trials,).
         best: the best on all trials of all evaluated sets.
-        in_sample: prediction of each trial with its values (1, 0, NaN), shape (trials,).
+        in_sample: prediction of each trial with its values (probability or NaN), shape (trials,).
         start: the evaluation of the study's own values; None: they lie outside the ranges.
         folds: empty where there are none.
         fold: of each trial, -1 where there are none, shape (trials,).
@@ -145,7 +145,7 @@ class CalibrationResult:
     def out_of_fold(self) -> Array:
         """Prediction of each trial with values chosen without its motion, shape (trials,).
 
-        1, 0, NaN; all NaN where there are no folds.
+        Probability or NaN; all NaN where there are no folds.
         """
         found = np.full(len(self.campaign), np.nan)
         for one in self.folds:
@@ -155,21 +155,27 @@ class CalibrationResult:
     @property
     def searched_in_sample(self) -> float:
         """Objective of the search on all trials, judged as the folds are."""
-        return objective_of(self.observed, self.searched_predicted)
+        return objective_of(self.observed, self.searched_predicted, None, self.settings.objective)
 
     @property
     def optimism(self) -> float:
         """Objective of the search in sample minus out of fold; NaN without folds."""
         if not self.folds:
             return float("nan")
-        return self.searched_in_sample - objective_of(self.observed, self.out_of_fold)
+        outside = objective_of(self.observed, self.out_of_fold, None, self.settings.objective)
+        return self.searched_in_sample - outside
 
 
 Search = Callable[[Score, int], list[Step]]
 """Runs a search on a score; the number tells folds apart (0: all trials)."""
 
 
-def cross_validate(search: Search, observed: Mask, fold: NDArray[np.int64]) -> list[Fold]:
+def cross_validate(
+    search: Search,
+    observed: Mask,
+    fold: NDArray[np.int64],
+    objective: Objective = Objective.MEAN_OF_THREE,
+) -> list[Fold]:
     """Choose values on the other folds, judge them on each.
 
     The whole search is run again for each fold, on a score of the training trials alone, and
@@ -180,6 +186,7 @@ def cross_validate(search: Search, observed: Mask, fold: NDArray[np.int64]) -> l
         search: gives the steps of a search on a score.
         observed: outcomes, shape (trials,).
         fold: of each trial from 0, shape (trials,).
+        objective: by which values are chosen and judged.
     """
     found = []
     for k in range(int(fold.max()) + 1):
@@ -187,7 +194,7 @@ def cross_validate(search: Search, observed: Mask, fold: NDArray[np.int64]) -> l
         training = ~held_out
 
         def score(evaluation: Evaluation, training: Mask = training) -> float:
-            return objective_of(observed, evaluation.predicted, training)
+            return objective_of(observed, evaluation.predicted, training, objective)
 
         best = best_step(search(score, k + 1))
         found.append(
@@ -195,7 +202,7 @@ def cross_validate(search: Search, observed: Mask, fold: NDArray[np.int64]) -> l
                 held_out=held_out,
                 chosen=best.evaluation,
                 training=best.score,
-                judged=objective_of(observed, best.evaluation.predicted, held_out),
+                judged=objective_of(observed, best.evaluation.predicted, held_out, objective),
                 predicted=best.evaluation.predicted,
             )
         )
@@ -258,9 +265,10 @@ def calibrate(
             settings.parameters,
             found.evaluations,
             observed,
-            motion_resamples(campaign.motion_ids, settings.replicates, seed),
+            motion_resamples(campaign.motion_ids, settings.resamples, seed),
             found.best.evaluation.values,
             cells=points or CALIBRATION.cells,
+            objective=settings.objective,
         ),
         provenance=base_provenance(_native.build_facts())
         | {
@@ -290,9 +298,13 @@ def _evaluated(
     screened = method.screen if isinstance(method, Joint) else 0
     evaluate = _Remembered(evaluator, on_evaluation, screened, count)
     search = _search(study, evaluate, seed)
-    steps = search(lambda one: objective_of(observed, one.predicted), 0)
+
+    def score(one: Evaluation) -> float:
+        return objective_of(observed, one.predicted, None, settings.objective)
+
+    steps = search(score, 0)
     searched = best_step(steps)
-    folds = cross_validate(search, observed, fold) if settings.folds else []
+    folds = cross_validate(search, observed, fold, settings.objective) if settings.folds else []
     if isinstance(method, Joint):
         best_values = searched.evaluation.values
         for values in profile_values(settings.parameters, best_values, method.profile_points):
@@ -300,7 +312,7 @@ def _evaluated(
     everything = tuple(evaluate.seen.values())
     looked_at = {id(step.evaluation) for step in steps}
     extra = [one for one in everything if id(one) not in looked_at]
-    beyond = [Step(0, "extra", one, objective_of(observed, one.predicted)) for one in extra]
+    beyond = [Step(0, "extra", one, score(one)) for one in extra]
     best = best_step([searched, *beyond])
 
     def judge(one: Evaluation, among: Mask) -> Array:
@@ -316,7 +328,7 @@ def _evaluated(
     in_sample = final if best is searched else judge(best.evaluation, every)
     for k, one in enumerate(folds):
         predicted = judge(one.chosen, one.held_out)
-        judged = objective_of(observed, predicted, one.held_out)
+        judged = objective_of(observed, predicted, one.held_out, settings.objective)
         folds[k] = replace(one, predicted=predicted, judged=judged)
     return CalibrationResult(
         campaign=campaign,
@@ -381,7 +393,8 @@ class _Remembered:
             self.seen[key] = replace(found, predicted=predicted)
             if len(self.seen) == self.screen:
                 ends = np.stack([one.predicted for one in self.seen.values()])
-                self.certain = (ends == ends[0]).all(axis=0)
+                unanimous = np.all([one.unanimous for one in self.seen.values()], axis=0)
+                self.certain = (ends == ends[0]).all(axis=0) & unanimous
                 self.assumed = np.where(self.certain, ends[0], np.nan)
             if self._on_evaluation is not None:
                 self._on_evaluation(self.seen[key])
@@ -411,7 +424,7 @@ def _compare(
 ) -> tuple[tuple[BaselineScore, ...], NoBaselines | None]:
     """The simulator's scores by how it was fitted, then the baselines' or why there are none."""
     campaign, observed = result.campaign, result.observed
-    replicates = result.settings.replicates
+    resamples = result.settings.resamples
     chosen = {Fitted.OUT_OF_FOLD: result.out_of_fold} if result.folds else {}
     chosen[Fitted.IN_SAMPLE] = result.searched_predicted
     if result.best is not result.searched:
@@ -425,7 +438,7 @@ def _compare(
                 observed,
                 as_predictions(observed, predicted),
                 campaign.motion_ids,
-                replicates=replicates,
+                replicates=resamples,
                 seed=seed,
             ),
         )
@@ -434,7 +447,7 @@ def _compare(
     motions = len(set(campaign.motion_ids))
     folds = result.settings.folds or min(CALIBRATION.baseline_folds, motions)
     try:
-        baselines = baseline_scores(campaign, folds=folds, seed=seed, replicates=replicates)
+        baselines = baseline_scores(campaign, folds=folds, seed=seed, replicates=resamples)
     except CampaignError:
         return found, NoBaselines.FEW_MOTIONS
     except ResultError:

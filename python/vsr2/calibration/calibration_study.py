@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
+from vsr2.calibration.objective import Objective
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.problems import shown
 from vsr2.config.section import FilePath, NonNegative, Real, Section
@@ -140,8 +141,15 @@ class CalibrationSettings(Section):
     """How the best values are sought."""
     folds: Annotated[int, Strict(), Field(ge=0, le=1000)] = 10
     """Folds by motion, each judged with values chosen without it; 0: in sample alone."""
-    replicates: Annotated[int, Strict(), Field(ge=100, le=100_000)] = 2000
+    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000)] = 2000
     """Bootstrap replicates over motions."""
+    replicates: Annotated[int, Strict(), Field(ge=1, le=99)] = 1
+    """Simulations of each trial under each set. 1: one, as the study has it. More: each draws
+    placement, motion noise, contact model and what else is uncertain of a set-up, as `vsr2 campaign
+    predict` does, and sets are judged by the probability of overturning."""
+    objective: Objective = Objective.MEAN_OF_THREE
+    """What the search maximises: `mean_of_three`, of accuracy, precision and recall of the outcomes
+    at 0.5; or `log_loss`, of the probabilities, which needs replicates."""
     judged_with: Annotated[dict[Key, Value], Field(max_length=20)] = Field(default_factory=dict)
     """Values of dotted keys of the study with which the chosen sets are judged, after a search
     without them; `{engine.mode: exact}` after a search with the fast engine, for example."""
@@ -151,6 +159,10 @@ class CalibrationSettings(Section):
         evolution = isinstance(self.method, Joint) and self.method.proposals == "cma"
         if evolution and len(self.parameters) < 2:
             raise ValueError("method.proposals: `cma` needs two parameters; set it to `tpe`")
+        if self.objective is Objective.LOG_LOSS and self.replicates < 2:
+            raise ValueError(
+                "objective: `log_loss` is of probabilities; give replicates of 2 or more"
+            )
         if self.folds == 1:
             raise ValueError("folds: 1 leaves nothing to choose with; give 2 or more, or 0")
         for name, parameter in self.parameters.items():

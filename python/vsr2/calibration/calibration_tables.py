@@ -23,6 +23,7 @@ import numpy as np
 
 from vsr2.analysis import Classification
 from vsr2.analysis.bootstrap import SCORES
+from vsr2.analysis.probability import RELIABILITY
 from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import CalibrationStudy, Sequential, study_values
 from vsr2.calibration.evaluation import RUNNING
@@ -139,7 +140,9 @@ def evaluation_rows(result: CalibrationResult) -> list[dict[str, Any]]:
             **one.values,
             **_scores(metrics_of(result.observed, one.predicted)),
             # As the search saw it: undefined parts count as 0.
-            "objective": objective_of(result.observed, one.predicted),
+            "objective": objective_of(
+                result.observed, one.predicted, None, result.settings.objective
+            ),
             "failed": one.failed,
             "seconds": one.seconds,
             "plan_sha256": one.plan,
@@ -158,13 +161,24 @@ def prediction_rows(result: CalibrationResult) -> list[dict[str, Any]]:
             "observed": int(result.observed[i]),
             "in_sample": _outcome(result.in_sample[i]),
             "out_of_fold": _outcome(result.out_of_fold[i]),
+            **_probabilities(result, i),
         }
         for i, trial in enumerate(result.campaign.trials)
     ]
 
 
 def _outcome(value: float) -> str:
-    return "" if np.isnan(value) else f"{int(value)}"
+    return "" if np.isnan(value) else f"{int(value > RELIABILITY.threshold)}"
+
+
+def _probabilities(result: CalibrationResult, i: int) -> dict[str, float]:
+    """Of a trial, where sets are judged by replicates."""
+    if result.settings.replicates == 1:
+        return {}
+    return {
+        "in_sample_probability": float(result.in_sample[i]),
+        "out_of_fold_probability": float(result.out_of_fold[i]),
+    }
 
 
 def fold_rows(result: CalibrationResult) -> list[dict[str, Any]]:

@@ -10,17 +10,22 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.calibration.calibration_study import CalibrationStudy, study_values
-from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore
+from vsr2.calibration.evaluation_store import Evaluation, EvaluationStore, joined
 from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
 from vsr2.config.motion_source import AllRecordings
 from vsr2.config.study import Study
+from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
+from vsr2.diagnosis.simulated.nuisance_draws import NuisanceDraws
+from vsr2.diagnosis.simulated.nuisances import DEFAULT_NUISANCES
+from vsr2.diagnosis.simulated.scene_effects import SceneEffects
 from vsr2.effects import apply_effects
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, channel_noise
@@ -32,6 +37,8 @@ from vsr2.trial import Trial, rows_only
 
 MAX_SAMPLES_HELD = 100_000_000
 """Samples of motions kept between evaluations: 2.4 GB."""
+NUISANCES = (*DEFAULT_NUISANCES, *CONTACT_FAMILY)
+"""What each replicate draws."""
 RUNNING = "running"
 """Folder with the journal of the evaluation that is under way."""
 
@@ -102,7 +109,10 @@ def _noises(campaign: Campaign) -> dict[str, ChannelNoise]:
 
 
 class Evaluator:
-    """Simulates a campaign's trials under parameter sets, each set once.
+    """Simulates a campaign's trials under parameter sets, each set and replicate once.
+
+    A replicate draws the nuisances of :func:`vsr2.predict`, with the seed of the study: equal ones
+    for all sets.
 
     Args:
         study: what is calibrated.
@@ -112,7 +122,7 @@ class Evaluator:
         threads: as in :func:`vsr2.simulation.run_batch`.
 
     Attributes:
-        simulated: evaluations that were run, rather than found.
+        simulated: runs of a set that were simulated, rather than found.
     """
 
     def __init__(
@@ -132,6 +142,11 @@ class Evaluator:
         self._bodies: dict[str, tuple[RockBody, PedestalBody]] = {}
         self._motions: OrderedDict[str, dict[str, Motion]] = OrderedDict()
         self._sha256 = campaign_sha256(campaign)
+        self._order = list(campaign.relative_order)
+        self._sessions = [trial.session for trial in campaign.trials]
+        motions = [trial.motion for trial in campaign.trials]
+        seed = study.study.seed
+        self._draws = NuisanceDraws(NUISANCES, self._order, self._sessions, motions, seed)
         self.simulated = 0
 
     def __call__(
@@ -154,12 +169,18 @@ class Evaluator:
         """
         study = self._study.with_values(study_values(self._study, dict(values)) | dict(keys or {}))
         bodies = self._placed(study)
-        key = self._key(study, bodies)
         wanted = np.ones(len(self._campaign), dtype=np.bool_) if among is None else among
-        found = self._store.by_key(key)
-        if found is None or found.lacking(wanted).any():
-            found = self._run(key, dict(values), self._trials(study, bodies), wanted)
-        return replace(found, values=dict(values))
+        count = self._study.own.replicates
+        numbers = range(1, count + 1) if count > 1 else (0,)
+        runs = []
+        for replicate in numbers:
+            key = self._key(study, bodies, replicate)
+            found = self._store.by_key(key)
+            if found is None or found.lacking(wanted).any():
+                trials = self._trials(study, bodies, replicate)
+                found = self._run(key, dict(values), trials, wanted)
+            runs.append(replace(found, values=dict(values)))
+        return runs[0] if count == 1 else joined(runs, self._campaign.overturned == 1)
 
     def _placed(self, study: Study) -> tuple[RockBody, PedestalBody]:
         """Rock and pedestal, read once; the rock stands where the study says."""
@@ -176,28 +197,33 @@ class Evaluator:
         start = start_pose(study.rock.start, body.parts, body.mass, pedestal, clearance=clearance)
         return replace(body, start=start), pedestal
 
-    def _key(self, study: Study, bodies: tuple[RockBody, PedestalBody]) -> str:
-        """Hash of the settings that predictions depend on.
+    def _key(self, study: Study, bodies: tuple[RockBody, PedestalBody], replicate: int) -> str:
+        """Hash of the settings that predictions depend on; replicate 0 has no draws.
 
         It is known without building any motion, so that a resumed search is quick; the plan's
         hash, which needs them, is kept beside it.
         """
         data = study.model_dump(mode="json", exclude={"name", "seed", "output"})
-        if study.effects:
+        if study.effects or replicate:
             data["seed"] = study.seed  # of what they draw
         for section in ("rock", "pedestal"):
             data[section].pop("file", None)
         for place in ("folder", "pattern", "mode"):
             data["motion"].pop(place, None)
-        content = [
+        content: list[Any] = [
             str(_native.build_facts()["version"]),
             self._sha256,
             data,
             [body.sha256 for body in bodies],
         ]
+        if replicate:
+            content.append([replicate, [one.to_json() for one in NUISANCES]])
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
-    def _trials(self, study: Study, bodies: tuple[RockBody, PedestalBody]) -> list[Trial]:
+    def _trials(
+        self, study: Study, bodies: tuple[RockBody, PedestalBody], replicate: int
+    ) -> list[Trial]:
+        """Of a replicate; 0: as the study has them."""
         scene = Scene(*bodies, study.engine, study.contact)
         motions = self._driven(study)
         trials = [
@@ -212,13 +238,25 @@ class Evaluator:
             )
             for trial in self._campaign.trials
         ]
+        if replicate:
+            return self._drawn(study, trials, replicate)
         return apply_effects(
             trials,
             study.effects,
-            relative_order=list(self._campaign.relative_order),
-            sessions=[trial.session for trial in self._campaign.trials],
+            relative_order=self._order,
+            sessions=self._sessions,
             seed=study.seed,
         )
+
+    def _drawn(self, study: Study, trials: list[Trial], replicate: int) -> list[Trial]:
+        """With the study's effects, and nuisances on top, as a simulated campaign has them."""
+        own = SceneEffects(study, self._order, self._sessions)
+        fixed, every = own.fixed(trials), range(len(trials))
+        first = own.drawn(fixed, [study.seed, 0, 0], [0])[0]
+        nominal = own.drawn(fixed, [study.seed, replicate, 1], every)
+        placed = self._draws.with_own(nominal, replicate, 1, every)
+        made = self._draws.applied(placed, first, replicate, 1, every)
+        return [made[i] for i in every]
 
     def _driven(self, study: Study) -> dict[str, Motion]:
         """The motions by file; a scale is put on those of scale 1, which are kept."""

@@ -6,8 +6,9 @@ the same seed, and finds them here.
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis import overturning_probability
 from vsr2.config.extended import Plain
 from vsr2.results.store import Store, StoreKind
 
@@ -35,12 +37,14 @@ class Evaluation:
 
     Attributes:
         values: by parameter.
-        predicted: of each trial 1 (overturned), 0, or NaN (failed), shape (trials,).
+        predicted: probability that each trial overturns, 1 or 0 of a single run, NaN (failed),
+            shape (trials,).
         known: whether it was simulated, shape (trials,); None: all were. Where it was not,
             `predicted` is NaN in the store, and an assumption in a screened search.
         plan: hash of all that the predictions depend on (:func:`vsr2.simulation.plan_sha256`
             over the trials).
         seconds: wall time of its simulation [s].
+        runs: of each replicate; empty: there is one run.
     """
 
     values: Mapping[str, Plain]
@@ -48,15 +52,51 @@ class Evaluation:
     plan: str = ""
     seconds: float = 0.0
     known: NDArray[np.bool_] | None = None
+    runs: tuple[Evaluation, ...] = ()
 
     @property
     def failed(self) -> int:
-        """Number of trials without an outcome."""
-        return int(np.isnan(self.predicted).sum())
+        """Number of trials without an outcome in some run."""
+        if not self.runs:
+            return int(np.isnan(self.predicted).sum())
+        failed = [
+            np.isnan(one.predicted) & (True if one.known is None else one.known)
+            for one in self.runs
+        ]
+        return int(np.any(failed, axis=0).sum())
+
+    @property
+    def unanimous(self) -> NDArray[np.bool_]:
+        """Whether all runs of a trial have an outcome, and the same, shape (trials,)."""
+        ends = np.array([one.predicted for one in self.runs or (self,)])
+        return np.asarray((ends == ends[0]).all(axis=0))
 
     def lacking(self, among: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Which trials of `among` were not simulated, shape (trials,)."""
         return np.zeros_like(among) if self.known is None else among & ~self.known
+
+
+def joined(runs: Sequence[Evaluation], observed: NDArray[np.bool_]) -> Evaluation:
+    """Replicates of one parameter set as one evaluation.
+
+    A run without an outcome counts as wrong, so that settings which make trials fail gain nothing.
+
+    Args:
+        runs: of equal values.
+        observed: outcomes, shape (trials,).
+    """
+    every = np.ones(observed.size, dtype=np.bool_)
+    known = np.all([every if one.known is None else one.known for one in runs], axis=0)
+    ends = np.array([np.where(np.isnan(one.predicted), ~observed, one.predicted) for one in runs])
+    plan = hashlib.sha256("".join(one.plan for one in runs).encode()).hexdigest()
+    return Evaluation(
+        runs[0].values,
+        np.where(known, overturning_probability(ends), np.nan),
+        plan,
+        sum(one.seconds for one in runs),
+        known,
+        tuple(runs),
+    )
 
 
 class EvaluationStore(Store):

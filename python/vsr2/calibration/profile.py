@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vsr2.calibration.calibration_study import CALIBRATION, Parameter, at_share, share_of
 from vsr2.calibration.evaluation_store import Evaluation
-from vsr2.calibration.objective import objective_of, objective_replicates
+from vsr2.calibration.objective import Objective, objective_of, objective_replicates
 from vsr2.config.extended import Plain
 
 Array = NDArray[np.float64]
@@ -90,6 +90,7 @@ def profiles(
     calibrated: Mapping[str, Plain],
     *,
     cells: int = CALIBRATION.cells,
+    objective: Objective = Objective.MEAN_OF_THREE,
 ) -> tuple[Profile, ...]:
     """The profile of each parameter over all evaluated sets.
 
@@ -100,10 +101,12 @@ def profiles(
         resamples: of the bootstrap over motions, shape (replicates, trials).
         calibrated: values by parameter, for :attr:`Profile.best`.
         cells: into which a range is cut.
+        objective: by which sets are judged.
     """
-    scores = np.array([objective_of(observed, one.predicted) for one in evaluations])
+    known = [objective_of(observed, one.predicted, None, objective) for one in evaluations]
+    scores = np.array(known)
     best = int(np.argmax(scores))
-    reference = objective_replicates(observed, evaluations[best].predicted, resamples)
+    reference = objective_replicates(observed, evaluations[best].predicted, resamples, objective)
     found = []
     for name, parameter in parameters.items():
         values = [one.values[name] for one in evaluations]
@@ -117,7 +120,7 @@ def profiles(
                 continue
             top = inside[int(np.argmax(scores[inside]))]
             drawn = reference - objective_replicates(
-                observed, evaluations[top].predicted, resamples
+                observed, evaluations[top].predicted, resamples, objective
             )
             under, over = (float(q) for q in np.quantile(drawn, [0.025, 0.975]))
             made.append(

@@ -147,6 +147,78 @@ def compare(
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class Predicting:
+    """How trials are predicted.
+
+    Attributes:
+        out: folder for tables and simulations; the same command there goes on after an interruption
+            (default: nothing is written)
+        replicates: simulations of each trial (default: 16, or one for each scene)
+        seed: of all draws
+        cache: folder of simulations that a diagnosis of the campaign shares
+    """
+
+    out: Path | None = None
+    replicates: opt.Integer | None = None
+    nuisance: opt.Nuisances = ()
+    seed: opt.Integer = 0
+    cache: Path | None = None
+    threads: opt.Threads = None
+    scheduler: opt.Scheduler = None
+    json: opt.Json = False
+    quiet: opt.Quiet = False
+
+
+PREDICTING = Predicting()
+
+
+@verbs.command
+def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDICTING) -> int:
+    """Probability that each trial of a campaign overturns.
+
+    Simulates every trial with a motion in replicates, which draw placement, motion noise, contact
+    model and what else is uncertain of a set-up. Prints scores and a calibration curve where
+    outcomes are known. docs/how-to/campaign.md explains.
+
+    Args:
+        scene: study of the scene, or a folder of studies: draws of a posterior, which replicates
+            take in turn
+    """
+    import numpy as np
+
+    from vsr2.campaign import load_campaign
+    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache
+    from vsr2.diagnosis import predict as predicted
+    from vsr2.report.messages.commands import prediction_table
+    from vsr2.report.messages.progress_lines import ProgressLines
+
+    with opt.cluster(options.scheduler, options.threads) as client:
+        found = predicted(
+            load_campaign(folder),
+            scene,
+            out=options.out,
+            replicates=options.replicates,
+            hypotheses=Hypotheses(nuisances=opt.nuisances(options.nuisance)),
+            execution=Execution(
+                options.threads,
+                client,
+                None if options.cache is None else ProtocolCache(options.cache),
+                report=None if options.quiet else ProgressLines("campaign predict"),
+            ),
+            seed=options.seed,
+        )
+    if options.json:
+        p = found.probability.tolist()
+        opt.print_json({"scores": found.scores, "curve": found.curve, "probability": p})
+    elif not options.quiet:
+        print(prediction_table(found))
+        if options.out is not None:
+            print(f"wrote {options.out}")
+    return int(bool(np.isnan(found.outcomes).all(axis=0).any()))
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class Simulation:
     """How a campaign is simulated.
 

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from cyclopts import Parameter
 
 from vsr2.cli import options as opt
+
+if TYPE_CHECKING:
+    from vsr2.config import Study
+    from vsr2.diagnosis import Diagnosis
+    from vsr2.diagnosis.iteration import Asked
 
 
 @Parameter(name="*")
@@ -50,6 +56,10 @@ class Effort:
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
         client: address of a Dask scheduler that runs trials
+        posterior_draws: write so many scenes with a draw of the posterior each, too
+        iterate: diagnose the corrected scene again until nothing is named, each round in a folder
+            of its own
+        most_rounds: of --iterate
     """
 
     budget_minutes: float = 10.0
@@ -60,6 +70,9 @@ class Effort:
     cache: Path | None = None
     threads: opt.Threads = None
     client: str | None = None
+    posterior_draws: opt.Integer = 0
+    iterate: bool = False
+    most_rounds: opt.Integer = 4
     quiet: opt.Quiet = False
 
 
@@ -77,53 +90,80 @@ def diagnose(
 ) -> int:
     """Find the cause of a campaign's sim-to-real gap.
 
-    Writes diagnosis.json, tables and a page (index.html) to the output folder. Simulations and
-    trained posteriors are kept there or in --cache, so that an interrupted or later run reuses
-    them. docs/explanation/diagnosis.md says what each number means.
+    Writes diagnosis.json, tables, a page (index.html) and the scene with what is named
+    (corrected.yaml) to the output folder. Simulations and trained posteriors are kept there or in
+    --cache, so that an interrupted or later run reuses them. docs/explanation/diagnosis.md says
+    what each number means.
 
     Args:
         scene: study of the nominal scene
         out: folder for the results
     """
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache
+    from vsr2.config import load_study
+    from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache, iterate
     from vsr2.diagnosis import diagnose as find
-    from vsr2.report.diagnosis import format_diagnosis, write_diagnosis_page
+    from vsr2.diagnosis.corrected import check_draws
+    from vsr2.diagnosis.verdict.document import PAGE_FILE
+    from vsr2.report.diagnosis import format_diagnosis
+    from vsr2.report.messages.commands import iteration_table
     from vsr2.report.messages.progress_lines import ProgressLines
 
+    if effort.posterior_draws:
+        check_draws(effort.posterior_draws)
+    study = load_study(scene)
     with opt.cluster(effort.client) as client:
-        found = find(
-            campaign,
-            scene,
-            tier=question.tier,
-            out=out,
-            budget=Budget(
+        asked: Asked = {
+            "tier": question.tier,
+            "budget": Budget(
                 effort.budget_minutes,
                 effort.simulations,
                 effort.campaigns,
                 not effort.no_how_far,
                 effort.waterfall,
             ),
-            hypotheses=Hypotheses(
+            "hypotheses": Hypotheses(
                 exclude=question.exclude,
                 priors=dict(_prior(text) for text in question.prior),
                 nuisances=opt.nuisances(question.nuisance),
                 references=[load_campaign(folder) for folder in question.reference],
                 most_effects=question.most_effects,
             ),
-            execution=Execution(
+            "execution": Execution(
                 effort.threads,
                 client,
                 None if effort.cache is None else ProtocolCache(effort.cache),
                 report=None if effort.quiet else ProgressLines(),
             ),
-            seed=question.seed,
-        )
-    page = write_diagnosis_page(found, out)
+            "seed": question.seed,
+        }
+
+        def written(found: Diagnosis, of: Study, folder: Path) -> None:
+            _write(found, of, folder, effort)
+
+        if effort.iterate:
+            rounds = iterate(
+                campaign, scene, out, most=effort.most_rounds, finished=written, **asked
+            )
+            said, path = iteration_table(rounds), out
+        else:
+            found = find(campaign, scene, out=out, **asked)
+            written(found, study, out)
+            said, path = format_diagnosis(found), out / PAGE_FILE
     if not effort.quiet:
-        print(format_diagnosis(found))
-        print(f"wrote {page}")
+        print(said)
+        print(f"wrote {path}")
     return 0
+
+
+def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None:
+    """The page of a diagnosis and, where they are asked for, draws of its posterior."""
+    from vsr2.diagnosis.corrected import write_draws
+    from vsr2.report.diagnosis import write_diagnosis_page
+
+    write_diagnosis_page(found, folder)
+    if effort.posterior_draws:
+        write_draws(found, study, folder, effort.posterior_draws)
 
 
 def _prior(text: str) -> tuple[str, tuple[float, float]]:

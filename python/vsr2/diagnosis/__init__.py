@@ -2,7 +2,10 @@
 
 from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.corrected import corrected_study, drawn_studies
+from vsr2.diagnosis.iteration import Iteration, iterate
 from vsr2.diagnosis.pipeline import Question, diagnose_with
+from vsr2.diagnosis.prediction import Prediction, predict
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisances import (
@@ -26,17 +29,23 @@ __all__ = [
     "DrawnByEffect",
     "Execution",
     "Hypotheses",
+    "Iteration",
     "LogNormal",
     "Normal",
     "Nuisance",
+    "Prediction",
     "ProtocolCache",
     "Question",
     "Request",
     "Responses",
     "Scope",
     "Simulator",
+    "corrected_study",
     "diagnose",
     "diagnose_with",
+    "drawn_studies",
+    "iterate",
+    "predict",
     "schema",
     "with_deviations",
 ]

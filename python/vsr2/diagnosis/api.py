@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.corrected import with_correction, write_corrected
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.pipeline import Question, Report, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
@@ -69,8 +70,8 @@ def diagnose(
             are not used.
         tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
             campaign shares.
-        out: folder for `diagnosis.json` (without sentences), tables, simulations and the trained
-            posterior, which later runs reuse; None: nothing is written.
+        out: folder for `diagnosis.json` (without sentences), tables, the corrected scene,
+            simulations and the trained posterior, which later runs reuse; None: nothing is written.
         budget: wall time, judging included, or numbers of simulations or of simulated campaigns;
             equal numbers of campaigns give equal verdicts.
         hypotheses: effects that may be the cause, and what is uncertain about the set-up.
@@ -104,9 +105,9 @@ def diagnose(
     )
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
-    folder = None if out is None else _made(Path(out))
+    folder = None if out is None else made_folder(Path(out))
     if cache is not None:
-        _made(cache.folder)
+        made_folder(cache.folder)
     found = diagnose_with(
         simulator,
         seen.campaign,
@@ -132,12 +133,19 @@ def diagnose(
             "nuisance_priors": [one.to_json() for one in simulator.nuisances],
         },
     )
+    found = with_correction(found, study, simulator.library)
     if folder is not None:
         found.save(folder)
+        write_corrected(found, study, folder)
     return found
 
 
-def _made(folder: Path) -> Path:
+def made_folder(folder: Path) -> Path:
+    """A folder for results, made where it is not there.
+
+    Raises:
+        DiagnosisError: it cannot be used.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

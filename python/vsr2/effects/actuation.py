@@ -85,6 +85,25 @@ def _late_side(side: SideMotion, count: int) -> SideMotion:
     return SideMotion(_late(side.displacement, count), _late(side.velocity, count))
 
 
+def half_passed(one: float, other: float, power: int) -> float:
+    """Corner of a low-pass where two in a row pass half of what they would without a corner.
+
+    Each passes 1 / (1 + (f / corner)^power), of the amplitude or of the power.
+
+    Args:
+        one: corner [Hz]; infinite: none.
+        other: corner of the second [Hz].
+        power: of the frequency over the corner.
+    """
+    if math.isinf(one) or math.isinf(other):
+        return min(one, other)
+    # (1 + x) (1 + r x) = 2 with x = (f / one)^power, r = (one / other)^power.
+    ratio = (one / other) ** power
+    b = 1 + ratio
+    x = 2 / (b + math.sqrt(b * b + 4 * ratio))
+    return float(one * x ** (1 / power))
+
+
 class TimeScale(Effect):
     """Time runs slower or faster.
 
@@ -97,7 +116,7 @@ class TimeScale(Effect):
     parameters = (
         Parameter(
             "change", "1", 0.0, -0.03, 0.03, "uniform", "relative change of all times",
-            limits=(-0.3, 0.5),
+            limits=(-0.3, 0.5), twice="growth",
         ),
     )  # fmt: skip
     channels = ("motion", "tilt")
@@ -143,22 +162,22 @@ class InputChannel(Effect):
     parameters = (
         Parameter(
             "low_gain", "1", 0.0, -0.4, 0.4, "uniform", "relative change of what is slow",
-            limits=(-0.9, 5.0),
+            limits=(-0.9, 5.0), twice="growth",
         ),
         Parameter(
             "high_gain", "1", 0.0, -0.4, 0.4, "uniform", "relative change of what is fast",
-            limits=(-0.9, 5.0),
+            limits=(-0.9, 5.0), twice="growth",
         ),
         Parameter(
             "crossover", "Hz", math.inf, 0.5, 20.0, "fixed",
             "below it the displacement record drives, above it the acceleration record; none "
             "given: the record that the study has; open where all trials have both records",
-            limits=(0.05, 400.0),
+            limits=(0.05, 400.0), twice="later",
         ),
         Parameter(
             "channel", "1", 0.0, 0.0, 3.0, "fixed",
             "record that drives: `study`: as the study has it",
-            choices=("study", "displacement", "acceleration", "fused"),
+            choices=("study", "displacement", "acceleration", "fused"), twice="later",
         ),
         Parameter(
             "low_corner", "Hz", 2.0, 0.5, 4.0, "fixed", "half of `low_gain` is left there",
@@ -307,6 +326,9 @@ class InputFilter(Effect):
 
         return _driven(trial, path, f"low-pass {corner:g} Hz", beside)
 
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        return {"corner": half_passed(first["corner"], second["corner"], 2 * FILTER_ORDER)}
+
 
 class TableGain(Effect):
     """A table that does more or less than its command.
@@ -319,7 +341,7 @@ class TableGain(Effect):
     parameters = (
         Parameter(
             "change", "1", 0.0, -0.15, 0.15, "uniform", "relative change of the motion",
-            limits=(-0.9, 5.0),
+            limits=(-0.9, 5.0), twice="growth",
         ),
     )  # fmt: skip
     channels = ("motion", "tilt")
@@ -347,7 +369,10 @@ class TableBandwidth(Effect):
             "corner", "Hz", math.inf, 3.0, 25.0, "loguniform",
             "of the low-pass (damping 0.707); none given: no low-pass", limits=(0.5, 400.0),
         ),
-        Parameter("delay", "s", 0.0, 0.0, 0.020, "uniform", "of the table", limits=(0.0, 1.0)),
+        Parameter(
+            "delay", "s", 0.0, 0.0, 0.020, "uniform", "of the table", limits=(0.0, 1.0),
+            twice="sum",
+        ),
     )  # fmt: skip
     channels = ("motion", "tilt")
     confounded_with = ("input_filter",)
@@ -369,6 +394,10 @@ class TableBandwidth(Effect):
         note = f"low-pass {corner:g} Hz, {late} samples late"
         return _driven(trial, path, note, lambda side: _late_side(side, late))
 
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        corner = half_passed(first["corner"], second["corner"], 4)
+        return {"corner": corner, "delay": first["delay"] + second["delay"]}
+
 
 class TableSaturation(Effect):
     """A table at its limits.
@@ -382,11 +411,11 @@ class TableSaturation(Effect):
     parameters = (
         Parameter(
             "velocity", "m/s", math.inf, 0.15, 1.5, "loguniform",
-            "greatest speed; none given: no cap", limits=(1e-3, 100.0),
+            "greatest speed; none given: no cap", limits=(1e-3, 100.0), twice="least",
         ),
         Parameter(
             "acceleration", "m/s^2", math.inf, 2.0, 20.0, "loguniform",
-            "greatest acceleration; none given: no cap", limits=(1e-2, 1e4),
+            "greatest acceleration; none given: no cap", limits=(1e-2, 1e4), twice="least",
         ),
     )  # fmt: skip
     channels = ("motion", "tilt")

@@ -49,9 +49,10 @@ class OffAxisMotion(MotionBeside):
     meaning = "The table moves across the shaking in proportion to it"
     parameters = (
         Parameter(
-            "share", "1", 0.0, 0.0, 0.20, "uniform", "of the motion along x", limits=(-2.0, 2.0)
+            "share", "1", 0.0, 0.0, 0.20, "uniform", "of the motion along x", limits=(-2.0, 2.0),
+            twice="sum",
         ),
-    )
+    )  # fmt: skip
     channels = ("motion", "yaw", "tilt")
     confounded_with = ("spin_friction", "placement")
     source = "cross-coupling of a table's axes"
@@ -70,9 +71,10 @@ class VerticalMotion(MotionBeside):
     meaning = "The table moves vertically in proportion to the motion along x"
     parameters = (
         Parameter(
-            "share", "1", 0.0, 0.0, 0.5, "uniform", "of the motion along x", limits=(-2.0, 2.0)
+            "share", "1", 0.0, 0.0, 0.5, "uniform", "of the motion along x", limits=(-2.0, 2.0),
+            twice="sum",
         ),
-    )
+    )  # fmt: skip
     channels = ("motion", "tilt", "slip")
     source = "statics under g plus the vertical acceleration"
     rank = 7

@@ -40,8 +40,11 @@ class ContactStiffness(Effect):
         "relaxation stays"
     )
     parameters = (
-        Parameter("decades", "1", 0.0, -3.0, 1.0, "uniform", "power of ten", limits=(-5.0, 3.0)),
-    )
+        Parameter(
+            "decades", "1", 0.0, -3.0, 1.0, "uniform", "power of ten", limits=(-5.0, 3.0),
+            twice="sum",
+        ),
+    )  # fmt: skip
     channels = ("tilt", "rest pose")
     confounded_with = ("edge_rounding",)
     source = "spring and dashpot at each contact point (supplement S2.1)"
@@ -74,7 +77,7 @@ class Friction(Effect):
     parameters = (
         Parameter(
             "factor", "1", 1.0, 0.306, 1.633, "loguniform", "on the pair's coefficient",
-            limits=(0.0, 20.0),
+            limits=(0.0, 20.0), twice="product",
         ),
     )  # fmt: skip
     channels = ("slip", "tilt")
@@ -107,7 +110,7 @@ class SpinFriction(Effect):
     parameters = (
         Parameter(
             "coefficient", "m", 0.0, 0.0, 0.3, "uniform",
-            "lever arm of the pair beyond the study's", limits=(0.0, 10.0),
+            "lever arm of the pair beyond the study's", limits=(0.0, 10.0), twice="sum",
         ),
     )  # fmt: skip
     channels = ("yaw", "tilt", "slip")

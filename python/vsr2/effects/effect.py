@@ -274,6 +274,35 @@ class Effect:
             if not parameter.secondary and parameter.name in values
         )
 
+    def twice(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        """Values that alone do what values do and others on top of them.
+
+        The rules are those by which an effect acts on top of itself
+        (docs/reference/effects.md#rules). Two low-passes are taken for one that passes as much as
+        both at the frequency where they halve, two slopes for one in the direction of both.
+
+        Args:
+            first: of all parameters.
+            second: of all parameters, acting on top.
+
+        Raises:
+            ConfigError: the effect cannot act twice, or no values do what both do.
+        """
+        if self.is_null(first):
+            return dict(second)
+        if self.is_null(second):
+            return dict(first)
+        if self.once:
+            raise ConfigError(f"cannot act twice: {self.once}", key=f"effects.{self.name}")
+        return self._joined(first, second)
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        """As :meth:`twice`, of values that both act."""
+        return {
+            p.name: p.joined(first[p.name], second[p.name], f"effects.{self.name}.{p.name}")
+            for p in self.parameters
+        }
+
     def accept(self, given: Mapping[str, float | str]) -> dict[str, float]:
         """Values as a study writes them, checked and completed.
 

@@ -98,6 +98,7 @@ class Slenderness(Effect):
         Parameter(
             "change", "1", 0.0, -0.06, 0.06, "uniform",
             "relative change of the tangent of the slenderness angle", limits=(-0.5, 1.0),
+            twice="growth",
         ),
     )  # fmt: skip
     channels = ("tilt",)
@@ -143,6 +144,9 @@ class ComOffset(Effect):
             what=f"{values['distance']:g} m",
         )
         return with_mass_center(trial, slope @ shift)
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        return in_plan("distance", first, second)
 
 
 class EdgeRounding(Effect):
@@ -361,6 +365,17 @@ class BaseSlope(Effect):
         )
         pedestal = _turned(trial.scene.pedestal, turn, foot)
         return replace(trial.with_scene(pedestal=pedestal), start=start)
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        # Turns about horizontal axes add up but for a turn about the vertical of second order.
+        return in_plan("angle", first, second)
+
+
+def in_plan(size: str, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+    """Sum of two vectors in plan, each with a size of this name and an `azimuth` [degree]."""
+    both = sum(one[size] * direction(one["azimuth"]) for one in (first, second))
+    x, y, _ = _triple(np.asarray(both))
+    return {size: math.hypot(x, y), "azimuth": math.degrees(math.atan2(y, x)) % 360.0}
 
 
 def slope_rotation(angle: float, azimuth: float) -> Array:

@@ -26,7 +26,7 @@ class Inertia(Effect):
     parameters = (
         Parameter(
             "change", "1", 0.0, -0.15, 0.15, "uniform", "relative change of all moments",
-            limits=(-0.9, 5.0),
+            limits=(-0.9, 5.0), twice="growth",
         ),
         Parameter(
             "rule", "1", 0.0, 0.0, 1.0, "fixed",
@@ -47,3 +47,7 @@ class Inertia(Effect):
             inertia = box_inertia(rock.mass.mass, np.ptp(in_body, axis=0))
         mass = replace(rock.mass, principal_inertia=inertia * (1.0 + values["change"]))
         return trial.with_scene(rock=replace(rock, mass=mass, inertia_from_aabb=False))
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        # The box's moments take the place of whatever was there.
+        return dict(second) if second["rule"] == 1 else super()._joined(first, second)

@@ -52,7 +52,7 @@ class Restitution(Mechanism):
         Parameter(
             "energy_ratio", "1", math.nan, 0.65, 1.1, "uniform",
             "kinetic energy after an impact, relative to Housner's; none given: the contact's own",
-            limits=(0.01, 1.5),
+            limits=(0.01, 1.5), twice="later",
         ),
     )  # fmt: skip
     channels = ("tilt",)
@@ -79,8 +79,11 @@ class RockingDamping(Mechanism):
     name = "rocking_damping"
     meaning = "A moment -2 zeta p I_O w against the rate w of rocking about an edge"
     parameters = (
-        Parameter("ratio", "1", 0.0, 0.0, 0.05, "uniform", "damping ratio zeta", limits=(0.0, 2.0)),
-    )
+        Parameter(
+            "ratio", "1", 0.0, 0.0, 0.05, "uniform", "damping ratio zeta", limits=(0.0, 2.0),
+            twice="sum",
+        ),
+    )  # fmt: skip
     channels = ("tilt",)
     confounded_with = ("restitution", "rolling_resistance")
     source = "viscous damping of Housner's rocking oscillator; docs/explanation/mechanisms.md"
@@ -96,7 +99,9 @@ class RollingResistance(Mechanism):
     name = "rolling_resistance"
     meaning = "A moment N a against rocking, N being the normal force and a a lever arm"
     parameters = (
-        Parameter("arm", "m", 0.0, 0.0, 0.010, "uniform", "lever arm a", limits=(0.0, 0.2)),
+        Parameter(
+            "arm", "m", 0.0, 0.0, 0.010, "uniform", "lever arm a", limits=(0.0, 0.2), twice="sum"
+        ),
     )
     channels = ("tilt",)
     confounded_with = ("contact_stiffness", "restitution")
@@ -115,12 +120,12 @@ class FrictionRate(Mechanism):
     parameters = (
         Parameter(
             "ratio", "1", 1.0, 1.0, 1.6, "uniform", "static to kinetic friction",
-            limits=(0.1, 10.0),
+            limits=(0.1, 10.0), twice="product",
         ),
         Parameter(
             "speed", "m/s", 0.01, 0.001, 0.1, "fixed",
             "of slip over which friction falls from one to the other", limits=(1e-5, 10.0),
-            secondary=True,
+            secondary=True, twice="later",
         ),
     )  # fmt: skip
     channels = ("slip", "tilt")
@@ -149,7 +154,7 @@ class Adhesion(Mechanism):
     parameters = (
         Parameter(
             "strength", "kPa", 0.0, 0.0, 50.0, "uniform", "tensile strength over the footprint",
-            limits=(0.0, 1e5),
+            limits=(0.0, 1e5), twice="sum",
         ),
     )  # fmt: skip
     channels = ("tilt", "slip")
@@ -173,7 +178,7 @@ class Catch(Mechanism):
     parameters = (
         Parameter(
             "slack", "degree", 180.0, 5.0, 25.0, "uniform", "tilt at which it comes taut",
-            limits=(0.5, 180.0),
+            limits=(0.5, 180.0), twice="least",
         ),
     )  # fmt: skip
     channels = ("tilt", "label")

@@ -34,7 +34,7 @@ class Wear(Effect):
     parameters = (
         Parameter(
             "loss", "1", 0.0, 0.0, 0.15, "uniform", "of slenderness at the campaign's end",
-            limits=(-0.5, 0.9),
+            limits=(-0.5, 0.9), twice="loss",
         ),
     )  # fmt: skip
     channels = ("tilt",)
@@ -67,6 +67,17 @@ class Step(Effect):
             first = min(max(1, round(values["at"] * len(sessions))), len(sessions) - 1)
             after = sessions.index(circumstances.session) >= first
         return values if after else self.null()
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        at = self.parameter("at")
+        found = {"at": at.joined(first["at"], second["at"], f"effects.{self.name}.at")}
+        for effect in self.parts:
+            names = {p.name: f"{effect.name}_{p.name}" for p in effect.parameters}
+            both = effect.twice(
+                *({name: one[long] for name, long in names.items()} for one in (first, second))
+            )
+            found |= {names[name]: value for name, value in both.items()}
+        return found
 
 
 def _place_in_time(lower: float, upper: float) -> Parameter:

@@ -56,3 +56,10 @@ class OutcomeRule(Effect):
             return observation
         noted = Outcome.overturned if overturned else Outcome.rocked
         return replace(observation, outcome=noted.name)
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        # A threshold takes the place of whatever was noted.
+        if second["tilt"] < math.pi:
+            return dict(second)
+        one, other = first["flips"], second["flips"]
+        return {"tilt": first["tilt"], "flips": one + other - 2 * one * other}

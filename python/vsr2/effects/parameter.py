@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -20,6 +21,17 @@ class EffectRangeWarning(EffectWarning):
 
 
 Prior = Literal["uniform", "loguniform", "normal", "fixed"]
+Twice = Literal["", "sum", "product", "growth", "loss", "spread", "least", "later"]
+"""How two values of a parameter make one; empty: no value does what both do."""
+_TWICE: Mapping[Twice, Callable[[float, float], float]] = {
+    "sum": lambda one, other: one + other,
+    "product": lambda one, other: one * other,
+    "growth": lambda one, other: (1 + one) * (1 + other) - 1,
+    "loss": lambda one, other: 1 - (1 - one) * (1 - other),
+    "spread": math.hypot,
+    "least": min,
+    "later": lambda one, other: other,
+}
 
 
 @dataclass(frozen=True)
@@ -43,6 +55,9 @@ class Parameter:
         whole_range: the prior is meant as it stands, as of a direction that nobody has noted down.
             Other parameters are drawn near what a campaign just shows, for a greater value is seen
             anyway; of this one a diagnosis draws values over the whole prior, too.
+        twice: how the value and another on top of it make one: their sum or product, that of
+            relative changes (`growth`) or losses, the root of the sum of squares of two
+            independent draws (`spread`), the least, the later one. Empty: no value does.
     """
 
     name: str
@@ -56,6 +71,7 @@ class Parameter:
     secondary: bool = False
     choices: tuple[str, ...] = ()
     whole_range: bool = False
+    twice: Twice = ""
 
     def __post_init__(self) -> None:
         if self.prior not in get_args(Prior):
@@ -154,6 +170,27 @@ class Parameter:
                 stacklevel=3,
             )
         return number
+
+    def joined(self, one: float, other: float, where: str) -> float:
+        """The value that does what one does and another on top of it.
+
+        Args:
+            one: acts first.
+            other: acts on top.
+            where: key of the study, for errors.
+
+        Raises:
+            ConfigError: no value does.
+        """
+        if one == other and self.secondary:
+            return one
+        if self.is_null(other):
+            return one
+        if self.is_null(one):
+            return other
+        if not self.twice:
+            raise ConfigError(f"no value does what {one:g} and {other:g} on top do", key=where)
+        return _TWICE[self.twice](one, other)
 
     @property
     def range_text(self) -> str:

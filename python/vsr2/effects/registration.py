@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vsr2.effects.effect import Effect
-from vsr2.effects.geometry import slope_rotation, with_mass_center
+from vsr2.effects.geometry import in_plan, slope_rotation, with_mass_center
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.standing import assert_stands, mass_height, turned_start
 from vsr2.scene.rotation import matrix_from_quaternion
@@ -53,6 +53,14 @@ class Registration(Effect):
     source = "statics and kinematics of a rigid body; this library"
     stage = "geometry"
     rank = -1
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        # The second turn turns the first lean with the rock; leans add up as slopes do.
+        turned = {"lean": first["lean"], "azimuth": first["lean_azimuth"] + second["yaw"]}
+        later = {"lean": second["lean"], "azimuth": second["lean_azimuth"]}
+        both = in_plan("lean", turned, later)
+        yaw = (first["yaw"] + second["yaw"] + 180.0) % 360.0 - 180.0
+        return {"yaw": yaw, "lean": both["lean"], "lean_azimuth": both["azimuth"]}
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         if values["yaw"]:

@@ -25,11 +25,12 @@ class Placement(Effect):
         Parameter(
             "yaw", "degree", 0.0, 0.0, 10.0, "uniform",
             "greatest turn about the vertical; drawn uniformly for each trial between minus and "
-            "plus this", limits=(0.0, 180.0),
+            "plus this", limits=(0.0, 180.0), twice="spread",
         ),
         Parameter(
             "offset", "m", 0.0, 0.0, 0.020, "uniform",
             "greatest shift in plan; drawn uniformly over a disc for each trial", limits=(0.0, 2.0),
+            twice="spread",
         ),
     )  # fmt: skip
     channels = ("yaw", "tilt", "slip")

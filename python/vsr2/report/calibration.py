@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsr2.analysis.bootstrap import SCORES
+from vsr2.analysis.probability import RELIABILITY
 from vsr2.calibration.calibrate import CalibrationResult
 from vsr2.calibration.calibration_study import Parameter, Sequential
 from vsr2.calibration.calibration_tables import best_of_sweeps
@@ -193,7 +194,8 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     known = (measures.pga > 0) & (measures.pgv_pga > 0)
     if not known.any():
         return None
-    predicted = result.out_of_fold if result.folds else result.in_sample
+    probability = result.out_of_fold if result.folds else result.in_sample
+    predicted = np.where(np.isnan(probability), np.nan, probability > RELIABILITY.threshold)
     observed = result.observed
     figure, axes = sheet(1, 1, (5.2, 4.2))
     panel = axes[0, 0]

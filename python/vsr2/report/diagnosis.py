@@ -22,6 +22,7 @@ from vsr2.report.diagnosis_figures import (
 from vsr2.report.messages.verdicts import (
     channels_note,
     closure_note,
+    corrected_note,
     figure_caption,
     instrument,
     interval,
@@ -92,6 +93,7 @@ def _rendered(template: str, found: Diagnosis, **more: Any) -> str:
             "effects": sorted(content["effects"], key=lambda row: -row["acts"]),
             "verdict_sentence": verdict_sentence(content),
             "closure_note": closure_note(content),
+            "corrected_note": corrected_note(content),
             "channels_note": channels_note(content),
             "waterfall_note": waterfall_note(content),
             "found": standing_out(content),

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis import overturning_probability
+
 Array = NDArray[np.float64]
 
 
@@ -36,18 +38,11 @@ class Ensemble:
     @property
     def probability(self) -> Array:
         """Share that overturned, half a count on each side, shape (trials,)."""
-        ones, known = np.nansum(self.overturned, axis=0), np.isfinite(self.overturned).sum(axis=0)
-        return np.asarray((ones + 0.5) / (known + 1))
+        return overturning_probability(self.overturned)
 
     def take(self, members: Sequence[int] | NDArray[np.int64]) -> Ensemble:
         """Some of the simulations."""
         return Ensemble(self.overturned[members], self.features[members])
-
-
-def outcome_loss(probability: Array, overturned: Array) -> Array:
-    """Logarithmic loss of outcomes, shape (trials,); 0 where nothing is known."""
-    loss = -np.where(overturned > 0.5, np.log(probability), np.log1p(-probability))
-    return np.where(np.isfinite(overturned), loss, 0.0)
 
 
 def feature_scores(simulated: Array, observed: Array) -> Array:

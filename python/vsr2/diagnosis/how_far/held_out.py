@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
     Interval,
     by_kind,
     feature_scores,
     interval,
-    outcome_loss,
     resampled_means,
 )
 from vsr2.diagnosis.observed.observations import Observations

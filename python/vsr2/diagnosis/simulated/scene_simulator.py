@@ -25,7 +25,7 @@ from vsr2.diagnosis.observed.features import (
 from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
+from vsr2.diagnosis.simulated.nuisance_draws import NuisanceDraws
 from vsr2.diagnosis.simulated.scene_effects import SceneEffects
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
@@ -35,7 +35,6 @@ from vsr2.diagnosis.simulated.simulator import (
     Effects,
     Request,
     Responses,
-    nuisance_normal,
 )
 from vsr2.effects import Effect, in_order, with_effects
 from vsr2.errors import DiagnosisError, Vsr2Error
@@ -102,16 +101,6 @@ class SceneSimulator:
     ) -> None:
         offered = hypotheses.offered
         self.nuisances = (*hypotheses.nuisances, *hypotheses.contact_family)
-        self._wide = [one for one in self.nuisances if one.scope is Scope.CAMPAIGN]
-        self._own = {
-            scope: [
-                one
-                for one in self.nuisances
-                if one.scope is scope and not isinstance(one.prior, DrawnByEffect)
-            ]
-            for scope in (Scope.MOTION, Scope.TRIAL)
-        }
-        self.nuisance_names = tuple(one.name for one in self._wide)
         self.variants = (HALF_STEP, FINE_SOLVER)
         self._series = series
         self._threads = threads
@@ -124,6 +113,9 @@ class SceneSimulator:
         self._row = min(SERIES.row, interval) if series else None
         self._order = list(campaign.relative_order)
         self._sessions = [trial.session for trial in campaign.trials]
+        motions = [trial.motion for trial in campaign.trials]
+        self._draws = NuisanceDraws(self.nuisances, self._order, self._sessions, motions, seed)
+        self.nuisance_names = self._draws.names
         self._own_effects = SceneEffects(study, self._order, self._sessions)
         self._own_effects.check(self.nuisances)
         self._trials = self._own_effects.fixed(_base_trials(campaign, study, self._row))
@@ -139,8 +131,6 @@ class SceneSimulator:
         self._varied: dict[int, list[Trial]] = {}
         self._first = self._nominal(0, 0, {0})[0]
         self.excluded = tuple(sorted(hypotheses.exclude))
-        motions = list(dict.fromkeys(trial.motion for trial in campaign.trials))
-        self._motion = [motions.index(trial.motion) for trial in campaign.trials]
         self.unavailable: dict[str, Vsr2Error] = {}
         self.library: dict[str, Effect] = {}
         # With what is drawn for each trial, after which a record may no longer tell the motion.
@@ -191,7 +181,7 @@ class SceneSimulator:
 
     def nuisance_draw(self, index: int) -> Array:
         """Standardised nuisances of a draw."""
-        return nuisance_normal(self._seed, len(self._wide), index)
+        return self._draws.draw(index)
 
     def run(self, requests: Sequence[Request]) -> Responses:
         """Simulate in native threads; the campaign's own order and sessions are kept."""
@@ -232,52 +222,14 @@ class SceneSimulator:
     def _built(
         self, effects: Effects, nuisance: int, replicate: int, wanted: set[int]
     ) -> dict[int, Trial]:
-        """The wanted trials with nuisances and effects in them.
-
-        What an effect draws belongs to the trial's position in the campaign; trials that are not
-        wanted keep theirs without work.
-        """
-        seed = int(
-            np.random.SeedSequence(
-                [self._seed, nuisance, abs(replicate), replicate < 0]
-            ).generate_state(1, np.uint64)[0]
-        )
-        given = self._nuisance_effects(effects, nuisance, replicate)
-        base = self._perturbed(nuisance, replicate, wanted)
-        ranks = {e.name: i for i, e in enumerate(in_order({e.name: e for e, _ in given}))}
-        given.sort(key=lambda pair: ranks[pair[0].name])
-        made = with_effects(
-            base, given, relative_order=self._order, sessions=self._sessions, seed=seed, only=wanted
-        )
-        return {i: made[i] for i in wanted}
-
-    def _nuisance_effects(
-        self, effects: Effects, nuisance: int, replicate: int
-    ) -> list[tuple[Effect, dict[str, float]]]:
-        """What acts in every trial: nuisances, then the given effects."""
-        drawn: list[tuple[Nuisance, float]] = []
-        if nuisance:
-            draws = correlated(self._wide, self.nuisance_draw(nuisance))
-            drawn += zip(self._wide, draws.tolist(), strict=True)
-        if replicate > 0:
-            own = [one for one in self.nuisances if one.scope is Scope.TRIAL]
-            drawn += [(one, 0.0) for one in own if isinstance(one.prior, DrawnByEffect)]
+        """The wanted trials with nuisances and effects in them."""
         caused = []
         for name, numbers in effects:
             effect = self.library[name]
             pairs = zip(effect.parameters, numbers, strict=True)
             caused.append((effect, {p.name: value for p, value in pairs}))
-        causes = {effect.name: values for effect, values in caused}
-        acting: dict[str, tuple[Effect, dict[str, float]]] = {}
-        for one, z in drawn:
-            effect, values = one.acting, one.values(z)
-            if one.relative and effect.name in causes:
-                causes[effect.name][one.parameter] *= values[one.parameter]
-                continue
-            if one.relative:
-                values[one.parameter] *= effect.nominal(self._first)[one.parameter]
-            acting.setdefault(effect.name, (effect, {}))[1].update(values)
-        return [(effect, effect.complete(values)) for effect, values in acting.values()] + caused
+        base = self._perturbed(nuisance, replicate, wanted)
+        return self._draws.applied(base, self._first, nuisance, replicate, wanted, caused)
 
     def _nominal(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
         """Trials of the scene with its effects, or of a numerical variant of it.
@@ -307,27 +259,7 @@ class SceneSimulator:
             x, y, z = start.position
             turned = multiply(yaw_quaternion(shift), start.orientation)
             out[i] = replace(trial, start=Pose((x + shift, y + shift, z), turned))
-        for i in wanted if nuisance else ():
-            self._draw_own(out, i, Scope.MOTION, [3, self._motion[i], nuisance, 0])
-        for i in wanted if replicate > 0 else ():
-            self._draw_own(out, i, Scope.TRIAL, [1, i, nuisance, replicate])
-        return out
-
-    def _draw_own(self, trials: list[Trial], i: int, scope: Scope, counter: list[int]) -> None:
-        """Put nuisances of a scope, drawn from a counter, into a trial."""
-        own = self._own[scope]
-        if not own:
-            return
-        rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
-        draws = correlated(own, rng.standard_normal(len(own)))
-        for one, z in zip(own, draws.tolist(), strict=True):
-            (trials[i],) = with_effects(
-                [trials[i]],
-                [(one.acting, one.acting.complete(one.values(z)))],
-                relative_order=[self._order[i]],
-                sessions=[self._sessions[i]],
-                seed=int(rng.integers(2**63)),
-            )
+        return self._draws.with_own(out, nuisance, replicate, wanted)
 
 
 def _numbers(request: Request) -> tuple[int, int, int, int]:

@@ -112,9 +112,15 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
         "posterior": asdict(posterior.levels) | {"campaigns": posterior.campaigns},
         "next_measurement": measure and measure.to_json(),
         "limits": [limit.to_json() for limit in limits],
+        "corrected": None,
         "provenance": {"versions": _versions(), **provenance},
     }
-    return Diagnosis(content, tuple(table))
+    samples = {
+        name: posterior.parameters.sample(name, found.residuals)
+        for name in verdict.named
+        if name in posterior.parameters.rows
+    }
+    return Diagnosis(content, tuple(table), samples)
 
 
 def _gap(evidence: Evidence) -> dict[str, Any]:

@@ -244,6 +244,17 @@ class _Measurement(_Part):
     text: str = ""
 
 
+class _Corrected(_Part):
+    """What is added to the scene, and all effects of the corrected one; null: no study states them.
+
+    `among` are the effects that the verdict names.
+    """
+
+    effects: dict[str, dict[str, float | str]]
+    among: list[str]
+    scene: dict[str, dict[str, float | str]] | None
+
+
 class _Budget(_Part):
     state: BudgetState
     simulations: Count
@@ -295,6 +306,7 @@ class _Diagnosis(_Part):
     posterior: _Posterior
     next_measurement: _Measurement | None
     limits: Annotated[list[Any], WithJsonSchema(_statements(LimitCode))]
+    corrected: _Corrected | None
     provenance: _Provenance
 
 

@@ -9,6 +9,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsr2.results.atomic import csv_text, write_text
 
 Schema = Literal["vsr2.diagnosis/5"]
@@ -25,10 +28,13 @@ class Diagnosis:
         content: of `diagnosis.json`, JSON-serialisable.
         trials: one row a trial, for tables and figures: id, motion, session, order, ln PGA,
             ln PGV/PGA, outcome, probabilities before and after, losses and floor.
+        samples: of the posterior of each effect that is named, given that it acts: values of its
+            parameters, one row a sample. They are not written.
     """
 
     content: Mapping[str, Any]
     trials: tuple[Mapping[str, Any], ...] = field(default=())
+    samples: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:

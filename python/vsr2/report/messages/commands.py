@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 
 from vsr2._native import FastRefusal
 from vsr2.analysis.bootstrap import SCORES
+from vsr2.diagnosis.iteration import Ended
 from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import compatible_values
+from vsr2.report.messages.verdicts import shown
 
 if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
     from vsr2.calibration import CalibrationResult
+    from vsr2.diagnosis import Iteration, Prediction
     from vsr2.diagnosis.reference_campaign import Agreement
     from vsr2.results import BatchResult
     from vsr2.simulation.bench import Rock
@@ -69,6 +72,62 @@ def baseline_table(scores: Sequence[BaselineScore]) -> str:
         for one in scores
     ]
     return table([header, *rows], str.ljust)
+
+
+def prediction_table(found: Prediction) -> str:
+    """Scores of predictions with their 95 % intervals and the calibration curve; or a count."""
+    if not found.scores:
+        count, p = len(found.campaign), found.probability
+        return (
+            f"{int(found.predicted.sum())} of {count} trials are predicted to overturn, "
+            f"{p.sum():.1f} on average; no outcome is known"
+        )
+    names = ("log_loss", "brier", "accuracy", "precision", "recall", "objective")
+    header = ["prediction", "fitted", "trials", "log loss", "Brier", *names[2:5], "mean of three"]
+    rows = [
+        [one.name, one.fitted, str(one.trials), *(str(one.intervals[name]) for name in names)]
+        for one in found.scores
+    ]
+    curve = [["probability", "trials", "predicted", "observed"]]
+    curve += [
+        [f"{one.low:.1f} to {one.high:.1f}", str(one.trials), f"{one.predicted:.3f}",
+         str(one.observed)]
+        for one in found.curve
+        if one.trials
+    ]  # fmt: skip
+    return f"{table([header, *rows], str.ljust)}\n\n{table(curve, str.ljust)}"
+
+
+_ENDED = {
+    Ended.NOTHING_NAMED: "the last round names nothing",
+    Ended.MOST_ROUNDS: "as many rounds as were asked for; --most-rounds allows more",
+    Ended.NOTHING_CHANGED: "what the last round names leaves the scene as it is",
+    Ended.NOT_STATED: "no study states what the last round names beside the scene's own effects",
+}
+
+
+def iteration_table(found: Iteration) -> str:
+    """Rounds of diagnosis: what each names, what it adds to the scene, and the losses."""
+    header = ["round", "verdict", "named", "none", "loss before", "floor", "added to the scene"]
+    rows = []
+    for k, one in enumerate(found.to_json()["rounds"]):
+        verdict, added = one["verdict"], one["corrected"] or {}
+        rows.append(
+            [
+                str(k + 1), verdict["kind"], ", ".join(verdict["effects"]) or "-",
+                f"{one['none_probability']:.2f}", _estimate(one["before"]), _estimate(one["floor"]),
+                "; ".join(f"{name}: {_values(values)}" for name, values in added.items()) or "-",
+            ]
+        )  # fmt: skip
+    return f"{table([header, *rows], str.ljust)}\n{_ENDED[found.ended]}"
+
+
+def _estimate(one: Mapping[str, float | None]) -> str:
+    return "-" if one["value"] is None else f"{one['value']:.3f}"
+
+
+def _values(values: Mapping[str, float | str]) -> str:
+    return ", ".join(f"{name} {shown(value)}" for name, value in values.items())
 
 
 _MEASURES = {

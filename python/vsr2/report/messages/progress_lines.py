@@ -19,9 +19,14 @@ STAGES: Mapping[Stage, str] = {
 
 
 class ProgressLines:
-    """Writes how far a diagnosis is to standard error, at most two lines a second."""
+    """Writes how far a diagnosis is to standard error, at most two lines a second.
 
-    def __init__(self) -> None:
+    Args:
+        verb: of the command line that is under way.
+    """
+
+    def __init__(self, verb: str = "diagnose") -> None:
+        self._verb = verb
         self._last = 0.0
         self._stage = ""
         self._began = 0.0
@@ -40,7 +45,8 @@ class ProgressLines:
             left = f", {_duration(progress.left_s)} left"
         elif 0 < share < 1 and now > self._began:
             left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
-        line = f"vsr2 diagnose: {stage} {share:4.0%}{left}{'; leading: ' + best if best else ''}"
+        leading = f"; leading: {best}" if best else ""
+        line = f"vsr2 {self._verb}: {stage} {share:4.0%}{left}{leading}"
         end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
         print(f"{line:<100}", end=end, file=sys.stderr, flush=True)
 

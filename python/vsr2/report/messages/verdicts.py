@@ -109,6 +109,28 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     return _say("closing", "sure" if sure else "unsure", said=said, kind=kind, closed=closed)
 
 
+def corrected_note(content: Mapping[str, Any]) -> str:
+    """What the corrected scene holds; empty where nothing is named."""
+    corrected = content["corrected"]
+    if corrected is None:
+        return ""
+    stated = [
+        f"{plain(name)} ({', '.join(f'{key} {shown(value)}' for key, value in values.items())})"
+        for name, values in corrected["effects"].items()
+    ]
+    among = corrected["among"] if len(corrected["among"]) > len(stated) else []
+    known = corrected["scene"] is not None
+    return _say(
+        "notes", "corrected", stated=stated if known else [], among=among,
+        names=list(corrected["effects"]),
+    )  # fmt: skip
+
+
+def shown(value: float | str) -> str:
+    """A number to three digits, or a word."""
+    return value if isinstance(value, str) else f"{value:.3g}"
+
+
 def figure_caption(name: str) -> str:
     """What a figure of the page shows."""
     return _say("figures", name)
