@@ -1,15 +1,16 @@
 """The diagnosis of the laboratory's campaign on specimen SP1.
 
     vsr2 campaign import-lab SOURCE out/lab
-    python studies/lab_diagnosis.py [--budget-minutes N | --campaigns N] [--threads N]
+    python studies/lab_diagnosis.py [--budget-minutes N | --campaigns N] [--most-effects N] \
+        [--threads N]
 
-Runs `vsr2 diagnose` on the trials that have a motion, in the scene of lab_diagnosis.yaml, with all
+Runs `vsr2 diagnose --waterfall` on the trials that have a motion, in the scene of lab_diagnosis.yaml, with all
 effects but `base_slope` (ten times as dear as the others on this specimen, and in one class with
 `com_offset`). A run that was interrupted is continued. Writes to OUT what `vsr2 diagnose` writes
 and, to OUT/committed, what may be committed (no table of trials): diagnosis.json,
 effects.csv, where.csv, the page's figures, and metrics.csv: agreement with the observed outcomes of
-the model before and after the diagnosed effects are added, each motion judged with parameters that
-come from other motions. Trials that never lift off stand in all of these.
+the model before and after the diagnosed effects are added, and with all effects of the posterior
+(`predicted`), each motion judged by what comes from other motions. Trials that never lift off stand in all of these.
 """
 
 from __future__ import annotations
@@ -37,14 +38,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "diagnosis_lab")
     parser.add_argument("--budget-minutes", type=float, default=10.0)
     parser.add_argument("--campaigns", type=int)
+    parser.add_argument("--most-effects", type=int, default=3)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
     found = diagnose(
         options.campaign,
         options.scene,
         out=options.out,
-        budget=Budget(options.budget_minutes, campaigns=options.campaigns),
-        hypotheses=Hypotheses(exclude=["base_slope"]),
+        budget=Budget(options.budget_minutes, campaigns=options.campaigns, waterfall=True),
+        hypotheses=Hypotheses(exclude=["base_slope"], most_effects=options.most_effects),
         execution=Execution(options.threads, report=ProgressLines()),
     )
     write_diagnosis_page(found, options.out)
@@ -60,7 +62,7 @@ def main() -> None:
     with (folder / "metrics.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["model", "trials", "accuracy", "precision", "recall", "mean"])
-        for model in ("before", "after"):
+        for model in ("before", "after", "predicted"):
             # A trial that never lifts off has no probability: it stands.
             predicted = np.nan_to_num([row[model] for row in found.trials]) > 0.5
             scores = classification_metrics(observed, predicted)

@@ -43,16 +43,17 @@ def diagnosis(
     probability: Mapping[str, float] | None = None,
 ) -> Diagnosis:
     """What of a diagnosis the corrected scene is made of."""
+    findings = [[name] for name in effects] if kind == "pair" else [effects]
     rows = [
         {
             "name": name,
-            "probability": (probability or {}).get(name, 0.5),
+            "acts": (probability or {}).get(name, 0.5),
             "parameters": {key: {"mean": value} for key, value in own.items()},
         }
         for name, own in means.items()
     ]
     content = {
-        "verdict": {"kind": kind, "effects": effects},
+        "verdict": {"kind": kind, "effects": effects, "findings": findings},
         "effects": rows,
         "corrected": None,
         "provenance": {"seed": 3},
@@ -84,6 +85,15 @@ def test_what_is_named_is_put_on_top_of_the_scene_s_own() -> None:
     assert made is not None
     assert made.effects == found.content["corrected"]["scene"]
     assert made.model_copy(update={"effects": study.effects}) == study
+
+
+def test_of_each_cause_the_first_is_taken() -> None:
+    found = diagnosis("pair", ["catch", "outcome_rule", "wear"],
+                      {"outcome_rule": {"tilt": 0.4}, "catch": {"slack": 8.0},
+                       "wear": {"loss": 0.1}})  # fmt: skip
+    found.content["verdict"]["findings"] = [["catch", "outcome_rule"], ["wear"]]
+    state = corrected(found, scene()).content["corrected"]
+    assert state["effects"] == {"catch": {"slack": 8.0}, "wear": {"loss": 0.1}}
 
 
 def test_of_a_class_the_first_is_taken() -> None:

@@ -67,7 +67,12 @@ class Told:
         kind = "effect" if missing else "none"
         content = {
             "campaign": {"name": campaign.name},
-            "verdict": {"kind": kind, "effects": missing, "probability": 0.9},
+            "verdict": {
+                "kind": kind,
+                "effects": missing,
+                "findings": [missing],
+                "probability": 0.9,
+            },
             "effects": rows,
             "gap": GAP,
             "none_probability": 0.1,

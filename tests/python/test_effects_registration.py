@@ -172,7 +172,7 @@ def test_a_table_steps_after_the_channel_is_chosen(bench: EffectBench) -> None:
     a = 1.2 * np.gradient(np.gradient(x, 0.005), 0.005)
     motion = build_recorded_motion(Record("r", 0.005, displacement=x, acceleration=a), 0.001)
     trials = [replace(bench.block(), motion=motion)] * 2
-    given = {"input_filter": {"input": "acceleration"}, "session": {"table_gain_change": 0.1}}
+    given = {"input_channel": {"channel": "acceleration"}, "session": {"table_gain_change": 0.1}}
     first, last = apply_effects(trials, given, sessions="ab")
     assert first.motion.pga == pytest.approx(1.2 * motion.pga, rel=0.05)
     assert last.motion.pga == pytest.approx(1.1 * first.motion.pga)

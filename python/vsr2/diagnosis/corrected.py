@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ Values = dict[str, dict[str, float]]
 def with_correction(found: Diagnosis, study: Study, library: Library) -> Diagnosis:
     """The diagnosis with `corrected`: what it names, at the posterior mean, in its scene.
 
-    Of a class, one of which acts, the first is taken. Values come on top of the scene's own
+    Of each cause the first effect is taken. Values come on top of the scene's own
     (:meth:`vsr2.effects.Effect.twice`).
 
     Args:
@@ -63,12 +64,15 @@ def _correction(found: Diagnosis, study: Study, library: Library) -> dict[str, A
     return {"effects": stated, "among": list(found.effects), "scene": scene}
 
 
+def findings_of(found: Diagnosis) -> list[list[str]]:
+    """Causes that a diagnosis names, of each the effects of which one acts; none: it names none."""
+    named = VerdictKind(found.kind).names_effects
+    return [list(one) for one in found.content["verdict"]["findings"]] if named else []
+
+
 def named_together(found: Diagnosis) -> tuple[str, ...]:
-    """Effects that a diagnosis says to act: all that act together, or the first of a class."""
-    kind = VerdictKind(found.kind)
-    if not kind.names_effects:
-        return ()
-    return found.effects[:1] if kind is VerdictKind.CLASS else found.effects
+    """Effects that a diagnosis says to act: of each cause the first."""
+    return tuple(finding[0] for finding in findings_of(found))
 
 
 def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) -> Values:
@@ -111,7 +115,7 @@ def corrected_study(found: Diagnosis, study: Study) -> Study | None:
 def drawn_studies(found: Diagnosis, study: Study, draws: int, *, seed: int = 0) -> list[Study]:
     """The scene with draws of the posterior of what a diagnosis names.
 
-    Of a class each draw takes one effect, with the chance that the diagnosis gives it.
+    Of each cause a draw takes one effect, with the chance that the diagnosis gives it.
 
     Args:
         found: of a campaign, by :func:`vsr2.diagnose` in this process.
@@ -125,12 +129,14 @@ def drawn_studies(found: Diagnosis, study: Study, draws: int, *, seed: int = 0) 
     if corrected_study(found, study) is None:
         return []
     check_draws(draws, min(len(rows) for rows in found.samples.values()))
-    names, rng = named_together(found), np.random.default_rng([seed, 91])
-    probability = {row["name"]: row["probability"] for row in found.content["effects"]}
-    candidates: Sequence[Sequence[str]] = [names]
-    if VerdictKind(found.kind) is VerdictKind.CLASS:
-        candidates = [[n] for n in found.effects if _drawn(found, study, [n], 0) is not None]
-    chance = np.array([sum(probability[name] for name in one) for one in candidates])
+    rng = np.random.default_rng([seed, 91])
+    acts = {row["name"]: row["acts"] for row in found.content["effects"]}
+    candidates = [
+        names
+        for names in product(*findings_of(found))
+        if _drawn(found, study, names, 0) is not None
+    ]
+    chance = np.array([math.prod(acts[name] for name in names) for names in candidates])
     chosen = rng.choice(len(candidates), draws, p=chance / chance.sum())
     made = [_drawn(found, study, candidates[i], k) for k, i in enumerate(chosen)]
     return [one for one in made if one is not None]
@@ -246,8 +252,9 @@ def write_draws(found: Diagnosis, study: Study, folder: Path, draws: int) -> lis
 
 def _comment(found: Diagnosis) -> str:
     corrected = found.content["corrected"]
-    names, among = list(corrected["effects"]), corrected["among"]
+    names = list(corrected["effects"])
     head = f"# Corrected for {', '.join(names)}, at the posterior mean.\n"
-    if VerdictKind(found.kind) is VerdictKind.CLASS:
-        head += f"# One of {', '.join(among)} acts; the first is taken.\n"
+    for finding in findings_of(found):
+        if len(finding) > 1:
+            head += f"# One of {', '.join(finding)} acts; the first is taken.\n"
     return head
