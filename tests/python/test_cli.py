@@ -62,6 +62,7 @@ def test_all_verbs_are_there() -> None:
         *(
             "campaign simulate",
             "campaign compare",
+            "campaign predict",
             "effects",
             "effects list",
             "effects show",

@@ -111,7 +111,6 @@ def diagnose(
 
     if effort.posterior_draws:
         check_draws(effort.posterior_draws)
-    study = load_study(scene)
     with opt.cluster(effort.client) as client:
         asked: Asked = {
             "tier": question.tier,
@@ -148,7 +147,7 @@ def diagnose(
             said, path = iteration_table(rounds), out
         else:
             found = find(campaign, scene, out=out, **asked)
-            written(found, study, out)
+            written(found, load_study(scene), out)
             said, path = format_diagnosis(found), out / PAGE_FILE
     if not effort.quiet:
         print(said)
