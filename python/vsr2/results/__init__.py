@@ -33,6 +33,8 @@ from vsr2.results.result import (
 from vsr2.results.result_folder import (
     NPY_COLUMNS,
     adopt_trial_log,
+    finished_plan,
+    is_result,
     load_result,
     load_trial_log,
     logged_trials,
@@ -67,7 +69,9 @@ __all__ = [
     "TrialLog",
     "adopt_trial_log",
     "base_provenance",
+    "finished_plan",
     "has_journal",
+    "is_result",
     "load_models",
     "load_result",
     "load_trial_log",

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.config.bounded import near_path
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
@@ -387,11 +388,37 @@ def logged_trials(folder: str | os.PathLike[str]) -> list[int]:
     return _read_provenance(Path(folder))[1]
 
 
+def is_result(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a finished result, of this or of another version."""
+    try:
+        content = json.loads(read_text(Path(folder) / PROVENANCE_FILE))
+    except (OSError, ValueError, RecursionError, ResultError):
+        return False
+    facts = content.get(_RESERVED) if isinstance(content, dict) else None
+    return isinstance(facts, dict) and facts.get("format") == FORMAT
+
+
+def finished_plan(folder: str | os.PathLike[str]) -> str:
+    """Hash of what a finished result depends on, `provenance["plan_sha256"]`; empty: not known.
+
+    A folder with a journal is not finished.
+
+    Raises:
+        ResultError: as :func:`load_result`, where there is a provenance.
+    """
+    path = Path(folder)
+    if has_journal(path) or not (path / PROVENANCE_FILE).exists():
+        return ""
+    return str(_read_provenance(path)[0].get("plan_sha256", ""))
+
+
 def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
     """The provenance, the logged trials, and the number of trials."""
     path = folder / PROVENANCE_FILE
     if not folder.is_dir():
-        raise ResultError(f"{folder}: is no folder; give the folder that `vsr2 run` named")
+        near = near_path(folder)
+        remedy = f"did you mean {near}?" if near else "give the folder that `vsr2 run` named"
+        raise ResultError(f"{folder}: is no folder; {remedy}")
     if not path.exists():
         raise ResultError(
             f"{path}: does not exist; {folder} is not a result folder, or its run did not finish"

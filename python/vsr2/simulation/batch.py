@@ -124,6 +124,7 @@ def run_batch(
     _logger.info("batch ended after %.3g s: %s", time.time() - started, ends)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+        "plan_sha256": plan_sha256(trials),
         **facts,
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
@@ -167,8 +168,8 @@ def _checked(trials: Sequence[Trial]) -> Sequence[Trial]:
     """The same trials, if they can be run."""
     if not hasattr(trials, "__len__"):
         raise SimulationError(
-            f"the batch is a {type(trials).__name__}; give a Study, the path of one, or a list of "
-            "trials"
+            f"the batch is of type {type(trials).__name__}; give a Study, the path of one, or "
+            "a list of trials"
         )
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
