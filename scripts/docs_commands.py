@@ -35,11 +35,15 @@ APART = {
 """Commands that are not run, by how they begin, and why."""
 LONG = r"vsr2 (diagnose|blind|campaign compare)"
 """Commands that take minutes, by how they begin."""
+SEARCH = (
+    " --no-figures --set folds=2 --set replicates=100 --set method.refine=1"
+    " --set method.profile_points=0"
+)
 SHORTER = {
-    r"vsr2 calibrate .*--resume": " --set method.design=6",
-    r"vsr2 calibrate": " --set method.design=4 --set method.refine=1 --set method.profile_points=2",
-    r"vsr2 fragility configs/block_grid.yaml": " --set fragility.azimuths=[0,45]",
-    r"vsr2 fragility configs/fragility.yaml": " --set fragility.replicates=1",
+    r"vsr2 calibrate .*--resume": f"{SEARCH} --set method.design=4",
+    r"vsr2 calibrate": f"{SEARCH} --set method.design=3",
+    r"vsr2 fragility configs/block_grid.yaml": " --no-figures --set fragility.azimuths=[0,45]",
+    r"vsr2 fragility configs/fragility.yaml": " --no-figures --set fragility.replicates=1",
 }
 """Options that make a search short, by how the command begins; the first that fits."""
 

@@ -14,6 +14,7 @@ name. A folder without `provenance.json` belongs to a run that did not finish.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import os
 import re
@@ -66,7 +67,12 @@ FORMAT_VERSION = 2
 _RESERVED = "result_files"
 _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
 _SPATIAL_NAMES = ("excursions", "pivot")
-_NUMBERED = re.compile(r"\d{6,}\.(npz|npy)")
+_FOLDERS = {
+    LOG_FOLDER: re.compile(r"\d{6,}\.npz"),
+    NPY_FOLDER: re.compile(r"\d{6,}\.npy"),
+    MODEL_FOLDER: re.compile(r"(rock|pedestal)\.npz"),
+}
+"""Folders of a result, with the names of the files that VSR2 writes into them."""
 _TEMPORARY = re.compile(r"\..+\.[0-9a-f]{12}\.tmp")
 
 
@@ -89,6 +95,7 @@ def prepare_folder(
     """
     path = Path(folder)
     if resume and has_journal(path):
+        _refuse_links(path)
         return path
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -175,16 +182,25 @@ def _try_to_write(path: Path) -> None:
         probe.unlink(missing_ok=True)
 
 
+def _refuse_links(path: Path) -> None:
+    """Refuse a result's inner folder that is a link, which may lead to files that are not ours."""
+    for folder in _FOLDERS:
+        if (path / folder).is_symlink():
+            raise ResultError(
+                f"{path / folder}: is a link, through which no result is written or removed; "
+                "remove it, or choose another folder"
+            )
+
+
 def _result_files(path: Path) -> list[Path]:
     """Files of a result, the one that declares it whole first."""
     names = (PROVENANCE_FILE, TRIALS_FILE, JOURNAL_FILE)
     files = [path / name for name in names if (path / name).exists()]
-    for folder in (LOG_FOLDER, NPY_FOLDER):
+    _refuse_links(path)
+    for folder, form in _FOLDERS.items():
         if (path / folder).is_dir():
             found = (path / folder).iterdir()
-            files += sorted(file for file in found if _NUMBERED.fullmatch(file.name))
-    if (path / MODEL_FOLDER).is_dir():
-        files += sorted((path / MODEL_FOLDER).glob("*.npz"))
+            files += sorted(file for file in found if form.fullmatch(file.name))
     return files
 
 
@@ -262,6 +278,22 @@ def save_trial_log(
         target = _numbered(path, NPY_FOLDER, index, "npy")
         make_folder(target.parent)
         write_atomic(target, lambda file: np.save(file, rows, allow_pickle=False))
+
+
+def log_mark(folder: str | os.PathLike[str], index: int) -> dict[str, Any] | None:
+    """Length [byte] and SHA-256 of the log of a trial; None: it has none.
+
+    Raises:
+        ResultError: the file cannot be read.
+    """
+    path = _numbered(Path(folder), LOG_FOLDER, index, "npz")
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
+    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def adopt_trial_log(
