@@ -183,4 +183,4 @@ def test_the_summary_counts():
     assert summary["tier"] == "B"
     text = campaign_text(summary)
     assert "3: 1 overturned, 1 not, 1 unknown" in text
-    assert "rock: 1 trials, mass unknown" in text
+    assert "rock: 1 trial, mass unknown" in text

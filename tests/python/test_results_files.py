@@ -36,6 +36,7 @@ from vsr2.results import (
     save_result,
     save_trial_log,
 )
+from vsr2.results.atomic import write_atomic
 from vsr2.results.result import COLUMNS, TRIAL_UNITS
 from vsr2.results.result_folder import FORMAT_VERSION
 from vsr2.scene import Box, Triangles
@@ -92,6 +93,46 @@ def assert_same(a: BatchResult, b: BatchResult) -> None:
 
 def files_below(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.mark.parametrize("inner", ["logs", "npy", "models"])
+def test_overwriting_follows_no_link_out_of_the_folder(inner, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    kept = elsewhere / "000000.npz"
+    kept.write_text("not ours")
+    folder = prepare_folder(tmp_path / "out")
+    (folder / inner).symlink_to(elsewhere)
+    with pytest.raises(ResultError, match="is a link, through which no result"):
+        prepare_folder(folder, overwrite=True)
+    (folder / "journal.jsonl").touch()
+    with pytest.raises(ResultError, match="is a link, through which no result"):
+        prepare_folder(folder, resume=True)
+    assert kept.read_text() == "not ours"
+
+
+def test_overwriting_removes_only_what_vsr2_writes(tmp_path):
+    folder = prepare_folder(tmp_path / "out")
+    ours = ["logs/000000.npz", "npy/000001.npy", "models/rock.npz", "trials.csv"]
+    others = ["logs/000000.npy", "npy/mine.npy", "models/mine.npz", "notes.csv", "logs/1.npz"]
+    for name in [*ours, *others]:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    prepare_folder(folder, overwrite=True)
+    assert not any((folder / name).exists() for name in ours)
+    assert all((folder / name).exists() for name in others)
+
+
+def test_a_private_file_is_its_owners_from_its_creation_on(tmp_path):
+    seen = []
+
+    def write(file):
+        seen.append(os.fstat(file.fileno()).st_mode & 0o777)
+        file.write(b"secret")
+
+    write_atomic(tmp_path / "key", write, private=True)
+    assert seen == [0o600]
+    assert (tmp_path / "key").stat().st_mode & 0o777 == 0o600
 
 
 def test_round_trip_bit_for_bit(tmp_path: Path) -> None:
@@ -356,7 +397,7 @@ def test_damaged_tables_name_trial_and_column(tmp_path: Path) -> None:
     good = path.read_text()
     rows = good.splitlines(keepends=True)
     damages = {
-        rows[0] + rows[1]: "has 1 trials where provenance.json says 2",
+        rows[0] + rows[1]: "has 1 rows where provenance.json says 2",
         good.replace('"stable"', '"flew"'): "trial 0, column outcome: 'flew'",
         good.replace(",1000,", ",many,"): "column steps: 'many'",
         good.replace(",1000,", ",9223372036854775808,"): "column steps",

@@ -18,8 +18,15 @@ from vsr2.calibration import Evaluation, EvaluationStore
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Request, Responses
 from vsr2.errors import ResultError
-from vsr2.results import Journal, prepare_folder, read_journal
+from vsr2.results import FLOAT_COLUMNS, Journal, prepare_folder, read_journal
 from vsr2.results import store as store_module
+
+
+def journal_row(tilt):
+    """What a batch records of a trial."""
+    row = dict.fromkeys(FLOAT_COLUMNS, float("nan"))
+    words = {"status": "ok", "outcome": "rocked", "message": "", "engine": "fast"}
+    return {**row, "peak_tilt": tilt, **words, "hand_over": "none", "steps": 7}
 
 
 class Journalled:
@@ -32,10 +39,10 @@ class Journalled:
         self.open = Journal(folder, owner, 3)
 
     def add(self, i):
-        self.open.record(i, {"x": i / 3})
+        self.open.record(i, journal_row(i / 3))
 
     def held(self):
-        return {i: row["x"] for i, row in self.open.finished.items()}
+        return {i: row["peak_tilt"] for i, row in self.open.finished.items()}
 
 
 class Evaluated:
@@ -212,12 +219,63 @@ def test_a_missing_folder_is_stated(kept) -> None:
 
 def test_a_journal_is_read_beside_its_writer_and_not_overwritten(tmp_path) -> None:
     with Journal(tmp_path, "plan", 3) as journal:
-        journal.record(0, {"x": 1})
-        assert read_journal(tmp_path, "plan", 3) == {0: {"x": 1, "trial": 0}}
+        journal.record(0, journal_row(1.0))
+        (row,) = read_journal(tmp_path, "plan", 3).values()
+        assert (row["peak_tilt"], row["trial"], row["log"]) == (1.0, 0, None)
         with pytest.raises(ResultError, match="another process"):
             prepare_folder(tmp_path, overwrite=True)
     with pytest.raises(ResultError, match="other trials"):
         read_journal(tmp_path, "plan", 4)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("trial", odd) for odd in (True, 3, -1, 1.0, "1", None)),
+        *(("peak_tilt", odd) for odd in (1, True, "0.1", None, [0.1])),
+        ("peak_tilt", 10**400),
+        *(("steps", odd) for odd in (1.5, True, -1, 10**400)),
+        *(("outcome", odd) for odd in ("bogus", "", 1)),
+        *(("status", odd) for odd in ("fine", None)),
+        ("engine", "slow"),
+        ("hand_over", "bogus"),
+        ("message", 1),
+        *(("log", odd) for odd in (7, {}, {"bytes": "1", "sha256": ""})),
+    ],
+)
+def test_a_row_that_no_trial_wrote_is_damage(key, value, tmp_path) -> None:
+    with Journal(tmp_path, "plan", 3) as journal:
+        journal.record(0, journal_row(1.0))
+    path = tmp_path / "journal.jsonl"
+    header, line = path.read_text().splitlines()
+    changed = json.loads(line) | {key: value}
+    path.write_text(f"{header}\n{json.dumps(changed)}\n")
+    with pytest.raises(ResultError, match=r"journal\.jsonl:2: damaged \(.*start again"):
+        Journal(tmp_path, "plan", 3)
+
+
+@pytest.mark.parametrize("key", ["trial", "peak_tilt", "outcome", "log"])
+def test_a_row_without_a_column_is_damage(key, tmp_path) -> None:
+    with Journal(tmp_path, "plan", 3) as journal:
+        journal.record(0, journal_row(1.0))
+    path = tmp_path / "journal.jsonl"
+    header, line = path.read_text().splitlines()
+    left = {name: value for name, value in json.loads(line).items() if name != key}
+    path.write_text(f"{header}\n{json.dumps(left)}\n")
+    with pytest.raises(ResultError, match="damaged"):
+        Journal(tmp_path, "plan", 3)
+
+
+def test_an_evaluation_with_a_number_of_400_digits_is_damage(tmp_path) -> None:
+    one = Evaluated(tmp_path)
+    one.add(0)
+    one.open.close()
+    path = tmp_path / "evaluations.jsonl"
+    header, line = path.read_text().splitlines()
+    changed = json.loads(line) | {"seconds": 10**400}
+    path.write_text(f"{header}\n{json.dumps(changed)}\n")
+    with pytest.raises(ResultError, match=r"evaluations\.jsonl:2: damaged"):
+        Evaluated(tmp_path)
 
 
 WRITER = """

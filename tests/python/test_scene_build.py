@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from vsr2.config import Study, study_from_mapping
 from vsr2.config.study import (
     Base,
     BoxRock,
@@ -25,9 +26,11 @@ from vsr2.scene import (
     Box,
     Hull,
     SceneNote,
+    SceneWarning,
     Triangles,
     build_pedestal,
     build_rock,
+    build_scene,
     height_above,
     load_mesh,
     slenderness,
@@ -35,6 +38,7 @@ from vsr2.scene import (
 )
 from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import hull_surface, rock_points
+from vsr2.simulation import run_batch
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PRISM = build_pedestal(PrismPedestal())
@@ -201,7 +205,52 @@ def test_notes_of_a_doubtful_start() -> None:
     with pytest.raises(GeometryError, match="inside the pedestal"):
         notes(2.8)
     assert notes(3.0, x=5.2) == [(SceneNote.BESIDE_PEDESTAL, [5.2, 0.0])]
-    assert notes(102.5, size=200.0) == [(SceneNote.UNUSUAL_SIZE, [200.0])]
+    assert notes(2.502, size=0.005) == [(SceneNote.UNUSUAL_SIZE, [0.005])]
+
+
+def block(**changes: object) -> Study:
+    rock = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600.0}
+    motion = {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.1}
+    return study_from_mapping({"rock": rock, "motion": motion, **changes}, ".", check_files=False)
+
+
+def test_a_rock_larger_than_its_prism_is_refused() -> None:
+    wide = {"shape": "box", "size": [10.1, 0.5, 1.0], "density": 2600.0}
+    with pytest.raises(GeometryError, match=r"10.1 m x 0.5 m in plan.*enlarge pedestal.size"):
+        build_scene(block(rock=wide))
+    build_scene(block(rock=wide, pedestal={"size": [10.2, 1.0, 0.5]}))
+    # Along the longer side of the top it fits.
+    turned = {**wide, "start": {"mode": "yaw", "yaw": 90.0}}
+    build_scene(block(rock=turned, pedestal={"size": [1.0, 10.2, 0.5]}))
+
+
+def test_a_mesh_in_millimetres_is_a_warning_in_python(tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=(40.0, 50.0, 100.0))
+    box.export(tmp_path / "block.obj")
+    rock = {"shape": "mesh", "file": str(tmp_path / "block.obj"), "mass": 500.0}
+    with pytest.warns(SceneWarning, match=r"100 m long; if its unit is not the metre, set `scale`"):
+        build_scene(block(rock=rock, pedestal={"size": [60.0, 60.0, 0.5]}))
+
+
+@pytest.mark.parametrize("mode", ["fast", "exact"])
+def test_a_rock_that_sinks_into_a_soft_pedestal_is_a_warning(mode: str) -> None:
+    soft = {"stiffness": 2.0e4, "damping": 2.0e3}
+    study = block(
+        engine={"mode": mode},
+        contact={"rock": soft, "pedestal": soft},
+        motion={"mode": "single_cosine", "pga": 0.01, "pgv_pga": 0.1},
+        output={"log_every": 1, "log_settling": True},
+    )
+    with pytest.warns(SceneWarning, match="at least 0.128 m into the pedestal") as caught:
+        result = run_batch(study)
+    assert "raise contact.rock.stiffness" in str(caught[0].message)
+    height = result.logs[0].position[:, 2]
+    # m g / (4 k) with the pair's k of 1e4 N/m, from where the margins touch.
+    assert height[0] - height[-1] - 0.002 == pytest.approx(520.0 * 9.81 / 4e4, rel=0.02)
+
+
+def test_stiff_contacts_do_not_warn() -> None:
+    assert build_scene(block()).rock.notes == ()
 
 
 def test_the_scan_stands_with_a_margin() -> None:

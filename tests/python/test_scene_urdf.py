@@ -10,7 +10,7 @@ import trimesh
 
 from vsr2.codes import Statement
 from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull, SceneNote, load_urdf
+from vsr2.scene import Box, Hull, LoadedMesh, SceneNote, load_mesh, load_urdf
 from vsr2.scene.rotation import matrix_from_rpy
 
 INERTIAL = """<inertial><origin xyz="0.1 0.2 0.3" rpy="0 0 0"/><mass value="12"/>
@@ -73,6 +73,43 @@ def test_mesh_rule_is_the_homogeneous_solid_with_the_files_mass(tmp_path: Path) 
     assert isinstance(part, Hull)
     np.testing.assert_allclose(part.points.min(axis=0), [0.0, -0.5, -1.5], atol=1e-6)
     np.testing.assert_allclose(part.points.max(axis=0), [2.0, 0.5, 1.5], atol=1e-6)
+
+
+def test_a_mesh_that_is_named_often_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trimesh.creation.box(extents=(0.5, 1.0, 1.5)).export(tmp_path / "box.obj")
+    one = '<collision><origin xyz="{} 0 0"/><geometry><mesh filename="box.obj"/></geometry>'
+    body = "".join(f"{one.format(i)}</collision>" for i in range(200))
+    read: list[object] = []
+
+    def load(path: Path, **options: object) -> LoadedMesh:
+        read.append(path)
+        return load_mesh(path, **options)
+
+    monkeypatch.setattr("vsr2.scene.urdf.load_mesh", load)
+    model = load_urdf(urdf(tmp_path, INERTIAL + body))
+    assert read == [tmp_path / "box.obj"]
+    assert len(model.parts) == 200
+    assert model.parts[199].points[:, 0].min() == pytest.approx(198.75)
+
+
+@pytest.mark.parametrize("way", ["absolute", "above", "link", "uri"])
+def test_a_mesh_outside_the_urdfs_folder_is_refused(way: str, tmp_path: Path) -> None:
+    folder = tmp_path / "rock"
+    folder.mkdir()
+    outside = tmp_path / "box.obj"
+    trimesh.creation.box(extents=(0.5, 1.0, 1.5)).export(outside)
+    (folder / "link.obj").symlink_to(outside)
+    name = {
+        "absolute": str(outside),
+        "above": "../box.obj",
+        "link": "link.obj",
+        "uri": f"file://{outside}",
+    }[way]
+    body = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
+    with pytest.raises(GeometryError, match="leads out of the URDF's folder; copy the mesh"):
+        load_urdf(urdf(folder, INERTIAL + body))
 
 
 def test_box_rule_and_aabb_rule(tmp_path: Path) -> None:

@@ -70,6 +70,28 @@ def test_a_batch_resumed_at_any_point_equals_an_uninterrupted_one(tmp_path: Path
                 assert a.state.tobytes() == b.state.tobytes()
 
 
+@pytest.mark.parametrize("harm", ["deleted", "cut", "changed"])
+def test_a_finished_trial_whose_log_was_lost_is_run_again(harm: str, tmp_path: Path) -> None:
+    folder = prepare_folder(tmp_path / "out")
+    reference = run_batch(trials(), checkpoint=folder)
+    path = folder / "logs" / "000004.npz"
+    whole = path.read_bytes()
+    if harm == "deleted":
+        path.unlink()
+    else:
+        path.write_bytes(whole[:-1] if harm == "cut" else whole[:-1] + bytes([whole[-1] ^ 1]))
+    ran: list[int] = []
+    resumed = run_batch(trials(), checkpoint=folder, on_trial=lambda i, log: ran.append(i))
+    assert ran == [4]
+    assert_same(reference, resumed)
+    np.testing.assert_array_equal(
+        load_trial_log(folder, 4).state, run_batch(trials()[4:5]).logs[0].state
+    )
+    # What was made again is taken the next time.
+    run_batch(trials(), checkpoint=folder, on_trial=lambda i, log: ran.append(i))
+    assert ran == [4]
+
+
 def test_outputs_are_filled_for_resumed_trials_too(tmp_path: Path) -> None:
     folder = prepare_folder(tmp_path / "run")
     batch = trials()[:3]
@@ -111,7 +133,7 @@ def test_a_journal_with_other_columns_are_refused_in_one_line(tmp_path: Path) ->
     line = refused.stderr.strip()
     assert "\n" not in line
     assert re.search(
-        r"journal\.jsonl: is a vsr2 journal of version '3 with columns \w+', this", line
+        r"journal\.jsonl: is a vsr2 journal of version '4 with columns \w+', this", line
     )
 
 

@@ -25,8 +25,10 @@ from vsr2.campaign.campaign import Campaign, CampaignTrial, Series
 from vsr2.campaign.description import FILE, Description, read_description
 from vsr2.campaign.file_problems import CampaignProblem, Problems
 from vsr2.campaign.trials_table import MOTIONS, TRIALS, read_trials
+from vsr2.config.bounded import near_path
 from vsr2.errors import CampaignError, GeometryError
 from vsr2.motion import Record
+from vsr2.results import is_result
 from vsr2.scene.mesh import load_mesh
 
 _logger = logging.getLogger(__name__)
@@ -75,7 +77,16 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
     except (OSError, ValueError):
         present = False
     if not present:
-        problems.add("", "no such folder; check the path")
+        near = near_path(folder)
+        remedy = f"did you mean {near}?" if near else "check the path"
+        problems.add("", f"no such folder; {remedy}")
+        return None
+    if not (folder / FILE).exists() and is_result(folder):
+        problems.add(
+            "",
+            "is a result of `vsr2 run` or `vsr2 fragility`, not a campaign; give a campaign's "
+            "folder, or make one of the study by `vsr2 campaign simulate STUDY DEST`",
+        )
         return None
     # The table is read even where the description is broken, so that one check tells all.
     description = read_description(folder, problems)

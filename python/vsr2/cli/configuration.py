@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from vsr2.cli.options import Study, print_json
+from vsr2.cli.options import Study, print_json, with_folder
 
 verbs = App(name="config", help="Check, explain and import configuration files.")
 
@@ -42,13 +42,14 @@ def import_ros2(
     from vsr2.config import dump_study
     from vsr2.config import import_ros2 as read
     from vsr2.report.messages.ros2_import import import_text
+    from vsr2.results.atomic import write_text
 
     imported = read(files)
     text = dump_study(imported.study)
     if out is None:
         print(text, end="")
     else:
-        out.write_text(text, encoding="utf-8")
+        write_text(with_folder(out), text)
         print(f"wrote {out}")
     print(import_text(imported), file=sys.stderr)
     return 0

@@ -15,13 +15,21 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     lognormal.csv are for hazard codes) and provenance.json. Finished trials are on disk at once:
     after an interruption --resume runs only the others. docs/how-to/fragility.md explains.
     """
-    from vsr2.fragility import load_fragility, remove_old_tables, run_fragility, save_fragility
+    from vsr2.fragility import (
+        is_fragility_finished,
+        load_fragility,
+        remove_old_tables,
+        run_fragility,
+        save_fragility,
+    )
     from vsr2.report.fragility import write_fragility_report
     from vsr2.report.messages.runs import lognormal_text
-    from vsr2.results import BatchResult, Status, has_journal, prepare_folder, remove_journal
+    from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
 
     loaded = load_fragility(study, overrides=options.set)
     folder = options.folder(loaded.study.name)
+    if options.resume and not options.overwrite and is_fragility_finished(loaded, folder):
+        return opt.nothing_to_do(folder, quiet=options.quiet)
     prepare_folder(folder, overwrite=options.overwrite, resume=options.resume)
     if not has_journal(folder):
         remove_old_tables(folder)
@@ -36,4 +44,4 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     if not options.quiet:
         print(lognormal_text(result))
         opt.print_written(written)
-    return 0 if set(result.batch["status"]) <= {Status.ok.name} else 1
+    return opt.exit_code(result.batch)

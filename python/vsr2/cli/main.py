@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import re
+import signal
 import sys
+import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from types import FrameType
 from typing import Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
@@ -21,7 +26,7 @@ from vsr2.cli import (
     view,
 )
 from vsr2.cli.options import DEFAULTS
-from vsr2.errors import Vsr2Error
+from vsr2.errors import ConfigError, Vsr2Error
 
 Shell = Literal["bash", "zsh", "fish"]
 HELP = """\
@@ -33,7 +38,7 @@ Exit code 1: done, but some trials have no trustworthy outcome (see their status
 
 Exit code 2: the input cannot be used; nothing was run.
 
-Exit code 130: interrupted; finished trials are kept.
+Exit code 130: interrupted; finished trials are kept. 143: the same, by SIGTERM.
 """
 
 app = App(
@@ -116,6 +121,8 @@ def _launch(
         tokens: verb and options
         verbose: log to standard error what is done; -vv: in detail
     """
+    if any(token == "" or re.fullmatch(r"--[\w-]+=", token) for token in tokens):
+        raise ConfigError("an argument is empty, as of a shell variable that is not set; give it")
     verb, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
     with _one_line_warnings(), _log_to_stderr(verbose):
         code = verb(*bound.args, **bound.kwargs)
@@ -132,8 +139,9 @@ def _one_line_warnings() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **how: Any) -> None:
             from vsr2.effects import EffectWarning
+            from vsr2.scene import SceneWarning
 
-            if not issubclass(category, EffectWarning):
+            if not issubclass(category, (EffectWarning, SceneWarning)):
                 usual(message, category, *where, **how)
             elif str(message) not in shown:
                 shown.add(str(message))
@@ -164,8 +172,37 @@ def _log_to_stderr(verbose: int) -> Iterator[None]:
         logger.setLevel(level)
 
 
+class _Termination:
+    """Turns SIGTERM into Ctrl-C, which keeps what is finished, and says so."""
+
+    def __init__(self) -> None:
+        self.raised = False
+        self._previous: Any = None
+
+    def __enter__(self) -> _Termination:
+        if threading.current_thread() is threading.main_thread():
+            self._previous = signal.signal(signal.SIGTERM, self._note)
+        return self
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.raised = True
+        # Not by print: the signal may have come amid another one.
+        os.write(2, b"vsr2: ended by SIGTERM\n")
+        signal.raise_signal(signal.SIGINT)
+
+    def __exit__(self, *exception: object) -> None:
+        if self._previous is not None:
+            signal.signal(signal.SIGTERM, self._previous)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
+    with _Termination() as termination:
+        code = _main(arguments)
+    return 128 + signal.SIGTERM if termination.raised and code == 130 else code
+
+
+def _main(arguments: Sequence[str] | None) -> int:
     try:
         launch, bound, _ = app.meta.parse_args(arguments, print_error=False, exit_on_error=False)
         return int(launch(*bound.args, **bound.kwargs) or 0)

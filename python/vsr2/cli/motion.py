@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from vsr2.cli.options import Integer, Json, print_json
+from vsr2.cli.options import Integer, Json, print_json, with_folder
 from vsr2.config.motion_source import RecordUnits
 from vsr2.motion import Channel, Record, RecordFormat
 
@@ -75,7 +75,8 @@ def _filter(values: tuple[str, str, str]) -> Any:
 
     try:
         low, high, order = values
-        return Filter(low=float(low), high=float(high), order=int(order))
+        given = {"low": float(low), "high": float(high), "order": int(order)}
+        return Filter.model_validate(given)
     except (ValueError, ValidationError) as error:
         reason = str(error)
         if isinstance(error, ValidationError):
@@ -155,7 +156,7 @@ def convert(
         raise MotionError(f"--scale-to-pga {scale_to_pga:g}: give a PGA above 0, in g")
     record = reading.read(source)
     if processing == UNPROCESSED and (scale, scale_to_pga, time_step) == (None, None, None):
-        write_record(record, target, note=f"from {source.name}, channels as read")
+        write_record(record, with_folder(target), note=f"from {source.name}, channels as read")
         print(target)
         return 0
     motion = build_recorded_motion(
@@ -166,7 +167,7 @@ def convert(
     )
     if scale_to_pga is not None:
         motion = motion.scaled_to_pga(scale_to_pga * STANDARD_GRAVITY, name=motion.name)
-    write_record(motion, target, note=motion.source)
+    write_record(motion, with_folder(target), note=motion.source)
     print(motion_peaks(motion, target))
     return 0
 
@@ -198,7 +199,7 @@ def generate(
     from vsr2.report.messages.data import motion_measures
 
     motion = synthetic_motion(pga, pgv_pga, duration, seed, time_step)
-    write_record(motion, target, note=motion.source)
+    write_record(motion, with_folder(target), note=motion.source)
     print(motion_measures(intensity_measures(motion), target))
     return 0
 
@@ -258,7 +259,7 @@ def fuse(
         acceleration=fused.acceleration,
     )
     note = f"displacement and acceleration of {source.name} fused, sha256 {record.sha256}"
-    write_record(motion, target, note=note)
+    write_record(motion, with_folder(target), note=note)
     if json:
         print_json({**summary, "bands": bands})
         return 0

@@ -80,7 +80,8 @@ class StudyRun:
 
     Attributes:
         out: output folder (default: out/NAME of the study)
-        resume: go on with what is there: an unfinished run of the same study
+        resume: go on with what is there, an unfinished run of the same study; nothing to do where
+            it is finished
         no_figures: write no figures, no page
     """
 
@@ -119,6 +120,24 @@ def cluster(address: str | None, threads: int | None = None) -> Iterator[distrib
         yield client
 
 
+def exit_code(result: BatchResult) -> int:
+    """0, or 1 where some trials have no trustworthy outcome."""
+    from vsr2.results import Status
+
+    return 0 if set(result["status"]) <= {Status.ok.name} else 1
+
+
+def nothing_to_do(folder: Path, *, quiet: bool) -> int:
+    """Say that a folder holds the finished result that is asked for; returns its exit code."""
+    from vsr2.report.messages.commands import finished_before
+    from vsr2.results import load_result
+
+    result = load_result(folder, logs=False)
+    if not quiet:
+        print(finished_before(folder, len(result)))
+    return exit_code(result)
+
+
 def interrupted(result: BatchResult, folder: Path) -> int:
     """Say what of an interrupted batch is kept; returns the exit code."""
     import sys
@@ -127,6 +146,23 @@ def interrupted(result: BatchResult, folder: Path) -> int:
 
     print(f"vsr2: {interrupted_batch(result, folder)}", file=sys.stderr)
     return 130
+
+
+def with_folder(path: Path) -> Path:
+    """A file that is to be written, its folder made where it is not there.
+
+    Raises:
+        ResultError: the folder cannot be made.
+    """
+    from vsr2.errors import ResultError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultError(
+            f"{path}: its folder cannot be made ({error.strerror}); choose another path"
+        ) from error
+    return path
 
 
 def print_json(value: object) -> None:

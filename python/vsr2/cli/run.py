@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     import distributed
 
     from vsr2.config import Study
-    from vsr2.results import BatchResult
     from vsr2.trial import Trial
 
 WHERE = Group("Where trials run (one of)", validator=mutually_exclusive)
@@ -68,15 +67,19 @@ def _run_all(
     from vsr2.report import summary_table, write_figures
     from vsr2.report.messages.commands import study_begins
     from vsr2.results import (
+        finished_plan,
         load_result,
         prepare_folder,
         remove_journal,
         save_models,
         save_result,
     )
-    from vsr2.simulation import merge_shards, native_scene, run_batch
+    from vsr2.simulation import merge_shards, native_scene, plan_sha256, run_batch
 
     folder = options.folder(study.name)
+    again = (options.resume or merge) and not options.overwrite
+    if again and finished_plan(folder) == plan_sha256(trials):
+        return opt.nothing_to_do(folder, quiet=options.quiet)
     scene = trials[0].scene
     facts: dict[str, Any] = {"study": study.model_dump(mode="json")}
     if merge:
@@ -110,7 +113,7 @@ def _run_all(
     if not options.quiet:
         print(summary_table(result))
         opt.print_written(written)
-    return _exit_code(result)
+    return opt.exit_code(result)
 
 
 def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder: Path) -> int:
@@ -131,10 +134,4 @@ def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder
         return opt.interrupted(result, shard.folder(folder))
     if not options.quiet:
         print(shard_done(shard, result, shard.folder(folder)))
-    return _exit_code(result)
-
-
-def _exit_code(result: BatchResult) -> int:
-    from vsr2.results import Status
-
-    return 0 if set(result["status"]) <= {Status.ok.name} else 1
+    return opt.exit_code(result)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vsr2.cli.options import Integer
+from vsr2.cli.options import Integer, with_folder
 
 
 def view(
@@ -32,7 +32,7 @@ def view(
     from vsr2.view import ReplayServer, write_page
 
     if html is not None:
-        print(f"wrote {write_page(result, html, trial=trial)}")
+        print(f"wrote {write_page(result, with_folder(html), trial=trial)}")
         return 0
     with ReplayServer(result, trial=trial, host=host, port=port) as server:
         print(f"replay at {server.url} (Ctrl-C ends it)", flush=True)

@@ -4,12 +4,52 @@ from __future__ import annotations
 
 import os
 import stat
+from difflib import get_close_matches
+from itertools import islice
+from pathlib import Path
 
-from vsr2.errors import Vsr2Error
+from vsr2.errors import ConfigError, Vsr2Error
 
 
 class UnreadableError(Vsr2Error):
     """A file whose bytes cannot be had; says why, and the remedy, without naming the file."""
+
+
+def from_here(path: str | os.PathLike[str]) -> Path:
+    """A path made absolute against the working folder, which an absolute one does not need.
+
+    Not normalised: `..` after a symbolic link means the folder above the link's target.
+
+    Raises:
+        ConfigError: the path is relative, and the working folder is gone.
+    """
+    found = Path(path)
+    if found.is_absolute():
+        return found
+    try:
+        return Path.cwd() / found
+    except OSError:
+        raise ConfigError(
+            "the working folder is gone, so that nothing is relative to it; change to a folder "
+            "that exists",
+            file=found,
+        ) from None
+
+
+MAX_NEIGHBOURS = 10_000
+"""Most entries of a folder among which a near name is sought."""
+
+
+def near_path(path: str | os.PathLike[str]) -> str:
+    """The path of the entry beside `path` that a mistyped name most likely means; empty: none."""
+    folder, name = os.path.split(os.fspath(path))
+    try:
+        with os.scandir(folder or ".") as entries:
+            names = [entry.name for entry in islice(entries, MAX_NEIGHBOURS)]
+    except (OSError, ValueError):
+        return ""
+    near = get_close_matches(name[:255], names, n=1, cutoff=0.8)
+    return os.path.join(folder, near[0]) if near and near[0].isprintable() else ""
 
 
 def read_bounded(path: str | os.PathLike[str], limit: int, *, remedy: str) -> bytes:
@@ -33,8 +73,11 @@ def read_bounded(path: str | os.PathLike[str], limit: int, *, remedy: str) -> by
             with open(path, "rb") as stream:
                 content = stream.read(limit + 1)
     except FileNotFoundError:
+        near = near_path(path)
         raise UnreadableError(
-            "no such file; check the path, which is relative to the file that names it"
+            f"no such file; did you mean {near}?"
+            if near
+            else "no such file; check the path, which is relative to the file that names it"
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 
 from pydantic import ValidationError
 
+from vsr2.config.bounded import from_here
 from vsr2.config.load import apply_override, build_study, locator
 from vsr2.config.problems import Problem, config_error, problems_of, shown, unknown_key
 from vsr2.config.section import Section
@@ -144,7 +145,7 @@ def load_extended(
         sections = own.model_validate(mine)
     except ValidationError as error:
         raise config_error(problems_of(error, own), label, place) from None
-    base = Path.cwd().joinpath(label).parent
+    base = from_here(label).parent
     if complete is not None:
         complete(mapping, sections, base)
     study = build_study(mapping, base, label=label, place=place, check_files=True)

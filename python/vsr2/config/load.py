@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from vsr2.config.bounded import from_here, near_path
 from vsr2.config.problems import Problem, config_error, problems_of
 from vsr2.config.section import Section
 from vsr2.config.study import Study
@@ -44,7 +45,7 @@ def load_study(
         apply_override(document.data, override)
     _logger.debug("%s: read; %d settings replaced", label, len(overrides))
     place = locator(label, document.lines)
-    base = Path.cwd().joinpath(label).parent
+    base = from_here(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)
 
 
@@ -89,7 +90,7 @@ def apply_override(data: dict[str, Any], override: str) -> None:
         )
     value = parse_yaml(f"value: {text}".encode(), f"override {override!r}").data["value"]
     if keys[-1] in ("file", "folder") and isinstance(value, str):
-        value = str(Path.cwd() / value)
+        value = str(from_here(value))
     section = data
     for key in keys[:-1]:
         section = section.setdefault(key, {})
@@ -118,7 +119,7 @@ def study_from_mapping(
     """
     if not isinstance(mapping, Mapping):
         raise ConfigError(f"{label}: must be a mapping (is a {type(mapping).__name__})")
-    return build_study(mapping, Path.cwd().joinpath(base), label=label, check_files=check_files)
+    return build_study(mapping, from_here(base), label=label, check_files=check_files)
 
 
 def build_study(
@@ -172,7 +173,7 @@ def dump_study(study: Study, *, relative_to: str | os.PathLike[str] | None = Non
         The text of the YAML file.
     """
     if relative_to is not None:
-        folder = Path.cwd().joinpath(relative_to)
+        folder = from_here(relative_to)
         study = _map_paths(
             study, lambda path: path.relative_to(folder) if path.is_relative_to(folder) else path
         )
@@ -216,12 +217,17 @@ def _map_paths(section: S, change: Callable[[Path], Path]) -> S:
     return section.model_copy(update=update) if update else section
 
 
+def _missing(kind: str, path: Path) -> str:
+    near = near_path(path)
+    return f"no such {kind} ({path}); {f'did you mean {near}?' if near else 'correct the path'}"
+
+
 def _missing_files(section: Section, above: KeyPath = ()) -> Iterator[Problem]:
     for key, path in _path_fields(section):
         if key == "folder":
             if not os.path.isdir(path):
-                yield Problem((*above, key), f"no such folder ({path}); correct the path")
+                yield Problem((*above, key), _missing("folder", path))
         elif not os.path.isfile(path):
-            yield Problem((*above, key), f"no such file ({path}); correct the path")
+            yield Problem((*above, key), _missing("file", path))
     for key, inner in _subsections(section):
         yield from _missing_files(inner, (*above, key))

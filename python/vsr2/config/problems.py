@@ -79,6 +79,12 @@ def config_error(
     return ConfigError("\n  ".join([f"{label}: {len(lines)} problems", *lines]))
 
 
+def construction_error(error: ValidationError, root: type[Section]) -> ConfigError:
+    """The error of a section that was built from Python values: the class stands for the file."""
+    name = root.__name__
+    return config_error(problems_of(error, root), name, lambda _: name)
+
+
 def problems_of(error: ValidationError, root: type[Section] = Study) -> list[Problem]:
     """Translate pydantic's report on a :class:`Study`, or on another `root` section."""
     return [
@@ -150,9 +156,21 @@ def _walk(
     return tuple(path), owner, field
 
 
+_OF_ANOTHER_VERB = {
+    "fragility": "vsr2 fragility",
+    "parameters": "vsr2 calibrate",
+    "method": "vsr2 calibrate",
+    "campaign": "vsr2 calibrate",
+}
+"""Keys of a file that is no plain study, with the verb that takes it."""
+
+
 def _unknown_key(
     key: str, parent: KeyPath, section: type[Section] | None, root: type[Section]
 ) -> str:
+    if root is Study and not parent and key in _OF_ANOTHER_VERB:
+        verb = _OF_ANOTHER_VERB[key]
+        return f"is a key of `{verb}`; run the file by `{verb}`, or remove the key"
     if section is None:
         return "is no key here; remove it"
     if not nearest(key, section.model_fields):

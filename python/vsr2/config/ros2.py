@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vsr2.codes import Code, Statement
+from vsr2.config.bounded import from_here
 from vsr2.config.load import build_study
 from vsr2.config.problems import shown
 from vsr2.config.ros2_notes import (
@@ -147,16 +148,17 @@ class _Importer:
             self._box_rock()
         self._contact()
         self._data["motion"] = {"drive": "motor", **self._motion()}
-        step = self._data.get("engine", {}).get("time_step", 0.001)
         self._notes += ignored_notes(self._parameters, self._rock, self._missing)
-        self._notes += difference_notes(self._parameters, step, self._data["motion"]["mode"])
+        # The notes reckon with values that the study has accepted.
         study = build_study(
             self._data,
-            Path.cwd().joinpath(self._files[0]).parent,
+            from_here(self._files[0]).parent,
             label=self._label,
             place=lambda path: nearest_above(self._standing, path) or self._label,
             check_files=False,
         )
+        step, mode = study.engine.time_step, study.motion.mode
+        self._notes += difference_notes(self._parameters, step, mode)
         notes = sorted(self._notes, key=lambda note: KINDS.index(type(note.code)))
         return Ros2Import(study, tuple(notes), self._files)
 
@@ -323,7 +325,7 @@ class _Importer:
         given = self._parameters.given[name]
         text = self._parameters.text(name)
         tail = text.rpartition(_PACKAGE)[2].replace("{{ROS2_WS}}/", "")
-        folder = Path.cwd().joinpath(given.file).parent
+        folder = from_here(given.file).parent
         for candidate in (folder / text, folder / tail, folder.parent / tail):
             if os.path.exists(candidate):
                 return candidate

@@ -9,9 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, Strict
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+)
 from pydantic_core import PydanticCustomError
 
 Real = Annotated[float, Strict()]
@@ -69,3 +77,18 @@ class Section(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
     )
+
+    if not TYPE_CHECKING:  # For which the fields are the arguments.
+
+        def __init__(self, **values: Any) -> None:
+            """Refuses what a file would be refused for, by :class:`vsr2.errors.ConfigError`."""
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                # Which knows the study, a section.
+                from vsr2.config.problems import construction_error
+
+                raise construction_error(error, type(self)) from None
+
+        # So that validation of a mapping builds sections without this, and tells all problems.
+        __init__.__pydantic_base_init__ = True

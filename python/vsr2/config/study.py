@@ -223,7 +223,7 @@ class UrdfRock(Section):
 
     shape: Literal["urdf"]
     file: FilePath
-    """The URDF; meshes it names are found relative to it."""
+    """The URDF; the meshes that it names lie in its folder or below it."""
     scale: Scale = 1.0
     """Factor on the lengths in the file."""
     inertia: InertiaRule = "file"

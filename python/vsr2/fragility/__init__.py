@@ -2,7 +2,7 @@
 
 from vsr2.fragility.fit import FitNote, FragilityFit, Lognormal, fit_fragility
 from vsr2.fragility.fragility_tables import remove_old_tables, save_fragility
-from vsr2.fragility.run import FragilityResult, run_fragility
+from vsr2.fragility.run import FragilityResult, is_fragility_finished, run_fragility
 from vsr2.fragility.settings import FragilitySettings, FragilityStudy, Jitter, load_fragility
 from vsr2.fragility.trials import PlannedTrial, fragility_trials
 
@@ -17,6 +17,7 @@ __all__ = [
     "PlannedTrial",
     "fit_fragility",
     "fragility_trials",
+    "is_fragility_finished",
     "load_fragility",
     "remove_old_tables",
     "run_fragility",

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit, Lognormal
 from vsr2.fragility.run import FragilityResult
+from vsr2.fragility.settings import Measure
 from vsr2.results import has_journal, remove_journal, save_result
 from vsr2.results.atomic import csv_text, write_text
 
@@ -35,8 +36,8 @@ def remove_old_tables(folder: str | Path) -> None:
     """
     path = Path(folder)
     try:
-        for file in [*(path / name for name in OWN_FILES), *path.glob("curve_*.csv")]:
-            file.unlink(missing_ok=True)
+        for name in (*OWN_FILES, *(f"curve_{measure}.csv" for measure in get_args(Measure))):
+            (path / name).unlink(missing_ok=True)
     except OSError as error:
         raise ResultError(f"{path}: cannot be used ({error.strerror})") from error
 

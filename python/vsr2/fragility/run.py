@@ -16,8 +16,8 @@ from vsr2.fragility.fit import FragilityFit, fit_fragility
 from vsr2.fragility.settings import FIT, FragilitySettings, FragilityStudy
 from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
 from vsr2.motion import Motion, intensity_measures
-from vsr2.results import BatchResult
-from vsr2.simulation import run_batch
+from vsr2.results import BatchResult, finished_plan, load_result
+from vsr2.simulation import plan_sha256, run_batch
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
@@ -101,6 +101,20 @@ def run_fragility(
     if batch.provenance["interrupted"]:
         return batch
     return _fitted(study, batch, planned, [trial.motion for trial in asked])
+
+
+def is_fragility_finished(study: FragilityStudy, folder: str | Path) -> bool:
+    """Whether a folder holds the finished result of a study, with these settings.
+
+    Raises:
+        ConfigError, GeometryError, MotionError, SimulationError: the study cannot be run.
+        ResultError: the folder holds a result that cannot be read.
+    """
+    plan = finished_plan(folder)
+    if not plan or plan != plan_sha256(_with_effects(study, *fragility_trials(study))):
+        return False
+    settings = load_result(folder, logs=False).provenance.get("fragility")
+    return bool(settings == study.own.fragility.model_dump(mode="json"))
 
 
 def _with_effects(

@@ -38,6 +38,7 @@ class SideMotion(ReadOnlyArrays):
     velocity: Array
 
 
+KINDS = ("cosine", "recording")
 SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
 
@@ -69,7 +70,8 @@ class Motion(ReadOnlyArrays):
 
     Raises:
         MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
-            infinity, or no start at zero.
+            infinity, no start at zero, channels that contradict each other, or a name, kind or time
+            step of another type.
     """
 
     name: str
@@ -87,8 +89,18 @@ class Motion(ReadOnlyArrays):
     recorded: Recorded | None = None
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.time_step) and self.time_step > 0):
-            raise MotionError(f"motion {self.name!r}: time step {self.time_step} s is not positive")
+        if not isinstance(self.name, str):
+            raise MotionError(f"motion: name must be text (is of type {type(self.name).__name__})")
+        if self.kind not in KINDS:
+            raise MotionError(
+                f"motion {self.name!r}: kind must be {' or '.join(KINDS)} (is {self.kind!r})"
+            )
+        number = isinstance(self.time_step, (int, float)) and not isinstance(self.time_step, bool)
+        if not (number and math.isfinite(self.time_step) and self.time_step > 0):
+            raise MotionError(
+                f"motion {self.name!r}: time_step must be a positive number [s] (is "
+                f"{self.time_step!r})"
+            )
         for field in CHANNELS:
             object.__setattr__(self, field, self._checked(field, getattr(self, field)))
         if not (self.displacement.size == self.velocity.size == self.acceleration.size):
@@ -97,6 +109,7 @@ class Motion(ReadOnlyArrays):
                 f"{self.displacement.size}, {self.velocity.size} and {self.acceleration.size} "
                 "samples; they must have the same number"
             )
+        self._check_channels_agree()
         self._check_start_and_sides()
 
     if not TYPE_CHECKING:  # For which channels are fields and nothing else.
@@ -129,6 +142,28 @@ class Motion(ReadOnlyArrays):
         for k, factor in enumerate(factors):
             samples = np.multiply(samples, factor, out=samples if k else None)
         return samples
+
+    def _check_channels_agree(self) -> None:
+        """Refuse displacement and velocity of which one is nil, or of another sign or unit.
+
+        The velocity's integral and the displacement are refused where the square of their distance
+        is no less than the product of their lengths: where one is 2.6 times the other, and where
+        they are of equal length, at an angle of 60 degrees. Noise, and the way of differentiating,
+        are far from that.
+        """
+        rates = self.velocity
+        with np.errstate(over="ignore", invalid="ignore"):
+            change = self.displacement[1:] - self.displacement[0]
+            integral = np.cumsum(0.5 * (rates[1:] + rates[:-1]) * self.time_step)
+            lengths = float(np.linalg.norm(change)), float(np.linalg.norm(integral))
+            apart = float(np.linalg.norm(change - integral))
+        if max(lengths) > 0 and apart**2 >= lengths[0] * lengths[1]:
+            root = math.sqrt(self.size)
+            raise MotionError(
+                f"motion {self.name!r}: displacement and velocity contradict each other: rms "
+                f"{lengths[0] / root:.3g} m against {lengths[1] / root:.3g} m of the velocity's "
+                "integral; check units and signs, or differentiate the displacement"
+            )
 
     def _check_start_and_sides(self) -> None:
         first = self._samples("displacement", slice(1))[0]

@@ -16,7 +16,7 @@ from vsr2.errors import ResultError
 _REMEDY = "free space or choose another folder"
 
 
-def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
+def write_atomic(path: Path, write: Callable[[BinaryIO], object], *, private: bool = False) -> None:
     """Write a file under a temporary name in the same folder, then rename it.
 
     Whatever stops the writing, `path` holds its old content or all of the new one.
@@ -24,6 +24,7 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Args:
         path: the final name; its folder exists.
         write: writes the content to the open file.
+        private: the file can be read by its owner alone, from its creation on.
 
     Raises:
         ResultError: naming `path` and why: no space, no permission, folder gone.
@@ -31,8 +32,10 @@ def write_atomic(path: Path, write: Callable[[BinaryIO], object]) -> None:
     temporary = _temporary(path)
     try:
         try:
-            # "x", so that two writers cannot share a temporary file.
-            with open(temporary, "xb") as file:
+            # O_EXCL, so that two writers cannot share a temporary file.
+            mode = 0o600 if private else 0o666
+            descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+            with open(descriptor, "wb") as file:
                 write(file)
                 file.flush()
                 os.fsync(file.fileno())

@@ -72,7 +72,7 @@ def read_table(path: Path, count: int) -> dict[str, NDArray[Any]]:
         )
     if len(rows) != count:
         raise ResultError(
-            f"{path}: has {len(rows)} trials where provenance.json says {count}; {remedy}"
+            f"{path}: has {len(rows)} rows where provenance.json says {count}; {remedy}"
         )
     for i, row in enumerate(rows):
         if len(row) != len(header):

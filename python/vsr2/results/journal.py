@@ -1,6 +1,7 @@
 """The journal of a running batch: one record a finished trial, so that nothing finished is lost.
 
-A trial is recorded after its log is on disk. Floats read back to the last bit.
+A trial is recorded after its log is on disk, with length and hash of the log. Floats read back to
+the last bit.
 """
 
 from __future__ import annotations
@@ -12,15 +13,31 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from vsr2._native import HandOver
 from vsr2.errors import ResultError
-from vsr2.results.result import COLUMNS
+from vsr2.results.result import (
+    COLUMNS,
+    ENGINES,
+    FLOAT_COLUMNS,
+    INTEGER_COLUMNS,
+    OUTCOMES,
+    RESULT_COLUMNS,
+    STATUSES,
+)
 from vsr2.results.store import Store, StoreKind, Take, read_store
 
 JOURNAL_FILE = "journal.jsonl"
+_WORDS = {
+    "status": STATUSES,
+    "outcome": OUTCOMES,
+    "engine": ("", *ENGINES),
+    "hand_over": ("", *HandOver.__members__),
+}
+"""What columns of text may hold."""
 _COLUMNS = hashlib.sha256(json.dumps(COLUMNS).encode()).hexdigest()[:8]
 _KIND = StoreKind(
     format="vsr2 journal",
-    version=f"3 with columns {_COLUMNS}",
+    version=f"4 with columns {_COLUMNS}",
     foreign="belongs to an unfinished run with other trials or settings; finish that one with its "
     "own study, or start again with overwrite",
 )
@@ -48,23 +65,55 @@ class Journal(Store):
             Path(folder) / JOURNAL_FILE, _KIND, identity, _taker(self.finished, trials)
         )
 
-    def record(self, trial: int, row: Mapping[str, Any]) -> None:
+    def record(
+        self, trial: int, row: Mapping[str, Any], log: Mapping[str, Any] | None = None
+    ) -> None:
         """Append a finished trial; its log must be on disk already.
+
+        Args:
+            trial: index.
+            row: its columns RESULT_COLUMNS.
+            log: mark of its log (:func:`vsr2.results.result_folder.log_mark`); None: it has none.
 
         Raises:
             ResultError: it cannot be written.
         """
-        self.add({**row, "trial": trial})
+        self.add({**{name: row[name] for name in RESULT_COLUMNS}, "trial": trial, "log": log})
 
 
 def _taker(finished: dict[int, dict[str, Any]], trials: int) -> Take:
     def take(row: dict[str, Any]) -> None:
         trial = row["trial"]
-        if not (isinstance(trial, int) and 0 <= trial < trials):
+        if type(trial) is not int or not 0 <= trial < trials:
             raise ValueError(f"trial {trial!r}")
+        _check_row(row)
         finished[trial] = row
 
     return take
+
+
+def _check_row(row: dict[str, Any]) -> None:
+    """Refuse a row that no trial wrote.
+
+    Raises:
+        ValueError: a value of another type, or an unknown word.
+        KeyError: a column is missing.
+    """
+    for name in RESULT_COLUMNS:
+        value = row[name]
+        if name in FLOAT_COLUMNS:
+            good = type(value) is float
+        elif name in INTEGER_COLUMNS:
+            good = type(value) is int and 0 <= value < 2**63
+        else:
+            good = type(value) is str and value in _WORDS.get(name, (value,))
+        if not good:
+            raise ValueError(f"{name} {str(value)[:60]!r}")
+    log = row["log"]
+    if log is not None and not (
+        isinstance(log, dict) and type(log["bytes"]) is int and type(log["sha256"]) is str
+    ):
+        raise ValueError("log")
 
 
 def read_journal(

@@ -14,6 +14,7 @@ name. A folder without `provenance.json` belongs to a run that did not finish.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import os
 import re
@@ -26,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.config.bounded import near_path
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
@@ -65,7 +67,12 @@ FORMAT_VERSION = 2
 _RESERVED = "result_files"
 _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
 _SPATIAL_NAMES = ("excursions", "pivot")
-_NUMBERED = re.compile(r"\d{6,}\.(npz|npy)")
+_FOLDERS = {
+    LOG_FOLDER: re.compile(r"\d{6,}\.npz"),
+    NPY_FOLDER: re.compile(r"\d{6,}\.npy"),
+    MODEL_FOLDER: re.compile(r"(rock|pedestal)\.npz"),
+}
+"""Folders of a result, with the names of the files that VSR2 writes into them."""
 _TEMPORARY = re.compile(r"\..+\.[0-9a-f]{12}\.tmp")
 
 
@@ -88,6 +95,7 @@ def prepare_folder(
     """
     path = Path(folder)
     if resume and has_journal(path):
+        _refuse_links(path)
         return path
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -174,16 +182,25 @@ def _try_to_write(path: Path) -> None:
         probe.unlink(missing_ok=True)
 
 
+def _refuse_links(path: Path) -> None:
+    """Refuse a result's inner folder that is a link, which may lead to files that are not ours."""
+    for folder in _FOLDERS:
+        if (path / folder).is_symlink():
+            raise ResultError(
+                f"{path / folder}: is a link, through which no result is written or removed; "
+                "remove it, or choose another folder"
+            )
+
+
 def _result_files(path: Path) -> list[Path]:
     """Files of a result, the one that declares it whole first."""
     names = (PROVENANCE_FILE, TRIALS_FILE, JOURNAL_FILE)
     files = [path / name for name in names if (path / name).exists()]
-    for folder in (LOG_FOLDER, NPY_FOLDER):
+    _refuse_links(path)
+    for folder, form in _FOLDERS.items():
         if (path / folder).is_dir():
             found = (path / folder).iterdir()
-            files += sorted(file for file in found if _NUMBERED.fullmatch(file.name))
-    if (path / MODEL_FOLDER).is_dir():
-        files += sorted((path / MODEL_FOLDER).glob("*.npz"))
+            files += sorted(file for file in found if form.fullmatch(file.name))
     return files
 
 
@@ -261,6 +278,22 @@ def save_trial_log(
         target = _numbered(path, NPY_FOLDER, index, "npy")
         make_folder(target.parent)
         write_atomic(target, lambda file: np.save(file, rows, allow_pickle=False))
+
+
+def log_mark(folder: str | os.PathLike[str], index: int) -> dict[str, Any] | None:
+    """Length [byte] and SHA-256 of the log of a trial; None: it has none.
+
+    Raises:
+        ResultError: the file cannot be read.
+    """
+    path = _numbered(Path(folder), LOG_FOLDER, index, "npz")
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
+    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def adopt_trial_log(
@@ -387,11 +420,37 @@ def logged_trials(folder: str | os.PathLike[str]) -> list[int]:
     return _read_provenance(Path(folder))[1]
 
 
+def is_result(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a finished result, of this or of another version."""
+    try:
+        content = json.loads(read_text(Path(folder) / PROVENANCE_FILE))
+    except (OSError, ValueError, RecursionError, ResultError):
+        return False
+    facts = content.get(_RESERVED) if isinstance(content, dict) else None
+    return isinstance(facts, dict) and facts.get("format") == FORMAT
+
+
+def finished_plan(folder: str | os.PathLike[str]) -> str:
+    """Hash of what a finished result depends on, `provenance["plan_sha256"]`; empty: not known.
+
+    A folder with a journal is not finished.
+
+    Raises:
+        ResultError: as :func:`load_result`, where there is a provenance.
+    """
+    path = Path(folder)
+    if has_journal(path) or not (path / PROVENANCE_FILE).exists():
+        return ""
+    return str(_read_provenance(path)[0].get("plan_sha256", ""))
+
+
 def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
     """The provenance, the logged trials, and the number of trials."""
     path = folder / PROVENANCE_FILE
     if not folder.is_dir():
-        raise ResultError(f"{folder}: is no folder; give the folder that `vsr2 run` named")
+        near = near_path(folder)
+        remedy = f"did you mean {near}?" if near else "give the folder that `vsr2 run` named"
+        raise ResultError(f"{folder}: is no folder; {remedy}")
     if not path.exists():
         raise ResultError(
             f"{path}: does not exist; {folder} is not a result folder, or its run did not finish"

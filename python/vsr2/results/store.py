@@ -23,7 +23,7 @@ MAX_BYTES = 2**32
 """Largest store that is read."""
 
 Take = Callable[[dict[str, Any]], None]
-"""Takes a record; ValueError, KeyError, TypeError: it is damaged."""
+"""Takes a record; ValueError, KeyError, TypeError, OverflowError: it is damaged."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def read_store(path: Path, kind: StoreKind, identity: Mapping[str, Any], take: T
                         _check_header(path, kind, entry, header)
                     else:
                         take(entry)
-                except (ValueError, KeyError, TypeError, RecursionError) as error:
+                except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
                     raise ResultError(
                         f"{path}:{number + 1}: damaged ({error}); {kind.damaged}"
                     ) from None

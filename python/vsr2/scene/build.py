@@ -10,6 +10,7 @@ import numpy as np
 from vsr2.codes import Statement
 from vsr2.config.study import (
     BoxRock,
+    Contact,
     FixedStart,
     MeshPedestal,
     MeshRock,
@@ -40,6 +41,8 @@ from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import box_surface, hull_surface, join_surfaces
 from vsr2.scene.urdf import load_urdf
 
+CONTACT_POINTS = 4
+"""Most points in which Bullet lets two convex shapes touch."""
 MAX_HULLS = 64
 """Hulls of a convex decomposition."""
 
@@ -53,7 +56,7 @@ class NoteConstants:
             [m].
         high_start: a fixed start farther above the pedestal than this gets a note [m].
         lost_start: a fixed start deeper inside the pedestal than this is refused [m].
-        deep_start: a fixed start deeper inside the pedestal than this gets a note [m].
+        deep_start: a fixed start, or a rest, deeper inside the pedestal than this gets a note [m].
     """
 
     unusual_size: tuple[float, float] = (0.01, 50.0)
@@ -108,8 +111,38 @@ def build_rock(
         sha256=sha256,
         notes=(*notes, *_size_notes(source, surface)),
     )
+    _refuse_larger_than_top(body, pedestal)
     start_notes = _start_notes(body, pedestal, fixed=isinstance(rock.start, FixedStart))
     return replace(body, notes=(*body.notes, *start_notes))
+
+
+def _refuse_larger_than_top(body: RockBody, pedestal: PedestalBody) -> None:
+    """Refuse a rock that no prism's top bears: its plan goes beyond the top's edges."""
+    top = pedestal.parts[0]
+    if not isinstance(top, Box):
+        return  # Topography under a rock may be narrower than the rock.
+    assert body.surface is not None
+    turned = body.surface.vertices @ matrix_from_quaternion(body.start.orientation).T
+    plan = np.ptp(turned, axis=0)[:2]
+    if (plan > top.size[:2]).any():
+        raise GeometryError(
+            f"{body.source}: the rock is {plan[0]:.4g} m x {plan[1]:.4g} m in plan, larger than "
+            f"the pedestal's top of {top.size[0]:g} m x {top.size[1]:g} m; enlarge pedestal.size, "
+            "or set rock.scale where the unit is not the metre"
+        )
+
+
+def soft_contact_notes(body: RockBody, contact: Contact, gravity: float) -> list[Statement]:
+    """Says how deep a soft contact lets the rock sink at rest.
+
+    A pair touches in at most four points, each a spring of the pair's stiffness k, the two bodies'
+    in series: the depth is at least m g / (4 k).
+    """
+    stiffness = 1.0 / (1.0 / contact.rock.stiffness + 1.0 / contact.pedestal.stiffness)
+    depth = body.mass.mass * gravity / (CONTACT_POINTS * stiffness)
+    if depth <= NOTES.deep_start:
+        return []
+    return [Statement.of(SceneNote.SOFT_CONTACT, depth=depth, stiffness=stiffness)]
 
 
 def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from vsr2.codes import NUMBERS, Code
+
+
+class SceneWarning(UserWarning):
+    """Something about a scene that its maker should look at before it is run."""
 
 
 class SceneNote(Code):
@@ -29,3 +35,17 @@ class SceneNote(Code):
     BESIDE_PEDESTAL = "beside_pedestal", {"x": float, "y": float}
     ABOVE_PEDESTAL = "above_pedestal", {"height": float}
     INSIDE_PEDESTAL = "inside_pedestal", {"depth": float}
+    SOFT_CONTACT = "soft_contact", {"depth": float, "stiffness": float}
+
+
+WARNINGS: Mapping[str, str] = {
+    SceneNote.UNUSUAL_SIZE: (
+        "{file}: {length:.4g} m long; if its unit is not the metre, set `scale`"
+    ),
+    SceneNote.SOFT_CONTACT: (
+        "contact: the rock's weight presses it at least {depth:.3g} m into the pedestal, whose "
+        "contact points have {stiffness:.3g} N/m; raise contact.rock.stiffness and "
+        "contact.pedestal.stiffness"
+    ),
+}
+"""Templates of the notes that are also warnings, for callers in Python."""

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import astuple, dataclass, field
+import warnings
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from vsr2.config.study import Contact, Engine, Study
 from vsr2.scene.body import Box, Hull, PedestalBody, Pose, RockBody, Triangles
-from vsr2.scene.build import build_pedestal, build_rock
+from vsr2.scene.build import build_pedestal, build_rock, soft_contact_notes
 from vsr2.scene.mechanisms import Mechanisms
+from vsr2.scene.notes import WARNINGS, SceneWarning
 from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_from_matrix
 
 
@@ -116,8 +118,18 @@ def build_scene(study: Study) -> Scene:
     """The scene of a study: reads its meshes and places the rock.
 
     Raises:
-        GeometryError: a mesh, URDF or start pose that cannot be used.
+        GeometryError: a mesh, URDF or start pose that cannot be used, or a rock larger than its
+            prism.
+
+    Warns:
+        SceneWarning: the rock's size is unusual, or it sinks into a soft contact.
     """
     pedestal = build_pedestal(study.pedestal)
     rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
+    soft = soft_contact_notes(rock, study.contact, study.engine.gravity)
+    rock = replace(rock, notes=(*rock.notes, *soft))
+    for note in rock.notes:
+        if note.code in WARNINGS:
+            text = WARNINGS[note.code].format(**note.values)
+            warnings.warn(text, SceneWarning, stacklevel=2)
     return Scene(rock, pedestal, study.engine, study.contact)

@@ -10,6 +10,7 @@ import hashlib
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
@@ -26,7 +27,7 @@ from vsr2.scene.mass import (
     principal_axes,
     principal_mass_properties,
 )
-from vsr2.scene.mesh import LoadedMesh, load_mesh
+from vsr2.scene.mesh import LoadedMesh, Scale, load_mesh
 from vsr2.scene.mesh_files import bytes_of
 from vsr2.scene.notes import SceneNote
 from vsr2.scene.rotation import matrix_from_rpy, quaternion_from_matrix
@@ -80,7 +81,7 @@ def load_urdf(path: str | Path, scale: float = 1.0, *, inertia: InertiaRule = "f
     refused: as a polyhedron it would stand where a sphere rolls.
 
     Args:
-        path: the URDF; mesh paths in it are relative to its folder.
+        path: the URDF; meshes lie in its folder or below it, and are named relative to it.
         scale: factor on all lengths.
         inertia: `file`: the `<inertial>` element; a diagonal tensor is taken as it stands along
             the axes of `<inertial><origin rpy>`, another one is diagonalised, closest to these
@@ -204,10 +205,17 @@ def _collisions(path: Path, link: ElementTree.Element, scale: float) -> list[_Co
         raise GeometryError(
             f"{path}: {len(elements)} <collision> elements; at most {MAX_COLLISIONS} are taken"
         )
-    return [_collision(path, element, scale) for element in elements]
+    meshes: _Meshes = {}
+    return [_collision(path, element, scale, meshes) for element in elements]
 
 
-def _collision(path: Path, element: ElementTree.Element, scale: float) -> _Collision:
+_Meshes = dict[tuple[str, Scale], LoadedMesh]
+"""Meshes of a file that were read already, by name and scale."""
+
+
+def _collision(
+    path: Path, element: ElementTree.Element, scale: float, meshes: _Meshes
+) -> _Collision:
     rotation, translation = _origin(path, element, scale)
     shapes = [child for geometry in element.findall("geometry") for child in geometry]
     if len(shapes) != 1:
@@ -229,16 +237,16 @@ def _collision(path: Path, element: ElementTree.Element, scale: float) -> _Colli
         points = _moved(cylinder_points(radius, length, CYLINDER_SIDES), rotation, translation)
         return _Collision((Hull(points),), hull_surface(points), rotation, translation)
     if shape.tag == "mesh":
-        return _mesh_collision(path, shape, scale, rotation, translation)
+        mesh = _mesh(path, shape, scale, meshes)
+        return _mesh_collision(mesh, rotation, translation)
     raise GeometryError(
         f"{path}: <geometry> with <{_brief(shape.tag)}>; rocks collide as box, cylinder or mesh"
         + ("; give the ball as a mesh if its facets do not matter" if shape.tag == "sphere" else "")
     )
 
 
-def _mesh_collision(
-    path: Path, shape: ElementTree.Element, scale: float, rotation: Array, translation: Array
-) -> _Collision:
+def _mesh(path: Path, shape: ElementTree.Element, scale: float, meshes: _Meshes) -> LoadedMesh:
+    """The mesh that an element names, read once however often it is named."""
     name = shape.get("filename", "")
     if name.startswith("file://"):
         name = unquote(name.removeprefix("file://"))
@@ -254,7 +262,29 @@ def _mesh_collision(
             "mesh in an editor)"
         )
     factor = factors[0] if factors[0] == factors[1] == factors[2] else tuple(factors)
-    mesh = load_mesh(path.parent / name, scale=factor, closed=False)  # type: ignore[arg-type]
+    factor = cast(Scale, factor)
+    if (name, factor) not in meshes:
+        meshes[name, factor] = load_mesh(_inside(path, name), scale=factor, closed=False)
+    return meshes[name, factor]
+
+
+def _inside(path: Path, name: str) -> Path:
+    """The path of a mesh, which has to lie in the URDF's folder or below it."""
+    folder = path.parent
+    target = folder / name
+    try:
+        inside = target.resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):
+        inside = False
+    if not inside:
+        raise GeometryError(
+            f"{path}: <mesh filename> {_brief(name)!r} leads out of the URDF's folder; copy the "
+            "mesh into it, and name it relative to it"
+        )
+    return target
+
+
+def _mesh_collision(mesh: LoadedMesh, rotation: Array, translation: Array) -> _Collision:
     surface = mesh.surface
     return _Collision(
         parts=tuple(Hull(_moved(points, rotation, translation)) for points in mesh.hull_points),

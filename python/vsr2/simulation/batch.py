@@ -38,6 +38,7 @@ from vsr2.results import (
     TrialLog,
     base_provenance,
     load_trial_log,
+    log_mark,
     remove_temporaries,
     require_space,
     save_trial_log,
@@ -124,6 +125,7 @@ def run_batch(
     _logger.info("batch ended after %.3g s: %s", time.time() - started, ends)
     provenance = base_provenance(_native.build_facts()) | {
         "study": study.model_dump(mode="json") if isinstance(study, Study) else None,
+        "plan_sha256": plan_sha256(trials),
         **facts,
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
@@ -167,8 +169,8 @@ def _checked(trials: Sequence[Trial]) -> Sequence[Trial]:
     """The same trials, if they can be run."""
     if not hasattr(trials, "__len__"):
         raise SimulationError(
-            f"the batch is a {type(trials).__name__}; give a Study, the path of one, or a list of "
-            "trials"
+            f"the batch is of type {type(trials).__name__}; give a Study, the path of one, or "
+            "a list of trials"
         )
     if len(trials) == 0:
         raise SimulationError("the batch is empty: give at least one trial")
@@ -222,13 +224,18 @@ class _Collection:
     def resume(self, journal: Journal, folder: Path) -> None:
         """Take over what the journal holds, and keep it from now on."""
         self._journal, self._folder = journal, folder
-        for i, row in journal.finished.items():
+        # A log that was lost or cut short since is made again, with its trial.
+        whole = {i: row for i, row in journal.finished.items() if log_mark(folder, i) == row["log"]}
+        lost = len(journal.finished) - len(whole)
+        if lost:
+            _logger.warning("%s: %d finished trials are run again: log lost", folder, lost)
+        for i, row in whole.items():
             for name in RESULT_COLUMNS:
                 self.columns[name][i] = row[name]
             if self._out:
                 logged = "state" in self._out and self._trials[i].output.log_every > 0
                 _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
-        self.pending = [i for i in self.pending if i not in journal.finished]
+        self.pending = [i for i in self.pending if i not in whole]
         remove_temporaries(folder)
         require_space(
             folder,
@@ -246,9 +253,9 @@ class _Collection:
         elif self.columns["status"][i] != Status.cancelled.name:
             if log is not None:
                 save_trial_log(self._folder, i, log, npy=self._trials[i].output.npy)
-            self._journal.record(
-                i, {name: _plain(self.columns[name][i]) for name in RESULT_COLUMNS}
-            )
+            row = {name: _plain(self.columns[name][i]) for name in RESULT_COLUMNS}
+            mark = None if log is None else log_mark(self._folder, i)
+            self._journal.record(i, row, mark)
         if self._on_trial is not None:
             self._on_trial(i, log)
 

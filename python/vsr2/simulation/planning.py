@@ -83,7 +83,7 @@ def check_trials(trials: Sequence[Trial]) -> None:
     for i, one in enumerate(trials):
         if not isinstance(one, Trial):
             raise SimulationError(
-                f"trial {i} of the batch is a {type(one).__name__}; give objects of "
+                f"trial {i} of the batch is of type {type(one).__name__}; give objects of "
                 "vsr2.trial.Trial, a Study, or the path of one"
             )
     for scene in {trial.scene.sha256: trial.scene for trial in trials}.values():

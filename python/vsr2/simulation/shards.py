@@ -18,9 +18,9 @@ from vsr2.errors import ResultError, SimulationError
 from vsr2.results import (
     BatchResult,
     Journal,
-    Status,
     adopt_trial_log,
     has_journal,
+    log_mark,
     prepare_folder,
     read_journal,
 )
@@ -169,17 +169,14 @@ def merge_shards(
             for k, i in enumerate(shard.positions(len(trials))):
                 if i in journal.finished:
                     continue
-                logged = adopt_trial_log(folder, i, shard.folder(folder), k)
-                if (
-                    trials[i].output.log_every
-                    and found[k]["status"] == Status.ok.name
-                    and not logged
-                ):
+                own = shard.folder(folder)
+                if log_mark(own, k) != found[k]["log"]:
                     raise ResultError(
-                        f"{shard.folder(folder)}: the log of trial {i} is gone; run shard {shard} "
-                        "again with --overwrite"
+                        f"{own}: the log of trial {i} is gone or was changed; run shard {shard} "
+                        "again with --resume"
                     )
-                journal.record(i, found[k])
+                adopt_trial_log(folder, i, own, k)
+                journal.record(i, found[k], found[k]["log"])
     return [_facts(shard, folder) for shard in shards]
 
 

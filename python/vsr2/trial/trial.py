@@ -7,8 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from vsr2._native import Outcome as Ending
+from vsr2.config.problems import shown
 from vsr2.config.study import Outcome, Output, Settling
+from vsr2.errors import SimulationError
 from vsr2.motion import Motion
 from vsr2.scene import Pose, RockBody, Scene
 
@@ -84,6 +88,20 @@ class Applied:
         return f"{self.effect.name}{self.values!r}"
 
 
+DRIVES = ("prescribed", "motor")
+_FIELDS: Mapping[str, tuple[Any, str]] = {
+    "scene": (Scene, "a Scene; `vsr2.build_scene(study)` makes one"),
+    "motion": (Motion, "a Motion; `vsr2.motion` makes them of records and cosines"),
+    "start": (Pose | None, "a vsr2.scene.Pose or None"),
+    "name": (str, "text"),
+    "seed": (int | np.integer, "a whole number"),
+    "settling": (Settling, "a vsr2.config.study.Settling"),
+    "outcome": (Outcome, "a vsr2.config.study.Outcome"),
+    "output": (Output, "a vsr2.config.study.Output"),
+}
+"""What the fields of a trial are, and where a value comes from."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One run of one scene under one motion; equal to another where content and names are.
@@ -100,6 +118,9 @@ class Trial:
         settling, outcome, output: as in a study.
         effects: that are in it, as `vsr2.effects.apply_effects` notes them; those on the outcome
             are applied to the result.
+
+    Raises:
+        SimulationError: a field of another type, or an unknown drive; names field and remedy.
     """
 
     scene: Scene
@@ -112,6 +133,19 @@ class Trial:
     outcome: Outcome = field(default_factory=Outcome)
     output: Output = field(default_factory=Output)
     effects: tuple[Applied, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key, (kind, remedy) in _FIELDS.items():
+            value = getattr(self, key)
+            if not isinstance(value, kind) or isinstance(value, bool):
+                raise SimulationError(
+                    f"Trial: {key} must be {remedy} (is {shown(value)} of type "
+                    f"{type(value).__name__})"
+                )
+        if self.drive not in DRIVES:
+            raise SimulationError(
+                f"Trial: drive must be {' or '.join(DRIVES)} (is {shown(self.drive)})"
+            )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Trial):

@@ -12,6 +12,7 @@ import numpy as np
 
 from vsr2.errors import ResultError
 from vsr2.scene import Triangles
+from vsr2.view.guard import own_requests_only
 from vsr2.view.replay import Replay
 
 ROCK_COLOR = (186, 140, 99)
@@ -48,7 +49,7 @@ def quiet_server(host: str, port: int) -> Any:
     """
     viser = import_viser()
     port = _free_port(host, port)
-    with _without_banner():
+    with _without_banner(), own_requests_only(host):
         server = viser.ViserServer(host=host, port=port, label="VSR2", verbose=False)
     server.gui.configure_theme(control_width="medium", show_share_button=False)
     server.gui.main_panel.dock_right()

@@ -71,9 +71,7 @@ def folder_sha256(folder: Path, pattern: str = "*") -> str:
 def write_json(path: Path, content: object, *, private: bool = False) -> None:
     """Write a JSON file atomically, indented and sorted; `private`: for its owner alone."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    write_atomic(path, lambda file: file.write(text.encode()))
-    if private:
-        path.chmod(0o600)
+    write_atomic(path, lambda file: file.write(text.encode()), private=private)
 
 
 def make_folder(path: Path) -> None:

@@ -12,7 +12,9 @@ from vsr2.analysis.bootstrap import SCORES
 from vsr2.diagnosis.iteration import Ended
 from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import compatible_values
+from vsr2.report.messages.templates import counted
 from vsr2.report.messages.verdicts import shown
+from vsr2.scene.notes import WARNINGS
 
 if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
@@ -38,6 +40,11 @@ def interrupted_batch(result: BatchResult, folder: Path) -> str:
         f"interrupted; {finished} of {len(result)} trials are finished and kept in {folder}. "
         "`--resume` runs the others."
     )
+
+
+def finished_before(folder: Path, trials: int) -> str:
+    """That a run is finished, so that resuming it has nothing to do."""
+    return f"nothing to do: {folder} holds the finished result of {counted(trials, 'trial')}"
 
 
 def interrupted_calibration(folder: Path) -> str:
@@ -208,20 +215,21 @@ def effects_passed(passed: int, checked: int) -> str:
 
 
 def study_begins(name: str, trials: Sequence[Trial], engine: str) -> str:
-    """What a run is about to do, and what was repaired: lines."""
+    """What a run is about to do, and what was repaired: lines. Warnings are said elsewhere."""
     rock, pedestal = trials[0].scene.rock, trials[0].scene.pedestal
     first = (
-        f"{name}: {len(trials)} trials, {Path(rock.source).name} ({rock.mass.mass:.4g} kg) on "
-        f"{Path(pedestal.source).name}, engine {engine}"
+        f"{name}: {counted(len(trials), 'trial')}, {Path(rock.source).name} "
+        f"({rock.mass.mass:.4g} kg) on {Path(pedestal.source).name}, engine {engine}"
     )
-    return "\n".join([first, *(f"note: {scene_note(note.to_json())}" for note in rock.notes)])
+    notes = [note for note in rock.notes if note.code not in WARNINGS]
+    return "\n".join([first, *(f"note: {scene_note(note.to_json())}" for note in notes)])
 
 
 def shard_done(shard: object, result: BatchResult, folder: Path) -> str:
     """What one shard of a study gave, and how to go on."""
     return (
-        f"shard {shard}: {len(result)} trials in {folder}. Once all shards are run, --merge makes "
-        "one result of them."
+        f"shard {shard}: {counted(len(result), 'trial')} in {folder}. Once all shards are run, "
+        "--merge makes one result of them."
     )
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsr2.motion import STANDARD_GRAVITY
-from vsr2.report.messages.templates import filled_in
+from vsr2.report.messages.templates import counted, filled_in
 from vsr2.scene import SceneNote
+from vsr2.scene.notes import WARNINGS
 
 if TYPE_CHECKING:
     from vsr2.motion import Motion
@@ -41,9 +42,6 @@ SCENE_NOTES: Mapping[str, str] = {
         "{file}: the file's mass centre lies {distance:.3g} m from the homogeneous solid's; check "
         "<inertial><origin>"
     ),
-    SceneNote.UNUSUAL_SIZE: (
-        "{file}: {length:.4g} m long; if its unit is not the metre, set `scale`"
-    ),
     SceneNote.BESIDE_PEDESTAL: (
         "start: the mass centre at x {x:.4g} m, y {y:.4g} m is not above the pedestal"
     ),
@@ -53,6 +51,7 @@ SCENE_NOTES: Mapping[str, str] = {
     SceneNote.INSIDE_PEDESTAL: (
         "start: {depth:.4g} m inside the pedestal; raise `position`, or use `mode: yaw`"
     ),
+    **WARNINGS,
 }
 """Templates of the values."""
 
@@ -70,16 +69,18 @@ def campaign_text(summary: Mapping[str, Any]) -> str:
         f"tier           {summary['tier']} ({tier[summary['tier']]})",
         f"trials         {summary['trials']}: {summary['overturned']} overturned, "
         f"{summary['standing']} not, {summary['outcome_unknown']} unknown",
-        f"motions        {summary['ground_motions']} ground motions, "
-        f"{summary['motion_files']} files for {summary['with_motion']} trials",
-        f"largest tilt   {summary['with_peak_tilt']} trials",
-        f"series         {summary['with_series']} trials",
+        f"motions        {counted(summary['ground_motions'], 'ground motion')}, "
+        f"{counted(summary['motion_files'], 'file')} for "
+        f"{counted(summary['with_motion'], 'trial')}",
+        f"largest tilt   {counted(summary['with_peak_tilt'], 'trial')}",
+        f"series         {counted(summary['with_series'], 'trial')}",
         f"sessions       {summary['sessions']}",
     ]
     for key, specimen in summary["specimens"].items():
         mass = "mass unknown" if specimen["mass_kg"] is None else f"{specimen['mass_kg']:g} kg"
         model = "no model" if specimen["model_file"] is None else "with model"
-        lines.append(f"specimen       {key}: {specimen['trials']} trials, {mass}, {model}")
+        trials = counted(specimen["trials"], "trial")
+        lines.append(f"specimen       {key}: {trials}, {mass}, {model}")
     for label, key, unit in (("PGA", "pga_m_s2", "m/s^2"), ("PGV/PGA", "pgv_pga_s", "s")):
         span = summary[key]
         shown = "unknown" if span is None else f"{span[0]:.4g} to {span[1]:.4g} {unit}"
@@ -87,7 +88,7 @@ def campaign_text(summary: Mapping[str, Any]) -> str:
     if summary["extra_columns"]:
         lines.append(f"extra columns  {', '.join(summary['extra_columns'])}")
     for note, count in summary["notes"].items():
-        lines.append(f"note           {note!r}: {count} trials")
+        lines.append(f"note           {note!r}: {counted(count, 'trial')}")
     return "\n".join(lines)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from vsr2.report.messages.templates import counted
 from vsr2.results import NO_HAND_OVER, Status
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def trial_result(index: int, name: str, outcome: str, status: str) -> str:
 
 def diagram_caption(trials: int) -> str:
     """What an overturning diagram shows."""
-    return f"Outcomes of {trials} trials in PGA [g] against PGV/PGA [s] of the motions as driven"
+    shown = counted(trials, "trial")
+    return f"Outcomes of {shown} in PGA [g] against PGV/PGA [s] of the motions as driven"
 
 
 def history_caption(trial: str) -> str:
@@ -150,7 +152,8 @@ def lognormal_text(result: FragilityResult) -> str:
     lines = []
     for name, fit in result.curves.items():
         parts = [
-            f"{name}: {fit.trials} trials of {fit.groups} motions, {fit.overturned} overturned"
+            f"{name}: {counted(fit.trials, 'trial')} of {counted(fit.groups, 'motion')}, "
+            f"{fit.overturned} overturned"
         ]
         if (found := fit.lognormal) is not None:
             parts.append(

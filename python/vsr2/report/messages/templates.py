@@ -6,6 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 
+def counted(number: int, what: str) -> str:
+    """A number with its noun: 1 trial, 2 trials."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def filled_in(template: str, values: Mapping[str, Any]) -> str:
     """A template of `str.format` with its values: lists parted by commas, numbers of six digits."""
     return template.format(

@@ -1,0 +1,226 @@
+"""What the command line answers to what is done again, mistyped or stopped."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from vsr2.cli.main import main
+
+STUDY = """\
+name: block
+rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
+motion: {mode: single_cosine, pga: 0.3, pgv_pga: 0.1}
+output: {figures: false}
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    path = tmp_path / "study.yaml"
+    path.write_text(STUDY)
+    return path
+
+
+def run(*words: object) -> int:
+    return main([str(word) for word in words])
+
+
+def state(folder: Path) -> dict[Path, tuple[bytes, int]]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in files}
+
+
+def test_resuming_a_finished_run_is_success_with_nothing_to_do(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run("run", study, "--out", out, "--quiet") == 0
+    before = state(out)
+    assert run("run", study, "--out", out, "--resume") == 0
+    assert capsys.readouterr().out == (
+        f"nothing to do: {out} holds the finished result of 1 trial\n"
+    )
+    assert state(out) == before
+    assert run("run", study, "--out", out, "--resume", "--set", "motion.pga=0.2") == 2
+    assert "already holds a result" in capsys.readouterr().err
+    assert run("run", study, "--out", out) == 2
+
+
+def test_resuming_a_run_with_untrustworthy_trials_has_their_exit_code(
+    study: Path, tmp_path: Path
+) -> None:
+    line = ("run", study, "--out", tmp_path / "out", "--quiet", "--set", "outcome.tail=0.001")
+    assert [run(*line), run(*line, "--resume")] == [1, 1]
+
+
+def test_merging_twice_is_success_with_nothing_to_do(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run("run", study, "--out", out, "--quiet", "--shard", "1/1") == 0
+    assert run("run", study, "--out", out, "--quiet", "--merge") == 0
+    before = state(out)
+    assert run("run", study, "--out", out, "--merge") == 0
+    assert "nothing to do" in capsys.readouterr().out
+    assert state(out) == before
+
+
+def test_resuming_a_finished_fragility_study(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ("fragility", study, "--out", tmp_path / "out", "--no-figures", "--quiet")
+    assert run(*line) == 0
+    before = state(tmp_path / "out")
+    assert run(*line, "--resume") == 0
+    assert state(tmp_path / "out") == before
+    # The same trials, another fit.
+    assert run(*line, "--resume", "--set", "fragility.level=0.9") == 2
+    assert "already holds a result" in capsys.readouterr().err
+
+
+def test_a_result_is_told_from_a_campaign(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run("run", study, "--out", out, "--quiet") == 0
+    assert run("diagnose", out, "--scene", study, "--out", tmp_path / "d") == 2
+    message = capsys.readouterr().err
+    assert message == (
+        f"vsr2: {out}: is a result of `vsr2 run` or `vsr2 fragility`, not a campaign; give a "
+        "campaign's folder, or make one of the study by `vsr2 campaign simulate STUDY DEST`\n"
+    )
+    assert not (tmp_path / "d").exists()
+
+
+@pytest.mark.parametrize(
+    ("section", "verb"),
+    [
+        ("fragility: {replicates: 1}", "vsr2 fragility"),
+        ("parameters: {}", "vsr2 calibrate"),
+    ],
+)
+def test_a_study_of_another_verb_is_told_the_verb(
+    section: str, verb: str, study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(f"{STUDY}{section}\n")
+    assert run("run", study) == 2
+    assert f"run the file by `{verb}`" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["run {}/studdy.yaml", "inertia {}/studdy.yaml", "motion info {}/studdy.yaml"],
+)
+def test_a_mistyped_file_gets_its_neighbour(
+    line: str, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(line.format(tmp_path).split()) == 2
+    assert f"did you mean {study}?" in capsys.readouterr().err
+
+
+def test_mistyped_folders_get_their_neighbour(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "campaign").mkdir()
+    for line in (("campaign", "info", tmp_path / "campagn"), ("view", tmp_path / "campagn")):
+        assert run(*line) == 2
+        assert f"did you mean {tmp_path / 'campaign'}?" in capsys.readouterr().err
+    study.write_text(
+        STUDY.replace("mode: single_cosine, pga: 0.3, pgv_pga: 0.1", "mode: single_recording, "
+                      "file: study.yam")
+    )  # fmt: skip
+    assert run("run", study) == 2
+    assert f"did you mean {study}?" in capsys.readouterr().err
+
+
+def test_files_that_are_written_get_their_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "new" / "folder" / "made.csv"
+    line = ("motion", "generate", "--pga", 0.3, "--pgv-pga", 0.1, "--duration", 5, target)
+    assert run(*line) == 0
+    assert target.exists()
+    (tmp_path / "file").touch()
+    assert run(*line[:-1], tmp_path / "file" / "made.csv") == 2
+    assert "its folder cannot be made" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("empty", [["--out", ""], ["--out="], ["--set", ""]])
+def test_an_empty_argument_is_refused(
+    empty: list[str], study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    assert run("run", study, *empty) == 2
+    assert "an argument is empty" in capsys.readouterr().err
+    assert list(folder.iterdir()) == []
+
+
+def test_a_working_folder_that_is_gone_stops_nothing_that_has_absolute_paths(
+    study: Path, tmp_path: Path
+) -> None:
+    gone = tmp_path / "gone"
+    code = textwrap.dedent(
+        f"""
+        import os, sys
+        os.mkdir({str(gone)!r}); os.chdir({str(gone)!r}); os.rmdir({str(gone)!r})
+        from vsr2.cli.main import main
+        line = ["run", {str(study)!r}, "--out", {str(tmp_path / "out")!r}, "--quiet"]
+        sys.exit(10 * main([*line, "--set", "motion.pga=0.2"]) + main(["run", "study.yaml"]))
+        """
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert (tmp_path / "out" / "trials.csv").exists()
+
+
+def test_ctrl_c_while_modules_are_imported_has_its_exit_code() -> None:
+    code = textwrap.dedent(
+        """
+        import sys
+
+        class Interrupt:
+            def find_spec(self, name, path=None, target=None):
+                if name == "cyclopts":
+                    raise KeyboardInterrupt
+
+        sys.meta_path.insert(0, Interrupt())
+        from vsr2.cli.entry import program
+        sys.exit(program())
+        """
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "vsr2: interrupted\n")
+
+
+def test_sigterm_keeps_what_is_finished_and_says_so(study: Path, tmp_path: Path) -> None:
+    study.write_text(
+        STUDY.replace(
+            "mode: single_cosine, pga: 0.3, pgv_pga: 0.1",
+            "mode: grid_cosine, pga: {min: 0.2, max: 0.8, step: 0.001}, "
+            "pgv_pga: {min: 0.05, max: 0.4, step: 0.01}",
+        )
+    )
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "vsr2.cli.entry", "run", str(study), "--out", str(out)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env={**os.environ}) as batch:
+        journal = out / "journal.jsonl"
+        while batch.poll() is None and not (journal.exists() and journal.stat().st_size > 500):
+            time.sleep(0.02)
+        batch.send_signal(signal.SIGTERM)
+        message = batch.communicate(timeout=120)[1]
+    assert batch.returncode == 143
+    assert message.startswith("vsr2: ended by SIGTERM\n")
+    assert "are finished and kept in" in message
+    assert "Traceback" not in message
