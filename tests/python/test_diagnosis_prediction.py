@@ -15,6 +15,7 @@ from diagnosis_samples import few_simulations
 from planted import shaken_campaign
 from vsr2 import predict
 from vsr2.analysis import overturning_probability
+from vsr2.analysis.overturning_margin import MarginModel
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache, diagnose, with_deviations
@@ -210,3 +211,40 @@ def test_the_command_line_takes_a_scene_or_a_folder_of_draws(campaign, tmp_path,
     rows = list(csv.DictReader((tmp_path / "out" / "predictions.csv").read_text().splitlines()))
     assert content["probability"] == [float(row["probability"]) for row in rows], "equal draws"
     assert {one["name"] for one in content["scores"]} == {"simulator", "logistic"}
+
+
+def test_margins_are_found_by_bisection(campaign, found) -> None:
+    def sought(change: float):
+        return predict(
+            campaign, scene(table_gain={"change": change}), replicates=2, margins=True,
+            execution=Execution(threads=1),
+        )  # fmt: skip
+
+    plain, weak = sought(0.0), sought(-0.15)
+    fell = plain.outcomes > 0.5
+    assert (plain.margins[fell] < 0).all()
+    assert (plain.margins[~fell] > 0).all()
+    # A table that does less has to be driven by as much more, to the width of the last halving; a
+    # response that is not monotone near the boundary makes single trials differ.
+    width = 2 * PREDICTION.reach / 2**PREDICTION.halvings
+    inside = np.maximum(np.abs(weak.margins), np.abs(plain.margins)) < PREDICTION.reach - width
+    assert inside.sum() > 15
+    shift = np.median((weak.margins - plain.margins)[inside])
+    assert shift == pytest.approx(-np.log(0.85), abs=1.5 * width)
+    # Bias is learnt from other motions: the weak table predicts about as well as the right one.
+    names = [one.name for one in weak.scores]
+    assert names == ["simulator", "margins", "logistic"]
+    loss = {one.name: one.intervals["log_loss"].value for one in weak.scores}
+    assert loss["margins"] < loss["simulator"]
+    assert "margin" in weak.tables()["predictions.csv"].splitlines()[0]
+    np.testing.assert_array_equal(plain.outcomes, found.outcomes[:2])
+
+
+def test_margins_of_a_campaign_without_outcomes_have_no_bias(campaign) -> None:
+    blank = replace(
+        campaign, trials=tuple(replace(t, overturned=None) for t in campaign.trials)
+    ).select([trial.trial for trial in campaign.trials[:2]])
+    found = predict(blank, scene(), replicates=2, margins=True, execution=Execution(threads=1))
+    mean = found.margins.mean(axis=0)
+    np.testing.assert_allclose(found.probability, MarginModel().probability(mean))
+    assert not found.scores

@@ -154,12 +154,15 @@ class Predicting:
         out: folder for tables and simulations; the same command there goes on after an interruption
             (default: nothing is written)
         replicates: simulations of each trial (default: 16, or one for each scene)
+        margins: seek the factor on the motion at which each replicate overturns, in six times the
+            simulations; outcomes of other motions then give bias and scatter
         seed: of all draws
         cache: folder of simulations that a diagnosis of the campaign shares
     """
 
     out: Path | None = None
     replicates: opt.Integer | None = None
+    margins: bool = False
     nuisance: opt.Nuisances = ()
     seed: opt.Integer = 0
     cache: Path | None = None
@@ -198,6 +201,7 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
             scene,
             out=options.out,
             replicates=options.replicates,
+            margins=options.margins,
             hypotheses=Hypotheses(nuisances=opt.nuisances(options.nuisance)),
             execution=Execution(
                 options.threads,

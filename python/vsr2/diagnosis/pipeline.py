@@ -67,6 +67,7 @@ class Stage(StrEnum):
     TRAINING = "training"
     JUDGEMENT = "judgement"
     WATERFALL = "waterfall"
+    MARGINS = "margins"
 
 
 @dataclass(frozen=True)

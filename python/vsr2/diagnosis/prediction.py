@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from enum import StrEnum
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from vsr2.analysis import logistic_baseline
 from vsr2.analysis.baseline import Fitted
 from vsr2.analysis.bootstrap import Interval
+from vsr2.analysis.overturning_margin import MARGIN, MarginModel, out_of_fold_probability
 from vsr2.analysis.probability import (
     PROBABILITY_SCORES,
     RELIABILITY,
@@ -38,7 +40,7 @@ from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
-from vsr2.effects import check_study_effects
+from vsr2.effects import check_study_effects, effect
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
@@ -47,6 +49,8 @@ Array = NDArray[np.float64]
 Scene = Study | str | PathLike[str]
 PREDICTIONS, SCORES_FILE, CURVE = "predictions.csv", "scores.csv", "reliability.csv"
 PROVENANCE = "provenance.json"
+GAIN = "table_gain"
+"""Effect that scales motions."""
 
 
 @dataclass(frozen=True)
@@ -56,15 +60,30 @@ class PredictionConstants:
     Attributes:
         replicates: of each trial by default.
         chunk: simulations between two writes.
-        folds: of the logistic curve, where there are as many motions.
+        folds: of the logistic curve and of margins, where there are as many motions.
+        reach: greatest size of a margin: a motion is scaled from 1 / e to e times itself.
+        halvings: of that range.
     """
 
     replicates: int = 16
     chunk: int = 128
     folds: int = 10
+    reach: float = 1.0
+    halvings: int = 6
 
 
 PREDICTION = PredictionConstants()
+
+
+class PredictedBy(StrEnum):
+    """What gives probabilities."""
+
+    SIMULATOR = "simulator"
+    """The share of replicates that overturn."""
+    MARGINS = "margins"
+    """The mean margin, with bias and scatter of other motions."""
+    LOGISTIC = "logistic"
+    """A curve in intensity measures, without physics."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +97,7 @@ class PredictionScore:
         intervals: 95 %, by the names in `vsr2.analysis.probability.PROBABILITY_SCORES`.
     """
 
-    name: str
+    name: PredictedBy
     fitted: Fitted
     trials: int
     intervals: Mapping[str, Interval]
@@ -94,6 +113,8 @@ class Prediction:
             (replicates, trials).
         scores: of the simulator, then of the logistic curve; empty: no outcome is known.
         curve: the calibration curve; empty: no outcome is known.
+        margins: logarithm of the factor on the motion at which each replicate overturns, shape
+            (replicates, trials); None: not sought.
         provenance: versions, scenes, nuisances, seed (JSON-serialisable).
     """
 
@@ -101,11 +122,18 @@ class Prediction:
     outcomes: Array
     scores: tuple[PredictionScore, ...] = ()
     curve: tuple[ReliabilityBin, ...] = ()
+    margins: Array | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def probability(self) -> Array:
-        """Of overturning, (k + 1/2) / (n + 1) of k in n replicates, shape (trials,)."""
+        """Of overturning, shape (trials,).
+
+        With margins by these, of bias and scatter that other motions have; else (k + 1/2) / (n + 1)
+        of k in n replicates.
+        """
+        if self.margins is not None:
+            return _by_margins(self.campaign, self.margins)
         return overturning_probability(self.outcomes)
 
     @property
@@ -120,8 +148,12 @@ class Prediction:
 
     def tables(self) -> dict[str, str]:
         """CSV files by name: predictions.csv and, where outcomes are known, two of scores."""
+        margin = np.full(len(self.campaign), np.nan)
+        if self.margins is not None:
+            margin = self.margins.mean(axis=0)
         columns = zip(
             self.campaign.trials,
+            margin.tolist(),
             self.probability.tolist(),
             self.standard_error.tolist(),
             self.predicted.tolist(),
@@ -137,8 +169,9 @@ class Prediction:
                 "predicted": int(guess),
                 "observed": "" if trial.overturned is None else int(trial.overturned),
                 "failed": failed,
+                "margin": margin,
             }
-            for trial, p, error, guess, failed in columns
+            for trial, margin, p, error, guess, failed in columns
         ]
         out = {PREDICTIONS: csv_text(rows)}
         if self.scores:
@@ -195,6 +228,7 @@ def predict(
     *,
     out: str | PathLike[str] | None = None,
     replicates: int | None = None,
+    margins: bool = False,
     hypotheses: Hypotheses = HYPOTHESES,
     execution: Execution = EXECUTION,
     seed: int = 0,
@@ -208,6 +242,8 @@ def predict(
             not used.
         out: folder for tables and simulations, which later runs reuse; None: nothing is written.
         replicates: of each trial; None: 16, or one for each scene where these are more.
+        margins: seek in each replicate the factor on the motion at which the rock overturns, which
+            takes six more simulations; their mean tells more than the share that overturns.
         hypotheses: of which nuisances and contact models are drawn.
         execution: threads or a cluster, who gets progress, and a cache that a diagnosis shares.
         seed: of all draws; equal seeds have equal draws, and more replicates keep the earlier ones.
@@ -231,14 +267,19 @@ def predict(
         )
     if seed < 0:
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
-    plain = replace(hypotheses, library={}, exclude=(), priors={})
+    scaling = {GAIN: effect(GAIN)} if margins else {}
+    plain = replace(hypotheses, library=scaling, exclude=(), priors={})
     folder = None if out is None else made_folder(Path(out))
     runs = _Runs(used, scenes, plain, execution, seed)
     runs.check()
     outcomes = runs.outcomes(count, folder)
-    scores, curve = _scored(used, overturning_probability(outcomes), seed)
+    sought = runs.margins(outcomes, folder) if margins else None
+    given_by = {PredictedBy.SIMULATOR: overturning_probability(outcomes)}
+    if sought is not None:
+        given_by[PredictedBy.MARGINS] = _by_margins(used, sought)
+    scores, curve = _scored(used, given_by, seed)
     found = Prediction(
-        used, outcomes, scores, curve,
+        used, outcomes, scores, curve, sought,
         base_provenance() | {
             "campaign": used.name,
             "trials": len(used),
@@ -247,7 +288,11 @@ def predict(
             "simulators": runs.identities,
             "replicates": count,
             "nuisances": [one.to_json() for one in (*plain.nuisances, *plain.contact_family)],
-            "constants": {"prediction": asdict(PREDICTION), "reliability": asdict(RELIABILITY)},
+            "constants": {
+                "prediction": asdict(PREDICTION),
+                "reliability": asdict(RELIABILITY),
+                "margin": asdict(MARGIN),
+            },
             "seed": seed,
         },
     )  # fmt: skip
@@ -318,10 +363,6 @@ class _Runs:
 
     def outcomes(self, replicates: int, folder: Path | None) -> Array:
         """1, 0 or NaN, shape (replicates, trials)."""
-        cache = self.execution.cache
-        path = None if folder is None else folder / SIMULATIONS
-        if cache is not None:
-            path = made_folder(cache.folder) / SIMULATIONS
         out = np.full((replicates, len(self.campaign)), np.nan)
         done = 0
 
@@ -334,24 +375,77 @@ class _Runs:
             simulator = self._simulator(self.campaign, study)
             self.identities.append(simulator.identity)
             requests = [Request(i, (), row + 1, 1) for row in rows for i in range(out.shape[1])]
-            with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as store:
+            with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
                 found = store.run(requests, progress=progress)
             out[rows] = found.overturned.reshape(len(rows), -1)
             done += len(requests)
         return out
 
+    def margins(self, outcomes: Array, folder: Path | None) -> Array:
+        """Logarithms of the factors at which replicates overturn, by bisection.
+
+        Args:
+            outcomes: of the motions as they are, where bisection begins, shape (replicates,
+                trials).
+            folder: of simulations.
+        """
+        low, high = (np.full(outcomes.shape, sign * PREDICTION.reach) for sign in (-1, 1))
+        for k, study in enumerate(self.scenes):
+            rows = np.arange(k, len(outcomes), len(self.scenes))
+            simulator = self._simulator(self.campaign, study)
+            fell = outcomes[rows] > 0.5
+            with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
+                for halving in range(PREDICTION.halvings):
+                    middle = 0.5 * (low[rows] + high[rows])
+                    if halving:
+                        fell = self._scaled(store, rows, middle)
+                    low[rows] = np.where(fell, low[rows], middle)
+                    high[rows] = np.where(fell, middle, high[rows])
+                    if self.execution.report is not None:
+                        done = (k + (halving + 1) / PREDICTION.halvings) / len(self.scenes)
+                        self.execution.report(Progress(Stage.MARGINS, done))
+        return 0.5 * (low + high)
+
+    @staticmethod
+    def _scaled(store: SimulationCache, rows: NDArray[np.int64], logs: Array) -> NDArray[np.bool_]:
+        """Whether replicates overturn under scaled motions, shape (rows, trials)."""
+        requests = [
+            Request(i, ((GAIN, (float(np.expm1(log)),)),), int(row) + 1, 1)
+            for row, scaled in zip(rows, logs, strict=True)
+            for i, log in enumerate(scaled)
+        ]
+        return np.asarray(store.run(requests).overturned.reshape(logs.shape) > 0.5)
+
+    def _cache(self, folder: Path | None) -> Path | None:
+        """File of simulations; None: in memory."""
+        if self.execution.cache is not None:
+            return made_folder(self.execution.cache.folder) / SIMULATIONS
+        return None if folder is None else folder / SIMULATIONS
+
+
+def _by_margins(campaign: Campaign, margins: Array) -> Array:
+    """Probability by mean margins, bias and scatter from the outcomes of other motions."""
+    mean, folds = margins.mean(axis=0), min(PREDICTION.folds, len(set(campaign.motion_ids)))
+    if np.isnan(campaign.overturned).all() or folds < 2:
+        return MarginModel().probability(mean)
+    return out_of_fold_probability(mean, campaign.overturned, campaign.motion_ids, folds)
+
 
 def _scored(
-    campaign: Campaign, probability: Array, seed: int
+    campaign: Campaign, given: Mapping[PredictedBy, Array], seed: int
 ) -> tuple[tuple[PredictionScore, ...], tuple[ReliabilityBin, ...]]:
-    """Scores of trials whose outcome is known, and the calibration curve."""
+    """Scores of trials whose outcome is known, and the calibration curve of the last prediction."""
     known = ~np.isnan(campaign.overturned)
     if not known.any():
         return (), ()
     seen = campaign.select(known)
-    truth, p = seen.overturned == 1, probability[known]
-    intervals = probability_intervals(truth, p, seen.motion_ids, seed=seed)
-    scores = [PredictionScore("simulator", Fitted.GIVEN, len(seen), intervals)]
+    truth = seen.overturned == 1
+    scores = []
+    for name, probability in given.items():
+        p = probability[known]
+        intervals = probability_intervals(truth, p, seen.motion_ids, seed=seed)
+        fitted = Fitted.OUT_OF_FOLD if name is PredictedBy.MARGINS else Fitted.GIVEN
+        scores.append(PredictionScore(name, fitted, len(seen), intervals))
     scores += _logistic(seen, seed)
     return tuple(scores), reliability(truth, p, seen.motion_ids, seed=seed)
 
@@ -367,4 +461,4 @@ def _logistic(campaign: Campaign, seed: int) -> list[PredictionScore]:
     intervals = probability_intervals(
         used.overturned == 1, curve.out_of_fold, used.motion_ids, seed=seed
     )
-    return [PredictionScore("logistic", Fitted.OUT_OF_FOLD, len(used), intervals)]
+    return [PredictionScore(PredictedBy.LOGISTIC, Fitted.OUT_OF_FOLD, len(used), intervals)]

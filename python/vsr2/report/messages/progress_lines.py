@@ -15,6 +15,7 @@ STAGES: Mapping[Stage, str] = {
     Stage.TRAINING: "training",
     Stage.JUDGEMENT: "judging",
     Stage.WATERFALL: "judging causes one by one",
+    Stage.MARGINS: "seeking margins",
 }
 
 

@@ -1,0 +1,54 @@
+"""From overturning margins to probabilities."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from vsr2.analysis.overturning_margin import (
+    MARGIN,
+    MarginModel,
+    fit_margin_model,
+    out_of_fold_probability,
+)
+
+
+def planted(count: int, bias: float, scatter: float, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    margin = rng.uniform(-0.6, 0.6, count)
+    return margin, (margin + scatter * rng.standard_normal(count) < bias).astype(float)
+
+
+def test_the_probability_is_that_of_a_normal_variable_but_for_lapses() -> None:
+    model = MarginModel(bias=0.1, scatter=0.2)
+    found = model.probability([0.1, 0.3, -5.0, 5.0])
+    wanted = (1 - MARGIN.lapse) * norm.cdf([0.0, -1.0, 25.5, -24.5]) + MARGIN.lapse / 2
+    np.testing.assert_allclose(found, wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("bias", "scatter"), [(0.0, 0.15), (0.15, 0.1), (-0.2, 0.3)])
+def test_bias_and_scatter_are_found(bias, scatter) -> None:
+    found = fit_margin_model(*planted(3000, bias, scatter))
+    # A threshold among 3,000 trials of 2,500 a unit is known to about 0.01.
+    assert found.bias == pytest.approx(bias, abs=0.03)
+    assert found.scatter == pytest.approx(scatter, rel=0.12)
+
+
+def test_few_trials_leave_the_prior() -> None:
+    found = fit_margin_model([0.4, -0.4], [0.0, 1.0])
+    assert abs(found.bias) < 0.02
+    assert found.scatter == pytest.approx(MARGIN.scatter, rel=0.4)
+    unknown = fit_margin_model([0.3], [np.nan])
+    assert (unknown.bias, unknown.scatter) == pytest.approx((0.0, MARGIN.scatter), abs=1e-3)
+
+
+def test_a_motion_s_outcomes_have_no_part_in_its_prediction() -> None:
+    margin, ends = planted(200, 0.1, 0.15)
+    motions = np.repeat(np.arange(20), 10)
+    found = out_of_fold_probability(margin, ends, motions, 20)
+    turned = np.where(motions == 3, 1 - ends, ends)
+    # Each motion is a fold of its own, so that the folds stay.
+    again = out_of_fold_probability(margin, turned, motions, 20)
+    np.testing.assert_array_equal(again[motions == 3], found[motions == 3])
+    assert (again != found).any()
