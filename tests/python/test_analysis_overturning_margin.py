@@ -17,12 +17,12 @@ from vsr2.analysis.overturning_margin import (
 def planted(count: int, bias: float, scatter: float, seed: int = 0):
     rng = np.random.default_rng(seed)
     margin = rng.uniform(-0.6, 0.6, count)
-    return margin, (margin + scatter * rng.standard_normal(count) < bias).astype(float)
+    return margin[None], (margin + scatter * rng.standard_normal(count) < bias).astype(float)
 
 
 def test_the_probability_is_that_of_a_normal_variable_but_for_lapses() -> None:
     model = MarginModel(bias=0.1, scatter=0.2)
-    found = model.probability([0.1, 0.3, -5.0, 5.0])
+    found = model.probability([[0.1, 0.3, -5.0, 5.0]])
     wanted = (1 - MARGIN.lapse) * norm.cdf([0.0, -1.0, 25.5, -24.5]) + MARGIN.lapse / 2
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
@@ -36,10 +36,10 @@ def test_bias_and_scatter_are_found(bias, scatter) -> None:
 
 
 def test_few_trials_leave_the_prior() -> None:
-    found = fit_margin_model([0.4, -0.4], [0.0, 1.0])
+    found = fit_margin_model([[0.4, -0.4]], [0.0, 1.0])
     assert abs(found.bias) < 0.02
     assert found.scatter == pytest.approx(MARGIN.scatter, rel=0.4)
-    unknown = fit_margin_model([0.3], [np.nan])
+    unknown = fit_margin_model([[0.3]], [np.nan])
     assert (unknown.bias, unknown.scatter) == pytest.approx((0.0, MARGIN.scatter), abs=1e-3)
 
 
@@ -52,3 +52,28 @@ def test_a_motion_s_outcomes_have_no_part_in_its_prediction() -> None:
     again = out_of_fold_probability(margin, turned, motions, 20)
     np.testing.assert_array_equal(again[motions == 3], found[motions == 3])
     assert (again != found).any()
+
+
+def test_replicates_that_are_far_off_lose_their_weight() -> None:
+    margin, ends = planted(200, 0.0, 0.1)
+    rng = np.random.default_rng(1)
+    near = margin + 0.05 * rng.standard_normal((4, 200))
+    far = rng.uniform(-0.6, 0.6, (4, 200))
+    motions = np.repeat(np.arange(20), 10)
+    both = np.concatenate([near, far])
+    found = fit_margin_model(both, ends, motions)
+    assert sum(found.weights[:4]) > 0.8, "half of it with equal weights"
+    assert sum(found.weights) == pytest.approx(1.0)
+    # Where all are as good, weights stay about equal.
+    alike = fit_margin_model(near, ends, motions)
+    assert not alike.weights or max(alike.weights) < 0.6
+    loss = [
+        -np.log(np.where(ends > 0.5, p, 1 - p)).mean()
+        for p in (
+            out_of_fold_probability(both, ends, motions, 4),
+            out_of_fold_probability(near, ends, motions, 4),
+            fit_margin_model(both, ends).probability(both),
+        )
+    ]
+    assert loss[0] < loss[1] + 0.03
+    assert loss[0] < loss[2] - 0.02

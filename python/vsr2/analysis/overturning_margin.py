@@ -31,12 +31,17 @@ class MarginConstants:
         scatter: median of the prior of the scatter: that of intensity measures' thresholds of
             equal rocks is some .1 to .3.
         spread: standard deviation of the logarithm of the scatter, in that prior.
+        tilts: standard deviations of the logarithms of weights, of which one is chosen by folds of
+            the trials that are fitted.
+        folds: of motions there.
     """
 
     lapse: float = 0.01
     bias: float = 0.2
     scatter: float = 0.15
     spread: float = 0.7
+    tilts: tuple[float, ...] = (0.0, 0.5, 1.0, 2.0)
+    folds: int = 5
 
 
 MARGIN = MarginConstants()
@@ -49,54 +54,118 @@ class MarginModel:
     Attributes:
         bias: logarithm of the factor by which the real motion is stronger than the scene's.
         scatter: standard deviation of that logarithm from trial to trial.
+        weights: of the replicates in the mean margin, which sum to 1; empty: equal ones.
     """
 
     bias: float = 0.0
     scatter: float = MARGIN.scatter
+    weights: tuple[float, ...] = ()
 
-    def probability(self, margin: ArrayLike) -> Array:
-        """Of overturning, (1 - lapse) Phi((bias - margin) / scatter) + lapse / 2, shape (trials,).
+    def mean(self, margins: ArrayLike) -> Array:
+        """Weighted mean over replicates, shape (trials,).
 
         Args:
-            margin: logarithm of the factor at which each trial overturns, shape (trials,).
+            margins: shape (replicates, trials).
+        """
+        given = np.asarray(margins, dtype=np.float64)
+        return np.asarray(np.average(given, axis=0, weights=self.weights or None))
+
+    def probability(self, margins: ArrayLike) -> Array:
+        """Of overturning, (1 - lapse) Phi((bias - mean) / scatter) + lapse / 2, shape (trials,).
+
+        Args:
+            margins: logarithm of the factor at which each replicate overturns, shape (replicates,
+                trials).
         """
         from scipy.special import ndtr
 
-        normal = ndtr((self.bias - np.asarray(margin, dtype=np.float64)) / self.scatter)
+        normal = ndtr((self.bias - self.mean(margins)) / self.scatter)
         return np.asarray((1 - MARGIN.lapse) * normal + 0.5 * MARGIN.lapse)
 
 
-def fit_margin_model(margin: ArrayLike, overturned: ArrayLike) -> MarginModel:
-    """The most probable bias and scatter.
+def fit_margin_model(
+    margins: ArrayLike, overturned: ArrayLike, motions: ArrayLike | None = None
+) -> MarginModel:
+    """The most probable bias, scatter and weights.
+
+    Replicates that draw much of what is uncertain of a scene are not equally near to the truth.
+    Their weights have a prior about equal ones; how tight it is, is chosen by folds. To weight
+    predictors by how they predict together is stacking (Y. Yao et al., "Using stacking to average
+    Bayesian predictive distributions", Bayesian Analysis 13, 2018).
 
     Args:
-        margin: of each trial, shape (trials,).
+        margins: of each trial, shape (replicates, trials).
         overturned: 1 or 0, NaN where unknown, shape (trials,).
+        motions: ground motion of each trial, shape (trials,); None: weights are equal.
     """
+    given, ends = np.asarray(margins, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
+    known = np.isfinite(ends)
+    if not known.any():
+        return MarginModel()
+    given, fell = given[:, known], ends[known] > 0.5
+    tilt = MARGIN.tilts[0]
+    if motions is not None and len(given) > 1:
+        groups = np.asarray(motions)[known]
+        folds = min(MARGIN.folds, np.unique(groups).size)
+        if folds > 1:
+            fold = grouped_folds(groups, fell.astype(float), folds)
+            losses = [
+                sum(
+                    _loss(_fitted(given[:, fold != k], fell[fold != k], one),
+                          given[:, fold == k], fell[fold == k])
+                    for k in range(folds)
+                )
+                for one in MARGIN.tilts
+            ]  # fmt: skip
+            tilt = MARGIN.tilts[int(np.argmin(losses))]
+    return _fitted(given, fell, tilt)
+
+
+def _loss(model: MarginModel, margins: Array, fell: NDArray[np.bool_]) -> float:
+    p = model.probability(margins)
+    return float(-np.log(np.where(fell, p, 1 - p)).sum())
+
+
+def _fitted(margins: Array, fell: NDArray[np.bool_], tilt: float) -> MarginModel:
     from scipy.optimize import minimize
+    from scipy.special import softmax
 
-    margins, ends = np.asarray(margin, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
-    known = np.isfinite(ends) & np.isfinite(margins)
-    margins, fell = margins[known], ends[known] > 0.5
+    count = len(margins) if tilt > 0 else 0
 
-    def cost(theta: Array) -> float:
-        bias, log_scatter = float(theta[0]), float(theta[1])
-        p = MarginModel(bias, float(np.exp(log_scatter))).probability(margins)
-        prior = (bias / MARGIN.bias) ** 2
-        prior += ((log_scatter - np.log(MARGIN.scatter)) / MARGIN.spread) ** 2
-        return float(0.5 * prior - np.log(np.where(fell, p, 1 - p)).sum())
+    def model(theta: Array) -> MarginModel:
+        weights = tuple(softmax(tilt * theta[2:]).tolist()) if count else ()
+        return MarginModel(MARGIN.bias * theta[0], _scatter(theta[1]), weights)
 
-    found = minimize(cost, np.array([0.0, np.log(MARGIN.scatter)]), method="Nelder-Mead")
-    return MarginModel(float(found.x[0]), float(np.exp(found.x[1])))
+    def cost(theta: Array) -> tuple[float, Array]:
+        made = model(theta)
+        mean, p = made.mean(margins), made.probability(margins)
+        u = (made.bias - mean) / made.scatter
+        # By u: of minus the log likelihood.
+        slope = np.where(fell, -1 / p, 1 / (1 - p)) * (1 - MARGIN.lapse)
+        slope *= np.exp(-0.5 * u**2) / np.sqrt(2 * np.pi)
+        found = theta.copy()
+        found[0] += MARGIN.bias * slope.sum() / made.scatter
+        found[1] -= MARGIN.spread * (slope * u).sum()
+        if count:
+            away = (margins - mean) @ (-slope / made.scatter)
+            found[2:] += tilt * np.array(made.weights) * away
+        return 0.5 * float(theta @ theta) + _loss(made, margins, fell), found
+
+    found = minimize(cost, np.zeros(2 + count), jac=True, method="L-BFGS-B")
+    return model(found.x)
+
+
+def _scatter(z: float) -> float:
+    return float(MARGIN.scatter * np.exp(MARGIN.spread * z))
 
 
 def out_of_fold_probability(
-    margin: ArrayLike, overturned: ArrayLike, motions: ArrayLike, folds: int
+    margins: ArrayLike, overturned: ArrayLike, motions: ArrayLike, folds: int
 ) -> Array:
     """Probability of each trial by a model fitted to the trials of other motions.
 
     Args:
-        margin: of each trial, shape (trials,).
+        margins: of each trial, shape (replicates, trials).
         overturned: 1 or 0, NaN where unknown, shape (trials,).
         motions: ground motion of each trial, shape (trials,).
         folds: groups of motions.
@@ -104,10 +173,12 @@ def out_of_fold_probability(
     Returns:
         Shape (trials,).
     """
-    margins, ends = np.asarray(margin, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
-    fold = grouped_folds(motions, ends, folds)
-    out = np.zeros(margins.size)
+    given, ends = np.asarray(margins, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
+    groups = np.asarray(motions)
+    fold = grouped_folds(groups, ends, folds)
+    out = np.zeros(ends.size)
     for k in np.unique(fold):
         other = fold != k
-        out[~other] = fit_margin_model(margins[other], ends[other]).probability(margins[~other])
+        model = fit_margin_model(given[:, other], ends[other], groups[other])
+        out[~other] = model.probability(given[:, ~other])
     return out

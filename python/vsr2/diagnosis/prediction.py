@@ -424,11 +424,11 @@ class _Runs:
 
 
 def _by_margins(campaign: Campaign, margins: Array) -> Array:
-    """Probability by mean margins, bias and scatter from the outcomes of other motions."""
-    mean, folds = margins.mean(axis=0), min(PREDICTION.folds, len(set(campaign.motion_ids)))
+    """Probability by margins; weights, bias and scatter from the outcomes of other motions."""
+    folds = min(PREDICTION.folds, len(set(campaign.motion_ids)))
     if np.isnan(campaign.overturned).all() or folds < 2:
-        return MarginModel().probability(mean)
-    return out_of_fold_probability(mean, campaign.overturned, campaign.motion_ids, folds)
+        return MarginModel().probability(margins)
+    return out_of_fold_probability(margins, campaign.overturned, campaign.motion_ids, folds)
 
 
 def _scored(
