@@ -217,7 +217,7 @@ def test_a_gap_closes_once_its_cause_is_in_the_scene(shaken, tmp_path) -> None:
         found = {
             label: diagnose(
                 seen, scene(own), tier="M", out=tmp_path,
-                budget=Budget(campaigns=36, held_out=False),
+                budget=Budget(campaigns=150, held_out=False),
                 hypotheses=hypotheses, execution=Execution(threads=1),
             )
             for label, own in (("plain", {}), ("corrected", cause))

@@ -221,15 +221,17 @@ def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_whole_range() -> N
     count = 4000
     drawn = [draw_acting(effects, "registration", limits, rng) for _ in range(count)]
     yaw, lean, _ = np.array([one.values for one in drawn]).T
-    # Eight limits of the range are 14.4 degrees; uniform draws lie beyond in all but 8 %.
-    beyond = np.abs(yaw) > 8 * 0.01 * 180
-    expected = SET_PRIOR.whole * (1 - 0.08)
+    # The largest size in limits is a share of the range; uniform draws lie beyond in all but that.
+    share = SET_PRIOR.most * 0.01
+    beyond = np.abs(yaw) > share * 180
+    expected = SET_PRIOR.whole * (1 - share)
     assert beyond.mean() == pytest.approx(expected, abs=3 * 0.5 / np.sqrt(count))
     quartiles = np.quantile(np.abs(yaw[beyond]), [0.25, 0.5, 0.75])
-    np.testing.assert_allclose(quartiles, 14.4 + 165.6 * np.array([0.25, 0.5, 0.75]), atol=9)
+    wanted = 180 * (share + (1 - share) * np.array([0.25, 0.5, 0.75]))
+    np.testing.assert_allclose(quartiles, wanted, atol=9)
     assert {int(np.sign(one)) for one in yaw[beyond]} == {-1, 1}
     # What else the effect has stays within the sizes that a campaign just shows.
-    assert lean.max() <= 8 * 0.01 * 3.0 + 1e-9
+    assert lean.max() <= share * 3.0 + 1e-9
     for one, turn, leaning in zip(drawn, yaw, lean, strict=True):
         assert one.side == (np.sign(turn) or one.side)
         assert one.size == pytest.approx(max(abs(turn) / 180, leaning / 3) / 0.01)
