@@ -224,3 +224,67 @@ def test_sigterm_keeps_what_is_finished_and_says_so(study: Path, tmp_path: Path)
     assert message.startswith("vsr2: ended by SIGTERM\n")
     assert "are finished and kept in" in message
     assert "Traceback" not in message
+
+
+def test_a_dry_run_says_what_would_run_and_writes_nothing(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    line = ("run", study, "--out", out, "--threads", 2, "--dry-run")
+    assert run(*line, "--set", "output.log_every=10") == 0
+    first, time_line, size_line = capsys.readouterr().out.splitlines()
+    assert first.startswith("block: 1 trial, box")
+    assert time_line.startswith("would run 1 trial of 0.629 s of motion")
+    assert " in 1 thread: about " in time_line
+    assert size_line.endswith(f"of logs into {out}")
+    assert not out.exists()
+    assert run(*line, "--set", "output.log_every=0") == 0
+    assert "at most 0 MB of logs" in capsys.readouterr().out
+    assert run(*line, "--merge") == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("motion", "{mode: single_recording, file: record.csv}"), "record.csv"),
+        (("rock", "{shape: mesh, file: scan.obj, density: 2700.0}"), "scan.obj"),
+    ],
+)
+def test_config_check_reads_the_files_that_a_study_names(
+    change: tuple[str, str], message: str, study: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    (tmp_path / "record.csv").write_text("no record\n")
+    (tmp_path / "scan.obj").write_text("v 0 0 0\n")
+    key, value = change
+    lines = [f"{key}: {value}" if line.startswith(key) else line for line in STUDY.splitlines()]
+    study.write_text("\n".join(lines))
+    assert run("config", "check", study) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+
+
+def test_config_check_reads_a_calibrations_campaign(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "known").mkdir()
+    rest = "\n".join(line for line in STUDY.splitlines() if not line.startswith("motion"))
+    study.write_text(
+        f"{rest}\ncampaign: known\nmethod: {{kind: joint}}\n"
+        "parameters: {yaw: {keys: [rock.start.yaw], range: [0.0, 60.0]}}\n"
+    )
+    assert run("config", "check", study) == 2
+    assert "campaign.yaml: no such file" in capsys.readouterr().err
+
+
+def test_config_check_takes_a_fragility_study(
+    study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(f"{STUDY}fragility: {{replicates: 1}}\n")
+    assert run("config", "check", study) == 0
+    printed = capsys.readouterr().out
+    assert "replicates: 1" in printed
+    study.write_text(printed)
+    assert run("config", "check", study) == 0
+    assert capsys.readouterr().out == printed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
@@ -14,13 +14,41 @@ verbs = App(name="config", help="Check, explain and import configuration files."
 
 @verbs.command
 def check(study: Study, /) -> int:
-    """Read a study and print it with all defaults."""
-    from vsr2.config import dump_study, load_study
-    from vsr2.effects import check_study_effects
+    """Read a study and all files that it names, and print it with all defaults.
 
-    loaded = load_study(study)
-    check_study_effects(loaded.effects, study)
+    Reads meshes, records and campaigns, places the rock and applies the effects, as a run does
+    before its first trial. Takes studies of `vsr2 fragility` and `vsr2 calibrate`, too.
+    """
+    from vsr2.config import dump_study, load_study
+    from vsr2.config.yaml_file import dump_yaml, read_yaml
+    from vsr2.effects import check_study_effects
+    from vsr2.simulation import check_trials, study_trials
+
+    keys = set(read_yaml(study).data)
+    own: dict[str, Any] = {}
+    if keys & {"campaign", "parameters", "method"}:
+        from vsr2.calibration import load_calibration
+        from vsr2.calibration.calibration_study import campaign_folder
+        from vsr2.campaign import load_campaign
+        from vsr2.scene import build_scene
+
+        calibration = load_calibration(study)
+        load_campaign(campaign_folder(calibration))
+        build_scene(calibration.study)
+        loaded, own = calibration.study, calibration.own.model_dump(mode="json", exclude_none=True)
+    else:
+        if "fragility" in keys:
+            from vsr2.fragility import load_fragility
+
+            fragility = load_fragility(study)
+            loaded, own = fragility.study, fragility.own.model_dump(mode="json", exclude_none=True)
+        else:
+            loaded = load_study(study)
+            check_study_effects(loaded.effects, study)
+        check_trials(study_trials(loaded))
     print(dump_study(loaded), end="")
+    if own:
+        print(dump_yaml(own, flow_lists=True), end="")
     return 0
 
 

@@ -28,6 +28,7 @@ def run(
     scheduler: Annotated[opt.Scheduler, Parameter(group=WHERE)] = None,
     shard: Annotated[str | None, Parameter(group=WHERE)] = None,
     merge: Annotated[bool, Parameter(group=WHERE)] = False,
+    dry_run: Annotated[bool, Parameter(group=WHERE)] = False,
 ) -> int:
     """Run a study.
 
@@ -41,6 +42,7 @@ def run(
     Args:
         shard: I/N: run only the I-th of N parts, 1 to N, into OUT/shards; for job arrays
         merge: make one result of all shards in OUT; runs nothing
+        dry_run: say what would run, how long and how large; writes nothing, times one trial
     """
     from vsr2.config import load_study
     from vsr2.effects import check_study_effects
@@ -49,6 +51,8 @@ def run(
     loaded = load_study(study, overrides=options.set)
     check_study_effects(loaded.effects, study)
     trials = study_trials(loaded)
+    if dry_run:
+        return _say_what_would_run(loaded.name, options, trials)
     if shard is not None:
         return _run_shard(shard, options, trials, options.folder(loaded.name))
     with opt.cluster(scheduler, options.threads) as client:
@@ -114,6 +118,15 @@ def _run_all(
         print(summary_table(result))
         opt.print_written(written)
     return opt.exit_code(result)
+
+
+def _say_what_would_run(name: str, options: opt.StudyRun, trials: Sequence[Trial]) -> int:
+    from vsr2.report.messages.commands import batch_estimate, study_begins
+    from vsr2.simulation import estimate_batch, native_scene
+
+    print(study_begins(name, trials, native_scene(trials[0].scene).engine.name))
+    print(batch_estimate(estimate_batch(trials, threads=options.threads), options.folder(name)))
+    return 0
 
 
 def _run_shard(part: str, options: opt.StudyRun, trials: Sequence[Trial], folder: Path) -> int:

@@ -178,6 +178,15 @@ def _checked(trials: Sequence[Trial]) -> Sequence[Trial]:
     return trials
 
 
+def usable_threads(threads: int | None) -> int:
+    """The number of threads that a batch runs in: as given, or one per usable processor.
+
+    Raises:
+        SimulationError: no whole number from 1 to 1024.
+    """
+    return _threads(threads, None)
+
+
 def _threads(threads: int | None, client: distributed.Client | None) -> int:
     if threads is not None and client is not None:
         raise SimulationError(

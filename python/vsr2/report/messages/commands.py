@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vsr2.diagnosis import Iteration, Prediction
     from vsr2.diagnosis.reference_campaign import Agreement
     from vsr2.results import BatchResult
+    from vsr2.simulation import BatchEstimate
     from vsr2.simulation.bench import Rock
     from vsr2.simulation.effect_checks import EffectReport, Liveness
     from vsr2.trial import Trial
@@ -223,6 +224,21 @@ def study_begins(name: str, trials: Sequence[Trial], engine: str) -> str:
     )
     notes = [note for note in rock.notes if note.code not in WARNINGS]
     return "\n".join([first, *(f"note: {scene_note(note.to_json())}" for note in notes)])
+
+
+def batch_estimate(estimate: BatchEstimate, folder: Path) -> str:
+    """What a batch would take, and where it would go: lines. Nothing was run for it but a trial."""
+    return (
+        f"would run {counted(estimate.trials, 'trial')} of {estimate.motion_time:.4g} s of motion "
+        f"in {counted(estimate.threads, 'thread')}: about {estimate.wall_time:.2g} s, if all are "
+        "like the one that was timed\n"
+        f"would write {_size(estimate.table_bytes)} of tables and at most "
+        f"{_size(estimate.log_bytes)} of logs into {folder}"
+    )
+
+
+def _size(size: float) -> str:
+    return f"{size / 1e6:.3g} MB" if size < 1e9 else f"{size / 1e9:.3g} GB"
 
 
 def shard_done(shard: object, result: BatchResult, folder: Path) -> str:
