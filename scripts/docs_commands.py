@@ -42,6 +42,7 @@ SEARCH = (
 SHORTER = {
     r"vsr2 calibrate .*--resume": f"{SEARCH} --set method.design=4",
     r"vsr2 calibrate": f"{SEARCH} --set method.design=3",
+    r"vsr2 run configs/demo.yaml --out out/friction": " --no-figures",
     r"vsr2 fragility configs/block_grid.yaml": " --no-figures --set fragility.azimuths=[0,45]",
     r"vsr2 fragility configs/fragility.yaml": " --no-figures --set fragility.replicates=1",
 }

@@ -302,7 +302,7 @@ def test_a_client_that_does_not_serve_is_refused(
         run_batch(trials, client=client, threads=2)
     with pytest.raises(SimulationError, match=r"must be a distributed\.Client"):
         run_batch(trials, client="tcp://127.0.0.1:8786")  # type: ignore[arg-type]
-    slow = replace(trials[0], motion=replace(trials[0].motion, time_step=0.01))
+    slow = replace(trials[0], motion=replace(trials[0].motion, time_step=0.002))
     with pytest.raises(SimulationError, match="resample"):
         run_batch([slow], client=client)
     facts = _native.build_facts() | {"version": "0.0.0"}
