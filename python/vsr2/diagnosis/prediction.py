@@ -404,7 +404,7 @@ class _Runs:
                     if self.execution.report is not None:
                         done = (k + (halving + 1) / PREDICTION.halvings) / len(self.scenes)
                         self.execution.report(Progress(Stage.MARGINS, done))
-        return 0.5 * (low + high)
+        return np.asarray(0.5 * (low + high))
 
     @staticmethod
     def _scaled(store: SimulationCache, rows: NDArray[np.int64], logs: Array) -> NDArray[np.bool_]:
