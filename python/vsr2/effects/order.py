@@ -121,9 +121,10 @@ def _of_parts(
 class ChangePoint(Step):
     """A step of the geometry between two sessions.
 
-    Takes the parameters of all geometric effects, under the names of both; only the change of
-    slenderness is drawn from a prior. The change comes between the two sessions that lie nearest to
-    `at`, all sessions counted as equally long; with one session only, between two trials.
+    Takes the parameters of all geometric effects but `registration` and `support`, under the names
+    of both; only the change of slenderness is drawn from a prior. The change comes between the two
+    sessions that lie nearest to `at`, all sessions counted as equally long; with one session only,
+    between two trials.
     """
 
     name = "change_point"
