@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge
-from vsr2.diagnosis.how_far.waterfall import WATERFALL, Waterfall, waterfall
+from vsr2.diagnosis.how_far.waterfall import WATERFALL, FullInference, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.features import SERIES
 from vsr2.diagnosis.observed.observations import (
@@ -298,8 +298,9 @@ class _Work:
                 )
             )  # fmt: skip
         return waterfall(
-            self.store, self.seen, trials, campaigns, (posterior, found),
-            how_far.losses[Loss.FLOOR], excluded=self.question.excluded, seed=self.question.seed,
+            self.store, self.seen, trials, campaigns,
+            FullInference(posterior, found, self.question.excluded),
+            how_far.losses[Loss.FLOOR], seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.WATERFALL, n / m, found, posterior),
         )  # fmt: skip
 
