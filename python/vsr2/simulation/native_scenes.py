@@ -58,7 +58,7 @@ def _built(scene: Scene) -> _native.Scene:
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),
                 mass=rock.mass.mass,
-                principal_inertia=np.asarray(rock.mass.principal_inertia),
+                principal_inertia=rock.mass.principal_inertia,
                 inertia_from_aabb=rock.inertia_from_aabb,
                 mass_center=np.asarray(frame.position),
                 principal_axes=np.asarray(frame.orientation),
