@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from vsr2.cli import options as opt
+from vsr2.codes import Tier
 
 if TYPE_CHECKING:
     from vsr2.config import Study
@@ -32,7 +33,7 @@ class Question:
         seed: of everything random
     """
 
-    tier: opt.Tier | None = None
+    tier: Tier | None = None
     exclude: tuple[str, ...] = ()
     prior: tuple[str, ...] = ()
     nuisance: opt.Nuisances = ()

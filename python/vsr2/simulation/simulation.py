@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.config import Study, load_study
+from vsr2.config.motion_source import DriveMode
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
 from vsr2.read_only import real_array
@@ -98,7 +99,7 @@ class Simulation:
     ) -> None:
         if isinstance(study, Scene):
             self.scene = study
-            source: Literal["prescribed", "motor"] = "prescribed"
+            source: DriveMode = "prescribed"
             cosine = False
         elif isinstance(study, Study | str | PathLike):
             loaded = study if isinstance(study, Study) else load_study(study)
