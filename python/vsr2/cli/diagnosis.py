@@ -60,7 +60,7 @@ class Effort:
         posterior_draws: write so many scenes with a draw of the posterior each, too
         iterate: diagnose the corrected scene again until nothing is named, each round in a folder
             of its own
-        most_rounds: of --iterate
+        most_rounds: of --iterate, four by default
     """
 
     budget_minutes: float = 10.0
@@ -73,7 +73,7 @@ class Effort:
     client: str | None = None
     posterior_draws: opt.Integer = 0
     iterate: bool = False
-    most_rounds: opt.Integer = 4
+    most_rounds: opt.Integer | None = None
     quiet: opt.Quiet = False
 
 

@@ -88,8 +88,6 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-LEADING = 3
-"""Hypotheses that are reported while a diagnosis runs."""
 
 
 @dataclass(frozen=True)
@@ -386,7 +384,7 @@ class _Work:
 def _leading(found: Found, posterior: Posterior) -> dict[str, float]:
     names = (NONE, *posterior.sets.names, UNKNOWN)
     labels = label_probability(found.probability[None], posterior.sets)[0]
-    return {names[i]: float(labels[i]) for i in np.argsort(-labels)[:LEADING]}
+    return {names[i]: float(labels[i]) for i in np.argsort(-labels)[: SCHEDULE.leading]}
 
 
 def _constants() -> dict[str, dict[str, Any]]:
