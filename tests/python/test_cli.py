@@ -191,12 +191,8 @@ def test_version_and_help_import_no_room() -> None:
         )
         rooms, heavy = done.stderr.splitlines()
         assert heavy == ""
-        assert {name.split(".")[1] for name in rooms.split()} <= {
-            "_native",
-            "cli",
-            "codes",
-            "errors",
-        }
+        imported = {name.split(".")[1] for name in rooms.split()}
+        assert imported <= {"_native", "cli", "codes", "errors"}
         assert ("build_type" in done.stdout) is (option == "--version")
 
 

@@ -16,9 +16,9 @@ from vsr2 import _native
 from vsr2.config.study import ORIGINAL, Contact
 from vsr2.errors import SimulationError
 from vsr2.scene import build_scene
-from vsr2.simulation import Simulation, pair_values, run_batch, study_trials
+from vsr2.simulation import Simulation, run_batch, study_trials
 from vsr2.simulation.native_trials import _settled_start, _specification
-from world_samples import study
+from world_samples import pair_values, study
 
 RECORD = Path(__file__).resolve().parents[2] / "configs" / "motions" / "synthetic_07.csv"
 

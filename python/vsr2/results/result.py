@@ -32,18 +32,18 @@ The normal points from the pedestal to the rock, a negative distance is penetrat
 over one solver step."""
 
 
-def _places(columns: tuple[str, ...], first: str, last: str) -> slice:
+def _columns_between(columns: tuple[str, ...], first: str, last: str) -> slice:
     """Where the columns of a row from `first` to `last` stand."""
     return slice(columns.index(first), columns.index(last) + 1)
 
 
 # Vectors in a row of `TrialLog.state`, then what is read of a row of `TrialLog.contacts`.
-POSITION = _places(STATE_COLUMNS, "rock_x", "rock_z")
-ORIENTATION = _places(STATE_COLUMNS, "rock_qx", "rock_qw")
-VELOCITY = _places(STATE_COLUMNS, "rock_vx", "rock_vz")
-ANGULAR_VELOCITY = _places(STATE_COLUMNS, "rock_wx", "rock_wz")
+POSITION = _columns_between(STATE_COLUMNS, "rock_x", "rock_z")
+ORIENTATION = _columns_between(STATE_COLUMNS, "rock_qx", "rock_qw")
+VELOCITY = _columns_between(STATE_COLUMNS, "rock_vx", "rock_vz")
+ANGULAR_VELOCITY = _columns_between(STATE_COLUMNS, "rock_wx", "rock_wz")
 CONTACT_TIME = CONTACT_COLUMNS.index("time")
-ROCK_POINT = _places(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
+ROCK_POINT = _columns_between(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
 
 STATUSES: tuple[str, ...] = tuple(Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
