@@ -34,8 +34,8 @@ from vsr2.results import (
     Status,
     TrialLog,
     load_trial_log,
-    quaternion_product,
 )
+from vsr2.scene.rotation import quaternion_product
 from vsr2.trial import rows_only
 
 if TYPE_CHECKING:

@@ -15,6 +15,7 @@ from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.errors import ResultError
 from vsr2.read_only import ReadOnlyArrays
+from vsr2.scene.rotation import conjugate, quaternion_product, rotate
 
 if TYPE_CHECKING:
     import xarray
@@ -80,34 +81,6 @@ TEXT_COLUMNS = ("name", "motion", "motion_sha256", *_TEXT_RESULTS)
 INTEGER_COLUMNS = ("trial", "seed", *_INTEGER_RESULTS)
 """Columns of `BatchResult.trials` that hold whole numbers; those left are floats, NaN where a
 trial has no such value."""
-
-
-def quaternion_product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions x, y, z, w; shapes (..., 4)."""
-    ax, ay, az, aw = np.moveaxis(a, -1, 0)
-    bx, by, bz, bw = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        axis=-1,
-    )
-
-
-def conjugate(q: Array) -> Array:
-    """The inverse of unit quaternions x, y, z, w, shape (..., 4)."""
-    inverse: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
-    return inverse
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """Rotates vectors v (..., 3) by unit quaternions q (..., 4)."""
-    u, w = q[..., :3], q[..., 3:]
-    t = 2.0 * np.cross(u, v)
-    return v + w * t + np.cross(u, t)
 
 
 @dataclass(frozen=True, eq=False)
