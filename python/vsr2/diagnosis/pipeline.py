@@ -45,6 +45,7 @@ from vsr2.diagnosis.simulated.campaigns import (
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import LOOK, Look, look
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
 from vsr2.diagnosis.simulated.simulator import SIMULATION, Request, Simulator
 from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
@@ -396,6 +397,7 @@ def _constants() -> dict[str, dict[str, Any]]:
         "schedule": asdict(SCHEDULE),
         "simulation": asdict(SIMULATION),
         "look": asdict(LOOK),
+        "motion_noise": asdict(MOTION_NOISE),
         "set_prior": asdict(SET_PRIOR),
         "discrepancy": asdict(DISCREPANCY),
         "summaries": asdict(SUMMARY),
