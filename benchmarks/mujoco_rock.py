@@ -23,9 +23,10 @@ import mujoco.rollout
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.motion import Motion
 from vsr2.scene import Box, Scene
-from vsr2.simulation import native_scene, pair_values
+from vsr2.simulation import native_scene
 
 Array = NDArray[np.float64]
 FALLEN = 0.35
@@ -153,7 +154,11 @@ def tilt(orientation: Array, start: Array) -> float:
 def model_text(scene: Scene) -> str:
     """MuJoCo's XML of the scene: a box is a box, any other rock the hull that VSR2 uses."""
     rock, pose = scene.rock, scene.body_pose(scene.rock.start)
-    friction = pair_values(scene.contact).lateral_friction
+    rock_values, pedestal_values = (
+        _native.ContactValues(**one.model_dump())
+        for one in (scene.contact.rock, scene.contact.pedestal)
+    )
+    friction = _native.combine(rock_values, pedestal_values).lateral_friction
     x, y, z, w = pose.orientation
     asset = ""
     if len(rock.parts) == 1 and isinstance(rock.parts[0], Box):

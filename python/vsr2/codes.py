@@ -8,7 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Literal, Self, get_args
+
+Tier = Literal["B", "M", "T"]
+TIERS: tuple[Tier, ...] = get_args(Tier)
+"""Information of a campaign, rising: outcomes, largest tilts, series."""
 
 NAMES: type = tuple
 """Type of a value that lists names."""

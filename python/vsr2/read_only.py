@@ -1,10 +1,33 @@
-"""Read-only arrays in values whose hash is kept."""
+"""Arrays in values whose hash is kept: of real numbers, and read-only."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+
+
+def real_array(given: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """`given` as an array of real numbers in double precision, itself where it is one.
+
+    numpy turns text, truth values, complex numbers and dates into numbers too, and drops masks.
+
+    Raises:
+        TypeError: `given` holds any of these; its text goes on after the name of the array.
+    """
+    if isinstance(given, np.ma.MaskedArray):
+        raise TypeError("is a masked array; fill what its mask hides")
+    try:
+        value = np.asarray(given)
+        if isinstance(given, list | tuple) and any(
+            isinstance(one, bool | np.bool_) for one in np.asarray(given, dtype=object).flat
+        ):
+            raise TypeError("with truth values")
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"is not an array of numbers ({error})") from None
+    if value.dtype.kind not in "iuf":
+        raise TypeError(f"is not an array of numbers (but of {value.dtype})")
+    return value.astype(np.float64, copy=False)
 
 
 def read_only(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

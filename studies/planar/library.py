@@ -26,7 +26,7 @@ class PlanarParameter:
     upper: float
     logarithmic: bool = False
     secondary: bool = False
-    whole_range: bool = False
+    full_range: bool = False
 
     @property
     def prior(self) -> str:

@@ -16,6 +16,7 @@ from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.observed.observations import OBSERVED
 from vsr2.diagnosis.posterior.network import NETWORK
+from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
 from vsr2.effects import library
@@ -158,3 +159,10 @@ def _set(constants, values):
     """Constants are frozen, and known to many modules as one object."""
     for name, value in values.items():
         object.__setattr__(constants, name, value)
+
+
+def campaigns_of(sets, nuisances=None, trials=1):
+    """Campaigns of which only what acts in them matters."""
+    blank = np.zeros((len(sets), trials))
+    drawn = np.zeros((len(sets), 1)) if nuisances is None else nuisances
+    return Campaigns(tuple(sets), drawn, blank, blank, None)

@@ -18,7 +18,8 @@ from vsr2.campaign import (
 from vsr2.campaign.simulate import _FileNames
 from vsr2.config import study_from_mapping
 from vsr2.errors import CampaignError
-from vsr2.results import JOURNAL_FILE, Status, prepare_folder, rotate
+from vsr2.results import JOURNAL_FILE, Status, prepare_folder
+from vsr2.scene.rotation import rotate
 from vsr2.simulation import run_batch, study_trials
 
 BLOCK = {

@@ -20,7 +20,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     resampled_means,
 )
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
-from vsr2.diagnosis.how_far.waterfall import Waterfall, waterfall
+from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -378,7 +378,7 @@ def test_each_of_two_causes_is_found_on_motions_not_seen(judged, monkeypatch) ->
         given = {"seen": seen, **changes}
         return waterfall(
             rehearsal.cache, given["seen"], rehearsal.trials, rehearsal.campaigns,
-            (judged.posterior, found), floor,
+            FullInference(judged.posterior, found), floor,
         )  # fmt: skip
 
     falls = fall()

@@ -214,7 +214,7 @@ def test_one_of_two_primary_parameters_may_act_alone() -> None:
     np.testing.assert_allclose(at_null.mean(axis=0), SET_PRIOR.alone / 2, atol=0.04)
 
 
-def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_whole_range() -> None:
+def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_full_range() -> None:
     effects = {"registration": full_library()["registration"]}
     limits = {("registration", side): Limit(0.01, jumps=False) for side in (-1, 1)}
     rng = np.random.default_rng(2)
@@ -224,7 +224,7 @@ def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_whole_range() -> N
     # The largest size in limits is a share of the range; uniform draws lie beyond in all but that.
     share = SET_PRIOR.most * 0.01
     beyond = np.abs(yaw) > share * 180
-    expected = SET_PRIOR.whole * (1 - share)
+    expected = SET_PRIOR.prior_share * (1 - share)
     assert beyond.mean() == pytest.approx(expected, abs=3 * 0.5 / np.sqrt(count))
     quartiles = np.quantile(np.abs(yaw[beyond]), [0.25, 0.5, 0.75])
     wanted = 180 * (share + (1 - share) * np.array([0.25, 0.5, 0.75]))

@@ -24,7 +24,7 @@ from vsr2.effects import Effect, Parameter, in_order, library, with_effects
 from vsr2.effects.registry import BUILT_IN
 from vsr2.report.messages.commands import effect_report
 from vsr2.scene import Hull
-from vsr2.simulation import pair_values, run_batch
+from vsr2.simulation import run_batch
 from vsr2.simulation.bench import EffectBench, Rock
 from vsr2.simulation.effect_checks import (
     ROCKS,
@@ -34,6 +34,7 @@ from vsr2.simulation.effect_checks import (
     ensemble,
 )
 from vsr2.trial import Trial
+from world_samples import pair_values
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "effects.md").read_text()

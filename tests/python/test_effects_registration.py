@@ -17,9 +17,9 @@ from vsr2.effects.standing import mass_height, support_of
 from vsr2.errors import GeometryError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.scene.rotation import matrix_from_quaternion
-from vsr2.simulation import pair_values
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
+from world_samples import pair_values
 
 ROOT = Path(__file__).resolve().parents[2]
 Array = np.ndarray
@@ -195,8 +195,8 @@ def test_steps_of_two_effects_go_with_the_effects_of_the_same_stage(bench: Effec
 
 def test_what_is_put_back_by_marks_has_a_narrower_prior() -> None:
     turned, put_back = library()["registration"], library()["session"]
-    assert turned.parameter("yaw").whole_range
+    assert turned.parameter("yaw").full_range
     own = put_back.parameter("registration_yaw")
-    assert (own.lower, own.upper, own.whole_range) == (-30.0, 30.0, False)
+    assert (own.lower, own.upper, own.full_range) == (-30.0, 30.0, False)
     fixed = {p.name for p in put_back.parameters if p.prior == "fixed"}
     assert fixed == {"com_offset_distance", "com_offset_azimuth", "slenderness_change"}

@@ -11,9 +11,9 @@ import pytest
 from vsr2.effects import Effect, library, with_effects
 from vsr2.effects.registry import BUILT_IN
 from vsr2.errors import ConfigError, Fault, SimulationError
-from vsr2.simulation import pair_values
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
+from world_samples import pair_values
 
 TWICE = [one for one in BUILT_IN if not one.once and one.stage != "outcome"]
 ONCE = [one for one in BUILT_IN if one.once]

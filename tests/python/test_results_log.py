@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from synthetic_results import CENTER_HEIGHT, about, falling_log, make_log, make_result, make_trials
 from vsr2.errors import ResultError
-from vsr2.results import BatchResult, TrialLog, quaternion_product, rotate
+from vsr2.results import BatchResult, TrialLog
+from vsr2.scene.rotation import quaternion_product, rotate
 
 ROUNDING = 1e-12
 """A handful of operations on numbers of order 1 in double precision."""

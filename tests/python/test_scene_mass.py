@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,11 @@ from hypothesis import strategies as st
 
 from vsr2.errors import GeometryError
 from vsr2.scene import (
+    Box,
+    Hull,
+    MassProperties,
+    Pose,
+    Triangles,
     aabb_mass_properties,
     box_mass_properties,
     load_mesh,
@@ -182,3 +188,45 @@ def test_laboratory_specimen() -> None:
     box = aabb_mass_properties(353.8, loaded.hull_points)
     # Bullet's values with its margins (a few millimetres on 0.4 to 1 m) are some per cent larger.
     np.testing.assert_allclose(box.principal_inertia, [22.9, 33.7, 46.5], rtol=0.025)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"principal_inertia": np.ones((3, 1))}, r"principal_inertia has shape \(3, 1\)"),
+        ({"principal_inertia": np.ma.array(np.ones(3), mask=[0, 1, 0])}, "is a masked array"),
+        ({"mass_center": np.zeros((1, 3))}, "mass_center has shape"),
+        ({"mass_center": ["0", "0", "0"]}, "not an array of numbers"),
+        ({"principal_axes": np.eye(3, dtype=bool)}, "but of bool"),
+        ({"principal_axes": np.eye(9)}, r"it needs \(3, 3\)"),
+        ({"mass": "1"}, "mass is not an array of numbers"),
+        ({"mass": np.ones(1)}, r"mass has shape \(1,\)"),
+    ],
+)
+def test_properties_that_the_hash_would_not_tell_apart_are_refused(
+    changes: dict[str, object], message: str
+) -> None:
+    fields = {"mass": 1.0, "mass_center": np.zeros(3), "principal_inertia": np.ones(3),
+              "principal_axes": np.eye(3)}  # fmt: skip
+    MassProperties(**fields)
+    with pytest.raises(GeometryError, match=message):
+        MassProperties(**{**fields, **changes})
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Pose(("0", "0", "0"), (0.0, 0.0, 0.0, 1.0)),
+        lambda: Pose((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        lambda: Box((1.0, True, 1.0)),
+        lambda: Box(np.ma.array(np.ones(3), mask=[0, 1, 0])),
+        lambda: Hull(np.ones((3, 4, 1))),
+        lambda: Hull(np.ones((4, 3), complex)),
+        lambda: Triangles(np.ma.array(np.ones((3, 3))), np.array([[0, 1, 2]])),
+        lambda: Triangles(np.ones((3, 3)), np.array([[0.0, 1.0, 2.0]])),
+        lambda: Triangles(np.ones((3, 3)), np.array([0, 1, 2])),
+    ],
+)
+def test_bodies_of_anything_but_real_numbers_are_refused(make: Callable[[], object]) -> None:
+    with pytest.raises(GeometryError, match=r"not an array of|masked array|has shape"):
+        make()

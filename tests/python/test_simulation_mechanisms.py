@@ -15,8 +15,8 @@ from vsr2.config.study import Outcome, Output, Study
 from vsr2.errors import ResultError, SimulationError
 from vsr2.motion import Motion, SideMotion
 from vsr2.results import load_trial_log, save_trial_log
-from vsr2.results.result import rotate
 from vsr2.scene import Mechanisms, PedestalBody, RockBody, Scene, build_pedestal, build_rock
+from vsr2.scene.rotation import rotate
 from vsr2.simulation import Simulation, native_scene, plan_sha256, run_batch
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial

@@ -1,13 +1,11 @@
 """Campaigns of shake-table trials, measured and simulated: their form, files, folds and import."""
 
 from vsr2.campaign.campaign import (
-    TIERS,
     Campaign,
     CampaignTrial,
     MeasurementNoise,
     Series,
     Specimen,
-    Tier,
 )
 from vsr2.campaign.description import SCHEMA
 from vsr2.campaign.file_problems import CampaignProblem
@@ -18,6 +16,7 @@ from vsr2.campaign.laboratory import import_lab
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.simulate import simulate_campaign, trial_statuses
 from vsr2.campaign.summary import campaign_summary
+from vsr2.codes import TIERS, Tier
 
 __all__ = [
     "SCHEMA",

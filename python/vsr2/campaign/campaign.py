@@ -8,20 +8,18 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign.faults import extra_fault, id_fault, number_fault, text_fault
+from vsr2.codes import Tier
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
-Tier = Literal["B", "M", "T"]
-TIERS: tuple[Tier, ...] = get_args(Tier)
-"""Rising: outcomes, largest tilts, series."""
 
 MAX_TRIALS = 100_000
 """Most trials of one campaign."""

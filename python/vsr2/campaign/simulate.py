@@ -34,8 +34,8 @@ from vsr2.results import (
     Status,
     TrialLog,
     load_trial_log,
-    quaternion_product,
 )
+from vsr2.scene.rotation import quaternion_product
 from vsr2.trial import rows_only
 
 if TYPE_CHECKING:
@@ -59,6 +59,12 @@ class RunOptions(TypedDict, total=False):
     client: distributed.Client | None
 
 
+class CampaignOptions(RunOptions, total=False):
+    """The same, and what was run before."""
+
+    resume: Campaign | None
+
+
 def simulate_campaign(
     study: Study | Sequence[Trial],
     *,
@@ -68,8 +74,7 @@ def simulate_campaign(
     noise: MeasurementNoise | None = None,
     seed: int = 0,
     series_every: int = 0,
-    resume: Campaign | None = None,
-    **run: Unpack[RunOptions],
+    **run: Unpack[CampaignOptions],
 ) -> Campaign:
     """Run trials and write down what an experimenter would have measured.
 
@@ -89,10 +94,10 @@ def simulate_campaign(
         noise: standard errors; None, and channels not stated: none.
         seed: of the noise and of what effects draw.
         series_every: keep a row of the series every so many time steps; 0: no series.
-        resume: a campaign of the same call that was interrupted; only trials that it lacks are run.
         run: threads, progress, checkpoint and client of :func:`vsr2.simulation.run_batch`. With a
             checkpoint a call that was killed, made again, runs only the other trials and gives the
-            same campaign. Not together with `resume`.
+            same campaign. In place of a checkpoint `resume`: a campaign of the same call that was
+            interrupted; only trials that it lacks are run.
 
     Returns:
         The campaign. Failed and interrupted trials have no outcome; :func:`trial_statuses` tells
@@ -103,6 +108,7 @@ def simulate_campaign(
             given with a checkpoint.
         Vsr2Error: as `run_batch`.
     """
+    resume = run.pop("resume", None)
     if resume is not None and run.get("checkpoint") is not None:
         raise CampaignError("give either resume or checkpoint, not both")
     if series_every < 0 or seed < 0:
@@ -263,7 +269,7 @@ def trial_statuses(campaign: Campaign) -> dict[str, Status]:
             f"campaign {campaign.name!r}: its provenance does not say how its trials ended; "
             "simulate it again with this VSR2"
         )
-    return {trial.trial: Status[ends.get(trial.trial, "ok")] for trial in campaign.trials}
+    return {trial.trial: Status[ends.get(trial.trial, Status.ok.name)] for trial in campaign.trials}
 
 
 def _finished(

@@ -13,6 +13,7 @@ from vsr2.blind import PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS, EngineName
 from vsr2.blind.pack_diagnoses import BUDGET as USUAL
 from vsr2.cli import options as opt
+from vsr2.codes import Tier
 from vsr2.diagnosis import Budget, Execution
 
 verbs = App(name="blind")
@@ -164,7 +165,7 @@ def diagnose(
     /,
     *,
     out: Path,
-    tier: tuple[opt.Tier, ...] = (),
+    tier: tuple[Tier, ...] = (),
     campaign: tuple[str, ...] = (),
     effort: Effort = EFFORT,
     quiet: opt.Quiet = False,
@@ -206,7 +207,7 @@ def score(
     /,
     *,
     out: Path,
-    tier: tuple[opt.Tier, ...] = (),
+    tier: tuple[Tier, ...] = (),
     train: tuple[Path, Path] | None = None,
 ) -> int:
     """Open the key and score the diagnoses, once.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from cyclopts import Parameter
 
 from vsr2.cli import options as opt
+from vsr2.codes import Tier
 
 if TYPE_CHECKING:
     from vsr2.config import Study
@@ -32,7 +33,7 @@ class Question:
         seed: of everything random
     """
 
-    tier: opt.Tier | None = None
+    tier: Tier | None = None
     exclude: tuple[str, ...] = ()
     prior: tuple[str, ...] = ()
     nuisance: opt.Nuisances = ()
@@ -59,7 +60,7 @@ class Effort:
         posterior_draws: write so many scenes with a draw of the posterior each, too
         iterate: diagnose the corrected scene again until nothing is named, each round in a folder
             of its own
-        most_rounds: of --iterate
+        most_rounds: of --iterate, four by default
     """
 
     budget_minutes: float = 10.0
@@ -72,7 +73,7 @@ class Effort:
     client: str | None = None
     posterior_draws: opt.Integer = 0
     iterate: bool = False
-    most_rounds: opt.Integer = 4
+    most_rounds: opt.Integer | None = None
     quiet: opt.Quiet = False
 
 

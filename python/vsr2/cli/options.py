@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, get_origin
 
 from cyclopts import Parameter, Token
 
@@ -40,8 +40,6 @@ def integer(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
 Integer = Annotated[int, Parameter(converter=integer)]
 Study = Annotated[Path, Parameter(help="study to run")]
 Campaign = Annotated[Path, Parameter(help="folder of a campaign")]
-Tier = Literal["B", "M", "T"]
-"""Of `vsr2.campaign`, which help does not import; a test holds them equal."""
 Settings = Annotated[
     tuple[str, ...],
     Parameter(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import AfterValidator, Field, Strict, model_validator
 
@@ -12,6 +12,10 @@ from vsr2.config.section import FilePath, NonNegative, Positive, Scale, Section
 RecordUnits = Literal[
     "g", "m/s^2", "cm/s^2", "mm/s^2", "m/s", "cm/s", "mm/s", "m", "cm", "mm", "in"
 ]
+
+DriveMode = Literal["motor", "prescribed"]
+DRIVE_MODES: tuple[DriveMode, ...] = get_args(DriveMode)
+"""How the pedestal follows its set-points, in studies and trials."""
 
 MAX_GRID_TRIALS = 1_000_000
 MIN_STEPS_A_PERIOD = 10
@@ -42,7 +46,7 @@ class Range(Section):
 
 
 class _Driven(Section):
-    drive: Literal["motor", "prescribed"] = "prescribed"
+    drive: DriveMode = "prescribed"
     """`motor`: Bullet's joint motor follows the set-points (the original; lags); `prescribed`: the
     pedestal moves exactly as commanded."""
 

@@ -42,7 +42,8 @@ from vsr2.config.section import (
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
 EngineMode = Literal["auto", "parity", "exact", "fast"]
-"""The engines of the core, `_native.EngineKind`; a test holds them equal."""
+"""The engines of the core, `_native.EngineKind`, as type checkers read them; a test holds them
+equal."""
 InertiaRule = Literal["file", "mesh", "aabb"]
 """Where mass and inertia of a URDF come from."""
 

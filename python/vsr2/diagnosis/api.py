@@ -11,7 +11,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import with_correction, write_corrected
-from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.observed.observations import Observations, observe_campaign
 from vsr2.diagnosis.pipeline import Question, Report, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
@@ -88,26 +88,14 @@ def diagnose(
     """
     if seed < 0:
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
-    cache = execution.cache
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
-    simulator = SceneSimulator(
-        seen.campaign,
-        study,
-        hypotheses=hypotheses,
-        series=seen.tier == "T" or (cache is not None and cache.series),
-        sampling=None if cache is None else cache.sampling,
-        threads=execution.threads,
-        client=execution.client,
-        seed=seed,
-    )
-    if not set(simulator.library) - set(simulator.excluded):
-        raise DiagnosisError("no effect is left to look for: exclude fewer")
+    simulator = _simulator(seen, study, hypotheses, execution, seed)
     folder = None if out is None else made_folder(Path(out))
-    if cache is not None:
-        made_folder(cache.folder)
+    if execution.cache is not None:
+        made_folder(execution.cache.folder)
     found = diagnose_with(
         simulator,
         seen.campaign,
@@ -119,7 +107,7 @@ def diagnose(
             hypotheses.most_effects,
             budget.waterfall,
         ),
-        cache=folder if cache is None else cache,
+        cache=folder if execution.cache is None else execution.cache,
         budget=budget,
         report=execution.report,
         provenance={
@@ -138,6 +126,30 @@ def diagnose(
         found.save(folder)
         write_corrected(found, study, folder)
     return found
+
+
+def _simulator(
+    seen: Observations, study: Study, hypotheses: Hypotheses, execution: Execution, seed: int
+) -> SceneSimulator:
+    """Simulator of the observed trials.
+
+    Raises:
+        DiagnosisError: it leaves no effect to look for.
+    """
+    cache = execution.cache
+    simulator = SceneSimulator(
+        seen.campaign,
+        study,
+        hypotheses=hypotheses,
+        series=seen.tier == "T" or (cache is not None and cache.series),
+        sampling=None if cache is None else cache.sampling,
+        threads=execution.threads,
+        client=execution.client,
+        seed=seed,
+    )
+    if not set(simulator.library) - set(simulator.excluded):
+        raise DiagnosisError("no effect is left to look for: exclude fewer")
+    return simulator
 
 
 def made_folder(folder: Path) -> Path:

@@ -29,6 +29,8 @@ class ScheduleConstants:
         first: share of the budget after which there is a first answer.
         training_s: of a campaign, until a first training has been timed [s].
         least_training_s: of a campaign, however short a training was [s].
+        leading: hypotheses that are reported while a diagnosis runs.
+        rounds: diagnoses of corrected scenes at most, where no number is asked for.
     """
 
     look_share: float = 0.15
@@ -39,6 +41,8 @@ class ScheduleConstants:
     first: float = 0.1
     training_s: float = 0.03
     least_training_s: float = 1e-4
+    leading: int = 3
+    rounds: int = 4
 
 
 SCHEDULE = ScheduleConstants()

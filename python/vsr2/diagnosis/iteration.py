@@ -15,7 +15,7 @@ from vsr2 import _native
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
-from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.corrected import CORRECTED_FILE, corrected_study
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
@@ -28,8 +28,6 @@ from vsr2.results.atomic import write_text
 IterationSchema = Literal["vsr2.iteration/1"]
 ITERATION_SCHEMA: IterationSchema = get_args(IterationSchema)[0]
 ITERATION_FILE = "iteration.json"
-MOST_ROUNDS = 4
-"""Rounds at most, by default; chosen by hand."""
 
 
 class Ended(StrEnum):
@@ -127,7 +125,7 @@ def iterate(
     scene: Study | str | PathLike[str],
     out: str | PathLike[str],
     *,
-    most: int = MOST_ROUNDS,
+    most: int | None = None,
     finished: Callable[[Diagnosis, Study, Path], object] = lambda found, study, folder: None,
     **asked: Unpack[Asked],
 ) -> Iteration:
@@ -141,7 +139,7 @@ def iterate(
         scene: to begin with.
         out: folder of the rounds, `round_1` and so on, of `iteration.json`, and of
             `corrected.yaml` with all that was named.
-        most: rounds.
+        most: rounds; None: `ScheduleConstants.rounds`.
         finished: called with the diagnosis, the scene and the folder of a round that was run; the
             round counts as finished afterwards.
         asked: the other arguments of :func:`vsr2.diagnose`.
@@ -153,6 +151,7 @@ def iterate(
         DiagnosisError: `most` is below 1.
         Vsr2Error: as :func:`vsr2.diagnose` raises them.
     """
+    most = SCHEDULE.rounds if most is None else most
     if most < 1:
         raise DiagnosisError(f"most rounds is {most}; give 1 or more")
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)

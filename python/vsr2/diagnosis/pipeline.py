@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge
-from vsr2.diagnosis.how_far.waterfall import WATERFALL, Waterfall, waterfall
+from vsr2.diagnosis.how_far.waterfall import WATERFALL, FullInference, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.features import SERIES
 from vsr2.diagnosis.observed.observations import (
@@ -45,6 +45,7 @@ from vsr2.diagnosis.simulated.campaigns import (
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import LOOK, Look, look
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
 from vsr2.diagnosis.simulated.simulator import SIMULATION, Request, Simulator
 from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
@@ -88,8 +89,6 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-LEADING = 3
-"""Hypotheses that are reported while a diagnosis runs."""
 
 
 @dataclass(frozen=True)
@@ -298,8 +297,9 @@ class _Work:
                 )
             )  # fmt: skip
         return waterfall(
-            self.store, self.seen, trials, campaigns, (posterior, found),
-            how_far.losses[Loss.FLOOR], excluded=self.question.excluded, seed=self.question.seed,
+            self.store, self.seen, trials, campaigns,
+            FullInference(posterior, found, self.question.excluded),
+            how_far.losses[Loss.FLOOR], seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.WATERFALL, n / m, found, posterior),
         )  # fmt: skip
 
@@ -385,7 +385,7 @@ class _Work:
 def _leading(found: Found, posterior: Posterior) -> dict[str, float]:
     names = (NONE, *posterior.sets.names, UNKNOWN)
     labels = label_probability(found.probability[None], posterior.sets)[0]
-    return {names[i]: float(labels[i]) for i in np.argsort(-labels)[:LEADING]}
+    return {names[i]: float(labels[i]) for i in np.argsort(-labels)[: SCHEDULE.leading]}
 
 
 def _constants() -> dict[str, dict[str, Any]]:
@@ -397,6 +397,7 @@ def _constants() -> dict[str, dict[str, Any]]:
         "schedule": asdict(SCHEDULE),
         "simulation": asdict(SIMULATION),
         "look": asdict(LOOK),
+        "motion_noise": asdict(MOTION_NOISE),
         "set_prior": asdict(SET_PRIOR),
         "discrepancy": asdict(DISCREPANCY),
         "summaries": asdict(SUMMARY),

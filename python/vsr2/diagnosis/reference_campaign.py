@@ -34,11 +34,13 @@ class ReferenceConstants:
         draws: of nuisances, contact models and starts.
         starts: simulations with starts moved by 1e-6 to 1e-4 m and rad.
         significant: p value up to which a measure counts as differing.
+        quantiles: of the fresh draws that are shown beside a difference.
     """
 
     draws: int = 39
     starts: int = 6
     significant: float = 0.05
+    quantiles: tuple[float, float] = (0.05, 0.95)
 
 
 REFERENCE = ReferenceConstants()
@@ -55,7 +57,7 @@ class Agreement:
         trials: that it rests on.
         campaign: the difference.
         starts: the same of simulations with moved starts, root mean square.
-        low, high: 5 and 95 % quantiles of the same under fresh draws.
+        low, high: quantiles of the same under fresh draws.
         p_value: share of fresh draws that differ by as much, itself counted.
     """
 
@@ -141,7 +143,7 @@ def agreement(
             continue
         starts, draws = differences[: REFERENCE.starts], differences[REFERENCE.starts :]
         as_large = np.count_nonzero(np.abs(draws) >= abs(value))
-        low, high = np.quantile(draws, [0.05, 0.95])
+        low, high = np.quantile(draws, REFERENCE.quantiles)
         out.append(
             Agreement(
                 name, trials[name], value, float(np.sqrt((starts**2).mean())), float(low),

@@ -189,22 +189,22 @@ class _Hook:
     Attributes:
         effect: whose `change` it is.
         values: by the trial's index; equal ones are one object.
-        whole: the effect of which it is a part; None: of none.
+        composite: the effect of which it is a part; None: of none.
     """
 
     effect: Effect
     values: Mapping[int, dict[str, float]]
-    whole: Effect | None = None
+    composite: Effect | None = None
 
     @property
     def key(self) -> str:
         """Of the study, by which errors name the effect."""
-        return f"effects.{self.effect.name if self.whole is None else self.whole.name}"
+        return f"effects.{(self.composite or self.effect).name}"
 
     def key_of(self, own: str) -> str:
         """Of the study, for the key that an error of the effect names."""
         before = f"effects.{self.effect.name}."
-        if self.whole is None or not own.startswith(before):
+        if self.composite is None or not own.startswith(before):
             return own
         return f"{self.key}.{self.effect.name}_{own.removeprefix(before)}"
 

@@ -112,7 +112,7 @@ def _of_parts(
                     lower=lower,
                     upper=upper,
                     meaning=f"`{parameter.name}` of `{effect.name}` after the change",
-                    whole_range=parameter.whole_range and drawn.get(name, ()) is None,
+                    full_range=parameter.full_range and drawn.get(name, ()) is None,
                 )
             )
     return tuple(found)

@@ -52,9 +52,9 @@ class Parameter:
         secondary: without effect on its own (an azimuth, a frequency); whether an effect is null
             is decided by the others.
         choices: words a study may write, in the order of their values 0, 1, 2, ...
-        whole_range: the prior is meant as it stands, as of a direction that nobody has noted down.
+        full_range: the prior is meant as it stands, as of a direction that nobody has noted down.
             Other parameters are drawn near what a campaign just shows, for a greater value is seen
-            anyway; of this one a diagnosis draws values over the whole prior, too.
+            anyway; of this one a diagnosis draws values over the full prior, too.
         twice: how the value and another on top of it make one: their sum or product, that of
             relative changes (`growth`) or losses, the root of the sum of squares of two
             independent draws (`spread`), the least, the later one. Empty: no value does.
@@ -70,7 +70,7 @@ class Parameter:
     limits: tuple[float, float] | None = None
     secondary: bool = False
     choices: tuple[str, ...] = ()
-    whole_range: bool = False
+    full_range: bool = False
     twice: Twice = ""
 
     def __post_init__(self) -> None:

@@ -36,7 +36,7 @@ class Registration(Effect):
     parameters = (
         Parameter(
             "yaw", "degree", 0.0, -180.0, 180.0, "uniform",
-            "turn about the vertical, anticlockwise", limits=(-360.0, 360.0), whole_range=True,
+            "turn about the vertical, anticlockwise", limits=(-360.0, 360.0), full_range=True,
         ),
         Parameter(
             "lean", "degree", 0.0, 0.0, 3.0, "uniform", "of the rock upon its base",

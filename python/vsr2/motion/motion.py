@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import MotionError
-from vsr2.read_only import ReadOnlyArrays, read_only
+from vsr2.read_only import ReadOnlyArrays, read_only, real_array
 
 if TYPE_CHECKING:
     from vsr2.motion.study_motions import Recorded
@@ -326,15 +326,13 @@ def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:
         file: that errors name.
 
     Raises:
-        MotionError: no array of numbers, one with a mask, or not of one dimension and `fewest` to
-            `MAX_SAMPLES`.
+        MotionError: no array of real numbers, one with a mask, or not of one dimension and
+            `fewest` to `MAX_SAMPLES`.
     """
-    if isinstance(given, np.ma.MaskedArray):
-        raise MotionError(f"{what} is a masked array; fill what its mask hides", file=file)
     try:
-        value = read_only(np.asarray(given, dtype=np.float64, order="C"))
-    except (TypeError, ValueError) as error:
-        raise MotionError(f"{what} is not an array of numbers ({error})", file=file) from None
+        value = read_only(np.asarray(real_array(given), order="C"))
+    except TypeError as error:
+        raise MotionError(f"{what} {error}", file=file) from None
     if value.ndim != 1 or not fewest <= value.size <= MAX_SAMPLES:
         raise MotionError(
             f"{what} has shape {value.shape}; it needs one dimension and {fewest} to "

@@ -22,7 +22,7 @@ from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
-from vsr2.report.messages.runs import compatible_values, no_baselines
+from vsr2.report.messages.runs import compatible_values, no_baselines, optimism_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_axis, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table, printable
@@ -243,7 +243,7 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
         settings=result.settings,
         seen=result.provenance,
         scores=_score_table(result),
-        optimism=result.optimism,
+        optimism=optimism_note(result.optimism if result.folds else None),
         failed=int(np.isnan(result.in_sample).sum()),
         no_baselines=no_baselines(result.no_baselines),
         screen=result.screen,

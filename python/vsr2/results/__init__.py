@@ -27,8 +27,6 @@ from vsr2.results.result import (
     Outcome,
     Status,
     TrialLog,
-    quaternion_product,
-    rotate,
 )
 from vsr2.results.result_folder import (
     NPY_COLUMNS,
@@ -80,13 +78,11 @@ __all__ = [
     "logged_trials",
     "original_rows",
     "prepare_folder",
-    "quaternion_product",
     "read_journal",
     "remove_journal",
     "remove_result",
     "remove_temporaries",
     "require_space",
-    "rotate",
     "save_models",
     "save_result",
     "save_trial_log",

@@ -15,6 +15,7 @@ from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.errors import ResultError
 from vsr2.read_only import ReadOnlyArrays
+from vsr2.scene.rotation import conjugate, quaternion_product, rotate
 
 if TYPE_CHECKING:
     import xarray
@@ -32,18 +33,18 @@ The normal points from the pedestal to the rock, a negative distance is penetrat
 over one solver step."""
 
 
-def _places(columns: tuple[str, ...], first: str, last: str) -> slice:
+def _columns_between(columns: tuple[str, ...], first: str, last: str) -> slice:
     """Where the columns of a row from `first` to `last` stand."""
     return slice(columns.index(first), columns.index(last) + 1)
 
 
 # Vectors in a row of `TrialLog.state`, then what is read of a row of `TrialLog.contacts`.
-POSITION = _places(STATE_COLUMNS, "rock_x", "rock_z")
-ORIENTATION = _places(STATE_COLUMNS, "rock_qx", "rock_qw")
-VELOCITY = _places(STATE_COLUMNS, "rock_vx", "rock_vz")
-ANGULAR_VELOCITY = _places(STATE_COLUMNS, "rock_wx", "rock_wz")
+POSITION = _columns_between(STATE_COLUMNS, "rock_x", "rock_z")
+ORIENTATION = _columns_between(STATE_COLUMNS, "rock_qx", "rock_qw")
+VELOCITY = _columns_between(STATE_COLUMNS, "rock_vx", "rock_vz")
+ANGULAR_VELOCITY = _columns_between(STATE_COLUMNS, "rock_wx", "rock_wz")
 CONTACT_TIME = CONTACT_COLUMNS.index("time")
-ROCK_POINT = _places(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
+ROCK_POINT = _columns_between(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
 
 STATUSES: tuple[str, ...] = tuple(Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
@@ -80,34 +81,6 @@ TEXT_COLUMNS = ("name", "motion", "motion_sha256", *_TEXT_RESULTS)
 INTEGER_COLUMNS = ("trial", "seed", *_INTEGER_RESULTS)
 """Columns of `BatchResult.trials` that hold whole numbers; those left are floats, NaN where a
 trial has no such value."""
-
-
-def quaternion_product(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions x, y, z, w; shapes (..., 4)."""
-    ax, ay, az, aw = np.moveaxis(a, -1, 0)
-    bx, by, bz, bw = np.moveaxis(b, -1, 0)
-    return np.stack(
-        [
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-            aw * bw - ax * bx - ay * by - az * bz,
-        ],
-        axis=-1,
-    )
-
-
-def conjugate(q: Array) -> Array:
-    """The inverse of unit quaternions x, y, z, w, shape (..., 4)."""
-    inverse: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
-    return inverse
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """Rotates vectors v (..., 3) by unit quaternions q (..., 4)."""
-    u, w = q[..., :3], q[..., 3:]
-    t = 2.0 * np.cross(u, v)
-    return v + w * t + np.cross(u, t)
 
 
 @dataclass(frozen=True, eq=False)

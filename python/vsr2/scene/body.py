@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.codes import Statement
-from vsr2.read_only import ReadOnlyArrays, read_only
+from vsr2.errors import GeometryError
+from vsr2.read_only import ReadOnlyArrays, read_only, real_array
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ class Pose:
     orientation: tuple[float, float, float, float]
 
     def __post_init__(self) -> None:
-        _keep_tuples(self, "position", "orientation")
+        _keep_numbers(self, position=3, orientation=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,10 @@ class MassProperties(ReadOnlyArrays):
         mass_center: in the model frame M, shape (3,) [m].
         principal_inertia: about the mass centre along the principal axes, shape (3,) [kg m^2].
         principal_axes: R_MB, columns are the principal axes in M (right-handed), shape (3, 3).
+
+    Raises:
+        GeometryError: an array of another shape, with a mask, or of something else than real
+            numbers.
     """
 
     mass: float
@@ -42,12 +47,24 @@ class MassProperties(ReadOnlyArrays):
     principal_inertia: Array
     principal_axes: Array
 
+    def __post_init__(self) -> None:
+        _keep_array(self, "mass", ())
+        _keep_array(self, "mass_center", (3,))
+        _keep_array(self, "principal_inertia", (3,))
+        _keep_array(self, "principal_axes", (3, 3))
+        object.__setattr__(self, "mass", float(self.mass))
+        super().__post_init__()
+
 
 @dataclass(frozen=True, eq=False)
 class Hull(ReadOnlyArrays):
     """One convex collision part: points in the model frame, shape (k, 3) [m], read-only."""
 
     points: Array
+
+    def __post_init__(self) -> None:
+        _keep_array(self, "points", (None, 3))
+        super().__post_init__()
 
     @cached_property
     def distinct(self) -> Array:
@@ -70,7 +87,7 @@ class Box:
     orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        _keep_tuples(self, "size", "center", "orientation")
+        _keep_numbers(self, size=3, center=3, orientation=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +96,15 @@ class Triangles(ReadOnlyArrays):
 
     vertices: Array
     faces: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        _keep_array(self, "vertices", (None, 3))
+        faces = self.faces
+        masked = isinstance(faces, np.ma.MaskedArray)
+        if masked or not isinstance(faces, np.ndarray) or faces.dtype.kind not in "iu":
+            raise GeometryError("Triangles: faces is not an array of integers without a mask")
+        _check_shape("Triangles: faces", faces.shape, (None, 3))
+        super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +181,47 @@ class PedestalBody:
     slope: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        _keep_tuples(self, "parts", "origin", "base_size", "slope")
+        _keep_tuples(self, "parts")
+        _keep_numbers(self, origin=3, base_size=3, slope=4)
+
+
+def _keep_array(value: object, name: str, shape: tuple[int | None, ...]) -> None:
+    """Turn what was given into an array of real numbers of a shape, in which None is any length.
+
+    Raises:
+        GeometryError: it is none.
+    """
+    what = f"{type(value).__name__}: {name}"
+    try:
+        array = real_array(getattr(value, name))
+    except TypeError as error:
+        raise GeometryError(f"{what} {error}") from None
+    _check_shape(what, array.shape, shape)
+    object.__setattr__(value, name, array)
+
+
+def _check_shape(what: str, given: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
+    if len(given) != len(wanted) or any(
+        n is not None and n != k for k, n in zip(given, wanted, strict=True)
+    ):
+        shape = str(wanted).replace("None", "n")
+        raise GeometryError(f"{what} has shape {given}; it needs {shape}")
+
+
+def _keep_numbers(value: object, **counts: int) -> None:
+    """The same of tuples of so many real numbers, kept as they are.
+
+    Raises:
+        GeometryError: it holds something else.
+    """
+    for name, count in counts.items():
+        what, given = f"{type(value).__name__}: {name}", getattr(value, name)
+        try:
+            array = real_array(given)
+        except TypeError as error:
+            raise GeometryError(f"{what} {error}") from None
+        _check_shape(what, array.shape, (count,))
+    _keep_tuples(value, *counts)
 
 
 def _keep_tuples(value: object, *names: str) -> None:

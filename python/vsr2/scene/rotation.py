@@ -8,6 +8,7 @@ chaotic response enlarges, so they are written out.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +60,28 @@ def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
         w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
         w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
     )
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Hamilton product of arrays of quaternions x, y, z, w, shapes (..., 4); see `multiply`."""
+    return np.stack(multiply(_components(a), _components(b)), axis=-1)
+
+
+def _components(q: Array) -> tuple[Any, Any, Any, Any]:
+    return (q[..., 0], q[..., 1], q[..., 2], q[..., 3])
+
+
+def conjugate(q: Array) -> Array:
+    """The inverse of unit quaternions x, y, z, w, shape (..., 4)."""
+    inverse: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
+    return inverse
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """Rotates vectors v (..., 3) by unit quaternions q (..., 4)."""
+    u, w = q[..., :3], q[..., 3:]
+    t = 2.0 * np.cross(u, v)
+    return v + w * t + np.cross(u, t)
 
 
 def yaw_quaternion(yaw: float) -> Quaternion:

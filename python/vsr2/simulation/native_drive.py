@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from vsr2 import _native
+from vsr2.config.motion_source import DriveMode
 
 
-def native_drive(
-    drive: Literal["prescribed", "motor"], *, beside_x: bool, cosine: bool
-) -> _native.Drive:
+def native_drive(drive: DriveMode, *, beside_x: bool, cosine: bool) -> _native.Drive:
     """The core's drive for a motion (supplement S1.3).
 
     Args:

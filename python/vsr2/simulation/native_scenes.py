@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsr2 import _native
-from vsr2.config.study import Contact, Engine, Material
+from vsr2.config.study import Engine, Material
 from vsr2.errors import Fault, SimulationError
 from vsr2.scene import Box, Hull, Scene, Triangles
 
@@ -58,7 +58,7 @@ def _built(scene: Scene) -> _native.Scene:
             rock=_native.RockSpec(
                 parts=_native_parts(rock.parts),
                 mass=rock.mass.mass,
-                principal_inertia=np.asarray(rock.mass.principal_inertia),
+                principal_inertia=rock.mass.principal_inertia,
                 inertia_from_aabb=rock.inertia_from_aabb,
                 mass_center=np.asarray(frame.position),
                 principal_axes=np.asarray(frame.orientation),
@@ -84,11 +84,6 @@ def refusals(what: str) -> Iterator[None]:
     except _native.InvalidInput as error:
         fault: _native.InputFault = vars(error)["fault"]
         raise SimulationError(f"{what}: {error}", fault=Fault(fault.name)) from error
-
-
-def pair_values(contact: Contact) -> _native.ContactValues:
-    """Values in force between rock and pedestal (supplement Eq. 1; Eq. 2 where both are equal)."""
-    return _native.combine(_native_material(contact.rock), _native_material(contact.pedestal))
 
 
 def _native_material(material: Material) -> _native.ContactValues:

@@ -5,15 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.config import Study, load_study
+from vsr2.config.motion_source import DriveMode
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
+from vsr2.read_only import real_array
 from vsr2.scene import Pose, Scene, build_scene
 from vsr2.simulation.native_drive import native_drive
 from vsr2.simulation.native_scenes import native_scene, refusals
@@ -97,7 +99,7 @@ class Simulation:
     ) -> None:
         if isinstance(study, Scene):
             self.scene = study
-            source: Literal["prescribed", "motor"] = "prescribed"
+            source: DriveMode = "prescribed"
             cosine = False
         elif isinstance(study, Study | str | PathLike):
             loaded = study if isinstance(study, Study) else load_study(study)
@@ -316,12 +318,12 @@ class Simulation:
         """Set the rock's velocities in the world, shapes (3,) [m/s] and (3,) [rad/s].
 
         Raises:
-            SimulationError: there is no rock, or the values are not three finite numbers.
+            SimulationError: there is no rock, or the values are not three finite real numbers each.
         """
-        velocities = [
-            np.ma.asanyarray(values, dtype=np.float64).filled(np.nan)
-            for values in (linear, angular)
-        ]
+        try:
+            velocities = [real_array(values) for values in (linear, angular)]
+        except TypeError as error:
+            raise SimulationError(f"set_rock_velocity: a velocity {error}") from None
         if any(v.shape != (3,) or not np.isfinite(v).all() for v in velocities):
             raise SimulationError(
                 f"set_rock_velocity: needs three finite numbers each, got {linear} and {angular}"

@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from vsr2._native import Outcome as Ending
+from vsr2.config.motion_source import DRIVE_MODES, DriveMode
 from vsr2.config.problems import shown
 from vsr2.config.study import Outcome, Output, Settling
 from vsr2.errors import SimulationError
@@ -88,7 +89,6 @@ class Applied:
         return f"{self.effect.name}{self.values!r}"
 
 
-DRIVES = ("prescribed", "motor")
 _FIELDS: Mapping[str, tuple[Any, str]] = {
     "scene": (Scene, "a Scene; `vsr2.build_scene(study)` makes one"),
     "motion": (Motion, "a Motion; `vsr2.motion` makes them of records and cosines"),
@@ -125,7 +125,7 @@ class Trial:
 
     scene: Scene
     motion: Motion
-    drive: Literal["prescribed", "motor"] = "prescribed"
+    drive: DriveMode = "prescribed"
     start: Pose | None = None
     name: str = ""
     seed: int = 0
@@ -142,9 +142,9 @@ class Trial:
                     f"Trial: {key} must be {remedy} (is {shown(value)} of type "
                     f"{type(value).__name__})"
                 )
-        if self.drive not in DRIVES:
+        if self.drive not in DRIVE_MODES:
             raise SimulationError(
-                f"Trial: drive must be {' or '.join(DRIVES)} (is {shown(self.drive)})"
+                f"Trial: drive must be {' or '.join(DRIVE_MODES)} (is {shown(self.drive)})"
             )
 
     def __eq__(self, other: object) -> bool:

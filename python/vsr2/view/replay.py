@@ -21,11 +21,11 @@ from vsr2.results import (
     load_result,
     load_trial_log,
     logged_trials,
-    rotate,
 )
 from vsr2.results.result import CONTACT_TIME, ROCK_POINT
 from vsr2.results.result_folder import MODEL_FOLDER
 from vsr2.scene import Triangles, build_scene
+from vsr2.scene.rotation import rotate
 from vsr2.scene.shapes import pedestal_surface
 
 Array = NDArray[np.float64]

@@ -27,7 +27,8 @@ from vsr2.effects import (
 )
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
-from vsr2.results import TrialLog, quaternion_product
+from vsr2.results import TrialLog
+from vsr2.scene.rotation import quaternion_product
 
 if TYPE_CHECKING:
     from vsr2.scene import Pose, Scene

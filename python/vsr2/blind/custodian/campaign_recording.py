@@ -12,7 +12,7 @@ from vsr2.blind.custodian.design import Protocol, trial_name
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import Response
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Series, Specimen
-from vsr2.results import quaternion_product
+from vsr2.scene.rotation import quaternion_product
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,8 @@ class TrialConstants:
             passed.
         tail: longest time after the motion [s].
         settling: for which the body settles before the motion [s].
-        kept_speed: while it settles, share of its speed that is left after 1 ms.
+        kept_speed: while it settles, share of its speed that is left after `kept_after`.
+        kept_after: see there [s].
         leaning: tilt at the end, over the slenderness angle, from which it has overturned.
         look: between two looks whether a trial has ended [s].
         calm: looks in a row that find the body at rest, as it may pause for one where it turns
@@ -42,6 +43,7 @@ class TrialConstants:
     tail: float = 5.0
     settling: float = 0.3
     kept_speed: float = 0.95
+    kept_after: float = 1e-3
     leaning: float = 0.5
     look: float = 0.05
     calm: int = 5
@@ -122,7 +124,7 @@ def _settle(model: Any, data: Any, situation: Situation, table: Array) -> None:
         mujoco.mj_step(model, data)
         data.qpos[:joints] = table
         data.qvel[:joints] = 0
-        data.qvel *= TRIAL.kept_speed ** (situation.contact.step / 0.001)
+        data.qvel *= TRIAL.kept_speed ** (situation.contact.step / TRIAL.kept_after)
     data.qvel[:] = 0
 
 

@@ -78,6 +78,10 @@ def by_kind(scores: Array) -> Array:
     return np.asarray(out)
 
 
+CI95 = (0.025, 0.975)
+"""Quantiles at the ends of a 95 % interval."""
+
+
 @dataclass(frozen=True)
 class Interval:
     """An estimate with its 95 % interval; NaN where it does not exist."""
@@ -94,8 +98,8 @@ class Interval:
 
 
 def interval(values: Array) -> Interval:
-    """The first value, and the 2.5 and 97.5 % quantiles of the others."""
-    low, high = np.quantile(values[1:], [0.025, 0.975])
+    """The first value, and the 95 % interval of the others."""
+    low, high = np.quantile(values[1:], CI95)
     return Interval(float(values[0]), float(low), float(high))
 
 

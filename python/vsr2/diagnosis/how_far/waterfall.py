@@ -61,6 +61,21 @@ def simulations(trials: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
+class FullInference:
+    """What all trials together tell, by which the effects to judge are chosen.
+
+    Attributes:
+        posterior: trained for all of them.
+        found: inference on the campaign.
+        excluded: effects that are not looked for.
+    """
+
+    posterior: Posterior
+    found: Found
+    excluded: Sequence[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Waterfall:
     """Losses of every trial that was simulated, on motions not seen.
 
@@ -156,10 +171,9 @@ def waterfall(
     seen: Observations,
     trials: NDArray[np.int64],
     campaigns: Campaigns,
-    whole: tuple[Posterior, Found],
+    full: FullInference,
     floor: Array,
     *,
-    excluded: Sequence[str] = (),
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Waterfall:
@@ -170,22 +184,21 @@ def waterfall(
         seen: the observed campaign.
         trials: indices of those simulated.
         campaigns: simulated, of these trials.
-        whole: the posterior, and inference on the whole campaign, by which effects are chosen.
+        full: inference on all trials.
         floor: loss of each trial without a gap, shape (trials,).
-        excluded: effects that are not looked for.
         seed: of draws.
         progress: called with choices of effects done and all.
     """
-    posterior, found = whole
+    posterior = full.posterior
     motion, outcome = seen.motion[trials], seen.overturned[trials]
-    acts = posterior.sets.marginal(found.probability)
+    acts = posterior.sets.marginal(full.found.probability)
     likely = np.argsort(-acts, kind="stable")[: WATERFALL.effects]
     names = tuple(posterior.sets.names[k] for k in likely if acts[k] > 0)
     group = motion_groups(motion, outcome)
     members: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
         own = np.flatnonzero(group == k)
-        drawn = _drawn_sets(seen, trials, campaigns, posterior, group != k, excluded, seed)
+        drawn = _drawn_sets(seen, trials, campaigns, full, group != k, seed)
         for i in own:
             members[i] = drawn
     draws = range(WATERFALL.nuisances, WATERFALL.nuisances + HELD_OUT.members)
@@ -214,18 +227,17 @@ def _drawn_sets(
     seen: Observations,
     trials: NDArray[np.int64],
     campaigns: Campaigns,
-    posterior: Posterior,
+    full: FullInference,
     known: NDArray[np.bool_],
-    excluded: Sequence[str],
     seed: int,
 ) -> list[Effects]:
     """Effects with parameters, drawn from the posterior that some trials give."""
     own = trials[known]
     part = train(
-        seen, campaigns.of_trials(known), posterior.parameters.library, own,
-        most=posterior.sets.most, seed=seed,
+        seen, campaigns.of_trials(known), full.posterior.parameters.library, own,
+        most=full.posterior.sets.most, seed=seed,
     )  # fmt: skip
-    found = part.infer(seen.overturned[own], seen.features[own], excluded)
+    found = part.infer(seen.overturned[own], seen.features[own], full.excluded)
     rng = np.random.default_rng([seed, 61])
     chosen = rng.choice(found.probability.size, HELD_OUT.members, p=found.probability)
     library = part.parameters.library

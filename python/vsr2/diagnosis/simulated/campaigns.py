@@ -36,7 +36,7 @@ class SetPrior:
         least, most: ends of the size of an effect, log-uniform, in detection limits.
         least_share: of an effect's range, where it jumps beside its null.
         alone: probability that a primary parameter beside another stays at its null.
-        whole: share of an effect's draws in which parameters whose whole range counts come from
+        prior_share: of an effect's draws in which parameters whose full range counts come from
             their prior as it stands, instead of a size in detection limits.
     """
 
@@ -47,7 +47,7 @@ class SetPrior:
     most: float = 16.0
     least_share: float = 1 / 256
     alone: float = 0.35
-    whole: float = 0.5
+    prior_share: float = 0.5
 
     def sizes(self, most: int) -> tuple[float, ...]:
         """Shares of campaigns with none, one, ... effects, where at most so many act."""
@@ -145,7 +145,7 @@ def draw_acting(
 ) -> Acting:
     """An effect on either side of its null, at a size that is log-uniform in detection limits.
 
-    Parameters whose whole range counts (`Parameter.whole_range`) come from their prior as it stands
+    Parameters whose full range counts (`Parameter.full_range`) come from their prior as it stands
     in half of the draws. The size is then that of the parameter farthest from its null.
     """
     effect = library[name]
@@ -162,9 +162,9 @@ def draw_acting(
     parts[rng.integers(len(primary))] = 1.0
     secondary = rng.random(len(free_parameters(effect)) - len(primary)).tolist()
     shares = share * parts
-    whole = np.array([parameter.whole_range for parameter in primary])
-    if whole.any() and rng.random() < SET_PRIOR.whole:
-        shares[whole] = rng.random(int(whole.sum()))
+    full = np.array([parameter.full_range for parameter in primary])
+    if full.any() and rng.random() < SET_PRIOR.prior_share:
+        shares[full] = rng.random(int(full.sum()))
     values = values_at(effect, side, shares.tolist(), secondary)
     return Acting(name, side, float(shares.max()) / limit.share, values)
 

@@ -192,11 +192,28 @@ def stated(prior: Prior) -> dict[str, Any]:
     return {"distribution": name, **numbers}
 
 
+@dataclass(frozen=True)
+class MotionNoiseConstants:
+    """How noise is brought in and out; chosen by hand.
+
+    Attributes:
+        taper: share of the motion over which it is, at either end.
+        power: of the sine there; from 4 on the third derivative vanishes where it begins and ends,
+            so that the table starts at rest.
+    """
+
+    taper: float = 0.1
+    power: int = 4
+
+
+MOTION_NOISE = MotionNoiseConstants()
+
+
 class MotionNoise(Effect):
     """The table does not do what was recorded: noise is added to the motion.
 
-    Gaussian, of a flat spectrum of displacement up to the corner, brought in and out over a tenth
-    of the motion. It is a nuisance and no cause: the library does not have it.
+    Gaussian, of a flat spectrum of displacement up to the corner, brought in and out at
+    its ends. It is a nuisance and no cause: the library does not have it.
     """
 
     name = "motion_noise"
@@ -229,9 +246,9 @@ class MotionNoise(Effect):
         parts = rng.standard_normal((2, frequency.size)) * within
         noise = np.fft.irfft(parts[0] + 1j * parts[1], count)
         noise *= values["displacement"] / max(float(noise.std()), 1e-300)
-        ends = np.minimum(np.linspace(0, 10, count), np.linspace(10, 0, count))
-        # Its third derivative vanishes where it begins and ends, so that the table starts at rest.
-        noise *= np.sin(0.5 * np.pi * np.minimum(ends, 1.0)) ** 4
+        tapers = 1 / MOTION_NOISE.taper
+        ends = np.minimum(np.linspace(0, tapers, count), np.linspace(tapers, 0, count))
+        noise *= np.sin(0.5 * np.pi * np.minimum(ends, 1.0)) ** MOTION_NOISE.power
         more = differentiate(noise, step)
         noisy = replace(
             motion,

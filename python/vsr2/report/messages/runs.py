@@ -182,6 +182,21 @@ def no_baselines(why: NoBaselines | None) -> str:
     return ""
 
 
+def optimism_note(optimism: float | None) -> str:
+    """How to read scores in sample; None: there are no folds."""
+    if optimism is None:
+        return (
+            "The simulator's scores are in sample: the values were chosen on the trials that they "
+            "are judged on, so the scores are too good. Set `folds` to see by how much."
+        )
+    return (
+        f"Optimism (objective in sample minus out of fold): {optimism:+.3f}. Out of fold, every "
+        "trial is predicted with values chosen without any trial of its ground motion; judge by "
+        "that line. The lines in sample are too good, the more so the more sets were tried. "
+        "Intervals are 95 %, from a bootstrap over motions, for the predictions as they are."
+    )
+
+
 def compatible_values(profile: Profile) -> str:
     """The compatible values of a parameter, and how much of its range no set has tried."""
     kept = [cell for cell in profile.cells if cell.compatible]
