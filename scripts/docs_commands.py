@@ -36,7 +36,7 @@ APART = {
 LONG = r"vsr2 (diagnose|blind|campaign compare)"
 """Commands that take minutes, by how they begin."""
 SEARCH = (
-    " --no-figures --set folds=2 --set replicates=100 --set method.refine=1"
+    " --no-figures --set folds=2 --set resamples=100 --set method.refine=1"
     " --set method.profile_points=0"
 )
 SHORTER = {

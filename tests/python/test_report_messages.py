@@ -78,7 +78,7 @@ def test_every_code_has_a_sentence(code) -> None:
         ),
         (
             Statement.of(ReasonCode.SECOND_EFFECT_LIKELY, probability=0.6),
-            "two effects act with a probability of 0.60, but no pair is sure enough",
+            "two effects or more act with a probability of 0.60, but which ones is not sure enough",
         ),
         (
             Statement.of(LimitCode.POSSIBLY_OUT_OF_LIBRARY, probability=0.3, prior=0.15),
