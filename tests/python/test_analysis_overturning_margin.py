@@ -9,6 +9,7 @@ from scipy.stats import norm
 from vsr2.analysis.overturning_margin import (
     MARGIN,
     MarginModel,
+    _fitted,
     fit_margin_model,
     out_of_fold_probability,
 )
@@ -77,3 +78,40 @@ def test_replicates_that_are_far_off_lose_their_weight() -> None:
     ]
     assert loss[0] < loss[1] + 0.03
     assert loss[0] < loss[2] - 0.02
+
+
+def test_a_replicate_that_failed_does_not_count() -> None:
+    margin, ends = planted(300, 0.1, 0.15)
+    both = np.concatenate([margin, margin])
+    both[0, ::3] = np.nan
+    motions = np.repeat(np.arange(30), 10)
+    one, other = (fit_margin_model(given, ends, motions) for given in (both, margin))
+    # Weights move nothing where all that is known agrees.
+    assert one.bias == pytest.approx(other.bias, abs=1e-3)
+    np.testing.assert_allclose(one.mean(both), margin[0], rtol=1e-12)
+    both[1, 0] = np.nan
+    assert np.isnan(one.mean(both)[0])
+    assert one.probability(both)[0] == pytest.approx(0.5)
+    assert np.isfinite(out_of_fold_probability(both, ends, motions, 5)).all()
+
+
+def test_slopes_of_the_fit_are_those_of_differences() -> None:
+    margin, ends = planted(60, 0.0, 0.2)
+    rng = np.random.default_rng(3)
+    given = margin + 0.2 * rng.standard_normal((3, 60))
+    given[1, :20] = np.nan
+    found = _fitted(given, ends > 0.5, 1.0)
+    # At the optimum no change of any weight raises the posterior: the slope is right.
+    theta = np.log(np.array(found.weights))
+    theta -= theta.mean()
+
+    def cost(moved) -> float:
+        weights = np.exp(moved) / np.exp(moved).sum()
+        model = MarginModel(found.bias, found.scatter, tuple(weights.tolist()))
+        p = model.probability(given)
+        return 0.5 * float(moved @ moved) - np.log(np.where(ends > 0.5, p, 1 - p)).sum()
+
+    for k in range(3):
+        step = np.eye(3)[k] * 1e-4
+        slope = (cost(theta + step) - cost(theta - step)) / 2e-4
+        assert slope == pytest.approx(0.0, abs=0.02)

@@ -62,16 +62,20 @@ class MarginModel:
     weights: tuple[float, ...] = ()
 
     def mean(self, margins: ArrayLike) -> Array:
-        """Weighted mean over replicates, shape (trials,).
+        """Weighted mean over replicates with a margin, NaN where none has one, shape (trials,).
 
         Args:
-            margins: shape (replicates, trials).
+            margins: NaN where a simulation failed, shape (replicates, trials).
         """
         given = np.asarray(margins, dtype=np.float64)
-        return np.asarray(np.average(given, axis=0, weights=self.weights or None))
+        weights = np.array(self.weights or [1.0] * len(given))
+        with np.errstate(invalid="ignore"):
+            return np.asarray(weights @ np.nan_to_num(given) / (weights @ np.isfinite(given)))
 
     def probability(self, margins: ArrayLike) -> Array:
         """Of overturning, (1 - lapse) Phi((bias - mean) / scatter) + lapse / 2, shape (trials,).
+
+        Where no replicate has a margin it is 1/2.
 
         Args:
             margins: logarithm of the factor at which each replicate overturns, shape (replicates,
@@ -79,7 +83,7 @@ class MarginModel:
         """
         from scipy.special import ndtr
 
-        normal = ndtr((self.bias - self.mean(margins)) / self.scatter)
+        normal = np.nan_to_num(ndtr((self.bias - self.mean(margins)) / self.scatter), nan=0.5)
         return np.asarray((1 - MARGIN.lapse) * normal + 0.5 * MARGIN.lapse)
 
 
@@ -94,12 +98,12 @@ def fit_margin_model(
     Bayesian predictive distributions", Bayesian Analysis 13, 2018).
 
     Args:
-        margins: of each trial, shape (replicates, trials).
+        margins: of each trial, NaN where a simulation failed, shape (replicates, trials).
         overturned: 1 or 0, NaN where unknown, shape (trials,).
         motions: ground motion of each trial, shape (trials,); None: weights are equal.
     """
     given, ends = np.asarray(margins, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
-    known = np.isfinite(ends)
+    known = np.isfinite(ends) & np.isfinite(given).any(axis=0)
     if not known.any():
         return MarginModel()
     given, fell = given[:, known], ends[known] > 0.5
@@ -147,7 +151,9 @@ def _fitted(margins: Array, fell: NDArray[np.bool_], tilt: float) -> MarginModel
         found[0] += MARGIN.bias * slope.sum() / made.scatter
         found[1] -= MARGIN.spread * (slope * u).sum()
         if count:
-            away = (margins - mean) @ (-slope / made.scatter)
+            # A trial's mean is over what is known of it.
+            share = np.array(made.weights) @ np.isfinite(margins)
+            away = np.nan_to_num(margins - mean) @ (-slope / made.scatter / share)
             found[2:] += tilt * np.array(made.weights) * away
         return 0.5 * float(theta @ theta) + _loss(made, margins, fell), found
 

@@ -113,8 +113,8 @@ class Prediction:
             (replicates, trials).
         scores: of the simulator, then of the logistic curve; empty: no outcome is known.
         curve: the calibration curve; empty: no outcome is known.
-        margins: logarithm of the factor on the motion at which each replicate overturns, shape
-            (replicates, trials); None: not sought.
+        margins: logarithm of the factor on the motion at which each replicate overturns, NaN where
+            a simulation has no outcome, shape (replicates, trials); None: not sought.
         provenance: versions, scenes, nuisances, seed (JSON-serialisable).
     """
 
@@ -150,7 +150,7 @@ class Prediction:
         """CSV files by name: predictions.csv and, where outcomes are known, two of scores."""
         margin = np.full(len(self.campaign), np.nan)
         if self.margins is not None:
-            margin = self.margins.mean(axis=0)
+            margin = MarginModel().mean(self.margins)
         columns = zip(
             self.campaign.trials,
             margin.tolist(),
@@ -243,7 +243,7 @@ def predict(
         out: folder for tables and simulations, which later runs reuse; None: nothing is written.
         replicates: of each trial; None: 16, or one for each scene where these are more.
         margins: seek in each replicate the factor on the motion at which the rock overturns, which
-            takes six more simulations; their mean tells more than the share that overturns.
+            takes five more simulations; their mean tells more than the share that overturns.
         hypotheses: of which nuisances and contact models are drawn.
         execution: threads or a cluster, who gets progress, and a cache that a diagnosis shares.
         seed: of all draws; equal seeds have equal draws, and more replicates keep the earlier ones.
@@ -382,7 +382,7 @@ class _Runs:
         return out
 
     def margins(self, outcomes: Array, folder: Path | None) -> Array:
-        """Logarithms of the factors at which replicates overturn, by bisection.
+        """Logarithms of the factors at which replicates overturn, by bisection; NaN: one failed.
 
         Args:
             outcomes: of the motions as they are, where bisection begins, shape (replicates,
@@ -390,31 +390,33 @@ class _Runs:
             folder: of simulations.
         """
         low, high = (np.full(outcomes.shape, sign * PREDICTION.reach) for sign in (-1, 1))
+        failed = np.zeros(outcomes.shape, dtype=bool)
         for k, study in enumerate(self.scenes):
             rows = np.arange(k, len(outcomes), len(self.scenes))
             simulator = self._simulator(self.campaign, study)
-            fell = outcomes[rows] > 0.5
+            ends = outcomes[rows]
             with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
                 for halving in range(PREDICTION.halvings):
                     middle = 0.5 * (low[rows] + high[rows])
                     if halving:
-                        fell = self._scaled(store, rows, middle)
-                    low[rows] = np.where(fell, low[rows], middle)
-                    high[rows] = np.where(fell, middle, high[rows])
+                        ends = self._scaled(store, rows, middle)
+                    low[rows] = np.where(ends > 0.5, low[rows], middle)
+                    high[rows] = np.where(ends > 0.5, middle, high[rows])
+                    failed[rows] |= np.isnan(ends)
                     if self.execution.report is not None:
                         done = (k + (halving + 1) / PREDICTION.halvings) / len(self.scenes)
                         self.execution.report(Progress(Stage.MARGINS, done))
-        return np.asarray(0.5 * (low + high))
+        return np.where(failed, np.nan, 0.5 * (low + high))
 
     @staticmethod
-    def _scaled(store: SimulationCache, rows: NDArray[np.int64], logs: Array) -> NDArray[np.bool_]:
-        """Whether replicates overturn under scaled motions, shape (rows, trials)."""
+    def _scaled(store: SimulationCache, rows: NDArray[np.int64], logs: Array) -> Array:
+        """1, 0 or NaN of replicates under scaled motions, shape (rows, trials)."""
         requests = [
             Request(i, ((GAIN, (float(np.expm1(log)),)),), int(row) + 1, 1)
             for row, scaled in zip(rows, logs, strict=True)
             for i, log in enumerate(scaled)
         ]
-        return np.asarray(store.run(requests).overturned.reshape(logs.shape) > 0.5)
+        return np.asarray(store.run(requests).overturned.reshape(logs.shape))
 
     def _cache(self, folder: Path | None) -> Path | None:
         """File of simulations; None: in memory."""
