@@ -29,7 +29,7 @@ from vsr2.blind.scoring.packs import SCORES
 from vsr2.blind.scoring.score import ScoreCode, leading_class, magnitude, right, score_cases, wrong
 from vsr2.blind.scoring.scored import Scored
 from vsr2.errors import BlindError
-from vsr2.report.blind import write_scores
+from vsr2.report.blind_page import write_scores
 from vsr2.results.atomic import csv_text
 
 SCHEMA = "vsr2.blind-verdicts/2"

@@ -24,7 +24,7 @@ import numpy as np
 
 from vsr2.analysis import classification_metrics
 from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
-from vsr2.report.diagnosis import diagnosis_figures, format_diagnosis, write_diagnosis_page
+from vsr2.report.diagnosis_page import diagnosis_figures, format_diagnosis, write_diagnosis_page
 from vsr2.report.messages.progress_lines import ProgressLines
 from vsr2.report.panels import svg
 

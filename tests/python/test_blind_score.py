@@ -34,7 +34,7 @@ from vsr2.blind.scoring.score import (
 from vsr2.blind.scoring.scored import Scored
 from vsr2.config import load_study
 from vsr2.diagnosis.verdict.statements import VerdictKind
-from vsr2.report.blind import scores_page, write_scores
+from vsr2.report.blind_page import scores_page, write_scores
 from vsr2.report.messages.scores import SCORES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -131,7 +131,7 @@ def test_a_killed_calibration_goes_on_to_the_same_result(planted, caplog):
     with pytest.raises(ResultError, match="--resume"):
         run(planted / "study.yaml", "--out", folder, "--quiet")
     # With another number of threads, on which nothing depends.
-    with caplog.at_level("INFO", "vsr2.cli.calibration"):
+    with caplog.at_level("INFO", "vsr2.cli.verb_calibrate"):
         assert run(planted / "study.yaml", "--out", folder, "--resume", "--quiet", "--no-figures",
                    "--threads", 2) == 0  # fmt: skip
     provenance = json.loads((folder / "provenance.json").read_text())

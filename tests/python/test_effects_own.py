@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from vsr2.cli.effects import _wanted
 from vsr2.cli.main import main
+from vsr2.cli.verb_effects import _wanted
 from vsr2.effects import (
     registry,
 )

@@ -223,7 +223,7 @@ def test_effects_act_and_measures_stay_those_of_the_motion(study):
 
 
 def test_killed_while_drawing_it_resumes_without_simulating(study, tmp_path, monkeypatch):
-    import vsr2.report.fragility as report
+    import vsr2.report.fragility_page as report
     import vsr2.simulation.batch as batch
 
     study()

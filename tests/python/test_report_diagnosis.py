@@ -20,10 +20,10 @@ from diagnosis_content import (
     location,
 )
 from vsr2.diagnosis import Diagnosis, schema
-from vsr2.report.diagnosis import diagnosis_page, format_diagnosis, write_diagnosis_page
 from vsr2.report.diagnosis_figures import (
     map_figure,
 )
+from vsr2.report.diagnosis_page import diagnosis_page, format_diagnosis, write_diagnosis_page
 from vsr2.report.messages.verdicts import (
     closure_note,
     corrected_note,

@@ -16,14 +16,14 @@ from typing import Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 
 from vsr2.cli import (
-    bodies,
-    calibration,
-    configuration,
-    diagnosis,
-    effects,
-    fragility,
-    run,
-    view,
+    verb_calibrate,
+    verb_config,
+    verb_diagnose,
+    verb_effects,
+    verb_fragility,
+    verb_inertia,
+    verb_run,
+    verb_view,
 )
 from vsr2.cli.options import DEFAULTS
 from vsr2.errors import ConfigError, Vsr2Error
@@ -47,34 +47,34 @@ app = App(
     default_parameter=DEFAULTS,
     version_flags=(),
 )
-app.command(run.run)
-app.command(view.view)
-app.command(bodies.inertia)
+app.command(verb_run.run)
+app.command(verb_view.view)
+app.command(verb_inertia.inertia)
 # Imported when they are asked for: their options take names and defaults from heavy rooms.
 app.command(
-    "vsr2.cli.motion:verbs",
+    "vsr2.cli.verb_motion:verbs",
     name="motion",
     help="Ground motions: measures, conversion, synthesis, fusion of a table's channels.",
 )
 app.command(
-    "vsr2.cli.campaign:verbs",
+    "vsr2.cli.verb_campaign:verbs",
     name="campaign",
     help="Import, check, describe and simulate campaigns of trials.\n\n"
     "A campaign is a folder with campaign.yaml, trials.csv, motions/ and series/; "
     "docs/reference/campaign.md describes the form.",
 )
-app.command(calibration.calibrate)
-app.command(fragility.fragility)
-app.command(effects.verbs)
-app.command(diagnosis.diagnose)
+app.command(verb_calibrate.calibrate)
+app.command(verb_fragility.fragility)
+app.command(verb_effects.verbs)
+app.command(verb_diagnose.diagnose)
 app.command(
-    "vsr2.cli.blind:verbs",
+    "vsr2.cli.verb_blind:verbs",
     name="blind",
     help="Check the diagnosis on campaigns whose effect is withheld.\n\n"
     "A custodian makes a pack and seals the answer; the diagnosis gets the data alone; scoring "
     "opens the key. docs/reference/blind.md describes the forms and the duties.",
 )
-app.command(configuration.verbs)
+app.command(verb_config.verbs)
 
 
 @app.command(name="--version")

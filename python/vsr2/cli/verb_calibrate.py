@@ -31,7 +31,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
         save_calibration,
     )
     from vsr2.calibration import calibrate as search
-    from vsr2.report.calibration import write_calibration_report
+    from vsr2.report.calibration_page import write_calibration_report
     from vsr2.report.messages.commands import (
         baseline_table,
         calibration_search,

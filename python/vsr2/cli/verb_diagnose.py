@@ -106,7 +106,7 @@ def diagnose(
     from vsr2.diagnosis import diagnose as find
     from vsr2.diagnosis.corrected import check_draws
     from vsr2.diagnosis.verdict.document import PAGE_FILE
-    from vsr2.report.diagnosis import format_diagnosis
+    from vsr2.report.diagnosis_page import format_diagnosis
     from vsr2.report.messages.commands import iteration_table
     from vsr2.report.messages.progress_lines import ProgressLines
 
@@ -159,7 +159,7 @@ def diagnose(
 def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None:
     """The page of a diagnosis and, where they are asked for, draws of its posterior."""
     from vsr2.diagnosis.corrected import write_draws
-    from vsr2.report.diagnosis import write_diagnosis_page
+    from vsr2.report.diagnosis_page import write_diagnosis_page
 
     write_diagnosis_page(found, folder)
     if effort.posterior_draws:

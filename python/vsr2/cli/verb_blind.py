@@ -225,7 +225,7 @@ def score(
         train: DATA KEY: a development pack that trains the trivial baselines
     """
     from vsr2.blind import score_pack
-    from vsr2.report.blind import scores_page, write_scores
+    from vsr2.report.blind_page import scores_page, write_scores
 
     scored = score_pack(
         data, key, diagnoses, out, training=train, tiers=tier or None, say=_progress(False)

@@ -22,7 +22,7 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
         run_fragility,
         save_fragility,
     )
-    from vsr2.report.fragility import write_fragility_report
+    from vsr2.report.fragility_page import write_fragility_report
     from vsr2.report.messages.runs import lognormal_text
     from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
 
