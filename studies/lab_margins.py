@@ -20,7 +20,14 @@ import numpy as np
 from vsr2.analysis.overturning_margin import fit_margin_model
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import Execution, Hypotheses, Nuisance, predict, with_deviations
+from vsr2.diagnosis import (
+    Execution,
+    Hypotheses,
+    Nuisance,
+    Prediction,
+    predict,
+    with_deviations,
+)
 from vsr2.diagnosis.simulated.nuisances import Uniform
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.effects import effect
@@ -42,16 +49,22 @@ FRICTION = 0.3
 CHANNELS = ("displacement", "acceleration")
 
 
-def main() -> None:
-    """Predict."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
-    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
-    parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "lab_margins")
-    parser.add_argument("--replicates", type=int, default=24)
-    parser.add_argument("--threads", type=int, default=1)
-    options = parser.parse_args()
-    study = load_study(options.scene)
+def margins_of(
+    campaign: Path, scene: Path, out: Path, *, replicates: int, threads: int
+) -> tuple[Prediction, SceneSimulator, tuple[Nuisance, ...]]:
+    """Margins of a specimen's trials under the wide priors; records take turns.
+
+    Args:
+        campaign: folder of its trials.
+        scene: its study.
+        out: folder of simulations, which a later run reuses.
+        replicates: draws of the priors.
+        threads: of the simulations.
+
+    Returns:
+        The prediction, a simulator that tells what was drawn, and the wide priors.
+    """
+    study = load_study(scene)
     scenes = [
         study.model_copy(update={"motion": study.motion.model_copy(update={"channel": channel})})
         for channel in CHANNELS
@@ -63,14 +76,28 @@ def main() -> None:
     # Correct contact models differ by less than what is drawn here, and cost twice the time.
     nuisances = (*wide, *with_deviations({"friction": FRICTION}))
     hypotheses = Hypotheses(nuisances=nuisances, contact_family=())
-    campaign = load_campaign(options.campaign)
     found = predict(
-        campaign, scenes, out=options.out, replicates=options.replicates, margins=True,
+        load_campaign(campaign), scenes, out=out, replicates=replicates, margins=True,
         hypotheses=hypotheses,
-        execution=Execution(options.threads, report=ProgressLines("lab_margins")),
+        execution=Execution(threads, report=ProgressLines(study.name)),
+    )  # fmt: skip
+    return found, SceneSimulator(found.campaign, scenes[0], hypotheses=hypotheses), wide
+
+
+def main() -> None:
+    """Predict."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
+    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
+    parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "lab_margins")
+    parser.add_argument("--replicates", type=int, default=24)
+    parser.add_argument("--threads", type=int, default=1)
+    options = parser.parse_args()
+    found, simulator, wide = margins_of(
+        options.campaign, options.scene, options.out,
+        replicates=options.replicates, threads=options.threads,
     )  # fmt: skip
     print(prediction_table(found))
-    simulator = SceneSimulator(found.campaign, scenes[0], hypotheses=hypotheses)
     assert found.margins is not None
     model = fit_margin_model(found.margins, found.campaign.overturned, found.campaign.motion_ids)
     rows = []

@@ -78,6 +78,23 @@ def test_sessions_order_units_and_peers(source, tmp_path):
         np.testing.assert_allclose(record.acceleration, -G * STANDARD_GRAVITY, rtol=1e-8)
 
 
+def test_the_other_specimen_has_the_tables_motions_and_its_own_columns(source, tmp_path):
+    rows = [ROWS[0] + ",dem_s1_kn1,dem_s2_kn1", *(f"{row},1,0" for row in ROWS[1:])]
+    (source / "trials.csv").write_text("\n".join(rows) + "\n")
+    kept_aside = import_lab(source, tmp_path / "aside", specimen="SP2")
+    assert [t.overturned for t in kept_aside.trials] == [None] * 3
+    assert {t.specimen for t in kept_aside.trials} == {"SP2"}
+    assert list(kept_aside.with_motion().motions) == ["Test011", "Test014"]
+    assert kept_aside.extra_columns == ("x_dem_a", "x_dem_s2_kn1")
+    assert import_lab(source, tmp_path / "c").extra_columns == ("x_dem_a", "x_dem_s1_kn1")
+    rows = [f"{row},{end}" for row, end in zip(rows, ("sp2_overturned", 1, 0, ""), strict=True)]
+    (source / "trials.csv").write_text("\n".join(rows) + "\n")
+    known = import_lab(source, tmp_path / "known", specimen="SP2")
+    assert [t.overturned for t in known.trials] == [True, False, None]
+    with pytest.raises(CampaignError, match="specimen is 'SP3'; give one of SP1, SP2"):
+        import_lab(source, tmp_path / "none", specimen="SP3")
+
+
 @pytest.mark.parametrize(
     ("row", "old", "new", "words"),
     [

@@ -284,8 +284,19 @@ MODEL = ContactModel()
 def scene_simulator(tmp_path_factory):
     study = study_from_mapping(BOX, base=tmp_path_factory.mktemp("box"))
     shaken = shaken_campaign(4, 3, duration=1.0, pga=(0.6, 0.9))
-    hypotheses = Hypotheses({"wear": full_library()["wear"]}, nuisances=())
+    known = {name: full_library()[name] for name in ("wear", "support")}
+    hypotheses = Hypotheses(known, nuisances=())
     return SceneSimulator(shaken, study, hypotheses=hypotheses, seed=3)
+
+
+def test_a_draw_that_leaves_nothing_of_the_rock_has_no_outcome(scene_simulator) -> None:
+    names = [p.name for p in scene_simulator.library["support"].parameters]
+    gone = tuple(0.4 if name == "shrink" else 0.0 for name in names)
+    asked = [Request(0, (("support", gone),), 1, 1), Request(0, (), 1, 1)]
+    found = scene_simulator.run(asked)
+    assert np.isnan(found.overturned[0])
+    assert found.overturned[1] == scene_simulator.run(asked[1:]).overturned[0]
+    assert np.isnan(scene_simulator.run(asked[:1]).overturned).all()
 
 
 def contact(simulator, **values):

@@ -21,7 +21,9 @@ verbs = App(name="campaign")
 
 
 @verbs.command
-def import_lab(source: Path, dest: Path, /, *, overwrite: opt.Overwrite = False) -> int:
+def import_lab(
+    source: Path, dest: Path, /, *, specimen: str = "SP1", overwrite: opt.Overwrite = False
+) -> int:
     """Bring the published laboratory campaign into the form.
 
     SOURCE holds trials.csv and the table's motions, packed (motions/TestNNN.npz) or as the
@@ -30,12 +32,14 @@ def import_lab(source: Path, dest: Path, /, *, overwrite: opt.Overwrite = False)
     Args:
         source: folder of the laboratory's files
         dest: folder for the campaign
+        specimen: `SP1` or `SP2`, whose outcomes may be missing
     """
     from vsr2.campaign import campaign_summary
     from vsr2.campaign import import_lab as bring
     from vsr2.report.messages.data import campaign_text
 
-    print(campaign_text(campaign_summary(bring(source, dest, overwrite=overwrite))))
+    made = bring(source, dest, specimen=specimen, overwrite=overwrite)
+    print(campaign_text(campaign_summary(made)))
     print(f"wrote {dest}")
     return 0
 

@@ -13,11 +13,15 @@ above meets the pedestal after overturning only.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import GeometryError
+
+if TYPE_CHECKING:
+    from scipy.spatial import ConvexHull
 
 Array = NDArray[np.float64]
 
@@ -42,10 +46,10 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
     Raises:
         GeometryError: no ball of this radius fits into the body.
     """
-    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+    from scipy.spatial import HalfspaceIntersection, QhullError
 
     grown = radius if ball is None else ball
-    hull = ConvexHull(points)
+    hull = convex_hull(points)
     planes = distinct_planes(hull.equations)
     normals, offsets = planes[:, :3], planes[:, 3]
     center = deep_point(normals, offsets)
@@ -87,11 +91,28 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
 
 def outline(points: Array) -> Array:
     """The vertices of a hull, without near copies, in their order."""
-    from scipy.spatial import ConvexHull
-
     distinct = merged(points)
-    found: Array = distinct[np.sort(ConvexHull(distinct).vertices)]
+    found: Array = distinct[np.sort(convex_hull(distinct).vertices)]
     return found
+
+
+def convex_hull(points: Array) -> ConvexHull:
+    """Qhull's convex hull of points, shape (k, 3) [m].
+
+    Erosion leaves many nearly coplanar points, of which Qhull merges some into facets some 1e-10 m
+    thick and then refuses them (QH6297). Its option Q12 allows these and changes nothing else.
+
+    Raises:
+        GeometryError: the points have no volume.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return ConvexHull(points, qhull_options="Qt Q12 Pp")
+    except QhullError as error:
+        raise GeometryError(
+            f"the convex hull of {len(points)} points fails; is the rock flat?"
+        ) from error
 
 
 def distinct_planes(equations: Array) -> Array:

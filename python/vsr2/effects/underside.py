@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.effects.rounding import deep_point, distinct_planes, outline
+from vsr2.effects.rounding import convex_hull, deep_point, distinct_planes, outline
 from vsr2.errors import GeometryError
 
 Array = NDArray[np.float64]
@@ -31,9 +31,7 @@ def settled_down(points: Array, mass_center: Array, down: Array) -> Array:
         mass_center: inside the hull, shape (3,) [m].
         down: at the start, shape (3,).
     """
-    from scipy.spatial import ConvexHull
-
-    planes = ConvexHull(points).equations
+    planes = convex_hull(points).equations
     normals = planes[:, :3]
     distance = -(normals @ mass_center) - planes[:, 3]
     direction, last = down, np.inf
@@ -56,13 +54,11 @@ def flattened(points: Array, down: Array, level: float, depth: float) -> Array:
         level: reach of the whole body along `down` [m].
         depth: height of the section above the level [m].
     """
-    from scipy.spatial import ConvexHull
-
     cut = level - depth
     reach = points @ down
     if reach.max() <= cut:
         return points
-    faces = ConvexHull(points).simplices
+    faces = convex_hull(points).simplices
     edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     a, b = edges.T
     crossed = (reach[a] > cut) != (reach[b] > cut)
@@ -87,9 +83,9 @@ def narrowed(points: Array, down: Array, inward: float) -> Array:
     Raises:
         GeometryError: nothing is left.
     """
-    from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
+    from scipy.spatial import HalfspaceIntersection, QhullError
 
-    planes = distinct_planes(ConvexHull(points).equations)
+    planes = distinct_planes(convex_hull(points).equations)
     normals, offsets = planes[:, :3], planes[:, 3]
     below = normals @ down
     beside = np.sqrt(np.maximum(1.0 - below**2, 0.0))
@@ -117,12 +113,10 @@ def smoothed(points: Array, down: Array, level: float, zone: float, most: float)
         zone: [m].
         most: [m].
     """
-    from scipy.spatial import ConvexHull
-
     reach = points @ down
     near = reach > level - zone
     outer = np.zeros(len(points), dtype=bool)
-    outer[ConvexHull(points).vertices] = True
+    outer[convex_hull(points).vertices] = True
     if np.count_nonzero(near & outer) <= _COEFFICIENTS:
         return points
     first = np.eye(3)[np.argmin(np.abs(down))]

@@ -37,7 +37,7 @@ from vsr2.diagnosis.simulated.simulator import (
     Responses,
 )
 from vsr2.effects import Effect, in_order, with_effects
-from vsr2.errors import DiagnosisError, Vsr2Error
+from vsr2.errors import DiagnosisError, GeometryError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import Outcome, TrialLog
 from vsr2.scene import Pose
@@ -191,18 +191,23 @@ class SceneSimulator:
         for i, request in enumerate(requests):
             key = (request.effects, request.nuisance, request.replicate)
             groups.setdefault(key, []).append(i)
-        made: list[Trial | None] = [None] * len(requests)
+        made: dict[int, Trial] = {}
         for (effects, nuisance, replicate), members in groups.items():
             wanted = {requests[i].trial for i in members}
-            built = self._built(effects, nuisance, replicate, wanted)
-            for i in members:
-                made[i] = built[requests[i].trial]
-        trials = [trial for trial in made if trial is not None]
-        overturned, peak = np.full(len(trials), np.nan), np.full(len(trials), np.nan)
+            try:
+                built = self._built(effects, nuisance, replicate, wanted)
+            except GeometryError as error:
+                # Together, effects may leave nothing of a rock: this draw has no outcome.
+                _logger.warning("%s of nuisances %d: %s", effects, nuisance, error)
+                continue
+            made |= {i: built[requests[i].trial] for i in members}
+        asked, trials = [*made], [*made.values()]
+        overturned, peak = np.full(len(requests), np.nan), np.full(len(requests), np.nan)
         count = len(TILT_FEATURES) + len(REST_FEATURES)
-        features = np.full((len(trials), count), np.nan) if self._series else None
+        features = np.full((len(requests), count), np.nan) if self._series else None
 
-        def take(index: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
+        def take(position: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
+            index = asked[position]
             if row["outcome"] != Outcome.failed.name:
                 overturned[index] = row["outcome"] == Outcome.overturned.name
                 peak[index] = row["peak_tilt"]
