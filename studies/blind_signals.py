@@ -28,7 +28,7 @@ from pydantic import TypeAdapter
 
 from blind_results import read_key, read_parts
 from vsr2.blind import PackSettings
-from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_pga
+from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_acceleration
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import build_engine
 from vsr2.blind.form.pack_settings import ENGINES, EngineName, Kind
@@ -146,7 +146,7 @@ def measured(
     motions = catalogue(number, settings.catalogue)
     contact = TypeAdapter(ContactModel).validate_python(key.get("contact", {}))
     first = build_engine(settings.engines[0], study, contact)
-    thresholds = [overturning_pga(first, motion) for motion in motions]
+    thresholds = [overturning_acceleration(first, motion) for motion in motions]
     meters: dict[tuple[str, int], SignalMeter] = {}
     for name, entry, effect in wanted:
         engine = build_engine(entry["engine"], study, contact)
@@ -217,7 +217,7 @@ def spread(name: str, scene: Path, path: Path, count: int) -> None:
     settings = PackSettings(engines=(name,))
     engine = build_engine(name, load_study(scene))
     motions = catalogue(11, settings.catalogue)
-    thresholds = [overturning_pga(engine, motion) for motion in motions]
+    thresholds = [overturning_acceleration(engine, motion) for motion in motions]
     protocol = draw_protocol(np.random.default_rng([11, 402, 0]), motions, thresholds, settings)
     rows: dict[str, dict[str, str]] = {}
     seeds = range(1, count + 1)

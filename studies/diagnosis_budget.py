@@ -45,7 +45,7 @@ NOISE = 0.002
 
 def observed(planted: Effects) -> Campaign:
     """The campaign as a laboratory would hand it over."""
-    blank = shaken_campaign(MOTIONS, SCALINGS, duration=DURATION, pga=(0.45, 1.15))
+    blank = shaken_campaign(MOTIONS, SCALINGS, duration=DURATION, pga_g=(0.45, 1.15))
     truth = SceneSimulator(blank, load_study(SCENE), seed=10_001)
     found = truth.run([Request(i, planted, 1, 1) for i in range(len(blank))])
     trials = tuple(

@@ -81,7 +81,7 @@ def library() -> Mapping[str, Effect]:
 
 def recorded(motions: int, scalings: int, interval: float) -> Campaign:
     """The schedule with displacements of one sample in 1.25 ms, said to be `interval` apart [s]."""
-    plain = shaken_campaign(motions, scalings, duration=3.0, pga=PGA)
+    plain = shaken_campaign(motions, scalings, duration=3.0, pga_g=PGA)
     records = {}
     for name, record in plain.motions.items():
         assert record.acceleration is not None

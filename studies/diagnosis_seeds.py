@@ -80,7 +80,7 @@ def main() -> None:
 
 def observed(nuisance: int, planted: Effects) -> Campaign:
     """The campaign as a laboratory would hand it over, with one draw of the nuisances."""
-    blank = shaken_campaign(10, 6, duration=3.0, pga=(0.45, 1.15), session_size=12)
+    blank = shaken_campaign(10, 6, duration=3.0, pga_g=(0.45, 1.15), session_size=12)
     truth = SceneSimulator(blank, load_study(SCENE), seed=10_001)
     found = truth.run([Request(i, planted, 1 + nuisance, 1) for i in range(len(blank))])
     trials = tuple(

@@ -243,7 +243,7 @@ def row_of(
     flips = np.not_equal(parts["exact"]["overturned"], parts["paired"]["overturned"])
     row = {
         "record": motion.name,
-        "pga_g": f"{motion.pga / 9.80665:.3f}",
+        "pga_g": f"{motion.pga_g:.3f}",
         "pgv_pga_s": f"{motion.pgv_pga:.3f}",
         "replicates": str(len(parts["exact"]["tilt"])),
     }

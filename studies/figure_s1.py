@@ -25,7 +25,7 @@ def main() -> None:
     options = parser.parse_args()
     cosine = load_study(
         ROOT / "configs" / "block.yaml",
-        overrides=["preset=original", "output.contacts_every=0", "motion.pga=0.3"],
+        overrides=["preset=original", "output.contacts_every=0", "motion.pga_g=0.3"],
     )
     recording = load_study(
         ROOT / "configs" / "demo.yaml",

@@ -32,7 +32,7 @@ def shaken_campaign(
     scalings: int = 10,
     *,
     duration: float = 5.0,
-    pga: tuple[float, float] = (0.3, 1.4),
+    pga_g: tuple[float, float] = (0.3, 1.4),
     session_size: int = 20,
     seed: int = 0,
 ) -> Campaign:
@@ -49,7 +49,7 @@ def shaken_campaign(
     for m in rng.permutation(motions):
         frequency = float(np.exp(rng.uniform(np.log(0.8), np.log(4.0))))
         shape = _shape(time, frequency, rng)
-        low, high = (value * frequency**0.35 for value in pga)
+        low, high = (value * frequency**0.35 for value in pga_g)
         for k in range(scalings):
             peak = GRAVITY * low * (high / low) ** ((k + rng.random()) / scalings)
             name = f"M{m:02d}-{k:02d}"

@@ -69,7 +69,7 @@ def displacement(recipe: Recipe) -> Array:
         else:
             high = middle
     raw = noise(recipe, (low * high) ** 0.5)
-    scale = recipe.pga * STANDARD_GRAVITY / driven(recipe, raw).pga
+    scale = recipe.pga * STANDARD_GRAVITY / driven(recipe, raw).peak_acceleration
     return np.round(scale * raw, DECIMALS)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from enum import StrEnum
+from typing import NoReturn, Self, overload
 
 
 class Fault(StrEnum):
@@ -21,6 +22,29 @@ class Fault(StrEnum):
     """An effect that cannot act twice."""
     NO_ROCK = "no_rock"
     ROCK_PRESENT = "rock_present"
+
+
+class Renamed:
+    """An attribute that is gone: whoever asks for it is told what replaced it.
+
+    Args:
+        now: what replaced it, with its unit.
+    """
+
+    def __init__(self, now: str) -> None:
+        self.now = now
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.was = f"{owner.__name__}.{name}"
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> NoReturn: ...
+    def __get__(self, instance: object, owner: type) -> Self:
+        if instance is None:
+            return self
+        raise AttributeError(f"{self.was} is gone; use {self.now}")
 
 
 class Vsr2Error(Exception):

@@ -211,7 +211,7 @@ def session(effect: Effect, bench: Bench) -> list[Check]:
             ),
             "friction over that before [1]": (rough[0] / rough[1], 0.5 if stepped else 1.0),
             "PGA over that before [1]": (
-                then.motion.pga / trial.motion.pga, 1.1 if stepped else 1.0
+                then.motion.pga_g / trial.motion.pga_g, 1.1 if stepped else 1.0
             ),
         }  # fmt: skip
         session = "abcde"[round(4 * order)]

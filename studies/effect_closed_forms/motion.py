@@ -186,7 +186,7 @@ def table_saturation(effect: Effect, bench: Bench) -> list[Check]:
     v, step = driven.velocity, driven.time_step
     return [
         Check("greatest speed [m/s]", float(np.abs(v).max()), cap, 1e-9),
-        Check("greatest acceleration [m/s^2]", driven.pga, most, 1e-9),
+        Check("greatest acceleration [m/s^2]", driven.peak_acceleration, most, 1e-9),
         Check(
             "where it ends, against the command [m]",
             float(driven.displacement[-1]), float(trial.motion.displacement[-1]), 1e-4,

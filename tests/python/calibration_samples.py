@@ -67,7 +67,7 @@ def planted_study(folder: Path) -> Study:
             "rock": {**ROCK, "start": {"mode": "yaw", "yaw": KNOWN_YAW}},
             "motion": {
                 "mode": "grid_cosine",
-                "pga": {"min": 0.25, "max": 0.6, "step": 0.05},
+                "pga_g": {"min": 0.25, "max": 0.6, "step": 0.05},
                 "pgv_pga": {"min": 0.1, "max": 0.2, "step": 0.05},
                 "drive": "prescribed",
             },

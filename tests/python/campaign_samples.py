@@ -49,7 +49,7 @@ def campaign(**changes):
                 overturned=False,
                 motion_file="pulse",
                 peak_tilt=0.0123456789012345,
-                pga=1.25,
+                pga_g=1.25,
                 pgv_pga=0.08,
                 date=datetime.date(2021, 6, 21),
                 extra={"x_peer": 1.0, "x_other": -2.5e-7},
@@ -92,7 +92,7 @@ def grid(motions=12, scalings=9, seed=1):
                     order=len(trials),
                     specimen="rock",
                     overturned=pga > 4.0 + rng.normal(0, 0.5),
-                    pga=pga,
+                    pga_g=pga,
                     pgv_pga=ratio,
                 )
             )

@@ -160,7 +160,7 @@ ROWS = tuple(
         "motion": "m",
         "session": session,
         "order": order,
-        "log_pga": pga,
+        "log_pga_g": pga,
         "log_ratio": -2.0 + 0.1 * order,
         "overturned": overturned,
         "uncertain": 1,

@@ -78,7 +78,7 @@ def test_out_of_fold_never_sees_the_motion():
         lambda t: replace(t, overturned=t.overturned ^ bool(base.fold[t.order] == 0)),
     )
     # The folds of the turned campaign may differ, so each is predicted by hand.
-    pga = np.array([t.pga for t in campaign.trials])
+    pga = np.array([t.pga_g for t in campaign.trials])
     ratio = np.array([t.pgv_pga for t in campaign.trials])
     for k in range(4):
         test = base.fold == k
@@ -108,7 +108,7 @@ def test_trials_without_outcome_or_intensity_are_left_out():
         if t.order == 0:
             return replace(t, overturned=None)
         if t.order == 1:
-            return replace(t, pga=None)
+            return replace(t, pga_g=None)
         return replace(t, pgv_pga=0.0) if t.order == 2 else t
 
     base = logistic_baseline(changed(campaign, spoil), folds=4)
@@ -116,7 +116,7 @@ def test_trials_without_outcome_or_intensity_are_left_out():
     assert base.out_of_fold.shape == (len(campaign) - 3,)
     assert np.isfinite(base.out_of_fold).all()
     with pytest.raises(ResultError, match="no trial has an outcome, PGA and PGV/PGA"):
-        logistic_baseline(changed(campaign, lambda t: replace(t, pga=None)))
+        logistic_baseline(changed(campaign, lambda t: replace(t, pga_g=None)))
     with pytest.raises(CampaignError, match="13 folds of 12 motions"):
         logistic_baseline(campaign, folds=13)
 

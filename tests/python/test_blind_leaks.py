@@ -183,7 +183,7 @@ def test_series_of_either_engine_end_on_one_clock(study, tmp_path) -> None:
                 sign, (_, most) = next(iter(effect.strength.reach().items()))
                 acting = {name: effect.values(sign * most, [0.5] * len(effect.others))}
             shakes = [
-                TrialInput(motion.interval, motion.displacement * row.pga, acting)
+                TrialInput(motion.interval, motion.displacement * row.peak_acceleration, acting)
                 for row, motion in zip(drawn.rows, drawn.motions, strict=True)
             ]
             seen = list(engine.run(shakes, settings.series_interval))
@@ -362,7 +362,7 @@ def test_baselines_know_what_they_are_named_after() -> None:
                 order=i,
                 specimen="rock",
                 overturned=bool(over),
-                pga=float(pga),
+                pga_g=float(pga),
                 pgv_pga=float(ratio),
             )
         )

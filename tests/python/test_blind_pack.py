@@ -118,7 +118,7 @@ def test_each_trial_and_campaign_has_its_own_nuisances(quick, study, tmp_path) -
     for error, inputs in campaigns:
         for one, motion, row in zip(inputs, drawn.motions, drawn.rows, strict=True):
             peak = np.abs(one.displacement).max() / np.abs(motion.displacement).max()
-            off.append((peak / row.pga - 1) / error)
+            off.append((peak / row.peak_acceleration - 1) / error)
     tolerances = settings.tolerances
     for values, expected in (
         ([one.yaw for one in own], tolerances.yaw),
@@ -161,7 +161,7 @@ def test_trials_are_shaken_off_the_recorded_motion_by_what_is_sealed(tmp_path) -
             given = list(shakes)
             peaks = [np.abs(shake.displacement).max() for shake in given]
             recorded = [
-                np.abs(motion.displacement).max() * row.pga
+                np.abs(motion.displacement).max() * row.peak_acceleration
                 for motion, row in zip(drawn.motions, drawn.rows, strict=True)
             ]
             gains.append(np.array(peaks) / recorded - 1)
@@ -181,7 +181,7 @@ def test_records_and_tilts_have_the_noise_that_is_published() -> None:
     drawn = protocol(settings)
     off = {"displacement": [], "acceleration": []}
     for row, motion, record in zip(drawn.rows, drawn.motions, drawn.records.values(), strict=True):
-        moved = motion.displacement * row.pga
+        moved = motion.displacement * row.peak_acceleration
         off["displacement"].append(record.displacement - moved)
         off["acceleration"].append(record.acceleration - acceleration_of(moved, motion.interval))
     seen = [Response(False, 0.5, *[np.zeros(0)] * 4)] * len(drawn.rows)

@@ -98,7 +98,7 @@ def test_references_without_effect_serve_campaigns_of_equal_trials(small, tmp_pa
     pack["campaigns"][2]["effects"] = [{"name": "friction", "values": {"factor": 0.8}}]
     (small / "pack.json").write_text(json.dumps(pack))
     stronger = load_campaign(small / names[3])
-    last = dataclasses.replace(stronger.trials[-1], pga=1.05 * stronger.trials[-1].pga)
+    last = dataclasses.replace(stronger.trials[-1], pga_g=1.05 * stronger.trials[-1].pga_g)
     stronger = dataclasses.replace(stronger, trials=(*stronger.trials[:-1], last))
     shutil.rmtree(small / names[3])
     save_campaign(stronger, small / names[3], motions="../motions")

@@ -414,7 +414,7 @@ def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "meant"),
-    [("max_tilt_rad", "peak_tilt_rad"), ("pga_g", "pga_m_s2"), ("peak_tilt_deg", "peak_tilt_rad"),
+    [("max_tilt_rad", "peak_tilt_rad"), ("pga_ms2", "pga_g"), ("peak_tilt_deg", "peak_tilt_rad"),
      ("slip_m", "final_slip_m"), ("sesion_", "session"), ("notes", "note"),
      ("overturn", "overturned")],
 )  # fmt: skip
@@ -423,6 +423,14 @@ def test_a_column_of_another_name_is_distinguished_from_the_form_s_own(folder, n
     head, rest = path.read_text().split("\n", 1)
     path.write_text(f"{head},{name}\n" + rest.replace("\n", ",\n"))
     assert f"column {name}: is no column of the form; did you mean {meant}?" in problem(folder)
+
+
+def test_the_column_of_pga_in_other_units_is_not_merely_renamed(folder):
+    path = folder / "trials.csv"
+    path.write_text(path.read_text().replace("pga_g", "pga_m_s2"))
+    assert "column pga_m_s2: is no column of the form; divide it by 9.80665 and call it" in problem(
+        folder
+    )
 
 
 def test_campaigns_share_motions(tmp_path):

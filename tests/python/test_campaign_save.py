@@ -47,7 +47,7 @@ TEXT = st.text(max_size=30).map(
     motion=TEXT,
     session=TEXT,
     note=st.just("") | TEXT,
-    pga=st.none() | st.floats(0, 1e5),
+    pga_g=st.none() | st.floats(0, 1e5),
     extra=st.floats(allow_nan=False, allow_infinity=False),
     provenance=st.dictionaries(
         TEXT | st.just("<<"),
@@ -56,7 +56,7 @@ TEXT = st.text(max_size=30).map(
     ),
 )
 def test_any_text_and_number_survives_the_files(
-    tmp_path_factory, name, motion, session, note, pga, extra, provenance
+    tmp_path_factory, name, motion, session, note, pga_g, extra, provenance
 ):
     trial = CampaignTrial(
         trial="T",
@@ -65,7 +65,7 @@ def test_any_text_and_number_survives_the_files(
         order=0,
         specimen="s",
         note=note,
-        pga=pga,
+        pga_g=pga_g,
         extra={"x_a": extra},
     )
     one = Campaign(

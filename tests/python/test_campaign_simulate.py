@@ -27,7 +27,7 @@ BLOCK = {
     "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
     "motion": {
         "mode": "grid_cosine",
-        "pga": {"min": 0.2, "max": 0.8, "step": 0.3},
+        "pga_g": {"min": 0.2, "max": 0.8, "step": 0.3},
         "pgv_pga": {"min": 0.08, "max": 0.16, "step": 0.08},
         "drive": "prescribed",
     },
@@ -76,7 +76,7 @@ def test_the_motion_is_what_was_driven(study, plain):
         assert record.sample_interval == driven.motion.time_step
         np.testing.assert_array_equal(record.displacement, driven.motion.displacement)
         np.testing.assert_array_equal(record.acceleration, driven.motion.acceleration)
-        assert trial.pga == driven.motion.pga
+        assert trial.pga_g == driven.motion.pga_g
         assert trial.pgv_pga == driven.motion.pgv_pga
 
 
@@ -213,7 +213,7 @@ def test_trials_of_ones_own_with_ids(study):
     assert made.name == "simulated"
     assert made.motion_ids.tolist() == ["pulse", "pulse"]
     assert len(made.motions) == 2
-    assert made.trials[1].pga == pytest.approx(2 * made.trials[0].pga)
+    assert made.trials[1].pga_g == pytest.approx(2 * made.trials[0].pga_g)
     one_motion = simulate_campaign([trials[0]] * 2, motion_ids=["a", "b"], threads=1)
     assert len(one_motion.motions) == 1
     assert one_motion.motion_ids.tolist() == ["a", "b"]

@@ -28,7 +28,7 @@ engine: {mode: fast}
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
 motion:
   mode: grid_cosine
-  pga: {min: 0.2, max: 0.6, step: 0.4}
+  pga_g: {min: 0.2, max: 0.6, step: 0.4}
   pgv_pga: {min: 0.1, max: 0.1, step: 0.1}
 """
 
@@ -141,7 +141,7 @@ def test_options_may_stand_anywhere_and_the_last_of_two_values_counts(
 ) -> None:
     out = tmp_path / "out"
     line = ["run", "--threads", "7", "--quiet", str(study), "--out", str(out), "--threads", "1"]
-    changes = ["--set", "motion.pga.max=0.2", "--set=name=changed", "--no-figures"]
+    changes = ["--set", "motion.pga_g.max=0.2", "--set=name=changed", "--no-figures"]
     assert main([*line, *changes]) == 0
     assert capsys.readouterr() == ("", "")
     assert '"threads": 1' in (out / "provenance.json").read_text()

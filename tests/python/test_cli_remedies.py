@@ -17,7 +17,7 @@ from vsr2.cli.main import main
 STUDY = """\
 name: block
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
-motion: {mode: single_cosine, pga: 0.3, pgv_pga: 0.1}
+motion: {mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1}
 output: {figures: false}
 """
 
@@ -49,7 +49,7 @@ def test_resuming_a_finished_run_is_success_with_nothing_to_do(
         f"nothing to do: {out} holds the finished result of 1 trial\n"
     )
     assert state(out) == before
-    assert run("run", study, "--out", out, "--resume", "--set", "motion.pga=0.2") == 2
+    assert run("run", study, "--out", out, "--resume", "--set", "motion.pga_g=0.2") == 2
     assert "already holds a result" in capsys.readouterr().err
     assert run("run", study, "--out", out) == 2
 
@@ -134,7 +134,7 @@ def test_mistyped_folders_get_their_neighbour(
         assert run(*line) == 2
         assert f"did you mean {tmp_path / 'campaign'}?" in capsys.readouterr().err
     study.write_text(
-        STUDY.replace("mode: single_cosine, pga: 0.3, pgv_pga: 0.1", "mode: single_recording, "
+        STUDY.replace("mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1", "mode: single_recording, "
                       "file: study.yam")
     )  # fmt: skip
     assert run("run", study) == 2
@@ -145,7 +145,7 @@ def test_files_that_are_written_get_their_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "new" / "folder" / "made.csv"
-    line = ("motion", "generate", "--pga", 0.3, "--pgv-pga", 0.1, "--duration", 5, target)
+    line = ("motion", "generate", "--pga-g", 0.3, "--pgv-pga", 0.1, "--duration", 5, target)
     assert run(*line) == 0
     assert target.exists()
     (tmp_path / "file").touch()
@@ -176,7 +176,7 @@ def test_a_working_folder_that_is_gone_stops_nothing_that_has_absolute_paths(
         os.mkdir({str(gone)!r}); os.chdir({str(gone)!r}); os.rmdir({str(gone)!r})
         from vsr2.cli.main import main
         line = ["run", {str(study)!r}, "--out", {str(tmp_path / "out")!r}, "--quiet"]
-        sys.exit(10 * main([*line, "--set", "motion.pga=0.2"]) + main(["run", "study.yaml"]))
+        sys.exit(10 * main([*line, "--set", "motion.pga_g=0.2"]) + main(["run", "study.yaml"]))
         """
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -207,8 +207,8 @@ def test_ctrl_c_while_modules_are_imported_has_its_exit_code() -> None:
 def test_sigterm_keeps_what_is_finished_and_says_so(study: Path, tmp_path: Path) -> None:
     study.write_text(
         STUDY.replace(
-            "mode: single_cosine, pga: 0.3, pgv_pga: 0.1",
-            "mode: grid_cosine, pga: {min: 0.2, max: 0.8, step: 0.001}, "
+            "mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1",
+            "mode: grid_cosine, pga_g: {min: 0.2, max: 0.8, step: 0.001}, "
             "pgv_pga: {min: 0.05, max: 0.4, step: 0.01}",
         )
     )

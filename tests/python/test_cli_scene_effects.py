@@ -31,7 +31,7 @@ output: {log_every: 0}
 MOTION = """
 motion:
   mode: grid_cosine
-  pga: {min: 0.45, max: 0.85, step: 0.1}
+  pga_g: {min: 0.45, max: 0.85, step: 0.1}
   pgv_pga: {min: 0.1, max: 0.19, step: 0.03}
 """
 CALIBRATION = """

@@ -21,7 +21,7 @@ rock:
   density: 2.6e3
 motion:
   mode: single_cosine
-  pga: 0.3
+  pga_g: 0.3
   pgv_pga: 0.1
 """
 
@@ -170,7 +170,7 @@ def test_numbers_that_are_none_are_refused_in_their_line(tmp_path, value):
 def test_errors_name_the_line_of_the_key_or_of_its_section(tmp_path):
     message = refusal(
         tmp_path,
-        "rock:\n  shape: mesh\n  fil: x\n  mass: -2\nmotion: {mode: single_cosine, pga: 1}\n",
+        "rock:\n  shape: mesh\n  fil: x\n  mass: -2\nmotion: {mode: single_cosine, pga_g: 1}\n",
     )
     assert message.splitlines() == [
         "study.yaml: 4 problems",
@@ -178,7 +178,7 @@ def test_errors_name_the_line_of_the_key_or_of_its_section(tmp_path):
         "  study.yaml:1: rock.file: is missing; give it: OBJ, STL or PLY, watertight, in metres "
         "[m].",
         "  study.yaml:3: rock.fil: is no key here; did you mean `file`?",
-        "  study.yaml:5: motion: give `amplitude` and `frequency`, or `pga` and `pgv_pga`",
+        "  study.yaml:5: motion: give `amplitude` and `frequency`, or `pga_g` and `pgv_pga`",
     ]
 
 
@@ -268,11 +268,15 @@ drives = {"drive": st.sampled_from(["motor", "prescribed"])}
 ranges = st.just({"min": 0.1, "max": 0.5, "step": 0.1})
 motions = st.one_of(
     st.fixed_dictionaries(
-        {"mode": st.just("single_cosine"), "pga": st.floats(0.01, 2), "pgv_pga": st.floats(0.1, 1)},
+        {
+            "mode": st.just("single_cosine"),
+            "pga_g": st.floats(0.01, 2),
+            "pgv_pga": st.floats(0.1, 1),
+        },
         optional=drives,
     ),
     st.fixed_dictionaries(
-        {"mode": st.just("grid_cosine"), "pga": ranges, "pgv_pga": ranges}, optional=drives
+        {"mode": st.just("grid_cosine"), "pga_g": ranges, "pgv_pga": ranges}, optional=drives
     ),
     st.fixed_dictionaries(
         {"mode": st.just("single_recording"), "file": file_name},

@@ -13,7 +13,7 @@ from vsr2.config.study import Contact, Engine, EngineMode, Study
 from vsr2.errors import ConfigError
 
 BOX = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600}
-COSINE = {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.1}
+COSINE = {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}
 
 
 def build(**sections):
@@ -225,7 +225,7 @@ def test_range_counts_its_end_despite_rounding(low, high, step, count):
 
 def test_a_grid_too_large_for_any_machine_is_refused():
     fine = {"min": 0.1, "max": 1.0, "step": 1e-5}
-    message = refusal(motion={"mode": "grid_cosine", "pga": fine, "pgv_pga": fine})
+    message = refusal(motion={"mode": "grid_cosine", "pga_g": fine, "pgv_pga": fine})
     assert "90001 x 90001 trials are more than 1000000" in message
 
 

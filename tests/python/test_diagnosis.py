@@ -46,7 +46,7 @@ class Protocol:
     """One schedule of trials of a planar block, simulated and trained once."""
 
     def __init__(self, folder):
-        self.campaign = shaken_campaign(10, 5, duration=2.5, pga=(0.55, 1.15), session_size=10)
+        self.campaign = shaken_campaign(10, 5, duration=2.5, pga_g=(0.55, 1.15), session_size=10)
         self.truth = PlanarSimulator(self.campaign, seed=99)
         self.cache = ProtocolCache(folder)
         library = {name: PLANAR_LIBRARY[name] for name in NAMES}
@@ -285,7 +285,7 @@ def test_a_second_diagnosis_neither_simulates_campaigns_nor_trains(
 
 def small(cache=None, report=None, seed=0):
     """A diagnosis of few campaigns, by a protocol of its own."""
-    campaign = shaken_campaign(8, 5, duration=1.5, pga=(0.55, 1.15), session_size=10)
+    campaign = shaken_campaign(8, 5, duration=1.5, pga_g=(0.55, 1.15), session_size=10)
     seen = observe(campaign, PlanarSimulator(campaign, seed=99), (CATCH,), nuisance=2, tier="M")
     library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}
     simulator = PlanarSimulator(seen, library=library, seed=1)
@@ -330,7 +330,7 @@ def test_sharing_reporting_and_interruptions_change_no_diagnosis(plain, tmp_path
 
 def test_there_is_a_first_answer_after_a_tenth_of_the_budget() -> None:
     seen = []
-    campaign = shaken_campaign(8, 5, duration=1.5, pga=(0.55, 1.15), session_size=10)
+    campaign = shaken_campaign(8, 5, duration=1.5, pga_g=(0.55, 1.15), session_size=10)
     observed = observe(campaign, PlanarSimulator(campaign, seed=99), (CATCH,), nuisance=2)
     library = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "catch")}
     with quick_training():
@@ -387,7 +387,7 @@ STILL = with_deviations({"yaw": 0.0, "offset": 0.0})
 
 @pytest.fixture(scope="module")
 def shaken():
-    return shaken_campaign(5, 8, duration=2.0, pga=(0.6, 1.3), session_size=10)
+    return shaken_campaign(5, 8, duration=2.0, pga_g=(0.6, 1.3), session_size=10)
 
 
 @pytest.mark.parametrize("noise", [None, 1e-5])
@@ -395,7 +395,7 @@ def test_a_scene_that_says_nothing_of_recordings_is_driven_as_recorded(tmp_path,
     """Where the campaign states noise, without it; so a simulated campaign comes out again."""
     cosines = {
         "mode": "grid_cosine",
-        "pga": {"min": 0.5, "max": 0.6, "step": 0.1},
+        "pga_g": {"min": 0.5, "max": 0.6, "step": 0.1},
         "pgv_pga": {"min": 0.08, "max": 0.14, "step": 0.02},
     }
     study = study_from_mapping(BOX | {"motion": cosines}, base=tmp_path)

@@ -40,7 +40,7 @@ def scene(own: Own | None = None) -> Study:
 
 @pytest.fixture(scope="module")
 def shaken() -> Campaign:
-    return shaken_campaign(4, 5, duration=1.0, pga=(0.7, 1.4), session_size=5)
+    return shaken_campaign(4, 5, duration=1.0, pga_g=(0.7, 1.4), session_size=5)
 
 
 class Told:

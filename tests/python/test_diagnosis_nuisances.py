@@ -94,7 +94,7 @@ def test_what_is_no_nuisance_is_refused(make, message) -> None:
 
 @pytest.fixture(scope="module")
 def shaken():
-    return shaken_campaign(4, 3, duration=2.0, pga=(0.5, 0.7))
+    return shaken_campaign(4, 3, duration=2.0, pga_g=(0.5, 0.7))
 
 
 def simulator(shaken, tmp_path, nuisances):

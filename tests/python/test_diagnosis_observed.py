@@ -353,7 +353,7 @@ def test_travel_is_that_on_the_table_wherever_its_record_begins() -> None:
 
 def test_repeats_are_known_by_their_recordings() -> None:
     """One motion again with a recording of its own, of nearly the same size, is a repeat."""
-    plain = shaken_campaign(5, 8, duration=1.5, pga=(0.1, 1.6))
+    plain = shaken_campaign(5, 8, duration=1.5, pga_g=(0.1, 1.6))
     trials = [dataclasses.replace(trial, overturned=False) for trial in plain.trials]
     motions = dict(plain.motions)
 
@@ -434,7 +434,7 @@ def test_too_small_a_campaign_is_refused(trials: int) -> None:
 
 
 def test_a_few_missing_tilts_cost_no_tier() -> None:
-    campaign = shaken_campaign(8, 6, duration=3.0, pga=(0.55, 1.15))
+    campaign = shaken_campaign(8, 6, duration=3.0, pga_g=(0.55, 1.15))
     observed = observe(campaign, PlanarSimulator(campaign), nuisance=1, tier="M")
     standing = [i for i, trial in enumerate(observed.trials) if not trial.overturned]
 

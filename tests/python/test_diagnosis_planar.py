@@ -74,7 +74,7 @@ def test_an_edge_that_rolls_lifts_off_sooner_and_a_cap_hides_peaks() -> None:
 
 @pytest.fixture(scope="module")
 def simulator() -> PlanarSimulator:
-    return PlanarSimulator(shaken_campaign(4, 6, duration=3.0, pga=(0.5, 1.2)), seed=3)
+    return PlanarSimulator(shaken_campaign(4, 6, duration=3.0, pga_g=(0.5, 1.2)), seed=3)
 
 
 @pytest.mark.parametrize("name", sorted(PLANAR_LIBRARY))

@@ -42,7 +42,7 @@ def scene(**effects: dict[str, float]):
 @pytest.fixture(scope="module")
 def campaign() -> Campaign:
     """Outcomes of the scene itself, under draws that no prediction has."""
-    shaken = shaken_campaign(4, 5, duration=1.0, pga=(0.5, 1.1), session_size=5)
+    shaken = shaken_campaign(4, 5, duration=1.0, pga_g=(0.5, 1.1), session_size=5)
     truth = SceneSimulator(shaken, scene(), hypotheses=Hypotheses(library={}), seed=77)
     ends = truth.run([Request(i, (), 3, 1) for i in range(len(shaken))]).overturned
     trials = [replace(t, overturned=bool(e)) for t, e in zip(shaken.trials, ends, strict=True)]

@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of a block under a tether at 6 degrees, and its scene."""
     out = tmp_path_factory.mktemp("runs")
     (out / "scene.yaml").write_text(SCENE)
-    shaken = shaken_campaign(4, 5, duration=1.0, pga=(0.7, 1.4), session_size=5)
+    shaken = shaken_campaign(4, 5, duration=1.0, pga_g=(0.7, 1.4), session_size=5)
     hypotheses = Hypotheses({"catch": library()["catch"]})
     truth = SceneSimulator(shaken, load_study(out / "scene.yaml"), hypotheses=hypotheses, seed=5)
     found = truth.run([Request(i, (("catch", (6.0,)),), 3, 1) for i in range(len(shaken))])

@@ -36,7 +36,7 @@ Own = Mapping[str, Mapping[str, float]]
 
 @pytest.fixture(scope="module")
 def shaken() -> Campaign:
-    return shaken_campaign(4, 5, duration=1.0, pga=(0.7, 1.4), session_size=5)
+    return shaken_campaign(4, 5, duration=1.0, pga_g=(0.7, 1.4), session_size=5)
 
 
 def scene(own: Own = {}, **changed: object) -> Study:  # noqa: B006

@@ -283,7 +283,7 @@ MODEL = ContactModel()
 @pytest.fixture(scope="module")
 def scene_simulator(tmp_path_factory):
     study = study_from_mapping(BOX, base=tmp_path_factory.mktemp("box"))
-    shaken = shaken_campaign(4, 3, duration=1.0, pga=(0.6, 0.9))
+    shaken = shaken_campaign(4, 3, duration=1.0, pga_g=(0.6, 0.9))
     known = {name: full_library()[name] for name in ("wear", "support")}
     hypotheses = Hypotheses(known, nuisances=())
     return SceneSimulator(shaken, study, hypotheses=hypotheses, seed=3)

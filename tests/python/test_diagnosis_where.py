@@ -33,7 +33,7 @@ def schedule(sessions=10, each=12, seed=0):
     rng = np.random.default_rng(seed)
     count = sessions * each
     return Conditions(
-        log_pga=rng.normal(size=count),
+        log_pga_g=rng.normal(size=count),
         log_ratio=rng.normal(size=count),
         order=np.arange(count) / (count - 1),
         session=np.repeat(np.arange(sessions), each),
@@ -189,10 +189,10 @@ def planted(there, where, size=2.0, seed=0, known=1.0):
 
 def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
     there = schedule()
-    low, high = np.quantile(there.log_pga, [1 / 3, 2 / 3])
+    low, high = np.quantile(there.log_pga_g, [1 / 3, 2 / 3])
     cases = {
-        ("intensity", "high"): there.log_pga >= high,
-        ("intensity", "low"): there.log_pga < low,
+        ("intensity", "high"): there.log_pga_g >= high,
+        ("intensity", "low"): there.log_pga_g < low,
         ("session", "day 3"): there.session == 2,
     }
     for name, inside in cases.items():

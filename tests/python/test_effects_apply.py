@@ -50,7 +50,7 @@ def study(**changes: object) -> Study:
             "rock": {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0},
             "motion": {
                 "mode": "grid_cosine",
-                "pga": {"min": 0.3, "max": 0.6, "step": 0.1},
+                "pga_g": {"min": 0.3, "max": 0.6, "step": 0.1},
                 "pgv_pga": {"min": 0.1, "max": 0.1, "step": 0.1},
             },
             "outcome": {"tail": 1.0},
@@ -197,7 +197,7 @@ def test_a_study_names_its_effects(tmp_path: Path) -> None:
     assert result.provenance["study"]["effects"]["table_gain"] == {"change": -0.1}
     assert result.provenance["effects"]["table_gain"] == [{"change": -0.1}]
     assert plain.provenance["effects"] == {}
-    assert (result["pga"] < plain["pga"]).all()
+    assert (result["pga_g"] < plain["pga_g"]).all()
     with pytest.raises(ConfigError, match="did you mean `wear`"):
         study_trials(study(effects={"waer": {"loss": 0.1}}))
     path = tmp_path / "study.yaml"
@@ -226,7 +226,7 @@ def test_a_campaign_does_not_show_what_it_was_made_with() -> None:
         effects={"table_gain": {"change": 0.15}, "change_point": {"slenderness_change": -0.1}},
     )  # fmt: skip
     for one, other in zip(plain.trials, changed.trials, strict=True):
-        assert one.pga == other.pga
+        assert one.peak_acceleration == other.peak_acceleration
         assert one.motion_file == other.motion_file
         assert one.peak_tilt != other.peak_tilt
     for name, record in plain.motions.items():
@@ -247,7 +247,7 @@ def test_input_comes_from_the_channel_that_is_asked_for() -> None:
     trial = replace(bench.block(), motion=motion)
     other = apply_effects([trial], {"input_channel": {"channel": "acceleration"}})[0]
     same = apply_effects([trial], {"input_channel": {"channel": "displacement"}})[0]
-    assert other.motion.pga == pytest.approx(1.2 * motion.pga, rel=0.02)
+    assert other.motion.peak_acceleration == pytest.approx(1.2 * motion.peak_acceleration, rel=0.02)
     np.testing.assert_array_equal(same.motion.displacement, motion.displacement)
 
 
@@ -344,7 +344,7 @@ def scans(turns: Sequence[float]) -> list[Trial]:
                     "shape": "mesh", "file": "models/pbr_scan.obj", "density": 2650.0,
                     "start": {"yaw": yaw},
                 },
-                motion={"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.1},
+                motion={"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1},
                 settling={"timeout": 10.0},
                 outcome={"tail": 0.1},
             )

@@ -54,10 +54,10 @@ def test_records_of_one_motion_join_to_it_at_any_crossover() -> None:
 def test_the_ends_of_the_crossover_are_the_records_alone() -> None:
     own = trial(record())
     slow, fast = driven(own, channel="displacement"), driven(own, channel="acceleration")
-    assert fast.pga > 1.1 * slow.pga
+    assert fast.peak_acceleration > 1.1 * slow.peak_acceleration
     np.testing.assert_array_equal(slow.displacement, own.motion.displacement)
-    near = [driven(own, crossover=crossover).pga for crossover in (0.05, 200.0)]
-    assert near == pytest.approx([fast.pga, slow.pga], rel=0.01)
+    near = [driven(own, crossover=crossover).peak_acceleration for crossover in (0.05, 200.0)]
+    assert near == pytest.approx([fast.peak_acceleration, slow.peak_acceleration], rel=0.01)
 
 
 def test_a_joined_motion_knows_its_record_and_is_joined_again() -> None:
@@ -117,7 +117,7 @@ def test_a_diagnosis_begins_at_the_record_that_drives(
 
 def test_gains_act_on_any_motion_and_a_channel_that_is_not_there_is_refused() -> None:
     one = trial(record(acceleration=False))
-    assert driven(one, high_gain=0.4).pga > 1.1 * one.motion.pga
+    assert driven(one, high_gain=0.4).peak_acceleration > 1.1 * one.motion.peak_acceleration
     assert driven(EffectBench().block(), low_gain=-0.4).pgv < EffectBench().block().motion.pgv
     for values, key in (({"crossover": 3.0}, "crossover"), ({"channel": "fused"}, "channel")):
         with pytest.raises(MotionError, match=rf"input_channel\.{key}: fused cannot .* accelerat"):
@@ -135,7 +135,7 @@ def test_a_gain_changes_what_is_slow_or_fast_and_ends_at_rest() -> None:
     reach = float(np.ptp(own.motion.displacement))
     assert 1.2 < np.ptp(slow.displacement) / reach < 1.3
     assert np.ptp(fast.displacement) == pytest.approx(reach, rel=0.03)
-    assert fast.pga > 1.05 * own.motion.pga
+    assert fast.peak_acceleration > 1.05 * own.motion.peak_acceleration
     for motion in (slow, fast):
         assert motion.velocity[-1] == 0
         assert motion.recorded is None

@@ -128,7 +128,7 @@ def test_time_is_scaled_after_the_channel_is_chosen(channel: str) -> None:
     gained = apply_effects(
         [trial], {"table_gain": {"change": 0.1}, "input_channel": {"channel": channel}}
     )[0].motion
-    assert gained.pga == pytest.approx(1.1 * chosen.pga)
+    assert gained.peak_acceleration == pytest.approx(1.1 * chosen.peak_acceleration)
 
 
 def test_a_channel_is_refused_where_it_would_undo_an_effect() -> None:

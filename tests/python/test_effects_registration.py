@@ -174,8 +174,8 @@ def test_a_table_steps_after_the_channel_is_chosen(bench: EffectBench) -> None:
     trials = [replace(bench.block(), motion=motion)] * 2
     given = {"input_channel": {"channel": "acceleration"}, "session": {"table_gain_change": 0.1}}
     first, last = apply_effects(trials, given, sessions="ab")
-    assert first.motion.pga == pytest.approx(1.2 * motion.pga, rel=0.05)
-    assert last.motion.pga == pytest.approx(1.1 * first.motion.pga)
+    assert first.motion.peak_acceleration == pytest.approx(1.2 * motion.peak_acceleration, rel=0.05)
+    assert last.motion.peak_acceleration == pytest.approx(1.1 * first.motion.peak_acceleration)
 
 
 def test_steps_of_two_effects_go_with_the_effects_of_the_same_stage(bench: EffectBench) -> None:

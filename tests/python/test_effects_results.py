@@ -31,7 +31,7 @@ def study(effects: object, mode: str = "auto") -> Study:
             "rock": {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0},
             "motion": {
                 "mode": "grid_cosine",
-                "pga": {"min": 0.3, "max": 0.6, "step": 0.1},
+                "pga_g": {"min": 0.3, "max": 0.6, "step": 0.1},
                 "pgv_pga": {"min": 0.1, "max": 0.1, "step": 0.1},
             },
             "engine": {"mode": mode},

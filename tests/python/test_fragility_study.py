@@ -25,7 +25,7 @@ engine: {mode: fast}
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0, start: {yaw: 10.0}}
 motion:
   mode: grid_cosine
-  pga: {min: 0.25, max: 0.65, step: 0.1}
+  pga_g: {min: 0.25, max: 0.65, step: 0.1}
   pgv_pga: {min: 0.1, max: 0.16, step: 0.06}
 outcome: {tail: 1.0}
 fragility:
@@ -122,12 +122,12 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
     a, b = STUDY.index("  mode: grid"), STUDY.index("outcome:")
     found = study(
         (STUDY[a:b], '  mode: all_recordings\n  folder: records\n  pattern: "*.csv"\n'),
-        ("  replicates: 2", "  target_pga: [0.1, 0.2, 0.4]\n  replicates: 2"),
+        ("  replicates: 2", "  target_pga_g: [0.1, 0.2, 0.4]\n  replicates: 2"),
     )
     trials, planned = fragility_trials(found)
     assert len(trials) == 2 * 3 * 2 * 2
     assert {one.motion for one in planned} == {"one", "two"}
-    peaks = sorted({round(trial.motion.pga / 9.80665, 9) for trial in trials})
+    peaks = sorted({round(trial.motion.pga_g, 9) for trial in trials})
     assert peaks == [0.1, 0.2, 0.4]
 
 
@@ -138,11 +138,11 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
          "without `jitter` all replicates are one and the same"),
         ("measures: [pga_g, pgv_pga_s]", "measures: [pga]", r"^(?!.*problems).*must be .*pga_g"),
         ("measures: [pga_g, pgv_pga_s]", "measures: []", "measures: must hold at least 1"),
-        ("azimuths: [0.0, 30.0]", "target_pga: [0.3, -1]", "target_pga: -1 is not above 0"),
+        ("azimuths: [0.0, 30.0]", "target_pga_g: [0.3, -1]", "target_pga_g: -1 is not above 0"),
         ("measures: [pga_g, pgv_pga_s]", "measures: [pga_g, pga_g]", "one is there twice"),
         ("measures: [pga_g, pgv_pga_s]", "surface: linear", "no effect with one measure"),
         ("azimuths: [0.0, 30.0]", "azimuths: [0.0, 0.0]", "azimuths: one is there twice"),
-        ("azimuths: [0.0, 30.0]", "target_pga: [0.1]", "scales recordings; set motion.pga"),
+        ("azimuths: [0.0, 30.0]", "target_pga_g: [0.1]", "scales recordings; set motion.pga_g"),
         ("start: {yaw: 10.0}", "start: {mode: pose, position: [0, 0, 3]}", "use `mode: yaw`"),
         ("  points: 5", "  point: 5", r"fragility.point: .*did you mean `points`"),
         ("fragility:", "fragilty:", "did you mean `fragility`"),

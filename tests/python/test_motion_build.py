@@ -1,12 +1,20 @@
 """From the study's motion section to motions: the four modes, names, order, refusals."""
 
+import warnings
+
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
 from vsr2.config.motion_source import Filter, MotionSource
 from vsr2.errors import MotionError
-from vsr2.motion import STANDARD_GRAVITY, Record, build_motions, build_recorded_motion
+from vsr2.motion import (
+    STANDARD_GRAVITY,
+    MotionWarning,
+    Record,
+    build_motions,
+    build_recorded_motion,
+)
 
 STEP = 0.001
 RATE = 800
@@ -33,10 +41,10 @@ def test_a_single_cosine_by_amplitude_and_frequency():
 
 
 def test_a_single_cosine_by_intensity_is_the_grid_of_one():
-    (single,) = build_motions(source(mode="single_cosine", pga=0.3, pgv_pga=0.1), STEP)
+    (single,) = build_motions(source(mode="single_cosine", pga_g=0.3, pgv_pga=0.1), STEP)
     one = {"min": 0.3, "max": 0.3, "step": 1}
     (grid,) = build_motions(
-        source(mode="grid_cosine", pga=one, pgv_pga={"min": 0.1, "max": 0.1, "step": 1}), STEP
+        source(mode="grid_cosine", pga_g=one, pgv_pga={"min": 0.1, "max": 0.1, "step": 1}), STEP
     )
     assert single.name == grid.name
     assert single.sha256 == grid.sha256
@@ -45,11 +53,11 @@ def test_a_single_cosine_by_intensity_is_the_grid_of_one():
 def test_a_grid_has_every_pair_once_in_order():
     pga = {"min": 0.1, "max": 0.5, "step": 0.1}
     ratio = {"min": 0.05, "max": 0.2, "step": 0.05}
-    motions = build_motions(source(mode="grid_cosine", pga=pga, pgv_pga=ratio), STEP)
+    motions = build_motions(source(mode="grid_cosine", pga_g=pga, pgv_pga=ratio), STEP)
     wanted = [(p, r) for p in (0.1, 0.2, 0.3, 0.4, 0.5) for r in (0.05, 0.1, 0.15, 0.2)]
     assert [m.name for m in motions] == [f"cosine_pga{p}g_pgv_pga{r}s" for p, r in wanted]
     for motion, (p, r) in zip(motions, wanted, strict=True):
-        assert motion.pga == pytest.approx(p * STANDARD_GRAVITY)
+        assert motion.pga_g == pytest.approx(p)
         # PGV falls between samples by at most 1 - cos(0.5 step / ratio)
         assert motion.pgv_pga == pytest.approx(r, rel=1e-4)
 
@@ -57,7 +65,7 @@ def test_a_grid_has_every_pair_once_in_order():
 @pytest.mark.parametrize(
     ("pga", "ratio", "message"),
     [
-        ((0.001, 1.0, 0.001), (0.001, 1.0, 0.001), "1000 values of pga times 1000"),
+        ((0.001, 1.0, 0.001), (0.001, 1.0, 0.001), "1000 values of pga_g times 1000"),
         ((0.01, 1.0, 0.01), (50.0, 99.0, 1.0), "samples in all motions"),
         ((0.1, 0.2, 0.1), (1e-4, 1e-4, 1.0), "raise PGV/PGA"),
     ],
@@ -66,7 +74,7 @@ def test_absurd_grids_are_refused(pga, ratio, message):
     keys = ("min", "max", "step")
     grid = source(
         mode="grid_cosine",
-        pga=dict(zip(keys, pga, strict=True)),
+        pga_g=dict(zip(keys, pga, strict=True)),
         pgv_pga=dict(zip(keys, ratio, strict=True)),
     )
     with pytest.raises(MotionError, match=message):
@@ -121,15 +129,25 @@ def test_a_target_pga_replaces_the_scale_but_its_sign():
     plain = build_recorded_motion(record, STEP)
     for scale in (1.0, 5.0, -5.0):
         motion = build_recorded_motion(record, STEP, scale=scale)
-        motion = motion.scaled_to_pga(4.0, name=motion.name)
-        assert motion.pga == pytest.approx(4.0, rel=1e-12)
+        motion = motion.scaled_to_pga_g(4.0 / STANDARD_GRAVITY, name=motion.name)
+        assert motion.peak_acceleration == pytest.approx(4.0, rel=1e-12)
         assert motion.name == "r"
         np.testing.assert_allclose(
             motion.displacement,
-            np.sign(scale) * 4.0 / plain.pga * plain.displacement,
+            np.sign(scale) * 4.0 / plain.peak_acceleration * plain.displacement,
             rtol=0,
             atol=1e-12,
         )
+
+
+@pytest.mark.parametrize(("pga_g", "warned"), [(3.0, False), (3.1, True)])
+def test_a_pga_that_no_earthquake_has_is_a_warning(pga_g, warned):
+    asked = source(mode="single_cosine", pga_g=pga_g * (1 - 1e-9), pgv_pga=0.01)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        build_motions(asked, STEP)
+    assert [one.category for one in seen] == [MotionWarning] * warned
+    assert all("PGA 3.1 g; 1 of 1 motions are above 3 g" in str(one.message) for one in seen)
 
 
 def test_a_baseline_is_part_of_the_chain():
@@ -195,8 +213,8 @@ def test_the_filter_acts_at_the_records_own_sampling():
     raw = build_recorded_motion(record, STEP)
     filtered = build_recorded_motion(record, STEP, filter=Filter())
     clean = build_recorded_motion(Record("r", 1 / RATE, displacement=X), STEP, filter=Filter())
-    assert raw.pga > 5 * clean.pga
-    assert filtered.pga == pytest.approx(clean.pga, rel=0.1)
+    assert raw.peak_acceleration > 5 * clean.peak_acceleration
+    assert filtered.peak_acceleration == pytest.approx(clean.peak_acceleration, rel=0.1)
     assert "band-pass 0.1-25 Hz order 3" in filtered.source
     with pytest.raises(MotionError, match="Nyquist frequency 400 Hz"):
         build_recorded_motion(record, STEP, filter=Filter(high=450.0))
@@ -208,8 +226,8 @@ def test_a_coarser_time_step_needs_the_filter():
     with pytest.raises(MotionError, match=r"above 100 Hz.*motion.filter"):
         build_recorded_motion(record, 0.005)
     filtered = build_recorded_motion(record, 0.005, filter=Filter())
-    assert filtered.pga == pytest.approx(
-        build_recorded_motion(record, STEP, filter=Filter()).pga, rel=0.02
+    assert filtered.peak_acceleration == pytest.approx(
+        build_recorded_motion(record, STEP, filter=Filter()).peak_acceleration, rel=0.02
     )
 
 

@@ -34,7 +34,7 @@ def pulse(tmp_path):
 def test_info_prints_a_table_and_json(pulse, capsys):
     assert run("info", pulse, pulse) == 0
     header, first, second = capsys.readouterr().out.splitlines()
-    assert header.split()[:3] == ["file", "pga_g", "pga_m_s2"]
+    assert header.split()[:3] == ["file", "pga_g", "pgv_m_s"]
     assert first == second
     assert run("info", pulse, "--json") == 0
     (reported,) = json.loads(capsys.readouterr().out)
@@ -74,7 +74,7 @@ def test_convert_without_processing_keeps_the_channels(tmp_path, capsys):
 
 def test_convert_to_a_pga(pulse, tmp_path, capsys):
     target = tmp_path / "b.csv"
-    assert run("convert", pulse, target, "--scale-to-pga", 0.5, "--time-step", 0.002) == 0
+    assert run("convert", pulse, target, "--scale-to-pga-g", 0.5, "--time-step", 0.002) == 0
     record = read_record(target)
     assert record.sample_interval == 0.002
     assert np.abs(record.acceleration).max() == pytest.approx(0.5 * STANDARD_GRAVITY, rel=1e-12)
@@ -90,7 +90,7 @@ def test_convert_refuses_another_suffix(pulse, tmp_path):
 
 def test_generate(tmp_path, capsys):
     target = tmp_path / "g.csv"
-    wish = ("--pga", 0.3, "--pgv-pga", 0.08, "--duration", 6, "--seed", 4)
+    wish = ("--pga-g", 0.3, "--pgv-pga", 0.08, "--duration", 6, "--seed", 4)
     assert run("generate", *wish, target) == 0
     first = target.read_bytes()
     assert "PGA 0.3 g" in capsys.readouterr().out
@@ -152,8 +152,8 @@ def test_an_impossible_filter_is_reported_without_words_of_the_library(pulse, ar
 
 @pytest.mark.parametrize("pga", ["-1", "0", "nan"])
 def test_an_impossible_pga_is_reported_as_it_was_given(pulse, tmp_path, pga):
-    with pytest.raises(MotionError, match=f"--scale-to-pga {pga}: give a PGA above 0, in g"):
-        run("convert", pulse, tmp_path / "x.csv", f"--scale-to-pga={pga}")
+    with pytest.raises(MotionError, match=f"--scale-to-pga-g {pga}: give a PGA above 0, in g"):
+        run("convert", pulse, tmp_path / "x.csv", f"--scale-to-pga-g={pga}")
     assert not (tmp_path / "x.csv").exists()
 
 

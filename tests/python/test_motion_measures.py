@@ -35,7 +35,7 @@ def test_a_cosine_pulse_has_the_measures_of_its_closed_form(amplitude, frequency
     omega = 2 * math.pi * frequency
     peak = amplitude * omega**2
     # the trapezium rule ends up to a step late; with a step's phase w h of at most 0.03
-    assert measures.pga == pytest.approx(peak, rel=1e-12)
+    assert measures.pga_g == pytest.approx(peak / STANDARD_GRAVITY, rel=1e-12)
     assert measures.pgv == pytest.approx(amplitude * omega, rel=1e-3)
     assert measures.pgd == pytest.approx(2 * amplitude, rel=1e-3)
     assert measures.pgv_pga == pytest.approx(1 / omega, rel=1e-3)
@@ -74,7 +74,7 @@ def test_significant_duration_of_steady_shaking_is_its_share():
 def test_measures_scale_as_their_units_say(factor):
     motion = cosine_motion(0.1, 1.3, H)
     one, scaled = intensity_measures(motion), intensity_measures(motion.scaled(-factor))
-    for name in ("pga", "pgv", "pgd", "cav"):
+    for name in ("pga_g", "pgv", "pgd", "cav"):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(one, name), rel=1e-12)
     assert scaled.arias == pytest.approx(factor**2 * one.arias, rel=1e-12)
     for name in ("pgv_pga", "duration_5_75", "duration_5_95", "time_step", "duration"):
@@ -92,15 +92,17 @@ def test_every_channel_of_one_motion_tells_the_same_measures():
     for channel, signal in {"displacement": x, "velocity": v, "acceleration": a}.items():
         measures = intensity_measures(Record("r", 0.002, **{channel: signal}))
         # splines at 2 ms and 1.5 Hz
-        assert (measures.pga, measures.pgv, measures.pgd) == pytest.approx(wanted, rel=1e-5)
+        assert (measures.pga_g * STANDARD_GRAVITY, measures.pgv, measures.pgd) == pytest.approx(
+            wanted, rel=1e-5
+        )
 
 
 def test_a_record_tells_by_its_acceleration_first():
     t = np.arange(0, 10, 0.01)
     a = np.sin(2 * np.pi * t)
     record = Record("r", 0.01, displacement=np.zeros(t.size), acceleration=a)
-    assert intensity_measures(record).pga == pytest.approx(1, rel=1e-2)
-    assert intensity_measures(record, channel="displacement").pga == 0.0
+    assert intensity_measures(record).pga_g == pytest.approx(1 / STANDARD_GRAVITY, rel=1e-2)
+    assert intensity_measures(record, channel="displacement").pga_g == 0.0
     assert intensity_measures(record, channel="displacement").pgv_pga == 0.0
     assert intensity_measures(record, channel="displacement").duration_5_95 == 0.0
 
@@ -118,12 +120,12 @@ def test_filter_and_baseline_of_a_record():
     clean = np.exp(-(((t - 10) / 2) ** 2)) * np.sin(2 * np.pi * 2 * t)
     noisy = clean + 0.3 * np.sin(2 * np.pi * 60 * t)
     record = Record("r", 0.005, acceleration=noisy)
-    assert intensity_measures(record).pga > 1.2
+    assert intensity_measures(record).pga_g > 1.2 / STANDARD_GRAVITY
     filtered = intensity_measures(record, filter=Filter())
-    assert filtered.pga == pytest.approx(np.abs(clean).max(), rel=0.01)
+    assert filtered.pga_g == pytest.approx(np.abs(clean).max() / STANDARD_GRAVITY, rel=0.01)
     drifting = Record("r", 0.005, acceleration=clean + 0.2 + 0.01 * t)
-    assert intensity_measures(drifting, baseline=1).pga == pytest.approx(
-        np.abs(clean).max(), rel=0.01
+    assert intensity_measures(drifting, baseline=1).pga_g == pytest.approx(
+        np.abs(clean).max() / STANDARD_GRAVITY, rel=0.01
     )
 
 
@@ -148,7 +150,7 @@ def test_measures_agree_with_eqsig(number):
     motion = build_recorded_motion(read_record(FOLDER / f"synthetic_{number:02d}.csv"), 0.001)
     measures = intensity_measures(motion)
     other = AccSignal(motion.acceleration, motion.time_step)
-    assert measures.pga == pytest.approx(other.pga, rel=1e-12)
+    assert measures.pga_g == pytest.approx(other.pga_g, rel=1e-12)
     # eqsig integrates by the trapezium rule: its drift after 10 s of 20 Hz content at 1 ms
     assert measures.pgv == pytest.approx(other.pgv, rel=1e-3)
     assert measures.pgd == pytest.approx(other.pgd, rel=0.02)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsr2.errors import MotionError
-from vsr2.motion import Motion, cosine_motion, pga, pgv
+from vsr2.motion import STANDARD_GRAVITY, Motion, cosine_motion, intensity_measures, pga_g, pgv
 
 
 def motion(**changes):
@@ -25,11 +25,11 @@ def motion(**changes):
 
 
 def test_measures_are_peaks_of_the_driven_signals():
-    assert motion().pga == 10000.0
+    assert motion().peak_acceleration == 10000.0
     assert motion().pgv == 3.0
     assert motion().pgv_pga == 3e-4
     assert motion().duration == pytest.approx(0.002)
-    assert pga([1.0, -2.0]) == 2.0
+    assert pga_g([1.0, -2.0]) == 2.0 / STANDARD_GRAVITY
     assert pgv(np.array([-3.0, 1.0])) == 3.0
 
 
@@ -40,7 +40,7 @@ def test_a_motion_at_rest_has_no_ratio():
 
 def test_peaks_of_nothing_are_refused():
     with pytest.raises(MotionError, match="no samples"):
-        pga([])
+        pga_g([])
 
 
 @pytest.mark.parametrize(
@@ -98,8 +98,8 @@ def test_channels_with_noise_do_not_contradict_each_other():
 def test_scaling_scales_every_measure_and_keeps_the_ratio(factor):
     pulse = cosine_motion(0.02, 3.0, 0.001)
     scaled = pulse.scaled(factor)
-    # one rounding of each product
-    assert scaled.pga == pytest.approx(abs(factor) * pulse.pga, rel=1e-15)
+    # one rounding of each product, one of the unit
+    assert scaled.pga_g == pytest.approx(abs(factor) * pulse.pga_g, rel=1e-15)
     assert scaled.pgv_pga == pytest.approx(pulse.pgv_pga, rel=1e-14)
     assert scaled.name != pulse.name
     assert scaled.kind == "cosine"
@@ -113,7 +113,7 @@ def test_a_scaled_motion_holds_factors_and_not_samples():
         assert name not in vars(twice)
         np.testing.assert_array_equal(getattr(twice, name), expected)
         np.testing.assert_array_equal(getattr(replace(twice, name="x"), name), expected)
-    assert twice.pga == float(np.abs(twice.acceleration).max())
+    assert twice.peak_acceleration == float(np.abs(twice.acceleration).max())
     assert len(pickle.dumps(twice)) < 1.1 * len(pickle.dumps(pulse))
     with pytest.raises(AttributeError, match="no attribute 'speed'"):
         _ = twice.speed
@@ -135,23 +135,38 @@ def test_scaling_scales_the_stated_error():
     assert motion(resampling_error=1e-6).scaled(-2).resampling_error == 2e-6
 
 
+def test_names_whose_unit_was_not_in_them_are_refused():
+    pulse = cosine_motion(0.1, 1.0, 0.001)
+    for one in (pulse, pulse.scaled(2)):
+        with pytest.raises(
+            AttributeError, match=r"Motion.pga is gone; use pga_g \[g\] or peak_acc"
+        ):
+            _ = one.pga
+        with pytest.raises(AttributeError, match="use scaled_to_pga_g, which takes g"):
+            one.scaled_to_pga(3.0)
+        with pytest.raises(AttributeError, match="has no attribute 'pgx'"):
+            _ = one.pgx
+    with pytest.raises(AttributeError, match=r"IntensityMeasures.pga is gone; use pga_g"):
+        _ = intensity_measures(pulse).pga
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_scaling_to_a_pga_keeps_sign_and_shape(sign):
     motion = cosine_motion(0.1, 1.0, 0.001).scaled(sign)
-    scaled = motion.scaled_to_pga(3.0, name="x")
-    assert scaled.pga == pytest.approx(3.0, rel=1e-14)
+    scaled = motion.scaled_to_pga_g(3.0 / STANDARD_GRAVITY, name="x")
+    assert scaled.peak_acceleration == pytest.approx(3.0, rel=1e-14)
     assert scaled.name == "x"
-    factor = 3.0 / motion.pga
+    factor = 3.0 / motion.peak_acceleration
     np.testing.assert_allclose(scaled.displacement, factor * motion.displacement, rtol=1e-14)
 
 
 @pytest.mark.parametrize("pga", [0.0, -1.0, float("nan"), float("inf")])
 def test_impossible_targets_of_pga_are_refused(pga):
     with pytest.raises(MotionError, match="target PGA"):
-        cosine_motion(0.1, 1.0, 0.001).scaled_to_pga(pga)
+        cosine_motion(0.1, 1.0, 0.001).scaled_to_pga_g(pga)
 
 
 def test_a_motion_at_rest_has_no_pga_to_scale():
     rest = Motion("rest", 0.001, *(np.zeros(5),) * 3, kind="recording")
     with pytest.raises(MotionError, match="at rest"):
-        rest.scaled_to_pga(1.0)
+        rest.scaled_to_pga_g(1.0)

@@ -232,7 +232,7 @@ def test_a_trial_to_repeat_with_new_instruments_separates_no_effects() -> None:
 
 
 def test_trials_without_measures_are_reported() -> None:
-    [panel] = map_figure([row | {"log_pga": math.nan} for row in ROWS]).axes
+    [panel] = map_figure([row | {"log_pga_g": math.nan} for row in ROWS]).axes
     assert [text.get_text() for text in panel.texts] == ["no trial has intensity measures"]
 
 

@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 
 from synthetic_results import about, falling_log, make_log, make_result
 from vsr2.errors import ResultError
-from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report import (
     overturning_diagram,
     representative_trials,
@@ -38,7 +37,7 @@ def many(count: int = 300) -> BatchResult:
     status[0], status[1] = "diverged", "not_run"
     return make_result(
         [None] * count,
-        pga=pga * STANDARD_GRAVITY,
+        pga_g=pga,
         pgv_pga=ratio,
         outcome=outcome,
         status=status,
@@ -55,7 +54,7 @@ def test_overturning_diagram_holds_every_trial_that_ran() -> None:
     assert panel.get_title() == "299 trials, 1 more not run"
     drawn = np.vstack([collection.get_offsets() for collection in panel.collections])
     assert len(drawn) == 299
-    wanted = np.column_stack([result["pgv_pga"], result["pga"] / STANDARD_GRAVITY])
+    wanted = np.column_stack([result["pgv_pga"], result["pga_g"]])
     kept = np.delete(wanted, 1, axis=0)
     np.testing.assert_allclose(np.sort(drawn, axis=0), np.sort(kept, axis=0), rtol=1e-12)
     labels = {collection.get_label() for collection in panel.collections}
@@ -69,8 +68,8 @@ def test_overturning_diagram_holds_every_trial_that_ran() -> None:
 def test_overturning_diagram_puts_each_outcome_where_it_belongs() -> None:
     result = make_result(
         [None] * 3,
-        pga=np.array([1.0, 2.0, 3.0]) * STANDARD_GRAVITY,
-        pgv_pga=np.array([0.1, 0.2, 0.0]),
+        pga_g=np.array([1.0, 2.0, 3.0]),
+        pgv_pga_g=np.array([0.1, 0.2, 0.0]),
         outcome=np.array(["stable", "overturned", "slid"], dtype=object),
     )
     [panel] = overturning_diagram(result).axes
@@ -151,7 +150,7 @@ def test_representative_trials_take_turns_between_outcomes() -> None:
     result = make_result(
         [log] * 9 + [None],
         outcome=np.array(outcome, dtype=object),
-        pga=np.array([4.0, 1.0, 2.0, 3.0, 0, 0, 0, 0, 0, 0]),
+        pga_g=np.array([4.0, 1.0, 2.0, 3.0, 0, 0, 0, 0, 0, 0]),
         peak_tilt=np.array([9, 9, 9, 9, 0.001, 0.003, np.nan, 0.002, 0.1, 0.2]),
     )
     # The weakest that overturned, the largest rocking, the largest tilt among the stable.

@@ -36,8 +36,8 @@ def test_dataset_has_table_series_units_and_provenance() -> None:
     )
     np.testing.assert_array_equal(data["angular_velocity"][0], long.state[:, 15:18])
     np.testing.assert_array_equal(data["velocity"][0], long.state[:, 12:15])
-    units = {name: data[name].attrs["units"] for name in ("pga", "slip", "velocity", "time")}
-    assert units == {"pga": "m/s^2", "slip": "m", "velocity": "m/s", "time": "s"}
+    units = {name: data[name].attrs["units"] for name in ("pga_g", "slip", "velocity", "time")}
+    assert units == {"pga_g": "g", "slip": "m", "velocity": "m/s", "time": "s"}
     assert json.loads(data.attrs["provenance"]) == {"seed": 3}
 
 

@@ -164,7 +164,7 @@ def test_any_numbers_and_names_come_back(
     count = len(values)
     result = make_result(
         [None] * count,
-        pga=np.array([np.nan if np.isnan(v) else v for v in values]),
+        pga_g=np.array([np.nan if np.isnan(v) else v for v in values]),
         name=np.array([text] * count, dtype=object),
     )
     folder = save_result(result, tmp_path_factory.mktemp("any"))
@@ -178,10 +178,10 @@ def test_the_table_is_readable_by_others(tmp_path: Path) -> None:
     table = pandas.read_csv(tmp_path / "trials.csv", encoding_errors="surrogateescape")
     assert list(table.columns) == list(TRIAL_COLUMNS)
     # Its default reader of numbers may be off by a last digit.
-    np.testing.assert_allclose(table["pga"].to_numpy(), result["pga"], rtol=1e-14)
+    np.testing.assert_allclose(table["pga_g"].to_numpy(), result["pga_g"], rtol=1e-14)
     assert np.isnan(table["peak_tilt"][2])
     facts = json.loads((tmp_path / "provenance.json").read_text())["result_files"]
-    assert facts["trial_columns"]["pga"] == "of the driven motion [m/s^2]"
+    assert facts["trial_columns"]["pga_g"] == "PGA of the driven motion [g]"
 
 
 def test_empty_batches_come_back(tmp_path: Path) -> None:
@@ -401,11 +401,11 @@ def test_damaged_tables_name_trial_and_column(tmp_path: Path) -> None:
         good.replace('"stable"', '"flew"'): "trial 0, column outcome: 'flew'",
         good.replace(",1000,", ",many,"): "column steps: 'many'",
         good.replace(",1000,", ",9223372036854775808,"): "column steps",
-        good.replace(",0.1,", ",o.1,"): "column pga: 'o.1'",
+        good.replace(",0.1,", ",o.1,"): "column pga_g: 'o.1'",
         good.replace(
             ",1000,", ",1000,,"
         ): f"{len(TRIAL_COLUMNS) + 1} values for {len(TRIAL_COLUMNS)} columns",
-        good.replace("pga", "PGA"): "first line must name the columns",
+        good.replace("pga_g", "PGA"): "first line must name the columns",
         good.replace('"ok"', '"ok"x'): "damaged",
         "\n": "first line",
     }

@@ -210,7 +210,7 @@ def test_notes_of_a_doubtful_start() -> None:
 
 def block(**changes: object) -> Study:
     rock = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600.0}
-    motion = {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.1}
+    motion = {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}
     return study_from_mapping({"rock": rock, "motion": motion, **changes}, ".", check_files=False)
 
 
@@ -238,7 +238,7 @@ def test_a_rock_that_sinks_into_a_soft_pedestal_is_a_warning(mode: str) -> None:
     study = block(
         engine={"mode": mode},
         contact={"rock": soft, "pedestal": soft},
-        motion={"mode": "single_cosine", "pga": 0.01, "pgv_pga": 0.1},
+        motion={"mode": "single_cosine", "pga_g": 0.01, "pgv_pga": 0.1},
         output={"log_every": 1, "log_settling": True},
     )
     with pytest.warns(SceneWarning, match="at least 0.128 m into the pedestal") as caught:

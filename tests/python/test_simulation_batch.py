@@ -44,7 +44,7 @@ def block_study(
             "rock": {"shape": "box", "size": list(size), "density": 2700.0},
             "motion": {
                 "mode": "grid_cosine",
-                "pga": {"min": 0.2, "max": 0.6, "step": 0.2},
+                "pga_g": {"min": 0.2, "max": 0.6, "step": 0.2},
                 "pgv_pga": {"min": 0.1, "max": 0.2, "step": 0.1},
             },
             "output": {"log_every": 5, **output},
@@ -306,7 +306,7 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
             from vsr2.motion import Motion
             study = Study.model_validate({
                 "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
-                "motion": {"mode": "single_cosine", "pga": 0.2, "pgv_pga": 0.1},
+                "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga": 0.1},
                 "engine": {"skip": "none"},
             })
             [first] = study_trials(study)
@@ -351,7 +351,7 @@ def test_early_stop_keeps_the_outcome() -> None:
     for size in ((0.25, 0.5, 1.0), (0.3, 0.35, 0.9)):
         [first, *_] = study_trials(block_study(mode="fast", size=size, log_every=0))
         for motion in records:
-            for scale in rng.uniform(2.0, 9.0, 5) / motion.pga:
+            for scale in rng.uniform(2.0, 9.0, 5) / motion.peak_acceleration:
                 half = rng.uniform(0, np.pi) / 2
                 start = Pose(
                     first.scene.rock.start.position, (0.0, 0.0, np.sin(half), np.cos(half))
@@ -411,7 +411,7 @@ def test_mirrored_records_mirror_the_slip() -> None:
         {
             "rock": {"shape": "box", "size": [1.0, 1.0, 0.3], "density": 2700.0},
             "contact": {"rock": {"lateral_friction": 0.5}, "pedestal": {"lateral_friction": 0.5}},
-            "motion": {"mode": "single_cosine", "pga": 0.6, "pgv_pga": 0.1},
+            "motion": {"mode": "single_cosine", "pga_g": 0.6, "pgv_pga": 0.1},
         }
     )
     [flat] = study_trials(shape)

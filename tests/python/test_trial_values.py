@@ -53,7 +53,7 @@ def through_a_worker(trial: Trial) -> Trial:
 
 
 def scene_of(rock: dict[str, Any]) -> Scene:
-    motion = {"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1}
+    motion = {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1}
     return build_scene(Study.model_validate({"rock": rock, "motion": motion}))
 
 

@@ -10,7 +10,7 @@ def study(**sections: object) -> Study:
     return Study.model_validate(
         {
             "rock": {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0},
-            "motion": {"mode": "single_cosine", "pga": 0.5, "pgv_pga": 0.1},
+            "motion": {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1},
             **sections,
         }
     )

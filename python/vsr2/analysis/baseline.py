@@ -157,14 +157,14 @@ def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> 
     """
     measures = intensity_measures(campaign)
     # NaN compares as false, so that unknown intensities drop out, too.
-    used = ~np.isnan(campaign.overturned) & (measures.pga > 0) & (measures.pgv_pga > 0)
+    used = ~np.isnan(campaign.overturned) & (measures.pga_g > 0) & (measures.pgv_pga > 0)
     if not used.any():
         raise ResultError(
             f"campaign {campaign.name!r}: no trial has an outcome, PGA and PGV/PGA; give "
-            "trials.csv pga_m_s2 and pgv_pga_s, or motions"
+            "trials.csv pga_g and pgv_pga_s, or motions"
         )
     chosen = campaign.select(used)
-    pga, ratio, truth = measures.pga[used], measures.pgv_pga[used], chosen.overturned == 1
+    pga, ratio, truth = measures.pga_g[used], measures.pgv_pga[used], chosen.overturned == 1
     fold = motion_folds(chosen, folds, seed)
     out_of_fold = np.full(truth.size, np.nan)
     for left_out in range(folds):

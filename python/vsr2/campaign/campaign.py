@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsr2.campaign.faults import extra_fault, id_fault, number_fault, text_fault
 from vsr2.codes import Tier
 from vsr2.config.problems import shown
-from vsr2.errors import CampaignError
+from vsr2.errors import CampaignError, Renamed
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ _CHANNELS: Mapping[str, tuple[tuple[int, ...], float, str]] = {
 }
 """Of a series: shape beyond the rows, greatest value and its unit."""
 MAX_MEASURE = 1e5
-"""Of PGA [m/s^2] and PGV/PGA [s]; more is a mistaken unit."""
+"""Of PGA [g] and PGV/PGA [s]; more is a mistaken unit."""
 MAX_NOISE = 1e5
 """Of a standard error, in the unit of its channel; more is a mistaken unit."""
 NORM_TOLERANCE = 1e-3
@@ -247,7 +247,7 @@ def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
         ("peak_tilt", 0, math.pi + 1e-9, "rad"),
         ("final_yaw", -MAX_YAW, MAX_YAW, "rad"),
         ("final_slip", -MAX_POSITION, MAX_POSITION, "m"),
-        ("pga", 0, MAX_MEASURE, "m/s^2"),
+        ("pga_g", 0, MAX_MEASURE, "g"),
         ("pgv_pga", 0, MAX_MEASURE, "s"),
     ):
         if values[name] is not None:
@@ -273,7 +273,7 @@ class CampaignTrial:
             lower bound. None: unknown.
         final_yaw: turn about the vertical that is left after the trial [rad]; None: unknown.
         final_slip: travel of the foot on the table along the shaking, likewise [m].
-        pga: peak acceleration of the table as published with the data [m/s^2]; None: not given.
+        pga_g: peak acceleration of the table as published with the data [g]; None: not given.
         pgv_pga: PGV/PGA of the table as published with the data [s]; None: not given.
         date: of execution.
         note: for people.
@@ -294,12 +294,14 @@ class CampaignTrial:
     peak_tilt: float | None = None
     final_yaw: float | None = None
     final_slip: float | None = None
-    pga: float | None = None
+    pga_g: float | None = None
     pgv_pga: float | None = None
     date: datetime.date | None = None
     note: str = ""
     extra: Mapping[str, float] = field(default_factory=dict)
     series: Series | None = None
+
+    pga = Renamed("pga_g [g]")
 
     def __post_init__(self) -> None:
         _refuse(f"trial {shown(self.trial)}", trial_faults(vars(self)))

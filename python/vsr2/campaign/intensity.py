@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from vsr2.campaign.campaign import Campaign
 from vsr2.config.motion_source import Filter
+from vsr2.errors import Renamed
 from vsr2.motion import Record, build_recorded_motion
 
 Array = NDArray[np.float64]
@@ -19,12 +20,14 @@ class TrialIntensities:
     """Of each trial, NaN where unknown.
 
     Attributes:
-        pga: shape (trials,) [m/s^2].
+        pga_g: shape (trials,) [g].
         pgv_pga: PGV/PGA, shape (trials,) [s].
     """
 
-    pga: Array
+    pga_g: Array
     pgv_pga: Array
+
+    pga = Renamed("pga_g [g]")
 
 
 def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> TrialIntensities:
@@ -46,8 +49,8 @@ def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> T
     ratio = np.full(len(campaign), np.nan)
     measured: dict[str, tuple[float, float]] = {}
     for i, trial in enumerate(campaign.trials):
-        if trial.pga is not None:
-            pga[i] = trial.pga
+        if trial.pga_g is not None:
+            pga[i] = trial.pga_g
         if trial.pgv_pga is not None:
             ratio[i] = trial.pgv_pga
         record = campaign.record(trial)
@@ -68,4 +71,4 @@ def _measured(record: Record, filter: Filter) -> tuple[float, float]:
         channel="displacement" if record.acceleration is None else "acceleration",
         filter=filter,
     )
-    return motion.pga, motion.pgv_pga
+    return motion.pga_g, motion.pgv_pga

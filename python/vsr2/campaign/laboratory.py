@@ -28,7 +28,7 @@ from vsr2.campaign.save import save_campaign
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
-from vsr2.motion import STANDARD_GRAVITY, Record, read_record
+from vsr2.motion import Record, read_record
 
 _TABLE = "trials.csv"
 _REQUIRED = ("test", "date", "motion")
@@ -168,8 +168,8 @@ def _trial(row: Row, specimen: str, extras: list[str], problems: Problems) -> Ca
     date = cells.date("date", "20210630")
     if not row.cells["date"]:
         cells.refuse("date", "is blank; write it as 20210630")
-    pga, pgv_pga = cells.number("pga_g"), cells.number("pgv_pga_s")
-    for column, value, unit in (("pga_g", pga, "g"), ("pgv_pga_s", pgv_pga, "s")):
+    pga_g, pgv_pga = cells.number("pga_g"), cells.number("pgv_pga_s")
+    for column, value, unit in (("pga_g", pga_g, "g"), ("pgv_pga_s", pgv_pga, "s")):
         fault = None if value is None else number_fault(value, 0, MAX_MEASURE, unit)
         if fault is not None:
             cells.refuse(column, f"{shown(row.cells[column])}: {fault}; or leave it blank")
@@ -182,7 +182,7 @@ def _trial(row: Row, specimen: str, extras: list[str], problems: Problems) -> Ca
         "overturned": cells.outcome(outcome) if outcome in row.cells else None,
         "motion_file": None,
         **dict.fromkeys(("peak_tilt", "final_yaw", "final_slip")),
-        "pga": None if pga is None else pga * STANDARD_GRAVITY,
+        "pga_g": pga_g,
         "pgv_pga": pgv_pga,
         "date": date,
         "note": "",
@@ -192,5 +192,5 @@ def _trial(row: Row, specimen: str, extras: list[str], problems: Problems) -> Ca
     }
     for key, fault in trial_faults(values).items():
         if fault is not None:
-            cells.refuse({"pga": "pga_g", "pgv_pga": "pgv_pga_s"}.get(key, key), fault)
+            cells.refuse({"pgv_pga": "pgv_pga_s"}.get(key, key), fault)
     return None if cells.wrong else CampaignTrial(**values)

@@ -374,7 +374,7 @@ def _unjudged(
                 order=i + 1,
                 specimen=SPECIMEN,
                 motion_file=file,
-                pga=motion.pga,
+                pga_g=motion.pga_g,
                 pgv_pga=motion.pgv_pga,
             )
         )

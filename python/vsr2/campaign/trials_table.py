@@ -24,6 +24,7 @@ from vsr2.campaign.faults import extra_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
+from vsr2.motion import STANDARD_GRAVITY
 
 TRIALS = "trials.csv"
 MOTIONS = "motions"
@@ -32,18 +33,18 @@ MOTIONS = "motions"
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
 _OPTIONAL = (
     *("motion_file", "peak_tilt_rad", "final_yaw_rad", "final_slip_m"),
-    *("pga_m_s2", "pgv_pga_s", "date", "note"),
+    *("pga_g", "pgv_pga_s", "date", "note"),
 )
 _ATTRIBUTES = (
     *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
-    *("peak_tilt", "final_yaw", "final_slip", "pga", "pgv_pga", "date", "note"),
+    *("peak_tilt", "final_yaw", "final_slip", "pga_g", "pgv_pga", "date", "note"),
 )
 """Of a trial, in the order of the columns that are written."""
 _NUMBERS = {
     "peak_tilt": "peak_tilt_rad",
     "final_yaw": "final_yaw_rad",
     "final_slip": "final_slip_m",
-    "pga": "pga_m_s2",
+    "pga_g": "pga_g",
     "pgv_pga": "pgv_pga_s",
 }
 """Columns of numbers by the attribute of a trial."""
@@ -124,14 +125,19 @@ _MEANT = {
     "tilt": "peak_tilt_rad",
     "yaw": "final_yaw_rad",
     "slip": "final_slip_m",
-    "pga": "pga_m_s2",
+    "pga": "pga_g",
     "pgv": "pgv_pga_s",
     "fell": "overturned",
 }
 """Columns by what people put into names of their own for them."""
 
+_REPLACED = {"pga_m_s2": f"divide it by {STANDARD_GRAVITY} and call it pga_g [g]"}
+"""What to do with columns of earlier versions."""
+
 
 def _advice(name: str) -> str:
+    if name in _REPLACED:
+        return _REPLACED[name]
     known = (*_REQUIRED, *_OPTIONAL)
     words = re.split("[^a-z]+", name.lower())
     meant = [column for word, column in reversed(_MEANT.items()) if word in words]

@@ -133,15 +133,16 @@ def _launch(
 
 @contextmanager
 def _one_line_warnings() -> Iterator[None]:
-    """Warnings about effects as one line on stderr, each once."""
+    """Warnings of VSR2 as one line on stderr, each once."""
     with warnings.catch_warnings():
         usual, shown = warnings.showwarning, set()
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **how: Any) -> None:
             from vsr2.effects import EffectWarning
+            from vsr2.motion import MotionWarning
             from vsr2.scene import SceneWarning
 
-            if not issubclass(category, (EffectWarning, SceneWarning)):
+            if not issubclass(category, (EffectWarning, MotionWarning, SceneWarning)):
                 usual(message, category, *where, **how)
             elif str(message) not in shown:
                 shown.add(str(message))

@@ -134,7 +134,7 @@ def convert(
     reading: Reading = AS_IS,
     processing: Processing = UNPROCESSED,
     scale: float | None = None,
-    scale_to_pga: float | None = None,
+    scale_to_pga_g: float | None = None,
     time_step: float | None = None,
 ) -> int:
     """Read any record, process it, write neutral .csv.
@@ -145,17 +145,17 @@ def convert(
     Args:
         source: recording
         scale: factor on the motion; negative mirrors it
-        scale_to_pga: target PGA [g]
+        scale_to_pga_g: target PGA [g]
         time_step: resample to this [s] (default: the record's own)
     """
     from vsr2.errors import MotionError
-    from vsr2.motion import STANDARD_GRAVITY, build_recorded_motion, write_record
+    from vsr2.motion import build_recorded_motion, write_record
     from vsr2.report.messages.data import motion_peaks
 
-    if scale_to_pga is not None and not (math.isfinite(scale_to_pga) and scale_to_pga > 0):
-        raise MotionError(f"--scale-to-pga {scale_to_pga:g}: give a PGA above 0, in g")
+    if scale_to_pga_g is not None and not (math.isfinite(scale_to_pga_g) and scale_to_pga_g > 0):
+        raise MotionError(f"--scale-to-pga-g {scale_to_pga_g:g}: give a PGA above 0, in g")
     record = reading.read(source)
-    if processing == UNPROCESSED and (scale, scale_to_pga, time_step) == (None, None, None):
+    if processing == UNPROCESSED and (scale, scale_to_pga_g, time_step) == (None, None, None):
         write_record(record, with_folder(target), note=f"from {source.name}, channels as read")
         print(target)
         return 0
@@ -165,8 +165,8 @@ def convert(
         **processing.arguments(),
         scale=1.0 if scale is None else scale,
     )
-    if scale_to_pga is not None:
-        motion = motion.scaled_to_pga(scale_to_pga * STANDARD_GRAVITY, name=motion.name)
+    if scale_to_pga_g is not None:
+        motion = motion.scaled_to_pga_g(scale_to_pga_g, name=motion.name)
     write_record(motion, with_folder(target), note=motion.source)
     print(motion_peaks(motion, target))
     return 0
@@ -177,7 +177,7 @@ def generate(
     target: Target,
     /,
     *,
-    pga: float,
+    pga_g: float,
     pgv_pga: float,
     duration: float,
     seed: Integer = 0,
@@ -189,7 +189,7 @@ def generate(
     PGV/PGA within 1 %, significant duration within 3 %.
 
     Args:
-        pga: [g]
+        pga_g: [g]
         pgv_pga: PGV/PGA [s], 0.012 to 0.4
         duration: significant duration, 5-95 % [s]
         seed: of the noise
@@ -198,7 +198,7 @@ def generate(
     from vsr2.motion import intensity_measures, synthetic_motion, write_record
     from vsr2.report.messages.data import motion_measures
 
-    motion = synthetic_motion(pga, pgv_pga, duration, seed, time_step)
+    motion = synthetic_motion(pga_g, pgv_pga, duration, seed, time_step)
     write_record(motion, with_folder(target), note=motion.source)
     print(motion_measures(intensity_measures(motion), target))
     return 0

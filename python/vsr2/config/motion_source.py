@@ -59,7 +59,7 @@ class SingleCosine(_Driven):
     """A, half the peak displacement [m]."""
     frequency: Annotated[float, Strict(), Field(ge=1e-3, le=1e3)] | None = None
     """F [Hz]."""
-    pga: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
+    pga_g: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
     """Peak ground acceleration [g]."""
     pgv_pga: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
     """PGV/PGA, which is 1 / (2 pi F) [s]."""
@@ -67,10 +67,12 @@ class SingleCosine(_Driven):
     @model_validator(mode="after")
     def _one_parametrisation(self) -> Self:
         by_af = self.amplitude is not None and self.frequency is not None
-        by_im = self.pga is not None and self.pgv_pga is not None
-        given = sum(v is not None for v in (self.amplitude, self.frequency, self.pga, self.pgv_pga))
+        by_im = self.pga_g is not None and self.pgv_pga is not None
+        given = sum(
+            v is not None for v in (self.amplitude, self.frequency, self.pga_g, self.pgv_pga)
+        )
         if given != 2 or by_af == by_im:
-            raise ValueError("give `amplitude` and `frequency`, or `pga` and `pgv_pga`")
+            raise ValueError("give `amplitude` and `frequency`, or `pga_g` and `pgv_pga`")
         return self
 
 
@@ -78,19 +80,19 @@ class GridCosine(_Driven):
     """Single cosines over a grid of PGA and PGV/PGA (S1.3)."""
 
     mode: Literal["grid_cosine"]
-    pga: Range
+    pga_g: Range
     """Peak ground accelerations [g]; at most 100."""
     pgv_pga: Range
     """Ratios PGV/PGA [s]; at most 100."""
 
     @model_validator(mode="after")
     def _bounded(self) -> Self:
-        for key in ("pga", "pgv_pga"):
+        for key in ("pga_g", "pgv_pga"):
             if getattr(self, key).max > 100:
                 raise ValueError(f"{key}.max is above 100; check its unit")
-        if self.pga.count * self.pgv_pga.count > MAX_GRID_TRIALS:
+        if self.pga_g.count * self.pgv_pga.count > MAX_GRID_TRIALS:
             raise ValueError(
-                f"{self.pga.count} x {self.pgv_pga.count} trials are more than "
+                f"{self.pga_g.count} x {self.pgv_pga.count} trials are more than "
                 f"{MAX_GRID_TRIALS}; raise `step`"
             )
         return self

@@ -38,7 +38,7 @@ rock:
   density: 2600
 motion:
   mode: single_cosine
-  pga: 0.3
+  pga_g: 0.3
   pgv_pga: 0.1
 ```
 """

@@ -283,7 +283,7 @@ class _Importer:
             return self._recordings(mode)
         if mode == "single_cosine":
             self._note(Assumed.COSINE_GOAL)
-            return {"mode": "single_cosine", "pga": 0.3, "pgv_pga": 0.3}
+            return {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.3}
         if mode == "earthquake_batch":
             self._note(NotKept.VELOCITY_RECORDS)
         elif not mode:
@@ -292,7 +292,7 @@ class _Importer:
             self._note(Assumed.UNKNOWN_MODE, mode=shown(mode))
         self._note(Kept.COSINE_GRID)
         grid = {"min": 0.1, "max": 0.5, "step": 0.2}
-        return {"mode": "grid_cosine", "pga": grid, "pgv_pga": dict(grid)}
+        return {"mode": "grid_cosine", "pga_g": grid, "pgv_pga": dict(grid)}
 
     def _recordings(self, mode: str) -> dict[str, Any]:
         p = self._parameters

@@ -427,7 +427,7 @@ class TableSaturation(Effect):
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         motion = trial.motion
         velocity, acceleration = values["velocity"], values["acceleration"]
-        if motion.pgv <= velocity and motion.pga <= acceleration:
+        if motion.pgv <= velocity and motion.peak_acceleration <= acceleration:
             return trial
         path: Path = held(motion, round(2.0 / motion.time_step))
         path = limited(path, velocity, acceleration, motion.time_step, loop=LOOP_FREQUENCY)

@@ -62,8 +62,8 @@ class Bench(Protocol):
     def push(self, acceleration: float, *, duration: float = 0.2) -> Motion:
         """A motion that reaches a constant acceleration [m/s^2] smoothly and holds it [s]."""
 
-    def pulse(self, pga: float, frequency: float) -> Motion:
-        """A cosine pulse, x = A (1 - cos 2 pi F t); PGA [m/s^2], F [Hz]."""
+    def pulse(self, peak_acceleration: float, frequency: float) -> Motion:
+        """A cosine pulse x = A (1 - cos 2 pi F t) of a peak acceleration [m/s^2] and F [Hz]."""
 
     def run(
         self,

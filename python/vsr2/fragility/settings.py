@@ -32,7 +32,7 @@ MEASURES: dict[str, tuple[str, str]] = {
 MEASURE_LABELS = {key: f"{name} [{unit}]" for key, (name, unit) in MEASURES.items()}
 """Intensity measures as they stand on an axis."""
 
-MAX_PGA = 100.0
+MAX_PGA_G = 100.0
 """Greatest PGA that recordings are scaled to [g]; more is a mistaken unit."""
 
 
@@ -92,7 +92,7 @@ class FragilitySettings(Section):
 
     measures: Annotated[tuple[Measure, ...], Field(min_length=1, max_length=2)] = ("pga_g",)
     """Intensity measures, of the motions as driven, before effects; two of them: a surface, too."""
-    target_pga: Annotated[tuple[Real, ...], Field(min_length=1, max_length=1000)] | None = None
+    target_pga_g: Annotated[tuple[Real, ...], Field(min_length=1, max_length=1000)] | None = None
     """Scale every recording to each of these PGAs [g]; none given: as they are."""
     azimuths: Annotated[tuple[Real, ...], Field(min_length=1, max_length=360)] | None = None
     """Turns of the rock about the vertical at the start, instead of `rock.start.yaw` [degree]."""
@@ -118,13 +118,13 @@ class FragilitySettings(Section):
             raise ValueError("surface: has no effect with one measure; name two, or remove it")
         if len(set(self.measures)) != len(self.measures):
             raise ValueError("measures: one is there twice")
-        for value in self.target_pga or ():
-            if not 0 < value <= MAX_PGA:
+        for value in self.target_pga_g or ():
+            if not 0 < value <= MAX_PGA_G:
                 raise ValueError(
-                    f"target_pga: {value:g} is not above 0 and at most {MAX_PGA:g} g; check the "
-                    "unit"
+                    f"target_pga_g: {value:g} is not above 0 and at most {MAX_PGA_G:g} g; check "
+                    "the unit"
                 )
-        for key in ("target_pga", "azimuths"):
+        for key in ("target_pga_g", "azimuths"):
             values = getattr(self, key)
             if values is not None and len(set(values)) != len(values):
                 raise ValueError(f"{key}: one is there twice")
@@ -156,11 +156,12 @@ def load_fragility(
     study = load_extended(path, FragilityKeys, overrides=overrides)
     check_study_effects(study.study.effects, study.label)
     own = study.own.fragility
-    if own.target_pga is not None and not isinstance(
+    if own.target_pga_g is not None and not isinstance(
         study.study.motion, (SingleRecording, AllRecordings)
     ):
         raise ConfigError(
-            f"{study.label}: fragility.target_pga: scales recordings; set motion.pga for cosines"
+            f"{study.label}: fragility.target_pga_g: scales recordings; set "
+            "motion.pga_g for cosines"
         )
     if (own.azimuths is not None or own.jitter.any) and study.study.rock.start.mode != "yaw":
         raise ConfigError(

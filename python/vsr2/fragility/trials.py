@@ -12,7 +12,7 @@ from vsr2.config.motion_source import AllRecordings, SingleRecording
 from vsr2.config.study import YawStart
 from vsr2.errors import SimulationError
 from vsr2.fragility.settings import FragilityStudy, Jitter
-from vsr2.motion import STANDARD_GRAVITY, Motion, build_motions
+from vsr2.motion import Motion, build_motions, warn_of_unusual_pga
 from vsr2.scene import build_scene, start_pose
 from vsr2.scene.rotation import multiply, normalized
 from vsr2.trial import Trial, rows_only
@@ -112,18 +112,20 @@ def fragility_trials(study: FragilityStudy) -> tuple[list[Trial], list[PlannedTr
 
 def _motions(study: FragilityStudy) -> list[tuple[str, Motion]]:
     """Ground motion and scaled motion."""
-    source, targets = study.study.motion, study.own.fragility.target_pga
+    source, targets = study.study.motion, study.own.fragility.target_pga_g
     motions = build_motions(source, study.study.engine.time_step)
     if targets is None or not isinstance(source, (SingleRecording, AllRecordings)):
         return [(motion.name, motion) for motion in motions]
-    return [
+    scaled = [
         (
             motion.name,
-            motion.scaled_to_pga(pga * STANDARD_GRAVITY, name=f"{motion.name} at {pga:g} g"),
+            motion.scaled_to_pga_g(pga_g, name=f"{motion.name} at {pga_g:g} g"),
         )
         for motion in motions
-        for pga in targets
+        for pga_g in targets
     ]
+    warn_of_unusual_pga([motion for _, motion in scaled])
+    return scaled
 
 
 def _seed(seed: int, place: Sequence[int]) -> int:

@@ -17,7 +17,7 @@ from vsr2.motion.measures import (
     cumulative_absolute_velocity,
     intensity_measures,
     kinematics,
-    pga,
+    pga_g,
     pgv,
     significant_duration,
 )
@@ -26,7 +26,13 @@ from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
-from vsr2.motion.study_motions import Recorded, build_motions, build_recorded_motion
+from vsr2.motion.study_motions import (
+    MotionWarning,
+    Recorded,
+    build_motions,
+    build_recorded_motion,
+    warn_of_unusual_pga,
+)
 from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_motion
 from vsr2.motion.units import STANDARD_GRAVITY
 
@@ -41,6 +47,7 @@ __all__ = [
     "IntensityMeasures",
     "Kinematics",
     "Motion",
+    "MotionWarning",
     "Noise",
     "Record",
     "RecordFormat",
@@ -60,7 +67,7 @@ __all__ = [
     "input_uncertainty",
     "intensity_measures",
     "kinematics",
-    "pga",
+    "pga_g",
     "pgv",
     "read_record",
     "remove_baseline",
@@ -68,5 +75,6 @@ __all__ = [
     "shaped_noise",
     "significant_duration",
     "synthetic_motion",
+    "warn_of_unusual_pga",
     "write_record",
 ]

@@ -13,21 +13,21 @@ from vsr2.motion.motion import MAX_SAMPLES, Motion
 from vsr2.motion.units import STANDARD_GRAVITY
 
 
-def cosine_parameters(pga: float, pgv_pga: float) -> tuple[float, float]:
+def cosine_parameters(pga_g: float, pgv_pga: float) -> tuple[float, float]:
     """Amplitude A [m] and frequency F [Hz] of the pulse with these intensity measures.
 
     From x(t) = A (1 - cos 2 pi F t): PGA = A (2 pi F)^2 and PGV = A 2 pi F, so that
     F = 1 / (2 pi PGV/PGA) and A = PGA (PGV/PGA)^2.
 
     Args:
-        pga: [g], g = 9.80665 m/s^2.
+        pga_g: [g], g = 9.80665 m/s^2.
         pgv_pga: PGV/PGA [s].
 
     Raises:
         MotionError: a value is not positive and finite.
     """
-    _require_positive(("pga [g]", pga), ("pgv_pga [s]", pgv_pga))
-    return pga * STANDARD_GRAVITY * pgv_pga**2, 1 / (2 * math.pi * pgv_pga)
+    _require_positive(("pga_g [g]", pga_g), ("pgv_pga [s]", pgv_pga))
+    return pga_g * STANDARD_GRAVITY * pgv_pga**2, 1 / (2 * math.pi * pgv_pga)
 
 
 def cosine_measures(amplitude: float, frequency: float) -> tuple[float, float]:
@@ -94,7 +94,7 @@ def cosine_motion(
         acceleration = amplitude * omega**2 * np.cos(phase)
     for signal in (displacement, velocity, acceleration):
         signal[-1] = 0.0
-    pga, pgv_pga = cosine_measures(amplitude, frequency)
+    pga_g, pgv_pga = cosine_measures(amplitude, frequency)
     return Motion(
         name=label,
         time_step=time_step,
@@ -104,14 +104,14 @@ def cosine_motion(
         kind="cosine",
         source=(
             f"cosine pulse, A = {amplitude:.12g} m, F = {frequency:.12g} Hz "
-            f"(PGA {pga:.6g} g, PGV/PGA {pgv_pga:.6g} s)"
+            f"(PGA {pga_g:.6g} g, PGV/PGA {pgv_pga:.6g} s)"
         ),
     )
 
 
-def cosine_name(pga: float, pgv_pga: float) -> str:
+def cosine_name(pga_g: float, pgv_pga: float) -> str:
     """Name of the pulse with PGA [g] and PGV/PGA [s], as the grid uses it."""
-    return f"cosine_pga{pga:.12g}g_pgv_pga{pgv_pga:.12g}s"
+    return f"cosine_pga{pga_g:.12g}g_pgv_pga{pgv_pga:.12g}s"
 
 
 def grid_values(values: Range) -> list[float]:
@@ -125,9 +125,9 @@ def grid_values(values: Range) -> list[float]:
 def grid_parameters(grid: GridCosine) -> Iterator[tuple[float, float]]:
     """PGA [g] and PGV/PGA [s] of every pulse of the grid, PGV/PGA running fastest."""
     ratios = grid_values(grid.pgv_pga)
-    for pga in grid_values(grid.pga):
+    for pga_g in grid_values(grid.pga_g):
         for ratio in ratios:
-            yield pga, ratio
+            yield pga_g, ratio
 
 
 def _require_positive(*named: tuple[str, float]) -> None:

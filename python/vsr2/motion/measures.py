@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vsr2.config.motion_source import Channel, Filter
-from vsr2.errors import MotionError
+from vsr2.errors import MotionError, Renamed
 from vsr2.motion.fusion import fuse
 from vsr2.motion.motion import Array, Motion
 from vsr2.motion.processing import (
@@ -30,7 +30,7 @@ class IntensityMeasures:
     """What a ground motion's history comes down to; g = 9.80665 m/s^2.
 
     Attributes:
-        pga: peak ground acceleration [m/s^2].
+        pga_g: peak ground acceleration [g].
         pgv: peak ground velocity [m/s].
         pgd: peak ground displacement, from where it starts [m].
         pgv_pga: PGV/PGA [s]; 0 at rest.
@@ -43,7 +43,7 @@ class IntensityMeasures:
         duration: from the first to the last sample [s].
     """
 
-    pga: float
+    pga_g: float
     pgv: float
     pgd: float
     pgv_pga: float
@@ -54,16 +54,12 @@ class IntensityMeasures:
     time_step: float
     duration: float
 
-    @property
-    def pga_g(self) -> float:
-        """Peak ground acceleration [g]."""
-        return self.pga / STANDARD_GRAVITY
+    pga = Renamed("pga_g [g]")
 
     def as_dict(self) -> dict[str, float]:
         """Every measure, its unit in its name."""
         return {
             "pga_g": self.pga_g,
-            "pga_m_s2": self.pga,
             "pgv_m_s": self.pgv,
             "pgd_m": self.pgd,
             "pgv_pga_s": self.pgv_pga,
@@ -76,13 +72,13 @@ class IntensityMeasures:
         }
 
 
-def pga(acceleration: ArrayLike) -> float:
-    """Peak ground acceleration [m/s^2]: the greatest magnitude of `acceleration` (n,) [m/s^2].
+def pga_g(acceleration: ArrayLike) -> float:
+    """Peak ground acceleration [g]: the greatest magnitude of `acceleration` (n,) [m/s^2].
 
     Raises:
         MotionError: no samples.
     """
-    return _peak(acceleration, "acceleration")
+    return _peak(acceleration, "acceleration") / STANDARD_GRAVITY
 
 
 def pgv(velocity: ArrayLike) -> float:
@@ -234,9 +230,9 @@ def intensity_measures(
         histories = kinematics(source, channel=channel, filter=filter, baseline=baseline)
         time_step = source.sample_interval
     acceleration = histories.acceleration
-    peak, speed = pga(acceleration), pgv(histories.velocity)
+    peak, speed = _peak(acceleration, "acceleration"), pgv(histories.velocity)
     return IntensityMeasures(
-        pga=peak,
+        pga_g=peak / STANDARD_GRAVITY,
         pgv=speed,
         pgd=_peak(histories.displacement, "displacement"),
         pgv_pga=speed / peak if peak > 0 else 0.0,

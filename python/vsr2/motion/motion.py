@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.errors import MotionError
+from vsr2.errors import MotionError, Renamed
+from vsr2.motion.units import STANDARD_GRAVITY
 from vsr2.read_only import ReadOnlyArrays, read_only, real_array
 
 if TYPE_CHECKING:
@@ -88,6 +89,9 @@ class Motion(ReadOnlyArrays):
     pitch: SideMotion | None = None
     recorded: Recorded | None = None
 
+    pga = Renamed("pga_g [g] or peak_acceleration [m/s^2]")
+    scaled_to_pga = Renamed("scaled_to_pga_g, which takes g")
+
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise MotionError(f"motion: name must be text (is of type {type(self.name).__name__})")
@@ -116,6 +120,9 @@ class Motion(ReadOnlyArrays):
 
         def __getattr__(self, name: str) -> Array:
             """A channel of a scaled motion."""
+            gone = vars(Motion).get(name)
+            if isinstance(gone, Renamed):  # Whose error led here.
+                gone.__get__(self, Motion)
             if name not in CHANNELS or "_scaling" not in vars(self):
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             samples = self._samples(name)
@@ -234,9 +241,14 @@ class Motion(ReadOnlyArrays):
         return float(np.abs(self.displacement).max())
 
     @cached_property
-    def pga(self) -> float:
-        """Peak ground acceleration of the motion as driven [m/s^2]."""
+    def peak_acceleration(self) -> float:
+        """Greatest magnitude of the acceleration as driven [m/s^2]; `pga_g` gives it in g."""
         return float(np.abs(self.acceleration).max())
+
+    @property
+    def pga_g(self) -> float:
+        """Peak ground acceleration of the motion as driven [g], g = 9.80665 m/s^2."""
+        return self.peak_acceleration / STANDARD_GRAVITY
 
     @cached_property
     def pgv(self) -> float:
@@ -246,7 +258,8 @@ class Motion(ReadOnlyArrays):
     @property
     def pgv_pga(self) -> float:
         """PGV/PGA [s]; 0 for a motion at rest."""
-        return self.pgv / self.pga if self.pga > 0 else 0.0
+        peak = self.peak_acceleration
+        return self.pgv / peak if peak > 0 else 0.0
 
     @cached_property
     def sha256(self) -> str:
@@ -260,19 +273,20 @@ class Motion(ReadOnlyArrays):
                 digest.update(side.velocity.tobytes())
         return digest.hexdigest()
 
-    def scaled_to_pga(self, pga: float, *, name: str | None = None) -> Motion:
-        """The same motion scaled so that its PGA as driven is `pga` [m/s^2], its sign kept.
+    def scaled_to_pga_g(self, pga_g: float, *, name: str | None = None) -> Motion:
+        """The same motion scaled so that its PGA as driven is `pga_g` [g], its sign kept.
 
         Raises:
-            MotionError: `pga` is not positive and finite, or the motion is at rest.
+            MotionError: `pga_g` is not positive and finite, or the motion is at rest.
         """
-        if not (math.isfinite(pga) and pga > 0):
+        if not (math.isfinite(pga_g) and pga_g > 0):
             raise MotionError(
-                f"motion {self.name!r}: target PGA {pga} m/s^2 must be positive and finite"
+                f"motion {self.name!r}: target PGA {pga_g} g must be positive and finite"
             )
-        if self.pga == 0:
+        peak = self.peak_acceleration
+        if peak == 0:
             raise MotionError(f"motion {self.name!r}: is at rest, so no factor gives it a PGA")
-        return self.scaled(pga / self.pga, name=name)
+        return self.scaled(pga_g * STANDARD_GRAVITY / peak, name=name)
 
     def scaled(self, factor: float, *, name: str | None = None) -> Motion:
         """The same motion, every sample of every direction times `factor`; negative mirrors it.
@@ -289,7 +303,8 @@ class Motion(ReadOnlyArrays):
                 f"motion {self.name!r}: scale factor {factor} must be finite and not 0"
             )
         peaks = {
-            name: getattr(self, name) * abs(factor) for name in ("_peak_displacement", "pga", "pgv")
+            name: getattr(self, name) * abs(factor)
+            for name in ("_peak_displacement", "peak_acceleration", "pgv")
         }
         if not all(map(math.isfinite, peaks.values())):
             raise MotionError(f"motion {self.name!r}: times {factor:g} it is not finite")

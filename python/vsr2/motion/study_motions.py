@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -43,6 +44,29 @@ CROSSOVER_ORDER = 2
 """Of the filters that join two records. White noise of the displacement then falls with frequency
 even in the second derivative, and a drift of the integrated acceleration with f^4."""
 
+STRONGEST_USUAL = 3.0
+"""PGA above which motions are looked at again [g]. One of the strongest on record, station IWTH25
+in the Iwate-Miyagi earthquake of 2008, has 3.9 g upwards and about 1.4 g horizontally (Aoi et al.
+2008, Science 322:727)."""
+
+
+class MotionWarning(UserWarning):
+    """Something about a motion that its maker should look at before it is run."""
+
+
+def warn_of_unusual_pga(motions: Sequence[Motion]) -> None:
+    """Warn, as :class:`MotionWarning`, of motions above `STRONGEST_USUAL`."""
+    above = [motion for motion in motions if motion.pga_g > STRONGEST_USUAL]
+    if above:
+        strongest = max(above, key=lambda motion: motion.pga_g)
+        warnings.warn(
+            f"motion {strongest.name!r}: PGA {strongest.pga_g:.4g} g; {len(above)} of "
+            f"{len(motions)} motions are above {STRONGEST_USUAL:g} g. Check units and scale; a "
+            "noisy displacement record needs a filter",
+            MotionWarning,
+            stacklevel=2,
+        )
+
 
 def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
     """The motions of a study, one a trial (the four modes of supplement S1.3).
@@ -54,10 +78,19 @@ def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
         source: paths in it are absolute or relative to the working directory.
         time_step: of the simulation [s].
 
+    Warns:
+        MotionWarning: a PGA above `STRONGEST_USUAL`.
+
     Raises:
         MotionError: a file cannot be used, no file matches, or there are more than `MAX_MOTIONS`
             motions or `MAX_TOTAL_SAMPLES` samples in all.
     """
+    motions = _motions(source, time_step)
+    warn_of_unusual_pga(motions)
+    return motions
+
+
+def _motions(source: MotionSource, time_step: float) -> list[Motion]:
     match source:
         case SingleCosine():
             return [_single_cosine(source, time_step)]
@@ -247,28 +280,28 @@ def build_recorded_motion(
 def _single_cosine(source: SingleCosine, time_step: float) -> Motion:
     if source.amplitude is not None and source.frequency is not None:
         return cosine_motion(source.amplitude, source.frequency, time_step)
-    assert source.pga is not None
+    assert source.pga_g is not None
     assert source.pgv_pga is not None
-    return _cosine(source.pga, source.pgv_pga, time_step)
+    return _cosine(source.pga_g, source.pgv_pga, time_step)
 
 
-def _cosine(pga: float, pgv_pga: float, time_step: float) -> Motion:
-    amplitude, frequency = cosine_parameters(pga, pgv_pga)
-    return cosine_motion(amplitude, frequency, time_step, name=cosine_name(pga, pgv_pga))
+def _cosine(pga_g: float, pgv_pga: float, time_step: float) -> Motion:
+    amplitude, frequency = cosine_parameters(pga_g, pgv_pga)
+    return cosine_motion(amplitude, frequency, time_step, name=cosine_name(pga_g, pgv_pga))
 
 
 def _grid_cosine(grid: GridCosine, time_step: float) -> list[Motion]:
-    pgas, ratios = grid_values(grid.pga), grid_values(grid.pgv_pga)
+    pgas, ratios = grid_values(grid.pga_g), grid_values(grid.pgv_pga)
     count = len(pgas) * len(ratios)
     if count > MAX_MOTIONS:
         raise MotionError(
-            f"grid_cosine: {len(pgas)} values of pga times {len(ratios)} of pgv_pga give {count} "
+            f"grid_cosine: {len(pgas)} values of pga_g times {len(ratios)} of pgv_pga give {count} "
             f"motions; at most {MAX_MOTIONS}: raise a `step`"
         )
     _check_total(
         len(pgas) * sum(2 * math.pi * ratio / time_step + 2 for ratio in ratios), "grid_cosine"
     )
-    return [_cosine(pga, ratio, time_step) for pga, ratio in grid_parameters(grid)]
+    return [_cosine(pga_g, ratio, time_step) for pga_g, ratio in grid_parameters(grid)]
 
 
 def _all_recordings(source: AllRecordings, time_step: float) -> list[Motion]:

@@ -18,7 +18,6 @@ from vsr2.motion.measures import significant_duration
 from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
 from vsr2.motion.record import Record
 from vsr2.motion.study_motions import build_recorded_motion
-from vsr2.motion.units import STANDARD_GRAVITY
 
 SYNTHETIC_INTERVAL = 0.005
 """Sampling interval at which the noise is shaped [s]."""
@@ -52,7 +51,7 @@ class SyntheticConstants:
         pgv_pga_range: that a motion can have [s].
         least_cycles: significant duration in periods 2 pi PGV/PGA.
         duration_range: of the significant duration [s].
-        greatest_pga: [g].
+        greatest_pga_g: [g].
     """
 
     ground_damping: float = 0.6
@@ -76,7 +75,7 @@ class SyntheticConstants:
     pgv_pga_range: tuple[float, float] = (0.012, 0.4)
     least_cycles: float = 2.0
     duration_range: tuple[float, float] = (2.0, 300.0)
-    greatest_pga: float = 100.0
+    greatest_pga_g: float = 100.0
 
 
 SYNTHETIC = SyntheticConstants()
@@ -121,7 +120,7 @@ def shaped_noise(
 
 
 def synthetic_motion(
-    pga: float,
+    pga_g: float,
     pgv_pga: float,
     duration: float,
     seed: int,
@@ -131,13 +130,13 @@ def synthetic_motion(
 ) -> Motion:
     """An earthquake-like motion with the intensity measures asked for.
 
-    As driven at `time_step` its PGA is `pga` to rounding, its PGV/PGA within 1 % of `pgv_pga`, and
-    its significant duration (5-95 %) within 3 % of `duration`. The ground frequency and the
+    As driven at `time_step` its PGA is `pga_g` to rounding, its PGV/PGA within 1 % of `pgv_pga`,
+    and its significant duration (5-95 %) within 3 % of `duration`. The ground frequency and the
     envelope's length are tuned to the noise; noise that cannot be tuned is replaced by the next of
     the same seed, so that a seed gives one motion.
 
     Args:
-        pga: [g].
+        pga_g: [g].
         pgv_pga: [s], 0.012 to 0.4.
         duration: significant duration [s]; at least two periods 2 pi PGV/PGA and 2 s, at most 300.
         seed: not negative.
@@ -147,15 +146,17 @@ def synthetic_motion(
     Raises:
         MotionError: a value is out of these ranges, or no noise could be tuned.
     """
-    _check(pga, pgv_pga, duration, seed)
-    label = name or f"synthetic_pga{pga:.12g}g_pgv_pga{pgv_pga:.12g}s_d{duration:.12g}s_seed{seed}"
+    _check(pga_g, pgv_pga, duration, seed)
+    label = (
+        name or f"synthetic_pga{pga_g:.12g}g_pgv_pga{pgv_pga:.12g}s_d{duration:.12g}s_seed{seed}"
+    )
     for attempt in range(SYNTHETIC.attempts):
         # a sequence of its own for every attempt of every seed
         noise_seed = int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0])
-        motion = _tuned(pga, pgv_pga, duration, noise_seed, time_step, label)
+        motion = _tuned(pga_g, pgv_pga, duration, noise_seed, time_step, label)
         if motion is not None:
             source = (
-                f"synthetic, seed {seed} (noise {attempt + 1}): PGA {pga:.12g} g, PGV/PGA "
+                f"synthetic, seed {seed} (noise {attempt + 1}): PGA {pga_g:.12g} g, PGV/PGA "
                 f"{pgv_pga:.12g} s, significant duration {duration:.12g} s"
             )
             return replace(motion, name=label, source=source, recorded=None)
@@ -166,11 +167,11 @@ def synthetic_motion(
     )
 
 
-def _check(pga: float, pgv_pga: float, duration: float, seed: int) -> None:
-    most = SYNTHETIC.greatest_pga
-    if not (math.isfinite(pga) and 0 < pga <= most):
+def _check(pga_g: float, pgv_pga: float, duration: float, seed: int) -> None:
+    most = SYNTHETIC.greatest_pga_g
+    if not (math.isfinite(pga_g) and 0 < pga_g <= most):
         raise MotionError(
-            f"synthetic motion: pga is {pga} g; it must lie above 0, up to {most:g} g"
+            f"synthetic motion: pga_g is {pga_g} g; it must lie above 0, up to {most:g} g"
         )
     low, high = SYNTHETIC.pgv_pga_range
     if not low <= pgv_pga <= high:
@@ -189,7 +190,7 @@ def _check(pga: float, pgv_pga: float, duration: float, seed: int) -> None:
 
 
 def _tuned(
-    pga: float, pgv_pga: float, duration: float, seed: int, time_step: float, label: str
+    pga_g: float, pgv_pga: float, duration: float, seed: int, time_step: float, label: str
 ) -> Motion | None:
     """The motion of this noise, or None where its measures cannot be brought to those asked for."""
     total = SYNTHETIC.start_length * duration + SYNTHETIC.ramp
@@ -200,7 +201,7 @@ def _tuned(
         moved = _shaped(total, frequency, seed)
         motion = build_recorded_motion(
             Record(label, SYNTHETIC_INTERVAL, displacement=moved / np.abs(moved).max()), time_step
-        ).scaled_to_pga(pga * STANDARD_GRAVITY)
+        ).scaled_to_pga_g(pga_g)
         reached = significant_duration(motion.acceleration, time_step)
         long_enough = abs(reached - duration) <= SYNTHETIC.duration_tolerance * duration
         if long_enough and abs(motion.pgv_pga - pgv_pga) <= SYNTHETIC.pgv_pga_tolerance * pgv_pga:

@@ -61,7 +61,7 @@ def representative_trials(
 
     def nearness(i: int) -> tuple[bool, float]:
         overturned = result["outcome"][i] == Outcome.overturned.name
-        value = float(result["pga"][i] if overturned else -result["peak_tilt"][i])
+        value = float(result["pga_g"][i] if overturned else -result["peak_tilt"][i])
         return bool(np.isnan(value)), value
 
     kinds = [

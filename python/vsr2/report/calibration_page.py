@@ -20,7 +20,6 @@ from vsr2.calibration.profile import Identifiability, Profile
 from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
-from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages.runs import compatible_values, no_baselines, optimism_note
 from vsr2.report.pages import render
@@ -191,7 +190,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
         measures = intensity_measures(result.campaign)
     except MotionError:
         return None
-    known = (measures.pga > 0) & (measures.pgv_pga > 0)
+    known = (measures.pga_g > 0) & (measures.pgv_pga > 0)
     if not known.any():
         return None
     probability = result.out_of_fold if result.folds else result.in_sample
@@ -199,7 +198,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     observed = result.observed
     figure, axes = sheet(1, 1, (5.2, 4.2))
     panel = axes[0, 0]
-    x, y = measures.pgv_pga, measures.pga / STANDARD_GRAVITY
+    x, y = measures.pgv_pga, measures.pga_g
     for outcome, marker, face, name in (
         (False, "o", SKY, "stood"),
         (True, "^", ORANGE, "overturned"),

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.observed.features import Phase
 from vsr2.diagnosis.where.scan import SCAN, LocationKind
-from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.verdicts import location
 from vsr2.report.pages import plain
 from vsr2.report.panels import legend_below, scale_axis, sheet, tooltip
@@ -134,7 +133,7 @@ def waterfall_figure(content: Mapping[str, Any]) -> Figure:
 
 def map_figure(rows: Rows) -> Figure:
     """Loss over the floor in the plane of PGA and PGV/PGA."""
-    known = [r for r in rows if math.isfinite(r["log_pga"]) and math.isfinite(r["log_ratio"])]
+    known = [r for r in rows if math.isfinite(r["log_pga_g"]) and math.isfinite(r["log_ratio"])]
     figure, panel = _panel((5.2, 4.0))
     panel.set_xlabel("PGA [g]")
     panel.set_ylabel("PGV/PGA [s]")
@@ -149,7 +148,7 @@ def map_figure(rows: Rows) -> Figure:
         ending = "overturned" if row["overturned"] else "stood"
         label = f"{ending}, {'a surprise' if extra > FIGURES.surprise else 'no surprise'}"
         [mark] = panel.plot(
-            math.exp(row["log_pga"]) / STANDARD_GRAVITY,
+            math.exp(row["log_pga_g"]),
             math.exp(row["log_ratio"]),
             "o",
             # In steps, because equal marks are stored once in a drawing.

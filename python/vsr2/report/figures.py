@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import Tracking, tracking
 from vsr2.errors import ResultError
-from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.panels import legend_below, scale_where_wide, sheet
 from vsr2.report.text import printable
 from vsr2.results import OUTCOMES, BatchResult, Outcome, TrialLog
@@ -97,7 +96,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
     """
     figure, axes = sheet(1, 1, (6.5, 5.0))
     panel = axes[0, 0]
-    pga = np.asarray(result["pga"], dtype=np.float64) / STANDARD_GRAVITY
+    pga = np.asarray(result["pga_g"], dtype=np.float64)
     ratio = np.asarray(result["pgv_pga"], dtype=np.float64)
     shown = result.finished & np.isfinite(pga) & np.isfinite(ratio)
     # Many trials hide one another: the gravest outcome is drawn last, all are smaller.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -290,9 +291,9 @@ _TRIAL_COLUMNS = tuple(
         ("seed", "", "seed of the trial's perturbation"),
         ("status", "", ", ".join(STATUSES)),
         ("outcome", "", ", ".join(OUTCOMES)),
-        ("pga", "m/s^2", "of the driven motion"),
-        ("pgv", "m/s", "of the driven motion"),
-        ("pgv_pga", "s", "of the driven motion"),
+        ("pga_g", "g", "PGA of the driven motion"),
+        ("pgv", "m/s", "PGV of the driven motion"),
+        ("pgv_pga", "s", "PGV/PGA of the driven motion"),
         *_native.result_columns(),
         ("steps", "1", "time steps that were taken, the trial's own settling included"),
         ("engine", "", f"engine that it began with: {', '.join(ENGINES)}; empty: none ran"),
@@ -367,7 +368,12 @@ class BatchResult:
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         if column not in self.trials:
-            raise ResultError(f"no column {column!r}; known: {', '.join(TRIAL_COLUMNS)}")
+            near = get_close_matches(str(column), TRIAL_COLUMNS, n=1, cutoff=0.75)
+            raise ResultError(
+                f"no column {column!r}; "
+                + (f"did you mean {near[0]}? " if near else "")
+                + f"known: {', '.join(TRIAL_COLUMNS)}"
+            )
         return self.trials[column]
 
     @property

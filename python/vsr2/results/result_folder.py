@@ -63,7 +63,7 @@ NPY_COLUMNS = (
 the orientation of its model frame; from the start of the motion on."""
 
 FORMAT = "vsr2 result"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 _RESERVED = "result_files"
 _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
 _SPATIAL_NAMES = ("excursions", "pivot")

@@ -298,7 +298,7 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
         columns["motion"][i] = trial.motion.name
         columns["motion_sha256"][i] = trial.motion.sha256
         columns["seed"][i] = trial.seed
-        columns["pga"][i] = trial.motion.pga
+        columns["pga_g"][i] = trial.motion.pga_g
         columns["pgv"][i] = trial.motion.pgv
         columns["pgv_pga"][i] = trial.motion.pgv_pga
     return columns

@@ -148,9 +148,9 @@ class EffectBench(Bench):
         x = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * step)])
         return Motion(f"push_{acceleration:g}", step, x, v, a, "recording")
 
-    def pulse(self, pga: float, frequency: float) -> Motion:
-        """A cosine pulse; PGA [m/s^2], frequency [Hz]."""
-        amplitude = pga / (2 * math.pi * frequency) ** 2
+    def pulse(self, peak_acceleration: float, frequency: float) -> Motion:
+        """A cosine pulse; peak acceleration [m/s^2], frequency [Hz]."""
+        amplitude = peak_acceleration / (2 * math.pi * frequency) ** 2
         return cosine_motion(amplitude, frequency, self._engine.time_step)
 
     def run(

@@ -52,7 +52,8 @@ class CheckConstants:
         near_overturning: PGA over the least that overturns, of pulses near it: they tell what is
             small elsewhere.
         frequencies: of these pulses [Hz].
-        sliding_pulse: PGA [m/s^2] and frequency [Hz] of one more, under which the rock slides.
+        sliding_pulse: peak acceleration [m/s^2] and frequency [Hz] of one more, under which the
+            rock slides.
         hardest: PGA over that of uplift up to which the least that overturns is looked for.
         halvings: of the logarithm of its PGA.
         jury: draws of which most must overturn.
@@ -360,12 +361,12 @@ def shaking(trial: Trial, turn: float) -> list[Motion]:
         least = _least_overturning(trial, turn, lifting, frequency)
         near = (share * least for share in CHECK.near_overturning)
         accelerations = [CHECK.lifting * lifting, *near]
-        motions += [bench.pulse(pga, frequency) for pga in accelerations]
+        motions += [bench.pulse(peak, frequency) for peak in accelerations]
     return [*motions, bench.pulse(*CHECK.sliding_pulse)]
 
 
 def _least_overturning(trial: Trial, turn: float, lifting: float, frequency: float) -> float:
-    """PGA beside which pulses of a frequency overturn most of some draws or not [m/s^2].
+    """Peak acceleration [m/s^2] beside which pulses of a frequency overturn most draws or not.
 
     Found by halving, up to `CHECK.hardest` times uplift, which it is where none overturns.
     """

@@ -85,7 +85,7 @@ class BulletEngine:
         return {key: str(value) for key, value in _native.build_facts().items()}
 
     @property
-    def static_pga(self) -> float:
+    def static_acceleration(self) -> float:
         """Acceleration of uplift, g b / h [m/s^2]."""
         assert isinstance(self._study.rock, BoxRock)
         width, _, height = self._study.rock.size

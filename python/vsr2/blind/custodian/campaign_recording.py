@@ -12,6 +12,7 @@ from vsr2.blind.custodian.design import Protocol, trial_name
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import Response
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Series, Specimen
+from vsr2.motion import STANDARD_GRAVITY
 from vsr2.scene.rotation import quaternion_product
 
 Array = NDArray[np.float64]
@@ -78,7 +79,7 @@ def recorded_campaign(
                 overturned=one.overturned,
                 motion_file=label,
                 peak_tilt=float(np.clip(round(float(peak), 5), 0.0, 3.14159)),
-                pga=row.pga,
+                pga_g=round(row.peak_acceleration / STANDARD_GRAVITY, 5),
                 pgv_pga=round(float(speed), 5),
                 series=_series(one, motion.duration, settings, rng)
                 if settings.series_interval

@@ -47,12 +47,12 @@ class Row:
 
     Attributes:
         motion: index in the catalogue.
-        pga: peak acceleration of the table [m/s^2].
+        peak_acceleration: of the table [m/s^2].
         session: 0 to sessions - 1.
     """
 
     motion: int
-    pga: float
+    peak_acceleration: float
     session: int
 
 
@@ -95,7 +95,7 @@ def draw_protocol(
     records = {}
     for i, row in enumerate(rows):
         motion = motions[row.motion]
-        moved = motion.displacement * row.pga
+        moved = motion.displacement * row.peak_acceleration
         felt = acceleration_of(moved, motion.interval)
         draws = rng.standard_normal((2, moved.size))
         label = trial_name(i, len(rows))
@@ -159,7 +159,7 @@ def draw_inputs(
         out.append(
             TrialInput(
                 interval=motion.interval,
-                displacement=motion.displacement * (row.pga * (1 + error * gain)),
+                displacement=motion.displacement * (row.peak_acceleration * (1 + error * gain)),
                 nuisances=nuisances,
                 yaw=tolerances.yaw * yaw,
                 offset=(tolerances.offset * x, tolerances.offset * y),
@@ -176,13 +176,13 @@ def catalogue(seed: int, count: int) -> list[GroundMotion]:
     ]
 
 
-def overturning_pga(engine: Engine, motion: GroundMotion) -> float:
-    """About the PGA at which the nominal body overturns in this motion [m/s^2].
+def overturning_acceleration(engine: Engine, motion: GroundMotion) -> float:
+    """About the peak acceleration at which the nominal body overturns in this motion [m/s^2].
 
     The outcome is no monotonic function of PGA near there: the first of steps of 12 % from the
     static threshold at which it overturns, at most 3.1 times that.
     """
-    low = engine.static_pga
+    low = engine.static_acceleration
     for step in range(DESIGN.steps):
         pga = low * DESIGN.step**step
         trial = TrialInput(motion.interval, motion.displacement * pga)

@@ -74,7 +74,7 @@ class Engine(Protocol):
         ...
 
     @property
-    def static_pga(self) -> float:
+    def static_acceleration(self) -> float:
         """Acceleration at which the nominal body lifts off, g b / h [m/s^2]."""
         ...
 

@@ -22,7 +22,7 @@ from vsr2.blind.custodian.design import (
     catalogue,
     draw_inputs,
     draw_protocol,
-    overturning_pga,
+    overturning_acceleration,
 )
 from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
@@ -148,9 +148,11 @@ def make_pack(
 
     def amplitudes() -> list[float]:
         say(Statement.of(EventCode.AMPLITUDES, engine=settings.engines[0], motions=len(motions)))
-        return [overturning_pga(engines[settings.engines[0]], motion) for motion in motions]
+        return [
+            overturning_acceleration(engines[settings.engines[0]], motion) for motion in motions
+        ]
 
-    thresholds = steps.once("overturning_pga", amplitudes)
+    thresholds = steps.once("overturning_acceleration", amplitudes)
     protocols = [
         draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
         for i in range(settings.protocols)

@@ -92,7 +92,7 @@ class MujocoEngine:
         return {"mujoco": self._version}
 
     @property
-    def static_pga(self) -> float:
+    def static_acceleration(self) -> float:
         """Acceleration of uplift, g b / h [m/s^2]."""
         return STANDARD_GRAVITY * math.tan(self._nominal.slenderness_angle)
 

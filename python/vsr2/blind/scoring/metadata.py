@@ -43,7 +43,7 @@ def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
         folder: of it.
     """
     noise = campaign.noise
-    pga = np.log([trial.pga or 1.0 for trial in campaign.trials])
+    pga = np.log([trial.pga_g or 1.0 for trial in campaign.trials])
     motions = sorted((folder / "motions").glob("*.npz"))
     cells = _cells(folder / TRIALS)
     response = [cells.get(name, []) for name in _RESPONSE]
@@ -56,7 +56,7 @@ def metadata(campaign: Campaign, folder: Path) -> dict[str, float]:
         "files": float(sum(1 for _ in folder.rglob("*"))),
         "displacement_noise": math.log(noise.displacement or 1.0),
         "acceleration_noise": math.log(noise.acceleration or 1.0),
-        "mean_ln_pga": float(pga.mean()),
+        "mean_ln_pga_g": float(pga.mean()),
         "spread_of_ln_pga": float(pga.std()),
         "mean_size_of_motions": _mean([float(file.stat().st_size) for file in motions]),
         "size_of_campaign_file": float((folder / CAMPAIGN_FILE).stat().st_size),

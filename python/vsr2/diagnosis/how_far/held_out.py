@@ -198,7 +198,7 @@ def judge(
     losses[Loss.AFTER] = simulated_loss(after, after.probability, outcome, features)
     scaled = _recalibrated(before.probability, outcome, group)
     losses[Loss.RECALIBRATED] = simulated_loss(before, scaled, outcome, features)
-    losses[Loss.DEALT] = _dealt(before, after, outcome, features, seen.log_pga[trials], seed)
+    losses[Loss.DEALT] = _dealt(before, after, outcome, features, seen.log_pga_g[trials], seed)
     return HowFar(losses, before.probability, after.probability, motion, tuple(names))
 
 
@@ -310,7 +310,7 @@ def _recalibrated(probability: Array, outcome: Array, group: NDArray[np.int64]) 
 
 
 def _dealt(
-    before: Ensemble, after: Ensemble, outcome: Array, features: Array, log_pga: Array, seed: int
+    before: Ensemble, after: Ensemble, outcome: Array, features: Array, log_pga_g: Array, seed: int
 ) -> Array:
     """Loss where every trial gets the change of another one of like intensity."""
     from scipy.special import expit, logit
@@ -320,7 +320,7 @@ def _dealt(
     change = logit(after.probability) - start
     with np.errstate(invalid="ignore"):
         moved = _mean(after.features) - _mean(before.features)
-    order = np.argsort(log_pga, kind="stable")
+    order = np.argsort(log_pga_g, kind="stable")
     out = np.zeros(outcome.size)
     for _ in range(HELD_OUT.dealt):
         partner = np.empty(outcome.size, dtype=np.int64)
@@ -374,7 +374,7 @@ def rows(
                 "motion": trial.motion,
                 "session": trial.session,
                 "order": trial.order,
-                "log_pga": float(seen.log_pga[i]),
+                "log_pga_g": float(seen.log_pga_g[i]),
                 "log_ratio": float(seen.log_ratio[i]),
                 "overturned": int(seen.overturned[i]),
                 "uncertain": int(k is not None),

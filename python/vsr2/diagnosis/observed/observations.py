@@ -78,7 +78,7 @@ class Observations:
         rest_noise: standard errors of the final turn [rad] and of the final travel [m].
         motion, session, specimen: indices from 0, shape (n,).
         order: 0 at the first trial, 1 at the last, shape (n,).
-        log_pga, log_ratio: ln PGA [m/s^2] and ln PGV/PGA [s], shape (n,).
+        log_pga_g, log_ratio: ln PGA [g] and ln PGV/PGA [s], shape (n,).
     """
 
     campaign: Campaign
@@ -93,7 +93,7 @@ class Observations:
     session: NDArray[np.int64]
     specimen: NDArray[np.int64]
     order: Array
-    log_pga: Array
+    log_pga_g: Array
     log_ratio: Array
 
     def __len__(self) -> int:
@@ -149,8 +149,8 @@ def same_trials(one: Observations, other: Observations) -> bool:
     far = [
         np.abs(a - b) > OBSERVED.repeated
         for a, b in (
-            (one.log_pga, other.log_pga),
-            (one.log_pga + one.log_ratio, other.log_pga + other.log_ratio),
+            (one.log_pga_g, other.log_pga_g),
+            (one.log_pga_g + one.log_ratio, other.log_pga_g + other.log_ratio),
         )
     ]
     return not np.any(far)
@@ -209,7 +209,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
                 columns.append(np.where(overturned < 0.5, raw, np.nan))
                 measured.append(feature)
     measures = intensity_measures(used)
-    still = np.flatnonzero(~(measures.pga > 0))
+    still = np.flatnonzero(~(measures.pga_g > 0))
     if still.size:
         trial = used.trials[int(still[0])]
         more = f" and of {still.size - 1} others" if still.size > 1 else ""
@@ -217,7 +217,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
             f"campaign {campaign.name!r}: the table rests in the motion {trial.motion_file!r} of "
             f"trial {trial.trial!r}{more}; leave such trials out"
         )
-    log_pga, log_ratio = np.log(measures.pga), np.log(measures.pgv_pga)
+    log_pga_g, log_ratio = np.log(measures.pga_g), np.log(measures.pgv_pga)
     return Observations(
         campaign=used,
         tier=tier,
@@ -231,7 +231,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         session=_index([trial.session for trial in used.trials]),
         specimen=_index([trial.specimen for trial in used.trials]),
         order=used.relative_order,
-        log_pga=log_pga,
+        log_pga_g=log_pga_g,
         log_ratio=log_ratio,
     )
 

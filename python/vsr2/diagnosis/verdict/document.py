@@ -26,7 +26,7 @@ class Diagnosis:
 
     Attributes:
         content: of `diagnosis.json`, JSON-serialisable.
-        trials: one row a trial, for tables and figures: id, motion, session, order, ln PGA,
+        trials: one row a trial, for tables and figures: id, motion, session, order, ln PGA [g],
             ln PGV/PGA, outcome, probabilities before and after, losses and floor.
         samples: of the posterior of each effect that is named, given that it acts: values of its
             parameters, one row a sample. They are not written.

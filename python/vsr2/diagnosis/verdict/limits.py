@@ -113,7 +113,7 @@ def limits_of_the_data(
         *repeats_scatter(layers),
         *(
             [Statement.of(LimitCode.MEASURES_LACKING)]
-            if not np.isfinite(seen.log_pga).all()
+            if not np.isfinite(seen.log_pga_g).all()
             else ()
         ),
     ]

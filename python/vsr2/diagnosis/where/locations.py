@@ -30,7 +30,7 @@ def where_it_lies(
         seed: of permutations.
     """
     conditions = Conditions(
-        seen.log_pga[trials],
+        seen.log_pga_g[trials],
         seen.log_ratio[trials],
         seen.order[trials],
         seen.session[trials],

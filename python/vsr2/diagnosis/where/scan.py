@@ -159,13 +159,13 @@ class Conditions:
     """What locations are made of, one value a trial.
 
     Attributes:
-        log_pga, log_ratio: logarithms of PGA and of PGV / PGA.
+        log_pga_g, log_ratio: logarithms of PGA and of PGV / PGA.
         order: of execution.
         session, motion, specimen: indices from 0.
         sessions, specimens: their names by index.
     """
 
-    log_pga: Array
+    log_pga_g: Array
     log_ratio: Array
     order: Array
     session: NDArray[np.int64]
@@ -263,7 +263,7 @@ def _family(conditions: Conditions) -> Iterator[_Weighed]:
 
 def _parts(conditions: Conditions) -> Iterator[_Weighed]:
     thirds: dict[str, Mapping[str, NDArray[np.bool_]]] = {}
-    for name, value in (("pga", conditions.log_pga), ("pgv_pga", conditions.log_ratio)):
+    for name, value in (("pga", conditions.log_pga_g), ("pgv_pga", conditions.log_ratio)):
         known = np.isfinite(value)
         if known.sum() < SCAN.least_known:
             continue

@@ -220,10 +220,17 @@ def study_begins(name: str, trials: Sequence[Trial], engine: str) -> str:
     rock, pedestal = trials[0].scene.rock, trials[0].scene.pedestal
     first = (
         f"{name}: {counted(len(trials), 'trial')}, {Path(rock.source).name} "
-        f"({rock.mass.mass:.4g} kg) on {Path(pedestal.source).name}, engine {engine}"
+        f"({rock.mass.mass:.4g} kg) on {Path(pedestal.source).name}, engine {engine}, "
+        f"{pga_range([trial.motion.pga_g for trial in trials])}"
     )
     notes = [note for note in rock.notes if note.code not in WARNINGS]
     return "\n".join([first, *(f"note: {scene_note(note.to_json())}" for note in notes)])
+
+
+def pga_range(values: Sequence[float]) -> str:
+    """The range of peak ground accelerations [g], to read once whether their unit is right."""
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return f"PGA {low} g" if low == high else f"PGA {low} to {high} g"
 
 
 def batch_estimate(estimate: BatchEstimate, folder: Path) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.templates import counted, filled_in
 from vsr2.scene import SceneNote
 from vsr2.scene.notes import WARNINGS
@@ -81,7 +80,7 @@ def campaign_text(summary: Mapping[str, Any]) -> str:
         model = "no model" if specimen["model_file"] is None else "with model"
         trials = counted(specimen["trials"], "trial")
         lines.append(f"specimen       {key}: {trials}, {mass}, {model}")
-    for label, key, unit in (("PGA", "pga_m_s2", "m/s^2"), ("PGV/PGA", "pgv_pga_s", "s")):
+    for label, key, unit in (("PGA", "pga_g", "g"), ("PGV/PGA", "pgv_pga_s", "s")):
         span = summary[key]
         shown = "unknown" if span is None else f"{span[0]:.4g} to {span[1]:.4g} {unit}"
         lines.append(f"{label:<14} {shown}")
@@ -161,7 +160,7 @@ def inertia_text(summary: Mapping[str, Any]) -> str:
 
 def motion_peaks(motion: Motion, file: Path) -> str:
     """Peaks of a motion that was written to a file."""
-    return f"{file}: PGA {motion.pga / STANDARD_GRAVITY:.4g} g, PGV {motion.pgv:.4g} m/s"
+    return f"{file}: PGA {motion.pga_g:.4g} g, PGV {motion.pgv:.4g} m/s"
 
 
 def motion_measures(measures: IntensityMeasures, file: Path) -> str:

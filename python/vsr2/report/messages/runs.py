@@ -176,7 +176,7 @@ def no_baselines(why: NoBaselines | None) -> str:
             return "fewer motions with outcome, PGA and PGV/PGA than folds, or a single one"
         case NoBaselines.NO_INTENSITIES:
             return (
-                "no trial has an outcome, PGA and PGV/PGA; give trials.csv pga_m_s2 and "
+                "no trial has an outcome, PGA and PGV/PGA; give trials.csv pga_g and "
                 "pgv_pga_s, or motions"
             )
     return ""
