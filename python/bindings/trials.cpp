@@ -173,7 +173,7 @@ void bind_batch(py::module_& m) {
            py::arg("threads"))
       .def("add", &Batch::add, py::arg("trial"))
       .def("close", &Batch::close)
-      // Python signals are handled between the short waits, so Ctrl-C is noticed at once.
+      // Python signals are handled between the short waits, so Ctrl-C is seen at once.
       .def("wait",
            [](Batch& batch, const Taken<double>& given) {
              const double timeout = taken(given, "timeout");

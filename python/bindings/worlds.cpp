@@ -45,6 +45,34 @@ void bind_world_state(py::module_& m) {
           }));
 }
 
+// What can be read from the world.
+void bind_readings(py::class_<RecordedWorld>& bound) {
+  bound
+      .def_property_readonly("pedestal",
+                             [](const RecordedWorld& world) {
+                               const PedestalState s = world.pedestal();
+                               return std::make_pair(s.position, s.velocity);
+                             })
+      .def_property_readonly("excursion",
+                             [](const RecordedWorld& world) {
+                               const Excursion x = world.pedestal().excursion;
+                               return std::make_tuple(x.transverse, x.vertical, x.pitch);
+                             },
+                             "Transverse and vertical displacement [m], pitch [rad].")
+      .def_property_readonly("rock",
+                             [](const RecordedWorld& world) {
+                               const RockState s = world.rock();
+                               return std::make_tuple(s.p_WB, Vector4(s.q_WB.coeffs()), s.v_WB, s.w_WB);
+                             })
+      .def("contacts", [](const RecordedWorld& world) {
+        std::vector<ContactPoint> points;
+        world.contacts(points);
+        py::list out;
+        for (const ContactPoint& point : points) out.append(contact_dict(point));
+        return out;
+      });
+}
+
 }  // namespace
 
 void bind_worlds(py::module_& m) {
@@ -57,7 +85,8 @@ void bind_worlds(py::module_& m) {
   bind_world_state(m);
 
   // The world behind vsr2.Simulation.
-  py::class_<RecordedWorld>(m, "World")
+  py::class_<RecordedWorld> bound(m, "World");
+  bound
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive) {
              return std::make_unique<RecordedWorld>(std::move(scene), drive);
            }),
@@ -104,30 +133,8 @@ void bind_worlds(py::module_& m) {
                           taken(pitch, "pitch")}});
            },
            py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
-           py::arg("vertical") = 0.0, py::arg("pitch") = 0.0)
-      .def_property_readonly("pedestal",
-                             [](const RecordedWorld& world) {
-                               const PedestalState s = world.pedestal();
-                               return std::make_pair(s.position, s.velocity);
-                             })
-      .def_property_readonly("excursion",
-                             [](const RecordedWorld& world) {
-                               const Excursion x = world.pedestal().excursion;
-                               return std::make_tuple(x.transverse, x.vertical, x.pitch);
-                             },
-                             "Transverse and vertical displacement [m], pitch [rad].")
-      .def_property_readonly("rock",
-                             [](const RecordedWorld& world) {
-                               const RockState s = world.rock();
-                               return std::make_tuple(s.p_WB, Vector4(s.q_WB.coeffs()), s.v_WB, s.w_WB);
-                             })
-      .def("contacts", [](const RecordedWorld& world) {
-        std::vector<ContactPoint> points;
-        world.contacts(points);
-        py::list out;
-        for (const ContactPoint& point : points) out.append(contact_dict(point));
-        return out;
-      });
+           py::arg("vertical") = 0.0, py::arg("pitch") = 0.0);
+  bind_readings(bound);
 }
 
 }  // namespace vsr2::binding

@@ -114,11 +114,11 @@ def _crossings(effect: Effect, trial: Trial, step: float) -> list[Check]:
     """Two records of one motion, the accelerometer's twice as great."""
     crossover, checks = 4.0, []
     for frequency in (1.5, 4.0, 10.0):
-        whole = _burst(trial.motion, step, frequency)
+        both = _burst(trial.motion, step, frequency)
         for factor in (1.0, 2.0):
             record = Record(
-                "two", step, displacement=whole.displacement,
-                acceleration=factor * whole.acceleration,
+                "two", step, displacement=both.displacement,
+                acceleration=factor * both.acceleration,
             )  # fmt: skip
             own = replace(trial, motion=Recorded(record, filter=Filter()).motion(step))
             joined = effect.change(own, effect.complete({"crossover": crossover})).motion

@@ -185,7 +185,7 @@ def test_references_are_open_and_scored_apart(tmp_path) -> None:
         open_key(data, kept)
 
 
-def test_shared_motions_are_sealed_once(tmp_path) -> None:
+def test_motions_of_several_campaigns_are_sealed_once(tmp_path) -> None:
     data, kept = write_pack(tmp_path)
     sealed = json.loads((kept / "key.json").read_text())["key"]
     shutil.move(data / "Hall.1" / "motions", data / "motions")

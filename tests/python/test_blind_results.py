@@ -41,7 +41,9 @@ def pack(tmp_path):
     verdicts["d"] = verdicts["d"] | {"provenance": {}, "campaign": {"trials": 3}}
     data, key, out = hand_made(tmp_path, CAMPAIGNS, verdicts)
     (out / "e" / "M" / "diagnosis.json").unlink()
-    (out / "e" / "M" / "failed.json").write_text('{"error": "no memory"}')
+    (out / "e" / "M" / "failed.json").write_text(
+        '{"code": "diagnosis_ended", "error": "SimulationError", "message": "no memory"}'
+    )
     opened = open_key(data, key)
     cases = read_cases(data, opened, out)
     return data, opened, out, cases, committed_verdicts(read_pack(data).commitment.sha256, cases)
@@ -77,7 +79,7 @@ def test_cases_from_what_is_committed_are_those_of_the_folders(pack) -> None:
     assert [vars(case) for case in cases] == [vars(case) for case in wanted]
     assert cases[0].verdict.parameters == {}
     assert set(cases[2].verdict.parameters) == {"friction"}
-    assert next(c for c in cases if c.id == "e").verdict.failed == "no memory"
+    assert next(c for c in cases if c.id == "e").verdict.failed.message == "no memory"
     assert not {"provenance", "campaign"} & set(content["verdicts"]["d"]["M"])
 
 

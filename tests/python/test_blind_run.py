@@ -131,7 +131,9 @@ def test_diagnosing_continues_where_it_stopped(small, tmp_path, monkeypatch) -> 
     assert (progress.done, len(progress.failed)) == (3, 1)
     name, tier = progress.failed[0].split()
     failed = tmp_path / "out" / name / tier / "failed.json"
-    assert read_json(failed) == {"error": "no motion"}
+    assert read_json(failed) == {
+        "code": "diagnosis_ended", "error": "CampaignError", "message": "no motion",
+    }  # fmt: skip
     stand_in(monkeypatch, Stub)
     progress = diagnose_pack(small, tmp_path / "out", tiers=["M"])
     assert (progress.done, len(Stub.calls)) == (4, 5)
@@ -150,7 +152,9 @@ def test_a_diagnosis_that_cannot_be_scored_has_failed(small, tmp_path, monkeypat
     progress = diagnose_pack(small, tmp_path / "out", tiers=["M"])
     assert len(progress.failed) == 4
     folder = tmp_path / "out" / progress.failed[0].split()[0] / "M"
-    assert "verdict.effects" in read_json(folder / "failed.json")["error"]
+    failed = read_json(folder / "failed.json")
+    assert failed["code"] == "diagnosis_unreadable"
+    assert "verdict.effects" in failed["message"]
     assert not (folder / DIAGNOSIS_FILE).exists()
 
 
@@ -179,9 +183,10 @@ def test_what_cannot_be_used_is_found_before_the_first_simulation(small, tmp_pat
     # Said first, and nothing was diagnosed yet.
     assert [event.code for event in said[:2]] == [EventCode.CHECKING, EventCode.FAILED]
     assert said[1].values["campaign"] == names[-1]
+    assert said[1].values["cause"] == "campaign_unusable"
     assert said[1].values["tier"] == "B"
     wanted = "campaign.yaml: row 2, key name: must be text; put it in quotes"
-    assert wanted in said[1].values["error"]
+    assert wanted in said[1].values["message"]
     for name in names[:-1]:
         (small / name / "trials.csv").write_text("none")
     with pytest.raises(BlindError, match=r"(?s)no campaign can be diagnosed at tier M: .*--tier"):

@@ -156,7 +156,13 @@ def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> No
     with pytest.raises(BlindError, match=r"diagnosis\.json: no such file"):
         score_pack(*pack, tmp_path / "scores")
     assert not (pack[1] / "receipt.json").exists()
-    (pack[2] / "d" / "M" / "failed.json").write_text('{"error": "no motion"}')
+    failed = pack[2] / "d" / "M" / "failed.json"
+    failed.write_text('{"error": "no motion"}')
+    with pytest.raises(BlindError, match=r"failed\.json.*code"):
+        score_pack(*pack, tmp_path / "scores")
+    failed.write_text(
+        '{"code": "diagnosis_ended", "error": "CampaignError", "message": "no motion"}'
+    )
     scores = score_pack(*pack, tmp_path / "scores").scores["M", "all"]
     assert scores[ScoreCode.UNRESOLVED].value == pytest.approx(2 / 9)
 

@@ -445,7 +445,7 @@ def test_campaigns_share_motions(tmp_path):
 
 
 @pytest.mark.parametrize("path", ["/tmp", "../../motions", "..", "motions", "../a/b"])
-def test_shared_motions_lie_beside_the_campaign(folder, path):
+def test_motions_of_several_campaigns_lie_beside_the_campaign(folder, path):
     file = folder / "campaign.yaml"
     file.write_text(file.read_text() + f"\nmotions: {path}\n")
     assert "is no folder beside the campaign's" in problem(folder)

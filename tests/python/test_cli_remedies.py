@@ -86,7 +86,7 @@ def test_resuming_a_finished_fragility_study(
     assert "already holds a result" in capsys.readouterr().err
 
 
-def test_a_result_is_told_from_a_campaign(
+def test_a_result_is_distinguished_from_a_campaign(
     study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -107,7 +107,7 @@ def test_a_result_is_told_from_a_campaign(
         ("parameters: {}", "vsr2 calibrate"),
     ],
 )
-def test_a_study_of_another_verb_is_told_the_verb(
+def test_a_study_of_another_verb_names_the_verb(
     section: str, verb: str, study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     study.write_text(f"{STUDY}{section}\n")

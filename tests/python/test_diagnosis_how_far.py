@@ -355,7 +355,7 @@ def falls_of(losses) -> Waterfall:
     return Waterfall(("a", "b"), values, values[-1], zero, zero, np.arange(trials))
 
 
-def test_shares_are_means_over_orders_and_add_up() -> None:
+def test_shares_are_means_over_permutations_and_add_up() -> None:
     # None, a, b, both: b is worth more where a acts already.
     found = falls_of([[1.0, 1.0], [0.6, 0.6], [0.9, 0.9], [0.2, 0.2]])
     assert found.share("a").value == pytest.approx((0.4 + 0.7) / 2)

@@ -43,8 +43,8 @@ def shaken() -> Campaign:
     return shaken_campaign(4, 5, duration=1.0, pga_g=(0.7, 1.4), session_size=5)
 
 
-class Told:
-    """Stands for `diagnose`: names what it is told to, of scenes that lack it.
+class StubDiagnose:
+    """Stands for `diagnose`: names the truth that it is given, of scenes that lack it.
 
     Args:
         truth: effects of which the first that a scene lacks is named.
@@ -87,22 +87,22 @@ class Told:
 
 
 @pytest.fixture
-def told(monkeypatch) -> Told:
-    made = Told({"table_gain": {"change": 0.05}, "friction": {"factor": 0.7}})
+def stub(monkeypatch) -> StubDiagnose:
+    made = StubDiagnose({"table_gain": {"change": 0.05}, "friction": {"factor": 0.7}})
     monkeypatch.setattr("vsr2.diagnosis.iteration.diagnose", made)
     return made
 
 
-def test_each_round_diagnoses_the_scene_that_the_last_one_corrected(shaken, told, tmp_path) -> None:
+def test_each_round_diagnoses_the_scene_that_the_last_one_corrected(shaken, stub, tmp_path) -> None:
     found = iterate(shaken, scene(), tmp_path, hypotheses=Hypotheses(references=[shaken]))
-    assert [one.effects for one in told.calls] == [
+    assert [one.effects for one in stub.calls] == [
         {}, {"table_gain": {"change": 0.05}},
         {"table_gain": {"change": 0.05}, "friction": {"factor": 0.7}},
     ]  # fmt: skip
-    assert told.references == [1, 0, 0], "a reference tells of the scene as given"
+    assert stub.references == [1, 0, 0], "a reference tells of the scene as given"
     assert found.ended is Ended.NOTHING_NAMED
     assert [one.folder.name for one in found.rounds] == ["round_1", "round_2", "round_3"]
-    assert load_study(tmp_path / "corrected.yaml") == found.scene == told.calls[-1]
+    assert load_study(tmp_path / "corrected.yaml") == found.scene == stub.calls[-1]
     for before, after in zip(found.rounds, found.rounds[1:], strict=False):
         assert load_study(before.folder / "corrected.yaml") == after.scene
     content = json.loads((tmp_path / "iteration.json").read_text())
@@ -113,20 +113,20 @@ def test_each_round_diagnoses_the_scene_that_the_last_one_corrected(shaken, told
     assert content["scene"] == found.scene.effects
 
 
-def test_finished_rounds_are_not_run_again(shaken, told, tmp_path) -> None:
+def test_finished_rounds_are_not_run_again(shaken, stub, tmp_path) -> None:
     def fail(found: Diagnosis, study: Study, folder: Path) -> None:
         if folder.name == "round_2":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         iterate(shaken, scene(), tmp_path, finished=fail)
-    assert len(told.calls) == 2
+    assert len(stub.calls) == 2
     again = iterate(shaken, scene(), tmp_path, execution=Execution(threads=1))
     # The second round's page was not written: it counts as under way.
-    assert [len(one.effects) for one in told.calls[2:]] == [1, 2]
-    told.calls.clear()
+    assert [len(one.effects) for one in stub.calls[2:]] == [1, 2]
+    stub.calls.clear()
     same = iterate(shaken, scene(), tmp_path)
-    assert told.calls == []
+    assert stub.calls == []
     assert same.to_json() == again.to_json()
     # What is asked otherwise is asked again.
     for other in (
@@ -136,17 +136,17 @@ def test_finished_rounds_are_not_run_again(shaken, told, tmp_path) -> None:
         lambda: iterate(replace(shaken, name="other"), scene(), tmp_path),
         lambda: iterate(shaken, scene(), tmp_path, budget=Budget(campaigns=200)),
     ):
-        told.calls.clear()
+        stub.calls.clear()
         other()
-        assert len(told.calls) == 3
+        assert len(stub.calls) == 3
 
 
-def test_rounds_end_where_they_are_asked_to(shaken, told, tmp_path) -> None:
+def test_rounds_end_where_they_are_asked_to(shaken, stub, tmp_path) -> None:
     found = iterate(shaken, scene(), tmp_path, most=1)
     assert (len(found.rounds), found.ended) == (1, Ended.MOST_ROUNDS)
     assert found.scene.effects == {"table_gain": {"change": 0.05}}
     more = iterate(shaken, scene(), tmp_path, most=2)
-    assert (len(more.rounds), len(told.calls)) == (2, 2)
+    assert (len(more.rounds), len(stub.calls)) == (2, 2)
     with pytest.raises(DiagnosisError, match="most rounds is 0"):
         iterate(shaken, scene(), tmp_path, most=0)
 
@@ -165,11 +165,11 @@ def test_rounds_end_where_they_are_asked_to(shaken, told, tmp_path) -> None:
 def test_rounds_end_where_no_scene_is_other(
     shaken, tmp_path, monkeypatch, own, named, ended
 ) -> None:
-    told = Told(named)
+    stub = StubDiagnose(named)
     # It names the effect although the scene has it.
     monkeypatch.setattr(
         "vsr2.diagnosis.iteration.diagnose",
-        lambda campaign, study, **asked: _named_again(told, campaign, study, **asked),
+        lambda campaign, study, **asked: _named_again(stub, campaign, study, **asked),
     )
     found = iterate(shaken, scene(own), tmp_path)
     assert (len(found.rounds), found.ended) == (1, ended)
@@ -177,9 +177,9 @@ def test_rounds_end_where_no_scene_is_other(
     assert not (tmp_path / "corrected.yaml").exists()
 
 
-def _named_again(told: Told, campaign: Campaign, study: Study, **asked) -> Diagnosis:
-    bare = told(campaign, study.model_copy(update={"effects": {}}), **asked)
-    return with_correction(bare, study, {name: effect(name) for name in told.truth})
+def _named_again(stub: StubDiagnose, campaign: Campaign, study: Study, **asked) -> Diagnosis:
+    bare = stub(campaign, study.model_copy(update={"effects": {}}), **asked)
+    return with_correction(bare, study, {name: effect(name) for name in stub.truth})
 
 
 @pytest.fixture(scope="module")

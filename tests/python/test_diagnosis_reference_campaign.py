@@ -114,7 +114,9 @@ def test_a_known_effect_stands_in_the_scene(folder, capsys, monkeypatch) -> None
     for name, code in (("known", 0), ("plain", 1)):
         line = ["campaign", "compare", folder / f"{name}.yaml", folder / "campaign"]
         assert run(*line, "--threads", 1, "--json") == code
-        said[name] = {one["measure"]: one for one in json.loads(capsys.readouterr().out)}
+        found = json.loads(capsys.readouterr().out)
+        assert found["constants"]["draws"] == 19
+        said[name] = {one["measure"]: one for one in found["measures"]}
     # Without noise or nuisance the campaign is the nominal scene's own, bit for bit.
     assert said["known"]["outcomes"]["campaign"] == 0
     assert said["known"]["tilt_size"]["campaign"] == pytest.approx(0, abs=1e-6)

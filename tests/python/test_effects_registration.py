@@ -101,7 +101,7 @@ def test_a_box_inertia_keeps_its_axes(bench: EffectBench) -> None:
     )
 
 
-def test_an_offset_is_told_in_the_world_in_which_the_specimen_stands(bench: EffectBench) -> None:
+def test_an_offset_is_given_in_the_world_in_which_the_specimen_stands(bench: EffectBench) -> None:
     turn, offset = {"yaw": 90.0}, {"distance": 0.01, "azimuth": 0.0}
     both = changed(bench.scan(), com_offset=offset, registration=turn)
     moved = centre(both) - centre(changed(bench.scan(), registration=turn))

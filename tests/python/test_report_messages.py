@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from vsr2.blind.form.diagnosis_form import FailureCode
 from vsr2.blind.form.events import EventCode
 from vsr2.calibration.calibrate import NoBaselines
 from vsr2.codes import NAMES, NUMBERS, Statement
@@ -14,7 +15,7 @@ from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
 from vsr2.errors import Fault
-from vsr2.report.messages.blind_packs import event_text
+from vsr2.report.messages.blind_packs import FAILURES, event_text
 from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import no_baselines
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
@@ -209,7 +210,10 @@ def test_an_event_is_reported_with_all_its_values(code) -> None:
         name: f"<{name}>" if kind is str else ("a", "b") if kind is NAMES else 7
         for name, kind in code.types.items()
     }
+    if code is EventCode.FAILED:
+        values["cause"] = "campaign_unusable"
     text = event_text(Statement.of(code, **values))
+    values["cause"] = FAILURES.get(values.get("cause"), "")
     assert all(value in text for value in values.values() if isinstance(value, str))
     assert text.count("7") == sum(kind in (int, float) for kind in code.types.values())
     assert text.count("a, b") == sum(kind is NAMES for kind in code.types.values())
@@ -220,5 +224,8 @@ def test_events_are_worded_briefly() -> None:
     assert event_text(Statement.of(EventCode.DETECTION_LIMIT, **limit)) == (
         "detection limit of mujoco wear -1: 0.0123"
     )
-    failed = {"campaign": "c1", "tier": "B", "error": "no motion"}
-    assert event_text(Statement.of(EventCode.FAILED, **failed)) == "c1 B: failed: no motion"
+    failed = {"campaign": "c1", "tier": "B", "cause": "campaign_unusable", "message": "no motion"}
+    assert event_text(Statement.of(EventCode.FAILED, **failed)) == (
+        "c1 B: failed: the campaign cannot be used: no motion"
+    )
+    assert set(FAILURES) == set(FailureCode)

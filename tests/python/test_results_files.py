@@ -457,7 +457,7 @@ def test_a_changed_byte_is_detected_or_harmless(
     path.write_bytes(content)
     try:
         loaded = load_trial_log(folder, 0)
-    except ResultError:  # noticed; any other exception fails the test
+    except ResultError:  # refused; any other exception fails the test
         return
     assert loaded.state.tobytes() == log.state.tobytes()
 

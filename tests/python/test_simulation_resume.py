@@ -75,11 +75,11 @@ def test_a_finished_trial_whose_log_was_lost_is_run_again(harm: str, tmp_path: P
     folder = prepare_folder(tmp_path / "out")
     reference = run_batch(trials(), checkpoint=folder)
     path = folder / "logs" / "000004.npz"
-    whole = path.read_bytes()
+    intact = path.read_bytes()
     if harm == "deleted":
         path.unlink()
     else:
-        path.write_bytes(whole[:-1] if harm == "cut" else whole[:-1] + bytes([whole[-1] ^ 1]))
+        path.write_bytes(intact[:-1] if harm == "cut" else intact[:-1] + bytes([intact[-1] ^ 1]))
     ran: list[int] = []
     resumed = run_batch(trials(), checkpoint=folder, on_trial=lambda i, log: ran.append(i))
     assert ran == [4]

@@ -130,7 +130,7 @@ def sliders(browser: Any) -> list[Any]:
 
 
 def spread(mask: NDArray[np.bool_]) -> tuple[float, float]:
-    """Width and height of the brown area [pixels], stray pixels aside; 0: there is none."""
+    """Width and height of the brown area [pixels], single pixels aside; 0: there is none."""
     if not mask.any():
         return 0.0, 0.0
     rows, columns = np.nonzero(mask)

@@ -13,6 +13,8 @@ from typing import Any
 from vsr2.blind.form.diagnosis_form import (
     DIAGNOSIS_FILE,
     FAILED_FILE,
+    Failure,
+    FailureCode,
     Verdict,
     read_verdict,
 )
@@ -181,8 +183,6 @@ def diagnose_pack(
     for tier, name in sorted(due, key=lambda pair: pair not in unfit):
 
         def diagnosed(name: str = name, tier: Tier = tier) -> Diagnosis:
-            if (tier, name) in unfit:
-                raise BlindError(unfit[tier, name])
             campaign = load_campaign(data / name)
             # Without series too, simulate them as this campaign measured them.
             sampled = replace(cache, sampling=series_sampling(campaign))
@@ -193,7 +193,7 @@ def diagnose_pack(
                 execution=replace(execution, cache=sampled),
             )  # fmt: skip
 
-        verdict = _save(diagnosed, out / name / tier)
+        verdict = _save(diagnosed, out / name / tier, unfit.get((tier, name)))
         failed += [f"{name} {tier}"] if verdict.failed else []
         say(_event(name, tier, verdict))
     return Progress(len(asked) - len(failed), tuple(failed))
@@ -203,7 +203,8 @@ def _event(campaign: str, tier: Tier, verdict: Verdict) -> Statement:
     """How a diagnosis ended."""
     of = {"campaign": campaign, "tier": tier}
     if verdict.failed:
-        return Statement.of(EventCode.FAILED, **of, error=verdict.failed)
+        cause, message = str(verdict.failed.code), verdict.failed.message
+        return Statement.of(EventCode.FAILED, **of, cause=cause, message=message)
     return Statement.of(EventCode.DIAGNOSED, **of, verdict=str(verdict.kind))
 
 
@@ -246,25 +247,25 @@ def _known(
 
 def _unfit(
     data: Path, asked: Sequence[tuple[Tier, str]], due: Sequence[tuple[Tier, str]]
-) -> dict[tuple[Tier, str], str]:
+) -> dict[tuple[Tier, str], Vsr2Error]:
     """Why campaigns cannot be diagnosed at a tier; at each tier some can.
 
     Raises:
         BlindError: of a tier there is none that can.
     """
-    unfit: dict[tuple[Tier, str], str] = {}
+    unfit: dict[tuple[Tier, str], Vsr2Error] = {}
     for name in dict.fromkeys(name for _, name in due):
         tiers = [tier for tier, one in due if one == name]
         try:
             campaign = load_campaign(data / name)
         except Vsr2Error as error:
-            unfit |= dict.fromkeys(((tier, name) for tier in tiers), str(error))
+            unfit |= dict.fromkeys(((tier, name) for tier in tiers), error)
             continue
         for tier in tiers:
             try:
                 observe_campaign(at_tier(campaign, tier), tier)
             except Vsr2Error as error:
-                unfit[tier, name] = str(error)
+                unfit[tier, name] = error
     for tier in dict.fromkeys(tier for tier, _ in due):
         mine = [pair for pair in asked if pair[0] == tier]
         if all(pair in unfit for pair in mine):
@@ -275,16 +276,29 @@ def _unfit(
     return unfit
 
 
-def _save(diagnosed: Callable[[], Diagnosis], folder: Path) -> Verdict:
-    """Write a diagnosis that scoring can read, or why there is none; returns what it reads."""
+def _save(diagnosed: Callable[[], Diagnosis], folder: Path, unfit: Vsr2Error | None) -> Verdict:
+    """Write a diagnosis that scoring can read, or why there is none; returns what it reads.
+
+    Args:
+        diagnosed: gives the diagnosis.
+        folder: of the campaign and tier.
+        unfit: why the campaign cannot be diagnosed; None: it can.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    code = FailureCode.CAMPAIGN_UNUSABLE
     try:
-        diagnosed().save(folder)
+        if unfit is not None:
+            raise unfit
+        code = FailureCode.DIAGNOSIS_ENDED
+        found = diagnosed()
+        code = FailureCode.DIAGNOSIS_UNREADABLE
+        found.save(folder)
         verdict = read_verdict(folder)
         (folder / FAILED_FILE).unlink(missing_ok=True)
     except Vsr2Error as error:
         (folder / DIAGNOSIS_FILE).unlink(missing_ok=True)
-        write_json(folder / FAILED_FILE, {"error": str(error)})
+        failure = Failure(code=code, error=type(error).__name__, message=str(error))
+        write_json(folder / FAILED_FILE, failure.model_dump(mode="json"))
         verdict = read_verdict(folder)
     return verdict
 

@@ -64,7 +64,7 @@ SPECIMENS = {
 }
 """Both stood on the table in every test."""
 _OF_A_SPECIMEN = re.compile(r"sp\d_overturned$|dem_s\d_")
-_PLACES = ("motions/{}.npz", "{}.npz", "{}.txt", "raw/{}.txt")
+_MOTION_FILES = ("motions/{}.npz", "{}.npz", "{}.txt", "raw/{}.txt")
 
 
 def import_lab(
@@ -144,7 +144,7 @@ def import_lab(
 
 
 def _record(folder: Path, trial: str) -> Record | None:
-    for place in _PLACES:
+    for place in _MOTION_FILES:
         path = folder / place.format(trial)
         if path.is_file():
             return read_record(path)

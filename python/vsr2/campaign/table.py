@@ -21,7 +21,7 @@ MAX_COLUMNS = 300
 MAX_CELL = 1000
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][-+]?[0-9]{1,4})?\Z")
-_WHOLE = re.compile(r"[-+]?[0-9]{1,18}\Z")
+_INTEGER = re.compile(r"[-+]?[0-9]{1,18}\Z")
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class Cells:
     def integer(self, column: str, most: int, remedy: str) -> int:
         """A whole number from 0 to `most`; 0 where it is none."""
         cell = self._row.cells[column]
-        value = int(cell) if _WHOLE.match(cell) else -1
+        value = int(cell) if _INTEGER.match(cell) else -1
         if 0 <= value <= most:
             return value
         self.refuse(column, f"{shown(cell)} {remedy}")

@@ -120,7 +120,8 @@ def compare(
 
     A reference campaign has no effect, or the ones that the scene's study names. Prints by how much
     outcomes, largest tilts and final turns differ from the scene's simulations, and by how much
-    these differ among themselves. Exit code 0: no more than these; 1: more.
+    these differ among themselves. Exit code 0: no more than these; 1: more. JSON has these under
+    `measures`, and under `constants` the chosen numbers that they rest on.
 
     Args:
         scene: study of the nominal scene
@@ -129,7 +130,7 @@ def compare(
     from vsr2.campaign import load_campaign
     from vsr2.config import load_study
     from vsr2.diagnosis import Hypotheses
-    from vsr2.diagnosis.reference_campaign import compare_reference
+    from vsr2.diagnosis.reference_campaign import REFERENCE, compare_reference
     from vsr2.effects import check_study_effects
     from vsr2.report.messages.commands import reference_table
 
@@ -143,7 +144,7 @@ def compare(
         seed=seed,
     )
     if json:
-        opt.print_json(found)
+        opt.print_json({"constants": REFERENCE, "measures": found})
     else:
         print(reference_table(found))
     return int(any(one.differs for one in found))

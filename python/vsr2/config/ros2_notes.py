@@ -57,7 +57,7 @@ class NotKept(Code):
     VELOCITY_RECORDS = "velocity_records"
     TEST_RANGE = "test_range", {"chosen": str}
     NO_TEST_RANGE = "no_test_range"
-    WHOLE_NUMBERS = "whole_numbers", {"names": NAMES}
+    INTEGERS = "integers", {"names": NAMES}
     RECORDINGS_RETIMED = (
         "recordings_retimed",
         {"time_step": float, "steps": int, "speed": float, "acceleration": float},
@@ -140,7 +140,7 @@ def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[
     if named:
         yield Statement.of(Ignored.NAMED_NODES, names=tuple(named))
     if p.integers:
-        yield Statement.of(NotKept.WHOLE_NUMBERS, names=tuple(p.integers))
+        yield Statement.of(NotKept.INTEGERS, names=tuple(p.integers))
     if missing:
         yield Statement.of(Assumed.DEFAULTS, names=tuple(missing))
 

@@ -42,6 +42,7 @@ from vsr2.diagnosis.simulated.campaigns import (
     plain_campaigns,
     simulate_campaigns,
 )
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import LOOK, Look, look
@@ -398,6 +399,7 @@ def _constants() -> dict[str, dict[str, Any]]:
         "simulation": asdict(SIMULATION),
         "look": asdict(LOOK),
         "motion_noise": asdict(MOTION_NOISE),
+        "hypotheses": asdict(HYPOTHESIS),
         "set_prior": asdict(SET_PRIOR),
         "discrepancy": asdict(DISCREPANCY),
         "summaries": asdict(SUMMARY),

@@ -72,7 +72,7 @@ def load_mesh(
 ) -> LoadedMesh:
     """Read an OBJ, STL or PLY file and check that it can be used.
 
-    Exact duplicates of vertices are merged and faces without area between equal vertices dropped
+    Exact duplicates of vertices are merged and faces without area between equal vertices removed
     before anything is judged; neither changes the surface, so neither counts as a repair.
 
     Args:
@@ -101,9 +101,9 @@ def load_mesh(
     check_faces_left(source, faces)
     hull_points = _hull_points(raw, factors)
     if repair:
-        merged, faces, dropped, changes = repair_mesh(source, merged, faces)
+        merged, faces, removed, changes = repair_mesh(source, merged, faces)
         notes.extend(changes)
-        if dropped:
+        if removed:
             # Loose fragments left the body, so they must leave the collision hull as well.
             hull_points = (_single_precision(merged)[faces.ravel()],)
     if closed:

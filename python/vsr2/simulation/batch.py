@@ -234,17 +234,17 @@ class _Collection:
         """Take over what the journal holds, and keep it from now on."""
         self._journal, self._folder = journal, folder
         # A log that was lost or cut short since is made again, with its trial.
-        whole = {i: row for i, row in journal.finished.items() if log_mark(folder, i) == row["log"]}
-        lost = len(journal.finished) - len(whole)
+        kept = {i: row for i, row in journal.finished.items() if log_mark(folder, i) == row["log"]}
+        lost = len(journal.finished) - len(kept)
         if lost:
             _logger.warning("%s: %d finished trials are run again: log lost", folder, lost)
-        for i, row in whole.items():
+        for i, row in kept.items():
             for name in RESULT_COLUMNS:
                 self.columns[name][i] = row[name]
             if self._out:
                 logged = "state" in self._out and self._trials[i].output.log_every > 0
                 _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
-        self.pending = [i for i in self.pending if i not in whole]
+        self.pending = [i for i in self.pending if i not in kept]
         remove_temporaries(folder)
         require_space(
             folder,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -79,6 +80,28 @@ class Location(Part):
     trials: Annotated[frozenset[Name], Field(strict=False)] | None = None
 
 
+class FailureCode(StrEnum):
+    """At what a diagnosis ended; `vsr2.report.messages.blind_packs` words it."""
+
+    CAMPAIGN_UNUSABLE = "campaign_unusable"
+    DIAGNOSIS_ENDED = "diagnosis_ended"
+    DIAGNOSIS_UNREADABLE = "diagnosis_unreadable"
+
+
+class Failure(Part):
+    """Why there is no diagnosis: content of a `failed.json`.
+
+    Attributes:
+        code: at what it ended.
+        error: class of the error.
+        message: of the error, with file, key, value and remedy.
+    """
+
+    code: FailureCode = Field(strict=False)
+    error: Name
+    message: str
+
+
 @dataclass(frozen=True)
 class Verdict:
     """What a diagnosis says of one campaign.
@@ -93,7 +116,7 @@ class Verdict:
         headline: the same, less that of the better negative control.
         gain: 95 % interval of the loss before minus after there; None: there is none.
         where: locations that stand out.
-        failed: why there is no diagnosis; then all else says `unresolved`.
+        failed: why there is no diagnosis; then all else says `unresolved`. None: there is one.
     """
 
     kind: VerdictKind
@@ -105,7 +128,7 @@ class Verdict:
     headline: float | None = None
     gain: Interval | None = None
     where: tuple[Location, ...] = ()
-    failed: str = ""
+    failed: Failure | None = None
 
 
 def _complete(ends: object) -> object:
@@ -193,8 +216,8 @@ def read_verdict(folder: Path) -> Verdict:
     if not path.exists():
         failed = folder / FAILED_FILE
         if failed.exists():
-            error = str(read_json(failed).get("error", "failed"))
-            return Verdict(VerdictKind.UNRESOLVED, failed=error)
+            failure = parsed(Failure, read_json(failed), str(failed))
+            return Verdict(VerdictKind.UNRESOLVED, failed=failure)
         raise BlindError(f"{path}: no such file; run `vsr2 blind diagnose` to the end")
     return verdict_of(read_json(path), str(path))
 

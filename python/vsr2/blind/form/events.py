@@ -20,7 +20,7 @@ class EventCode(Code):
     CHECKING = "checking", {"due": int, "of": int}
     EXCLUDED_ANYWAY = "excluded_anyway", {"campaign": str, "effect": str}
     DIAGNOSED = "diagnosed", {"campaign": str, "tier": str, "verdict": str}
-    FAILED = "failed", {"campaign": str, "tier": str, "error": str}
+    FAILED = "failed", {"campaign": str, "tier": str, "cause": str, "message": str}
     OPENED = "opened", {"key": str}
     UNKNOWN_EFFECT = "unknown_effect", {"campaign": str, "effect": str, "near": str}
     NEAR_PARAMETER = (

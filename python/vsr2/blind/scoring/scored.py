@@ -99,12 +99,13 @@ class Scored:
                     "truth": [dict(effect) for effect in case.effects],
                     "verdict": case.verdict.kind,
                     "effects": list(case.verdict.effects),
-                    "failed": case.verdict.failed,
+                    "failed": failed and failed.model_dump(mode="json"),
                     "named": is_named(case),
                     "right": right(case),
                     "detected": detected(case),
                 }
                 for case in self.cases
+                for failed in (case.verdict.failed,)
             ]
         return out
 

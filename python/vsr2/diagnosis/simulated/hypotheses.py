@@ -20,8 +20,20 @@ from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
 from vsr2.errors import DiagnosisError
 
-MOST_EFFECTS = 4
-"""That may act together: all sets of so many are hypotheses, some 40,000 of 30 effects."""
+
+@dataclass(frozen=True)
+class HypothesisConstants:
+    """Bounds of what is asked; chosen by hand.
+
+    Attributes:
+        most_effects: that may act together: all sets of so many are hypotheses, some 40,000 of 30
+            effects.
+    """
+
+    most_effects: int = 4
+
+
+HYPOTHESIS = HypothesisConstants()
 
 
 @dataclass(frozen=True)
@@ -54,9 +66,10 @@ class Hypotheses:
     most_effects: int = 2
 
     def __post_init__(self) -> None:
-        if not 1 <= self.most_effects <= MOST_EFFECTS:
+        if not 1 <= self.most_effects <= HYPOTHESIS.most_effects:
             raise DiagnosisError(
-                f"most_effects is {self.most_effects}; give a number from 1 to {MOST_EFFECTS}"
+                f"most_effects is {self.most_effects}; give a number from 1 to "
+                f"{HYPOTHESIS.most_effects}"
             )
 
     @property

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsr2.blind.form.diagnosis_form import FailureCode
 from vsr2.blind.form.events import EventCode
 from vsr2.report.messages.templates import filled_in
 
@@ -24,7 +25,7 @@ EVENTS: Mapping[str, str] = {
         "{campaign}: exclude names {effect!r}, which the library lacks anyway"
     ),
     EventCode.DIAGNOSED: "{campaign} {tier}: {verdict}",
-    EventCode.FAILED: "{campaign} {tier}: failed: {error}",
+    EventCode.FAILED: "{campaign} {tier}: failed: {cause}: {message}",
     EventCode.OPENED: "{key}: opened, and all that it seals found right",
     EventCode.UNKNOWN_EFFECT: (
         "{campaign}: the library has no effect {effect!r}; {near} may be meant"
@@ -37,11 +38,19 @@ EVENTS: Mapping[str, str] = {
     ),
 }
 """Templates of the values."""
+FAILURES: Mapping[str, str] = {
+    FailureCode.CAMPAIGN_UNUSABLE: "the campaign cannot be used",
+    FailureCode.DIAGNOSIS_ENDED: "the diagnosis ended with an error",
+    FailureCode.DIAGNOSIS_UNREADABLE: "the diagnosis cannot be scored",
+}
 
 
 def event_text(event: Statement) -> str:
     """What happened: a line."""
-    return filled_in(EVENTS[event.code], event.values)
+    values = dict(event.values)
+    if event.code is EventCode.FAILED:
+        values["cause"] = FAILURES[values["cause"]]
+    return filled_in(EVENTS[event.code], values)
 
 
 def diagnosed_pack(progress: Progress, out: Path) -> str:

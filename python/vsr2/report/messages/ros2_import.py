@@ -101,7 +101,7 @@ NOTES: Mapping[Code, str] = {
     NotKept.NO_TEST_RANGE: (
         "the range of tests (none given): all recordings are taken; narrow motion.pattern"
     ),
-    NotKept.WHOLE_NUMBERS: (
+    NotKept.INTEGERS: (
         "{names}: a whole number, where ROS 2 stops the original for its declaration wants a "
         "decimal one (5.0 for 5); read as such"
     ),
