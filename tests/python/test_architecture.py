@@ -135,6 +135,17 @@ def test_no_drawers() -> None:
     assert not names & {"utils", "util", "helpers", "misc", "common"}
 
 
+def test_definitions_avoid_words_that_the_field_does_not_use() -> None:
+    retired = {
+        "strangers", "noticed", "placebo", "verge", "stray", "bent", "anew", "foretold", "told",
+        "mates", "whole", "shared", "dropped", "places", "orders", "cargo", "workshop",
+    }  # fmt: skip
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                assert not retired & set(node.name.lower().split("_")), f"{path}: {node.name}"
+
+
 def test_no_two_modules_share_a_name() -> None:
     stems = [p.stem for p in MODULES if p.stem != "__init__"]
     assert {stem for stem in stems if stems.count(stem) > 1} == set()

@@ -124,7 +124,7 @@ def calibration_error(samples: Array) -> Array:
     return total
 
 
-def calibration_noise(stated: ArrayLike, *, seed: int = 0) -> Score:
+def calibration_noise(stated: ArrayLike) -> Score:
     """The calibration error that true probabilities would get: the mean, and 95 % of all draws.
 
     In each draw as many campaigns come true with the stated probabilities. Of few campaigns the
@@ -133,12 +133,11 @@ def calibration_noise(stated: ArrayLike, *, seed: int = 0) -> Score:
 
     Args:
         stated: probabilities, shape (n,).
-        seed: of the draws.
     """
     p = np.asarray(stated, dtype=np.float64)
     if not len(p):
         return NOTHING
-    true = np.random.default_rng(seed).random((INTERVALS.replicates, len(p))) < p
+    true = np.random.default_rng(0).random((INTERVALS.replicates, len(p))) < p
     draws = calibration_error(np.stack([np.broadcast_to(p, true.shape), true], axis=-1))
     low, high = np.quantile(draws, INTERVALS.ends)
     return Score(float(draws.mean()), float(low), float(high), len(p))

@@ -103,11 +103,9 @@ def interval(values: Array) -> Interval:
     return Interval(float(values[0]), float(low), float(high))
 
 
-def resampled_means(
-    values: Array, motion: NDArray[np.int64], *, replicates: int, seed: int = 0
-) -> Array:
+def resampled_means(values: Array, motion: NDArray[np.int64], *, replicates: int) -> Array:
     """Means over trials under a bootstrap of motions, values (k, trials), shape (replicates, k)."""
     from vsr2.campaign import motion_resamples
 
-    counts = motion_resamples(motion, replicates, seed)
+    counts = motion_resamples(motion, replicates, seed=0)
     return np.asarray((counts @ values.T) / counts.sum(axis=1)[:, None])

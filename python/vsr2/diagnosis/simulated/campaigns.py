@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.library import (
     Library,
     Side,
@@ -211,7 +211,6 @@ def simulate_campaigns(
     *,
     most: int = 2,
     seed: int = 0,
-    progress: Progress | None = None,
 ) -> Campaigns:
     """Simulate complete campaigns, each with nuisances and a contact model of its own.
 
@@ -222,18 +221,17 @@ def simulate_campaigns(
         rows: numbers of the campaigns.
         most: effects that may act together.
         seed: of the draws.
-        progress: called with simulations done and all.
     """
     library = cache.simulator.library
     sets = tuple(draw_set(library, found.limits, c, seed, most) for c in rows)
-    return _simulated(cache, trials, sets, [FIRST_NUISANCE + c for c in rows], progress)
+    return _simulated(cache, trials, sets, [FIRST_NUISANCE + c for c in rows])
 
 
 def plain_campaigns(
     cache: SimulationCache, trials: NDArray[np.int64], count: int = LOOK.plain
 ) -> Campaigns:
     """The gap-free campaigns that the look simulated."""
-    return _simulated(cache, trials, ((),) * count, range(1, count + 1), None)
+    return _simulated(cache, trials, ((),) * count, range(1, count + 1))
 
 
 def _simulated(
@@ -241,15 +239,13 @@ def _simulated(
     trials: NDArray[np.int64],
     sets: tuple[tuple[Acting, ...], ...],
     draws: Sequence[int],
-    progress: Progress | None,
 ) -> Campaigns:
     responses = cache.run(
         [
             Request(int(trial), effects_of(acting), draw, 1)
             for draw, acting in zip(draws, sets, strict=True)
             for trial in trials
-        ],
-        progress=progress,
+        ]
     )
     shape = (len(sets), trials.size)
     series = responses.features

@@ -452,19 +452,16 @@ its noise, to 0.5 %.
 """
 
 
-def with_deviations(
-    deviations: Mapping[str, float], nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
-) -> tuple[Nuisance, ...]:
-    """The same list with other standard deviations.
+def with_deviations(deviations: Mapping[str, float]) -> tuple[Nuisance, ...]:
+    """The diagnosis' own nuisances with other standard deviations.
 
     Args:
         deviations: by name, in the unit of the parameter.
-        nuisances: to begin with.
 
     Raises:
         DiagnosisError: an unknown name, or a number that is not finite and at least 0.
     """
-    names = [one.name for one in nuisances]
+    names = [one.name for one in DEFAULT_NUISANCES]
     for name in deviations:
         if name not in names:
             raise DiagnosisError(f"nuisances: there is no {name!r}; names are {', '.join(names)}")
@@ -472,7 +469,7 @@ def with_deviations(
         replace(one, prior=replace(one.prior, sd=deviations[one.name]))  # type: ignore[type-var]
         if one.name in deviations
         else one
-        for one in nuisances
+        for one in DEFAULT_NUISANCES
     )
 
 
