@@ -6,6 +6,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from vsr2.config import Study, load_study
     from vsr2.diagnosis import Diagnosis
     from vsr2.diagnosis.api import diagnose
@@ -48,6 +49,10 @@ def __getattr__(name: str) -> Any:
             module = import_module(f"vsr2.{room}")
             if hasattr(module, name):
                 return getattr(module, name)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("vsr2")
     raise AttributeError(f"module 'vsr2' has no attribute {name!r}")
 
 

@@ -248,6 +248,7 @@ def test_all_recordings_come_in_the_order_of_their_names(tmp_path):
     assert all("scale 2" in m.source for m in motions)
 
 
+@pytest.mark.filterwarnings("ignore::vsr2.motion.MotionWarning")  # a motion of 1 m
 def test_equal_stems_get_full_names(tmp_path):
     save(tmp_path / "a.npz")
     rows = "".join(f"{i / 100:.2f},{np.sin(i / 10) ** 3:.6f}\n" for i in range(100))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,6 +48,80 @@ def test_dataset_without_logs_is_the_table() -> None:
     data = make_result([None, None]).to_xarray()
     assert dict(data.sizes) == {"trial": 2}
     assert list(data["outcome"].values) == ["stable", "stable"]
+
+
+def test_every_variable_says_what_it_is() -> None:
+    pytest.importorskip("xarray")
+    data = make_result([falling_log(rows=5)]).to_xarray()
+    for name, variable in data.variables.items():
+        if name not in ("axis", "quaternion", "angle", "horizontal"):
+            assert variable.attrs["long_name"], name
+            assert "[" not in variable.attrs["long_name"], name  # the unit has its own attribute
+    assert data["tilt"].attrs == {"units": "rad", "long_name": "angle from the settled vertical"}
+    assert data["pga_g"].sel(trial=0) == make_result([None])["pga_g"][0]
+
+
+def test_netcdf_holds_what_the_dataset_holds(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    result = make_result([falling_log(rows=5), None], provenance={"seed": 3})
+    result.to_netcdf(tmp_path / "result.nc")
+    with xarray.open_dataset(tmp_path / "result.nc", engine="h5netcdf") as read:
+        written = result.to_xarray()
+        assert set(read.variables) == set(written.variables)
+        for name in ("tilt", "position", "pga_g", "seed", "outcome"):
+            np.testing.assert_array_equal(read[name], written[name])
+            assert read[name].attrs == written[name].attrs
+        assert read.attrs == written.attrs
+    with pytest.raises(ResultError, match="cannot be written"):
+        result.to_netcdf(tmp_path / "none" / "result.nc")
+
+
+def test_the_table_as_a_dataframe_and_as_parquet(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    result = make_result([None] * 3)
+    frame = result.to_dataframe()
+    assert [frame.index.name, *frame.columns] == list(TRIAL_COLUMNS)
+    np.testing.assert_array_equal(frame["peak_tilt"], result["peak_tilt"])
+    assert frame.attrs["units"]["pga_g"] == "g"
+    result.to_parquet(tmp_path / "result.parquet")
+    read = pandas.read_parquet(tmp_path / "result.parquet")
+    pandas.testing.assert_frame_equal(read, frame)
+    assert read.attrs == frame.attrs
+
+
+@pytest.mark.parametrize(
+    ("package", "method", "extra"),
+    [("pandas", "to_dataframe", "dataframe"), ("pyarrow", "to_parquet", "dataframe"),
+     ("h5netcdf", "to_netcdf", "xarray")],
+)  # fmt: skip
+def test_a_missing_package_names_its_extra(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, package: str, method: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    paths = () if method == "to_dataframe" else (tmp_path / "file",)
+    with pytest.raises(ResultError, match=rf"{method} needs .*{package}.*vsr2\[{extra}\]"):
+        getattr(make_result([None]), method)(*paths)
+
+
+def test_some_of_the_trials_are_a_result() -> None:
+    logs = [falling_log(rows=5), None, falling_log(rows=7), None]
+    result = make_result(logs, provenance={"seed": 3})
+    mask = np.array([False, False, True, True])
+    for wanted in (slice(2, None), [2, 3], mask):
+        part = result[wanted]
+        np.testing.assert_array_equal(part["trial"], result["trial"][2:])
+        np.testing.assert_array_equal(part["pga_g"], result["pga_g"][2:])
+        assert part.logs == (logs[2], None)
+        assert part.provenance == {"seed": 3}
+    assert len(result[4:]) == 0
+
+
+@pytest.mark.parametrize("wanted", [3, [4], np.array([True]), {"a": 1}])
+def test_trials_that_are_not_there_are_refused(wanted: Any) -> None:
+    with pytest.raises(ResultError, match="give a slice"):
+        make_result([None] * 4)[wanted]
 
 
 def test_missing_xarray_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,7 @@ from vsr2.codes import Tier
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError, Renamed
 from vsr2.motion import Record
+from vsr2.one_line import OneLine
 
 Array = NDArray[np.float64]
 
@@ -317,8 +318,8 @@ class CampaignTrial:
         return "B" if self.peak_tilt is None else "M"
 
 
-@dataclass(frozen=True, eq=False)
-class Campaign:
+@dataclass(frozen=True, eq=False, repr=False)
+class Campaign(OneLine):
     """Trials, with the motions and specimens they name.
 
     Attributes:
@@ -387,6 +388,15 @@ class Campaign:
 
     def __len__(self) -> int:
         return len(self.trials)
+
+    @property
+    def summary(self) -> str:
+        """Its name, information, trials, ground motions and how many overturned."""
+        return (
+            f"{self.name!r}, tier {self.tier}, {len(self)} trials of "
+            f"{len(set(self.motion_ids))} ground motions, {int(np.nansum(self.overturned))} "
+            "overturned"
+        )
 
     @property
     def tier(self) -> Tier:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -24,6 +25,7 @@ from pydantic import (
 
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
 from vsr2.config.section import (
+    DEFAULT_TIME_STEP,
     FilePath,
     Flag,
     Mass,
@@ -60,7 +62,7 @@ class Engine(Section):
     `exact`."""
     gravity: Annotated[float, Strict(), Field(gt=0, le=1000)] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
-    time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = 0.001
+    time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = DEFAULT_TIME_STEP
     """Interval between two drive set-points and two log rows [s]."""
     substeps: Annotated[int, Strict(), Field(ge=1, le=1000)] = 1
     """Solver steps per `time_step`, each of `time_step / substeps`."""
@@ -460,6 +462,13 @@ class Study(Section):
     """How a trial's end is judged."""
     output: Output = Output()
     """What is written."""
+
+    @classmethod
+    def from_dict(cls, mapping: Mapping[str, Any], base: str | PathLike[str] = ".") -> Study:
+        """As :func:`vsr2.config.load_study`, of what the file would hold, without line numbers."""
+        from vsr2.config.load import study_from_mapping  # which knows the study
+
+        return study_from_mapping(mapping, base)
 
     @model_validator(mode="before")
     @classmethod

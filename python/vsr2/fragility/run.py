@@ -16,6 +16,7 @@ from vsr2.fragility.fit import FragilityFit, fit_fragility
 from vsr2.fragility.settings import FIT, FragilitySettings, FragilityStudy
 from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
 from vsr2.motion import Motion, intensity_measures
+from vsr2.one_line import OneLine
 from vsr2.results import BatchResult, finished_plan, load_result
 from vsr2.simulation import plan_sha256, run_batch
 from vsr2.trial import Trial
@@ -23,8 +24,8 @@ from vsr2.trial import Trial
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class FragilityResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class FragilityResult(OneLine):
     """What a fragility study found.
 
     Attributes:
@@ -49,6 +50,14 @@ class FragilityResult:
     azimuth_curves: Mapping[tuple[str, float], FragilityFit]
     surface: FragilityFit | None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def summary(self) -> str:
+        """Trials, how many overturned, and the measures."""
+        return (
+            f"{len(self.batch)} trials, {int(self.overturned.sum())} overturned, curves over "
+            f"{', '.join(self.curves)}"
+        )
 
     @property
     def overturned(self) -> NDArray[np.bool_]:

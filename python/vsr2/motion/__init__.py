@@ -1,6 +1,7 @@
 """Ground motions: one type, readers, processing, intensity measures, fusion of channels."""
 
 from vsr2.config.motion_source import Channel
+from vsr2.motion.arrays import from_signal
 from vsr2.motion.cosine import cosine_measures, cosine_motion, cosine_parameters
 from vsr2.motion.fusion import (
     ChannelNoise,
@@ -26,6 +27,7 @@ from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
+from vsr2.motion.spectrum import ResponseSpectrum, response_spectrum
 from vsr2.motion.study_motions import (
     MotionWarning,
     Recorded,
@@ -53,6 +55,7 @@ __all__ = [
     "RecordFormat",
     "Recorded",
     "Resampled",
+    "ResponseSpectrum",
     "SideMotion",
     "arias_intensity",
     "band_pass",
@@ -63,6 +66,7 @@ __all__ = [
     "cosine_motion",
     "cosine_parameters",
     "cumulative_absolute_velocity",
+    "from_signal",
     "fuse",
     "input_uncertainty",
     "intensity_measures",
@@ -72,6 +76,7 @@ __all__ = [
     "read_record",
     "remove_baseline",
     "resample",
+    "response_spectrum",
     "shaped_noise",
     "significant_duration",
     "synthetic_motion",

@@ -9,13 +9,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from vsr2.config.motion_source import Filter, RecordUnits
+from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError, Renamed
 from vsr2.motion.units import STANDARD_GRAVITY
+from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays, read_only, real_array
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from vsr2.motion.study_motions import Recorded
 
 Array = NDArray[np.float64]
@@ -44,8 +49,8 @@ SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
 
 
-@dataclass(frozen=True, eq=False)
-class Motion(ReadOnlyArrays):
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(OneLine, ReadOnlyArrays):
     """A pedestal motion along x, sampled at the simulation's time step.
 
     Attributes:
@@ -136,6 +141,81 @@ class Motion(ReadOnlyArrays):
 
     def __hash__(self) -> int:
         return hash(self.sha256)
+
+    @property
+    def summary(self) -> str:
+        """Its name and kind, length, PGA and PGV."""
+        return (
+            f"{self.name!r}, {self.kind}, {self.duration:.4g} s at {self.time_step:g} s, PGA "
+            f"{self.pga_g:.4g} g, PGV {self.pgv:.4g} m/s"
+        )
+
+    @classmethod
+    def from_acceleration(
+        cls,
+        acceleration: ArrayLike,
+        interval: float,
+        units: RecordUnits = "g",
+        *,
+        time_step: float = DEFAULT_TIME_STEP,
+        filter: Filter | None = None,
+        baseline: int | None = None,
+        name: str = "record",
+    ) -> Motion:
+        """The motion of a recorded acceleration; see :func:`vsr2.motion.from_signal`."""
+        from vsr2.motion.arrays import from_signal
+
+        return from_signal(
+            acceleration,
+            interval,
+            units,
+            time_step=time_step,
+            filter=filter,
+            baseline=baseline,
+            name=name,
+        )
+
+    @classmethod
+    def from_obspy(
+        cls,
+        stream: Any,
+        units: RecordUnits,
+        *,
+        time_step: float = DEFAULT_TIME_STEP,
+        filter: Filter | None = None,
+        baseline: int | None = None,
+    ) -> Motion:
+        """The motion of an obspy Trace, or of a Stream of one channel, named by its id.
+
+        Args:
+            stream: the instrument's response is not removed.
+            units: of its samples.
+            time_step: as :func:`vsr2.motion.from_signal`.
+            filter: likewise.
+            baseline: likewise.
+
+        Raises:
+            MotionError: several channels, a gap, or what :class:`Record` refuses.
+        """
+        from vsr2.motion.arrays import from_signal
+        from vsr2.motion.seismology import one_trace
+
+        label, interval, data = one_trace(stream)
+        return from_signal(
+            data,
+            interval,
+            units,
+            time_step=time_step,
+            filter=filter,
+            baseline=baseline,
+            name=label,
+        )
+
+    def plot(self) -> Figure:
+        """Displacement, velocity and acceleration over time, as a matplotlib figure."""
+        from vsr2.motion.plot import history_figure
+
+        return history_figure(self)
 
     @property
     def _origin(self) -> tuple[Motion, tuple[float, ...]]:

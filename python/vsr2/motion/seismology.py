@@ -45,30 +45,13 @@ def read_obspy(
         warnings.simplefilter("ignore")
         try:
             stream = read(io.BytesIO(content), format=format, apply_calib=format == "KNET")
-            stream.merge()
-            traces = [
-                (trace.id, float(trace.stats.delta), trace.stats.npts, trace.data)
-                for trace in stream
-            ]
+            traces = _merged(stream)
         except Exception as error:  # obspy raises what struct, numpy and libmseed happen to raise
             raise MotionError(
                 f"{path}: not a readable {format} file ({type(error).__name__}: "
                 f"{str(error)[:200]}); export it again"
             ) from None
-    if len(traces) != 1:
-        shown = ", ".join(str(trace[0]) for trace in traces)[:200]
-        raise MotionError(
-            f"{path}: {len(traces)} channels ({shown}); a record has one: write each to a file of "
-            "its own"
-        )
-    ((_, interval, count, data),) = traces
-    if count > MAX_SAMPLES:
-        raise MotionError(f"{path}: {count} samples; at most {MAX_SAMPLES}: cut the record")
-    if np.ma.isMaskedArray(data):
-        missing = int(np.ma.getmaskarray(data).sum())
-        raise MotionError(
-            f"{path}: {missing} samples are missing (a gap); cut the record or fill the gap"
-        )
+    _, interval, data = _only(traces, str(path), "write each to a file of its own")
     with np.errstate(all="ignore"):  # Record refuses what does not fit and names the sample
         try:
             values = size * np.asarray(data, dtype=np.float64)
@@ -77,6 +60,53 @@ def read_obspy(
                 f"{path}: holds no numbers ({error}); export the waveform, not a log"
             ) from None
     return file_record(path, content, interval, {quantity: values})
+
+
+Samples = tuple[str, float, Any]
+"""Id, sampling interval [s] and samples of a trace."""
+
+
+def one_trace(stream: Any) -> Samples:
+    """Id, sampling interval [s] and samples (n,) of an obspy Trace, or a Stream of one channel.
+
+    Raises:
+        MotionError: neither of these, several channels, or a gap.
+    """
+    given = [stream] if hasattr(stream, "stats") else stream
+    if not hasattr(given, "merge"):
+        if not all(hasattr(trace, "stats") for trace in given):
+            raise MotionError(
+                f"from_obspy: got a {type(stream).__name__}; give an obspy Stream or Trace"
+            )
+        traces = [_samples(trace) for trace in given]
+    else:
+        traces = _merged(given.copy())  # as merging changes a stream
+    return _only(traces, "from_obspy", "select one")
+
+
+def _merged(stream: Any) -> list[Samples]:
+    stream.merge()
+    return [_samples(trace) for trace in stream]
+
+
+def _samples(trace: Any) -> Samples:
+    return str(trace.id).strip(".") or "trace", float(trace.stats.delta), trace.data
+
+
+def _only(traces: list[Samples], what: str, remedy: str) -> Samples:
+    """The one trace that there is, without a gap."""
+    if len(traces) != 1:
+        shown = ", ".join(trace[0] for trace in traces)[:200]
+        raise MotionError(f"{what}: {len(traces)} channels ({shown}); a record has one: {remedy}")
+    [(name, interval, data)] = traces
+    if len(data) > MAX_SAMPLES:
+        raise MotionError(f"{what}: {len(data)} samples; at most {MAX_SAMPLES}: cut the record")
+    if np.ma.isMaskedArray(data):
+        missing = int(np.ma.getmaskarray(data).sum())
+        raise MotionError(
+            f"{what}: {missing} samples are missing (a gap); cut the record or fill the gap"
+        )
+    return name, interval, data
 
 
 def _obspy_reader(path: Path) -> Any:

@@ -11,14 +11,12 @@ from vsr2.results.journal import (
 from vsr2.results.models import load_models, save_models
 from vsr2.results.provenance import base_provenance
 from vsr2.results.result import (
-    CONTACT_COLUMNS,
     FLOAT_COLUMNS,
     INTEGER_COLUMNS,
     JUDGED,
     NO_HAND_OVER,
     OUTCOMES,
     RESULT_COLUMNS,
-    STATE_COLUMNS,
     STATUSES,
     TEXT_COLUMNS,
     TRIAL_COLUMNS,
@@ -26,7 +24,6 @@ from vsr2.results.result import (
     BatchResult,
     Outcome,
     Status,
-    TrialLog,
 )
 from vsr2.results.result_folder import (
     NPY_COLUMNS,
@@ -45,6 +42,7 @@ from vsr2.results.result_folder import (
     save_result,
     save_trial_log,
 )
+from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
 
 __all__ = [
     "CONTACT_COLUMNS",

@@ -37,9 +37,9 @@ from vsr2.results.result import (
     COLUMNS,
     TRIAL_COLUMNS,
     BatchResult,
-    TrialLog,
 )
 from vsr2.results.store import refuse_written
+from vsr2.results.trial_log import TrialLog
 
 TRIALS_FILE = "trials.csv"
 PROVENANCE_FILE = "provenance.json"

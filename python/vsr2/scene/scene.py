@@ -6,10 +6,12 @@ import hashlib
 import warnings
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from vsr2.config.study import Contact, Engine, Study
+from vsr2.one_line import OneLine
 from vsr2.scene.body import Box, Hull, PedestalBody, Pose, RockBody, Triangles
 from vsr2.scene.build import build_pedestal, build_rock, soft_contact_notes
 from vsr2.scene.mechanisms import Mechanisms
@@ -17,8 +19,8 @@ from vsr2.scene.notes import WARNINGS, SceneWarning
 from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_from_matrix
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
+@dataclass(frozen=True, eq=False, repr=False)
+class Scene(OneLine):
     """A rock on a pedestal with its engine settings.
 
     It is a description: it can be copied, pickled and sent to another machine, and its arrays are
@@ -45,6 +47,12 @@ class Scene:
 
     def __hash__(self) -> int:
         return hash(self.sha256)
+
+    @property
+    def summary(self) -> str:
+        """The bodies by their files, the mass, and the engine that was asked for."""
+        rock, pedestal = Path(self.rock.source).name, Path(self.pedestal.source).name
+        return f"{rock} ({self.rock.mass.mass:.4g} kg) on {pedestal}, engine {self.engine.mode}"
 
     @cached_property
     def sha256(self) -> str:

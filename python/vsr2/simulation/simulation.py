@@ -15,6 +15,7 @@ from vsr2.config import Study, load_study
 from vsr2.config.motion_source import DriveMode
 from vsr2.config.study import Settling
 from vsr2.errors import SimulationError
+from vsr2.one_line import OneLine
 from vsr2.read_only import real_array
 from vsr2.scene import Pose, Scene, build_scene
 from vsr2.simulation.native_drive import native_drive
@@ -71,7 +72,7 @@ class SimulationState:
     command: tuple[float, float]
 
 
-class Simulation:
+class Simulation(OneLine):
     """A pedestal with or without a rock, stepped from Python; the core is that of `run_batch`.
 
     `spawn`, `reset` and `delete` are the original's service `manage_model` (supplement S1.1). As a
@@ -144,6 +145,12 @@ class Simulation:
                 "simulation: its `with` block is over and its world is gone; build a new Simulation"
             )
         return self._held
+
+    @property
+    def summary(self) -> str:
+        """The scene, the drive and the time."""
+        rock = "" if self._held is not None and self.has_rock else "no rock, "
+        return f"{self.scene.summary}; {rock}drive {self.drive}, t = {self.time:.6g} s"
 
     @property
     def time_step(self) -> float:

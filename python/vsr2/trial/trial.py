@@ -15,6 +15,7 @@ from vsr2.config.problems import shown
 from vsr2.config.study import Outcome, Output, Settling
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion
+from vsr2.one_line import OneLine
 from vsr2.scene import Pose, RockBody, Scene
 
 
@@ -102,8 +103,8 @@ _FIELDS: Mapping[str, tuple[Any, str]] = {
 """What the fields of a trial are, and where a value comes from."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
+@dataclass(frozen=True, eq=False, repr=False)
+class Trial(OneLine):
     """One run of one scene under one motion; equal to another where content and names are.
 
     Attributes:
@@ -154,6 +155,14 @@ class Trial:
 
     def __hash__(self) -> int:
         return hash(self.content)
+
+    @property
+    def summary(self) -> str:
+        """Its name, scene, motion and effects."""
+        effects = ", ".join(applied.effect.name for applied in self.effects)
+        return f"{self.label!r}, {self.scene.summary}; {self.motion.summary}" + (
+            f"; effects {effects}" if effects else ""
+        )
 
     @property
     def label(self) -> str:

@@ -22,8 +22,8 @@ from vsr2.results import (
     load_trial_log,
     logged_trials,
 )
-from vsr2.results.result import CONTACT_TIME, ROCK_POINT
 from vsr2.results.result_folder import MODEL_FOLDER
+from vsr2.results.trial_log import CONTACT_TIME, ROCK_POINT
 from vsr2.scene import Triangles, build_scene
 from vsr2.scene.rotation import rotate
 from vsr2.scene.shapes import pedestal_surface

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.one_line import OneLine
 from vsr2.results.atomic import csv_text, write_text
 
 Schema = Literal["vsr2.diagnosis/5"]
@@ -21,7 +22,7 @@ PAGE_FILE = "index.html"
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(OneLine):
     """A finished diagnosis.
 
     Attributes:
@@ -35,6 +36,11 @@ class Diagnosis:
     content: Mapping[str, Any]
     trials: tuple[Mapping[str, Any], ...] = field(default=())
     samples: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+    @property
+    def summary(self) -> str:
+        """The verdict's kind and the effects that it names."""
+        return f"{self.kind}, {', '.join(self.effects) or 'no effect'} named"
 
     @property
     def kind(self) -> str:

@@ -1,0 +1,58 @@
+"""Ground motions from arrays of samples, without a file."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from vsr2.config.motion_source import Filter, RecordUnits
+from vsr2.config.problems import shown
+from vsr2.config.section import DEFAULT_TIME_STEP
+from vsr2.errors import MotionError
+from vsr2.motion.motion import Motion, samples_of
+from vsr2.motion.record import Record
+from vsr2.motion.resample import MIN_RECORD_SAMPLES
+from vsr2.motion.study_motions import build_recorded_motion, warn_of_unusual_pga
+from vsr2.motion.units import UNITS
+
+
+def from_signal(
+    signal: ArrayLike,
+    interval: float,
+    units: RecordUnits = "g",
+    *,
+    time_step: float = DEFAULT_TIME_STEP,
+    filter: Filter | None = None,
+    baseline: int | None = None,
+    name: str = "record",
+) -> Motion:
+    """The motion that a recorded signal asks of the pedestal.
+
+    The units say what it is: an acceleration (`g`, `m/s^2`, ...), a velocity or a displacement.
+
+    Args:
+        signal: shape (n,) [`units`].
+        interval: between samples [s].
+        units: of the samples.
+        time_step: of the simulation that follows [s].
+        filter: band-pass at the record's own sampling; None: none.
+        baseline: degree of a polynomial to take off first; None: none.
+        name: of the motion.
+
+    Raises:
+        MotionError: unknown units, or what :class:`Record` refuses.
+
+    Warns:
+        MotionWarning: a PGA above 3 g.
+    """
+    if units not in UNITS:
+        raise MotionError(
+            f"motion {name!r}: units {shown(units)} are not known; use one of {', '.join(UNITS)}"
+        )
+    quantity, size = UNITS[units]
+    values = samples_of(signal, f"motion {name!r}: {quantity}", fewest=MIN_RECORD_SAMPLES)
+    record = Record(name, interval, **{quantity: size * values})
+    motion = build_recorded_motion(
+        record, time_step, channel=quantity, filter=filter, baseline=baseline, name=name
+    )
+    warn_of_unusual_pga([motion])
+    return motion
