@@ -102,6 +102,10 @@ class ResultError(Vsr2Error):
     """A result file or folder that cannot be read or written."""
 
 
+class HazardError(Vsr2Error):
+    """A hazard curve or fragility that gives no rate (names file, value and remedy)."""
+
+
 class CampaignError(Vsr2Error):
     """A campaign of trials that cannot be used (names file, row, column, value and remedy)."""
 

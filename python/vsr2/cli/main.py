@@ -21,6 +21,7 @@ from vsr2.cli import (
     verb_diagnose,
     verb_effects,
     verb_fragility,
+    verb_hazard,
     verb_inertia,
     verb_run,
     verb_view,
@@ -54,7 +55,7 @@ app.command(verb_inertia.inertia)
 app.command(
     "vsr2.cli.verb_motion:verbs",
     name="motion",
-    help="Ground motions: measures, conversion, synthesis, fusion of a table's channels.",
+    help="Ground motions: measures, conversion, synthesis, fusion of a table's channels, rotation.",
 )
 app.command(
     "vsr2.cli.verb_campaign:verbs",
@@ -65,6 +66,7 @@ app.command(
 )
 app.command(verb_calibrate.calibrate)
 app.command(verb_fragility.fragility)
+app.command(verb_hazard.hazard)
 app.command(verb_effects.verbs)
 app.command(verb_diagnose.diagnose)
 app.command(

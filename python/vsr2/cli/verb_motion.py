@@ -1,4 +1,4 @@
-"""`vsr2 motion`: measures, conversion, synthesis and fusion of ground motions."""
+"""`vsr2 motion`: measures, conversion, synthesis, fusion and rotation of ground motions."""
 
 from __future__ import annotations
 
@@ -268,4 +268,38 @@ def fuse(
     print()
     cells = [["-" if isnan(v) else f"{v:.3g}" for v in band.values()] for band in bands]
     print(table([list(columns), *cells]))
+    return 0
+
+
+@verbs.command
+def rotate(
+    first: Path,
+    second: Path,
+    folder: Annotated[Path, Parameter(help="for a .csv of each azimuth; replaced if they exist")],
+    /,
+    *,
+    azimuths: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (
+        *map(float, range(0, 180, 15)),
+    ),
+    reading: Reading = AS_IS,
+) -> int:
+    """Motions along rotated azimuths of two horizontal components, and RotD50 and RotD100.
+
+    A study shakes along x alone: with `mode: all_recordings` it takes the folder, and so every
+    azimuth in turn. docs/how-to/two_components.md explains.
+
+    Args:
+        first: component at azimuth 0
+        second: component at azimuth 90
+        azimuths: from the first towards the second [degree] (default: every 15 from 0 to 165)
+    """
+    from vsr2.motion import rotated, rotd_pga, write_record
+    from vsr2.report.messages.data import rotation_text
+
+    pair = reading.read(first), reading.read(second)
+    half, full = rotd_pga(*pair)
+    for azimuth in azimuths:
+        record = rotated(*pair, azimuth)
+        write_record(record, with_folder(folder / f"{record.name}.csv"), note=record.source)
+    print(rotation_text(half, full, len(azimuths), folder))
     return 0

@@ -144,8 +144,9 @@ class InputUncertainty:
         displacement_rms: shape (k,), of the displacement differentiated twice [m/s^2].
         acceleration_rms: shape (k,), of the accelerometer [m/s^2].
         difference_rms: shape (k,), of their difference [m/s^2].
-        coherence: shape (k,), |S_ax|^2 / (S_aa S_xx) with the spectra summed over the band [1].
-        gain: shape (k,), accelerometer over displacement, |S_ax| / S_xx, both as accelerations [1].
+        coherence: shape (k,), `|S_ax|^2 / (S_aa S_xx)` with the spectra summed over the band [1].
+        gain: shape (k,), accelerometer over displacement, `|S_ax| / S_xx`, both as accelerations
+            [1].
     """
 
     bands: Array

@@ -38,7 +38,7 @@ class IntensityMeasures:
         duration_5_75: significant duration, from 5 % to 75 % of the Arias intensity (Trifunac &
             Brady 1975) [s].
         duration_5_95: the same to 95 % [s].
-        cav: cumulative absolute velocity, the integral of |a| (EPRI 1988) [m/s].
+        cav: cumulative absolute velocity, the integral of `|a|` (EPRI 1988) [m/s].
         time_step: of the samples they were taken from [s].
         duration: from the first to the last sample [s].
     """
@@ -123,7 +123,7 @@ def significant_duration(
 
 
 def cumulative_absolute_velocity(acceleration: ArrayLike, time_step: float) -> float:
-    """CAV [m/s] of `acceleration` (n,) [m/s^2], by the trapezium rule on |a|.
+    """CAV [m/s] of `acceleration` (n,) [m/s^2], by the trapezium rule on `|a|`.
 
     Raises:
         MotionError: no samples.

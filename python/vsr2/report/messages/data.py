@@ -169,3 +169,12 @@ def motion_measures(measures: IntensityMeasures, file: Path) -> str:
         f"{file}: PGA {measures.pga_g:.4g} g, PGV/PGA {measures.pgv_pga:.4g} s, "
         f"significant duration {measures.duration_5_95:.4g} s"
     )
+
+
+def rotation_text(half: float, full: float, count: int, folder: Path) -> str:
+    """RotD50 and RotD100 [m/s^2] of two components, and how many motions were written where."""
+    return (
+        f"RotD50 of PGA: {half / STANDARD_GRAVITY:.4g} g, "
+        f"RotD100: {full / STANDARD_GRAVITY:.4g} g\n"
+        f"wrote {counted(count, 'motion')} into {folder}"
+    )

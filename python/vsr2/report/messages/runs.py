@@ -164,6 +164,27 @@ def lognormal_text(result: FragilityResult) -> str:
     return "\n".join(lines)
 
 
+def hazard_text(found: Mapping[str, Any]) -> str:
+    """Rate, excluded age and survival of `vsr2 hazard`, a line each."""
+    lines = [
+        f"hazard curve  {found['curve']}, {found['measure']}",
+        f"rate          {found['rate_per_year']:.3g} per year "
+        f"[{found['rate_lower_per_year']:.3g}, {found['rate_upper_per_year']:.3g}]",
+        f"              from intensities below the curve's levels "
+        f"{100 * found['share_below_levels']:.2g} %, "
+        f"above {100 * found['share_above_levels']:.2g} %",
+        f"excluded age  {found['excluded_age_years']:.4g} years with "
+        f"{100 * found['confidence']:g} % confidence "
+        f"[{found['excluded_age_lower_years']:.4g}, {found['excluded_age_upper_years']:.4g}]",
+    ]
+    if "age_years" in found:
+        lines.append(
+            f"survival      a rock of {found['age_years']:g} years would stand with probability "
+            f"{found['survival']:.3g}"
+        )
+    return "\n".join(lines)
+
+
 # Calibration
 
 

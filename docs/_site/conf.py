@@ -1,0 +1,59 @@
+"""The site of the documentation: `./scripts/docs.sh` builds it from the pages of docs/."""
+
+import re
+from typing import Any
+
+from sphinx.application import Sphinx
+
+import vsr2._native
+
+project = "VSR2"
+author = "The VSR2 developers"
+release = version = vsr2._native.build_facts()["version"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
+    "sphinx_copybutton",
+]
+root_doc = "index"
+source_suffix = {".rst": "restructuredtext", ".md": "myst-nb", ".ipynb": "myst-nb"}
+# The start page includes README.md.
+exclude_patterns = ["README.md", "_site"]
+default_role = "code"
+
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_heading_anchors = 4
+nb_execution_mode = "cache"
+nb_execution_timeout = 120
+nb_execution_raise_on_error = True
+nb_merge_streams = True
+
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True, "imported-members": True}
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+# Several classes have attributes of one name, to which a docstring's list of attributes refers.
+suppress_warnings = ["ref.python"]
+
+html_theme = "furo"
+html_title = f"VSR2 {release}"
+html_show_sourcelink = False
+html_copy_source = False
+
+
+def _outside(app: Sphinx, document: str, source: list[str]) -> None:
+    """Links to the index and to pages of the root, as this site has them."""
+    text = re.sub(r"\]\(((?:\.\./)+(?:CHANGELOG|CONTRIBUTING)\.md)\)", r"](path:\1)", source[0])
+    if document.count("/") == 0:
+        text = text.replace("](README.md)", "](index.rst)")
+    source[0] = text
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Mend links before a page is read."""
+    app.connect("source-read", _outside)
+    return {"parallel_read_safe": True}

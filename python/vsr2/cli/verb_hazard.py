@@ -1,0 +1,66 @@
+"""`vsr2 hazard`: from a fragility and a site's hazard curve to a rate and an age."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from vsr2.cli.options import Json, print_json
+
+
+def hazard(
+    fragility: Annotated[Path, Parameter(help="folder that `vsr2 fragility` wrote")],
+    curve: Annotated[Path, Parameter(help="hazard curve of OpenQuake (.csv), of PGA")],
+    /,
+    *,
+    site: tuple[float, float] | None = None,
+    age: float | None = None,
+    confidence: float = 0.95,
+    json: Json = False,
+) -> int:
+    """Rate of overturning at a site, and the age that a standing rock excludes.
+
+    docs/how-to/hazard.md explains both, and what the interval holds.
+
+    Args:
+        site: longitude and latitude of one of several sites in the file [degree]
+        age: of a rock that stands [year]: print the probability that it would
+        confidence: with which an age is excluded
+    """
+    from vsr2.errors import HazardError
+    from vsr2.hazard import (
+        excluded_age,
+        rate_draws,
+        read_hazard_curve,
+        read_lognormal,
+        survival,
+    )
+    from vsr2.report.messages.runs import hazard_text
+
+    if age is not None and not 0 < age < float("inf"):
+        raise HazardError(f"--age {age:g}: must be above 0 and finite [year]")
+    given = read_hazard_curve(curve, site=site)
+    rates = rate_draws(given, read_lognormal(fragility, given.measure))
+    low, high = rates.interval()
+    found: dict[str, float | str] = {
+        "curve": given.source,
+        "measure": given.measure,
+        "rate_per_year": rates.rate,
+        "rate_lower_per_year": low,
+        "rate_upper_per_year": high,
+        "share_below_levels": rates.below,
+        "share_above_levels": rates.above,
+        "confidence": confidence,
+        "excluded_age_years": excluded_age(rates.draws, confidence),
+        "excluded_age_lower_years": excluded_age(high, confidence),
+        "excluded_age_upper_years": excluded_age(low, confidence),
+    }
+    if age is not None:
+        found |= {"age_years": age, "survival": survival(rates.draws, age)}
+    if json:
+        print_json(found)
+    else:
+        print(hazard_text(found))
+    return 0
