@@ -11,7 +11,7 @@ import pytest
 from diagnosis_content import CONTENT, ROWS, estimate
 from headless import NEEDS_BROWSER, open_browser, show_at
 from vsr2.diagnosis import Diagnosis
-from vsr2.report.diagnosis import diagnosis_page
+from vsr2.report.diagnosis_page import diagnosis_page
 
 pytestmark = NEEDS_BROWSER
 
@@ -37,10 +37,10 @@ FIRST = [
     "Where: the conditions",
 ]
 ENDS = """
-return Object.fromEntries([...document.querySelectorAll("section")].map(section => [
-  section.querySelector("h2")?.textContent ?? "verdict",
+return [...document.querySelectorAll("section")].map(section => [
+  section.querySelector("h2")?.textContent ?? section.className,
   (section.querySelector("svg") ?? section).getBoundingClientRect().bottom,
-]))
+])
 """
 """Lower end of each section's drawing, or of the section [pixel], by its heading."""
 
@@ -57,13 +57,13 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 def test_what_matters_is_seen_without_scrolling(browser: Any) -> None:
     show_at(browser, 1280, 800)
-    ends = browser.execute_script(ENDS)
+    ends = dict(browser.execute_script(ENDS))
     assert {name: ends[name] for name in ("verdict", *FIRST) if ends[name] > 800} == {}
 
 
 def test_a_phone_shows_the_verdict_first_and_nothing_is_wider_than_it(browser: Any) -> None:
     show_at(browser, 420, 860)
-    ends = browser.execute_script(ENDS)
+    ends = dict(browser.execute_script(ENDS))
     assert list(ends)[: 1 + len(FIRST)] == ["verdict", *FIRST]
     assert ends["What to measure next"] < 860
     assert browser.execute_script("return document.documentElement.scrollWidth") == 420

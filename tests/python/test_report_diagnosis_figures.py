@@ -101,7 +101,7 @@ def test_the_map_fills_what_overturned_and_reddens_what_surprised() -> None:
     assert {name for name, one in by_trial.items() if one.get_color() == RED} == set()
     red = {name for name, one in by_trial.items() if one.get_markeredgecolor() == RED}
     assert red == {"A", "C", "D"}
-    assert at(by_trial["A"]) == pytest.approx((math.e / 9.80665, math.exp(-1.9)))
+    assert at(by_trial["A"]) == pytest.approx((math.e, math.exp(-1.9)))
     assert by_trial["A"].get_markersize() > by_trial["B"].get_markersize()
 
 
