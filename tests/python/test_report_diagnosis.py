@@ -64,7 +64,11 @@ def test_the_page_shows_the_numbers() -> None:
 def test_verdict_losses_and_next_measurement_come_first() -> None:
     page = diagnosis_page(Diagnosis(CONTENT, ROWS))
     headings = re.findall(r"<h2>(.*?)</h2>", page)
-    assert headings[:2] == ["How far the gap shrinks", "What to measure next"]
+    assert headings[:3] == [
+        "What to measure next",
+        "How far the gap shrinks",
+        "Where: the conditions",
+    ]
     assert page.index("wear explains the gap") < page.index(headings[0])
 
 

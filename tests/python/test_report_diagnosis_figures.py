@@ -64,7 +64,10 @@ def test_where_nothing_is_named_there_are_before_and_floor_alone() -> None:
         "waterfall": None,
         "negative_control": {"recalibrated": bare, "dealt": bare},
     }
-    assert list(marks(losses_figure(content))) == ["before: 0.800", "floor: 0.200"]
+    assert list(marks(losses_figure(content))) == [
+        "before: 0.800 [0.790, 0.810] nat",
+        "floor: 0.200 [0.190, 0.210] nat",
+    ]
 
 
 def test_effects_are_ordered_by_whether_they_act_and_the_set_is_filled() -> None:
@@ -98,16 +101,19 @@ def test_the_map_fills_what_overturned_and_reddens_what_surprised() -> None:
     assert {name for name, one in by_trial.items() if one.get_color() == RED} == set()
     red = {name for name, one in by_trial.items() if one.get_markeredgecolor() == RED}
     assert red == {"A", "C", "D"}
-    assert at(by_trial["A"]) == pytest.approx((math.e / 9.80665, math.exp(-1.9)))
+    assert at(by_trial["A"]) == pytest.approx((math.e, math.exp(-1.9)))
     assert by_trial["A"].get_markersize() > by_trial["B"].get_markersize()
 
 
 def test_the_order_shows_observed_minus_predicted_and_the_sessions_means() -> None:
     figure = order_figure(ROWS)
-    found = {trial: at(mark) for trial, mark in marks(figure).items()}
-    wanted = {"A": (1, -0.9), "B": (2, 0.1), "C": (3, 0.9), "D": (4, 0.9)}
+    told = marks(figure)
+    wanted = {"A: -0.90": (1, -0.9), "B: +0.10": (2, 0.1), "C: +0.90": (3, 0.9)}
+    wanted |= {"D: +0.90": (4, 0.9)}
+    found = {text: at(told.pop(text)) for text in wanted}
     assert found == {name: pytest.approx(xy) for name, xy in wanted.items()}
-    means = [line for line in figure.axes[0].lines if not line.get_gid()]
+    assert list(told) == ["session s1: mean -0.40", "session s2: mean +0.90"]
+    means = list(told.values())
     assert [list(line.get_xdata()) for line in means] == [[1, 2], [3, 4]]
     assert [line.get_ydata()[0] for line in means] == pytest.approx([-0.4, 0.9])
 
@@ -130,10 +136,10 @@ def test_reliability_draws_before_as_crosses_and_after_as_dots() -> None:
     ]
     # All three that the model with the effect gives 0.8 overturned, the one with 0.2 did not.
     assert points == [
-        ("x", "before: 2 trials", pytest.approx((0.1, 1.0))),
-        ("x", "before: 2 trials", pytest.approx((0.9, 0.5))),
-        ("o", "after: 1 trials", pytest.approx((0.2, 0.0))),
-        ("o", "after: 3 trials", pytest.approx((0.8, 1.0))),
+        ("x", "before: 2 trials, predicted 0.10, observed 1.00", pytest.approx((0.1, 1.0))),
+        ("x", "before: 2 trials, predicted 0.90, observed 0.50", pytest.approx((0.9, 0.5))),
+        ("o", "after: 1 trial, predicted 0.20, observed 0.00", pytest.approx((0.2, 0.0))),
+        ("o", "after: 3 trials, predicted 0.80, observed 1.00", pytest.approx((0.8, 1.0))),
     ]
 
 
@@ -145,7 +151,9 @@ def test_a_drawing_is_xml_with_its_tooltips_and_always_the_same() -> None:
     assert root.get("viewBox")
     assert root.get("width") is None
     titles = [one.text for one in root.iter("{http://www.w3.org/2000/svg}title")]
-    assert titles == [row["trial"] for row in rows]
+    assert [title.rpartition(":")[0] for title in titles[: len(rows)]] == [
+        row["trial"] for row in rows
+    ]
     assert svg(order_figure(rows), 'a "map" of <what>') == drawing
 
 

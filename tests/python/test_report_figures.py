@@ -144,6 +144,17 @@ def test_tracking_figure_has_one_column_a_kind() -> None:
         tracking_figure({})
 
 
+def test_a_drive_that_is_exact_gets_no_flat_panels() -> None:
+    time = np.arange(4000) * 1e-3
+    cosine = np.where(time < 0.5, 0.05 * (1 - np.cos(4 * np.pi * time)), 0.0)
+    position, power = tracking_figure({"cosine": make_log(time, command=cosine)}).axes
+    assert position.get_ylabel() == "position [m]"
+    assert power.get_title() == "actual and commanded motion are equal"
+    assert [text.get_text() for text in power.get_legend().get_texts()] == ["commanded", "actual"]
+    # The first lobe of the spectrum is not flat.
+    assert np.ptp(np.log10(power.lines[0].get_ydata()[:20])) > 1
+
+
 def test_representative_trials_take_turns_between_outcomes() -> None:
     log = falling_log(rows=20)
     outcome = ["overturned"] * 4 + ["stable"] * 4 + ["rocked"] * 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from headless import NEEDS_BROWSER, open_browser
 from synthetic_results import falling_log, make_result
 from vsr2.results import save_models, save_result
 from vsr2.scene import Box
@@ -21,15 +21,9 @@ from vsr2.view import ReplayServer, write_page
 
 pytest.importorskip("viser")
 keys = pytest.importorskip("selenium.webdriver.common.keys").Keys
-webdriver = pytest.importorskip("selenium.webdriver")
 image = pytest.importorskip("PIL.Image")
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(
-    CHROMIUM is None or DRIVER is None,
-    reason="needs a browser: apt-get install chromium chromium-driver",
-)
+pytestmark = NEEDS_BROWSER
 
 PATIENCE = 60.0
 """Longest wait for a picture; software rendering on a busy machine draws a few a second [s]."""
@@ -41,25 +35,7 @@ Pixels = NDArray[np.float64]
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--use-gl=angle",
-        "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader",
-        "--disable-background-networking",
-        "--disable-dev-shm-usage",
-        "--hide-scrollbars",
-        "--window-size=700,500",
-        # Nothing but this machine can be reached, so what the page needs it brings.
-        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    driver = open_browser((700, 500), draws_3d=True)
     yield driver
     driver.quit()
 

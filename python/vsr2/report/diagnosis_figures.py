@@ -103,13 +103,18 @@ def losses_figure(content: Mapping[str, Any]) -> Figure:
         if estimate["value"] is None:
             continue
         [bar] = panel.bar(name, estimate["value"], width=0.64, color=colour)
-        tooltip(bar, f"{name.replace(_BREAK, '')}: {estimate['value']:.3f}")
+        tooltip(bar, f"{name.replace(_BREAK, '')}: {_with_interval(estimate)}")
         [interval] = panel.plot([name] * 2, estimate["ci95"], color=INK, linewidth=1.4)
     interval.set_label("95 % interval")
     panel.set_ylabel("loss a trial [nat]")
     panel.grid(axis="x", visible=False)
     _legend(figure)
     return figure
+
+
+def _with_interval(estimate: Mapping[str, Any]) -> str:
+    low, high = estimate["ci95"]
+    return f"{estimate['value']:.3f} [{low:.3f}, {high:.3f}] nat"
 
 
 def waterfall_figure(content: Mapping[str, Any]) -> Figure:
@@ -121,7 +126,7 @@ def waterfall_figure(content: Mapping[str, Any]) -> Figure:
     figure, panel = _panel((5.2, 0.9 + 0.34 * len(steps)))
     for name, estimate, colour in steps:
         [bar] = panel.barh(name, estimate["value"], height=0.64, color=colour)
-        tooltip(bar, f"{name}: {estimate['value']:.3f}")
+        tooltip(bar, f"{name}: {_with_interval(estimate)}")
         [interval] = panel.plot(estimate["ci95"], [name] * 2, color=INK, linewidth=1.4)
     interval.set_label("95 % interval")
     panel.invert_yaxis()
@@ -180,11 +185,12 @@ def order_figure(rows: Rows) -> Figure:
             sessions.setdefault(row["session"], []).append(row)
             residual = row["overturned"] - row["before"]
             [mark] = panel.plot(row["order"], residual, "o", color=GREY, markersize=4)
-            tooltip(mark, row["trial"])
+            tooltip(mark, f"{row['trial']}: {residual:+.2f}")
     for members in sessions.values():
         mean = sum(r["overturned"] - r["before"] for r in members) / len(members)
         first, last = members[0]["order"], members[-1]["order"]
         [line] = panel.plot([first, max(last, first + 1)], [mean] * 2, color=RED, linewidth=2.5)
+        tooltip(line, f"session {members[0]['session']}: mean {mean:+.2f}")
     if sessions:
         mark.set_label("trial that lifts off")
         line.set_label("mean of a session")
@@ -235,8 +241,9 @@ def reliability_figure(rows: Rows) -> Figure:
             y = sum(row["overturned"] for row in members) / count
             points.append((p, y))
             size = 6 + min(math.sqrt(count), 8)
+            trials = f"{count} trial{'s' * (count > 1)}"
             [mark] = panel.plot(p, y, marker, color=colour, markersize=size, markeredgewidth=1.8)
-            tooltip(mark, f"{column}: {count} trials")
+            tooltip(mark, f"{column}: {trials}, predicted {p:.2f}, observed {y:.2f}")
         label = f"{column} ({'crosses' if marker == 'x' else 'dots'})"
         panel.plot(*zip(*points, strict=True), color=colour, alpha=0.5, label=label)
     panel.set_xlim(-0.04, 1.04)

@@ -60,7 +60,7 @@ def time_histories(log: TrialLog, title: str = "") -> Figure:
         time, log.column("pedestal_position"), color=VERMILION, linestyle="--", label="actual"
     )
     pedestal.set_ylabel("pedestal position [m]")
-    tilt.plot(time, np.degrees(log.tilt), color=BLUE)
+    tilt.plot(time, np.degrees(log.tilt), color=BLUE, label="away from the settled pose")
     tilt.set_ylabel("tilt [deg]")
     travel = 1e3 * log.slip
     slip.plot(time, travel[:, 0], color=BLUE, label="along x (shaking)")
@@ -77,11 +77,11 @@ def time_histories(log: TrialLog, title: str = "") -> Figure:
     for panel in axes[:, 0]:
         panel.sharex(angles)
         if time[0] < 0:
-            panel.axvspan(time[0], 0.0, color=GREY, alpha=0.2, linewidth=0)
+            settling = "settling" if panel is pedestal else None
+            panel.axvspan(time[0], 0.0, color=GREY, alpha=0.2, linewidth=0, label=settling)
         if panel is not angles:
             panel.tick_params(labelbottom=False)
-        if panel is not tilt:
-            panel.legend(loc="best", fontsize="small")
+        panel.legend(loc="best", fontsize="small")
     angles.set_xlim(time[0], max(time[-1], time[0] + 1e-9))
     if title:
         figure.suptitle(printable(title), parse_math=False)
@@ -133,23 +133,24 @@ def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
 
     Panels, from above: positions [m]; actual minus commanded [mm]; power spectral density of both
     accelerations; gain; phase [deg]. The last two show the lines that the command excites, see
-    :func:`vsr2.analysis.tracking`.
+    :func:`vsr2.analysis.tracking`. Where no log has an error above rounding, as under the
+    prescribed drive, error, gain and phase would be flat and are left out.
 
     Raises:
         ResultError: no logs, or one that cannot be analysed.
     """
     if not logs:
         raise ResultError("tracking figure: give at least one log")
-    figure, axes = sheet(5, len(logs), (1.0 + 4.5 * len(logs), 11.0))
+    found = {name: tracking(log) for name, log in logs.items()}
+    exact = all(one.peak_error < ROUNDING for one in found.values())
+    rows = 2 if exact else 5
+    figure, axes = sheet(rows, len(logs), (1.0 + 4.5 * len(logs), 0.5 + 2.1 * rows))
     for column, (name, log) in enumerate(logs.items()):
-        _tracking_column(axes[:, column], log, tracking(log), printable(name))
-    labels = (
-        "position [m]",
-        "error [mm]",
-        "power density\n[(m/s$^2$)$^2$/Hz]",
-        "gain [1]",
-        "phase [deg]",
-    )
+        _tracking_column(axes[:, column], log, found[name], printable(name))
+    power = "power density\n[(m/s$^2$)$^2$/Hz]"
+    labels = ["position [m]", power]
+    if not exact:
+        labels = ["position [m]", "error [mm]", power, "gain [1]", "phase [deg]"]
     for row, label in enumerate(labels):
         axes[row, 0].set_ylabel(label)
     figure.align_ylabels(axes[:, 0])
@@ -157,7 +158,6 @@ def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
 
 
 def _tracking_column(panels: NDArray[Any], log: TrialLog, found: Tracking, title: str) -> None:
-    position, error, power, gain, phase = panels
     during = log.time >= 0
     time = log.time[during]
     command = log.column("commanded_position")[during]
@@ -168,35 +168,56 @@ def _tracking_column(panels: NDArray[Any], log: TrialLog, found: Tracking, title
     shown = time <= end + 0.1 * (end - time[0])
     commanded_style = {"color": BLACK, "label": "commanded"}
     actual_style = {"color": VERMILION, "linestyle": "--", "label": "actual"}
+    position = panels[0]
     position.plot(time[shown], command[shown], **commanded_style)
     position.plot(time[shown], actual[shown], **actual_style)
     position.legend(loc="best", fontsize="small")
     position.set_title(title, parse_math=False)
-    error.plot(time[shown], 1e3 * (actual - command)[shown], color=BLUE, linewidth=0.9)
-    error.set_title(
+    if len(panels) == 2:
+        position.set_xlabel("time [s]")
+        power = panels[1]
+        power.set_title("actual and commanded motion are equal", fontsize="small")
+    else:
+        _error_panel(panels[1], time[shown], (actual - command)[shown], found)
+        power = panels[2]
+        _transfer_panels(panels[3:], found)
+    _power_panel(power, found, commanded_style, actual_style)
+    for panel in panels[1:] if len(panels) == 2 else panels[2:]:
+        panel.set_xlim(0.0, min(MAX_FREQUENCY, float(found.frequency[-1])))
+    panels[-1].set_xlabel("frequency [Hz]")
+
+
+def _error_panel(
+    panel: Axes, time: NDArray[np.float64], error: NDArray[np.float64], found: Tracking
+) -> None:
+    panel.plot(time, 1e3 * error, color=BLUE, linewidth=0.9)
+    panel.set_title(
         f"peak {_millimetres(found.peak_error)}, rms {_millimetres(found.rms_error)}, "
         f"{_lag_text(found.lag)}",
         fontsize="small",
     )
-    error.set_xlabel("time [s]")
+    panel.set_xlabel("time [s]")
     if found.peak_error < ROUNDING:
-        error.set_ylim(-1e-3, 1e-3)
-    _power_panel(power, found, commanded_style, actual_style)
-    for panel, values, neutral, least in (
-        (gain, found.gain, 1.0, 0.05),
-        (phase, np.degrees(found.phase), 0.0, 5.0),
+        panel.set_ylim(-1e-3, 1e-3)
+
+
+def _transfer_panels(panels: NDArray[Any], found: Tracking) -> None:
+    """Gain and phase."""
+    for panel, values, neutral, least in zip(
+        panels, (found.gain, np.degrees(found.phase)), (1.0, 0.0), (0.05, 5.0), strict=True
     ):
-        panel.axhline(neutral, color=GREY, linewidth=0.8)
-        panel.plot(found.frequency, values, color=BLUE, marker=".", markersize=2, linewidth=0.9)
+        panel.axhline(neutral, color=GREY, linewidth=0.8, label="exact")
+        panel.plot(
+            found.frequency, values, color=BLUE, marker=".", markersize=2, linewidth=0.9,
+            label="actual over commanded",
+        )  # fmt: skip
+        panel.legend(loc="best", fontsize="small")
         # At least this range: an exact drive would otherwise be shown as noise of rounding.
         known = values[(found.frequency <= MAX_FREQUENCY) & np.isfinite(values)]
         low = min(float(known.min(initial=neutral)), neutral - least)
         high = max(float(known.max(initial=neutral)), neutral + least)
         margin = 0.05 * (high - low)
         panel.set_ylim(low - margin, high + margin)
-    for panel in (power, gain, phase):
-        panel.set_xlim(0.0, min(MAX_FREQUENCY, float(found.frequency[-1])))
-    phase.set_xlabel("frequency [Hz]")
 
 
 def _power_panel(
@@ -208,6 +229,7 @@ def _power_panel(
         return
     panel.semilogy(found.frequency[shown], found.commanded_power[shown], **commanded)
     panel.semilogy(found.frequency[shown], found.achieved_power[shown], **actual)
+    panel.legend(loc="best", fontsize="small")
     # Below this the command is leakage and rounding, and gain and phase are not shown either.
     panel.set_ylim(1e-6 * peak, 10 * peak)
 

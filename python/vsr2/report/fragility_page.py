@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS, MEASURES
-from vsr2.report.figures import BLACK, BLUE, GREY, SKY, VERMILION
+from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_where_wide, sheet, write_page
 from vsr2.report.text import markdown_table
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MAX_PANELS = 12
@@ -27,6 +29,9 @@ BINS = 10
 """Of the observed shares beside a curve."""
 SHADES = "Blues"
 """Of probabilities: light to dark, in print without colours, too."""
+
+LINES = {0.16: (SKY, "-."), 0.5: (VERMILION, "-"), 0.84: (ORANGE, ":")}
+"""Probabilities that a surface shows as lines, with colour and style: seen on every shade."""
 
 Array = NDArray[np.float64]
 
@@ -82,8 +87,18 @@ def overturning_figure(result: FragilityResult) -> Figure:
     for column in range(columns):
         axes[(len(azimuths) - 1 - column) // columns, column].set_xlabel("PGV/PGA [s]")
     if marks is not None:
+        _one_mark(axes[0, 0])
         figure.colorbar(marks, ax=axes.ravel().tolist(), label="share overturned [1]", shrink=0.8)
+        legend_below(figure, 1)
     return figure
+
+
+def _one_mark(panel: Axes) -> None:
+    """An entry for the legend that stands for all marks, whose colours the colour bar explains."""
+    panel.plot(
+        [], [], "o", markerfacecolor="none", markeredgecolor=BLACK, markersize=5,
+        label="one ground motion, with all its replicates",
+    )  # fmt: skip
 
 
 def _shares(result: FragilityResult, chosen: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -117,20 +132,21 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
     middle, share, ends = observed_shares(values, overturned)
     panel.errorbar(
         middle, share, yerr=np.abs(ends - share), fmt="o", color=BLACK, markersize=3.5,
-        elinewidth=0.8, capsize=1.5, zorder=4, label="simulated",
+        elinewidth=0.8, capsize=1.5, zorder=4,
+        label="share of a group, 95 % interval",
     )  # fmt: skip
     for hit, y in ((True, 1.03), (False, -0.03)):
         panel.plot(
             values[overturned == hit], np.full(int((overturned == hit).sum()), y), "|",
             color=VERMILION if hit else GREY, markersize=4, markeredgewidth=0.5,
-            label="overturned" if hit else "stood",
+            label="trial that overturned" if hit else "trial that stood",
         )  # fmt: skip
     scale_where_wide(panel, "x", x)
     panel.set_ylim(-0.06, 1.06)
     panel.set_xlabel(MEASURE_LABELS[name])
     panel.set_ylabel("probability of overturning [1]")
     panel.set_title(_curve_title(fit), fontsize="small")
-    legend_below(figure, 5, size="x-small")
+    legend_below(figure, 3, size="x-small")
     return figure
 
 
@@ -177,11 +193,9 @@ def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array
 def surface_figure(result: FragilityResult) -> Figure:
     """Probability over both measures, and the width of its band; dots are the motions.
 
-    The lines of the left panel are P = 0.16, 0.5 and 0.84; dashed: where the band's ends are 0.5.
+    The lines of the left panel are `LINES`; dashed: where the band's ends are 0.5.
     Both panels are blank outside the simulated intensities.
     """
-    from matplotlib.patheffects import withStroke
-
     fit = result.surface
     assert fit is not None
     count = 81
@@ -227,22 +241,20 @@ def surface_figure(result: FragilityResult) -> Figure:
         panel.set_xlabel(MEASURE_LABELS[fit.names[across]])
         panel.set_ylabel(MEASURE_LABELS[fit.names[up]])
     panel = axes[0, 0]
-    for level, color in ((0.16, BLACK), (0.5, VERMILION), (0.84, "white")):
+    for level, (color, style) in LINES.items():
         if probability.min() < level < probability.max():
-            drawn = panel.contour(x, y, probability, levels=[level], colors=color, linewidths=1.2)
-            labels = panel.clabel(drawn, fmt=lambda value: f"{value:g}", fontsize="small")
-            for label in labels:
-                # Legible on every shade and across the neighbouring lines.
-                label.set_color(BLACK)
-                label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+            panel.contour(
+                x, y, probability, levels=[level], colors=color, linestyles=style, linewidths=1.4
+            )
+            # Contours have no entry of their own in a legend.
+            panel.plot([], [], color=color, linestyle=style, label=f"probability {level:g}")
     for end in (lower, upper):
         if end.min() < 0.5 < end.max():
             panel.contour(
                 x, y, end, levels=[0.5], colors=VERMILION, linewidths=0.8, linestyles="--"
             )
-    # Contours have no entry of their own in a legend.
     panel.plot([], [], "--", color=VERMILION, linewidth=0.8, label="an end of the band is 0.5")
-    legend_below(figure, 2)
+    legend_below(figure, 5)
     return figure
 
 
@@ -250,6 +262,7 @@ def azimuth_figure(result: FragilityResult) -> Figure:
     """Median and beta of the curve in each measure against azimuth, with their intervals."""
     names = list(result.curves)
     figure, axes = sheet(2, len(names), (4.4 * len(names), 4.6))
+    handles: list[Artist] = []
     for column, name in enumerate(names):
         found = [
             (turn, fit.lognormal)
@@ -278,8 +291,9 @@ def azimuth_figure(result: FragilityResult) -> Figure:
         panels[0].set_ylabel(f"median {MEASURE_LABELS[name]}")
         panels[1].set_ylabel("$\\beta$ [1]")
         panels[1].set_xlabel("azimuth [deg]")
-        if found or pooled is not None:
-            panels[0].legend(fontsize="small", loc="best")
+        handles = handles or panels[0].get_legend_handles_labels()[0]
+    if handles:
+        legend_below(figure, 2, handles)
     return figure
 
 
