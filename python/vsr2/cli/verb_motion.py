@@ -293,11 +293,11 @@ def rotate(
         second: component at azimuth 90
         azimuths: from the first towards the second [degree] (default: every 15 from 0 to 165)
     """
-    from vsr2.motion import rotated, rotd_pga, write_record
+    from vsr2.motion import rotated, rotd_pga_g, write_record
     from vsr2.report.messages.data import rotation_text
 
     pair = reading.read(first), reading.read(second)
-    half, full = rotd_pga(*pair)
+    half, full = rotd_pga_g(*pair)
     for azimuth in azimuths:
         record = rotated(*pair, azimuth)
         write_record(record, with_folder(folder / f"{record.name}.csv"), note=record.source)

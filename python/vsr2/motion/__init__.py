@@ -27,7 +27,7 @@ from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
-from vsr2.motion.rotation import rotated, rotd, rotd_pga
+from vsr2.motion.rotation import rotated, rotd, rotd_pga_g
 from vsr2.motion.spectrum import ResponseSpectrum, response_spectrum
 from vsr2.motion.study_motions import (
     MotionWarning,
@@ -80,7 +80,7 @@ __all__ = [
     "response_spectrum",
     "rotated",
     "rotd",
-    "rotd_pga",
+    "rotd_pga_g",
     "shaped_noise",
     "significant_duration",
     "synthetic_motion",

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
 from vsr2.motion.record import Record
+from vsr2.motion.units import STANDARD_GRAVITY
 
 STEP = 1.0
 """Between azimuths that RotD looks at [degree], as in Boore (2010)."""
@@ -77,8 +78,8 @@ def rotd(
     return found
 
 
-def rotd_pga(first: Record, second: Record) -> tuple[float, float]:
-    """RotD50 and RotD100 of the acceleration [m/s^2], differentiated where it was not recorded.
+def rotd_pga_g(first: Record, second: Record) -> tuple[float, float]:
+    """RotD50 and RotD100 of the acceleration [g], differentiated where it was not recorded.
 
     Raises:
         MotionError: sampling differs, or the records have no common channel.
@@ -87,7 +88,7 @@ def rotd_pga(first: Record, second: Record) -> tuple[float, float]:
 
     size = _common(first, second)[1]
     half, full = rotd(*(kinematics(one).acceleration[:size] for one in (first, second)))
-    return float(half), float(full)
+    return float(half) / STANDARD_GRAVITY, float(full) / STANDARD_GRAVITY
 
 
 def _common(first: Record, second: Record) -> tuple[list[str], int]:
