@@ -23,7 +23,7 @@ class QuickEngine:
 
     name = "mujoco"
     versions = {"quick": "1"}  # noqa: RUF012
-    static_pga = 4.0
+    static_acceleration = 4.0
     effects = {  # noqa: RUF012
         name: Drawable(
             name, Parameter("change", "1", 0.0, -0.3 if signed else 0.0, 0.3), (), drifts
