@@ -1,7 +1,6 @@
 """Ground motions: one type, readers, processing, intensity measures, fusion of channels."""
 
 from vsr2.config.motion_source import Channel
-from vsr2.motion.arrays import from_signal
 from vsr2.motion.cosine import cosine_measures, cosine_motion, cosine_parameters
 from vsr2.motion.fusion import (
     ChannelNoise,
@@ -28,6 +27,7 @@ from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
 from vsr2.motion.rotation import rotated, rotd, rotd_pga_g
+from vsr2.motion.signal_motion import from_signal
 from vsr2.motion.spectrum import ResponseSpectrum, response_spectrum
 from vsr2.motion.study_motions import (
     MotionWarning,
