@@ -52,7 +52,7 @@ def inference_data(samples: Mapping[str, NDArray[np.float64]]) -> arviz.Inferenc
             "the diagnosis names no effect, so there are no samples; or it was read from a file, "
             "which has none: diagnose again"
         )
-    made = arviz.from_dict(posterior=values)
+    made: arviz.InferenceData = arviz.from_dict(posterior=values)
     for key, attributes in about.items():
         made.posterior[key].attrs.update(attributes)
     return made
