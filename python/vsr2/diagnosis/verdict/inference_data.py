@@ -54,5 +54,5 @@ def inference_data(samples: Mapping[str, NDArray[np.float64]]) -> arviz.Inferenc
         )
     made: arviz.InferenceData = arviz.from_dict(posterior=values)
     for key, attributes in about.items():
-        made.posterior[key].attrs.update(attributes)
+        made["posterior"][key].attrs.update(attributes)
     return made
