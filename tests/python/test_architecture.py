@@ -30,6 +30,7 @@ HEAVY = {
     "distributed",
     "dask",
     "mujoco",
+    "arviz",
 }
 
 

@@ -140,6 +140,10 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
     [
         (["--prior", "table_gain=1"], "--prior table_gain=1: give EFFECT.PARAMETER=LOW:HIGH"),
         (["--prior", "table_gain.change=a:b"], "give EFFECT.PARAMETER=LOW:HIGH"),
+        (["--prior", "table_gain.change=gauss:0:1"], "a distribution: =uniform:LOW:HIGH"),
+        (["--prior", "table_gain.change=normal:0:1:2"], "a distribution: =uniform:LOW:HIGH"),
+        (["--prior", "table_gain.change=normal:0:2"], "it can be simulated from -0.9 to 5"),
+        (["--prior", "friction.factor=loguniform:-1:1"], "friction.factor"),
         (["--prior", "table_gian.change=0:1"], "no effect 'table_gian'"),
         (["--prior", "table_gain.chnage=0:1"], "has no parameter 'chnage'"),
         (["--prior", "table_gain.change=-2:1"], "it can be simulated from -0.9 to 5"),

@@ -214,3 +214,14 @@ def test_a_mesh_that_is_not_there_is_named(capsys: pytest.CaptureFixture[str]) -
 def test_what_is_no_python_file_is_reported(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["effects", "check", name]) == 2
     assert f"{name}: is no Python file; give a .py file" in capsys.readouterr().err
+
+
+def test_effects_of_a_file_join_the_library_of_any_verb(monkeypatch, tmp_path, capsys):
+    file = Path(__file__).parents[2] / "docs" / "examples" / "soft_pad.py"
+    assert main(["effects", "show", "soft_pad"]) == 2
+    assert main(["effects", "show", "soft_pad", "--effects", str(file)]) == 0
+    assert "soft_pad" in capsys.readouterr().out
+    monkeypatch.setattr(registry, "_registered", {})
+    for name, words in (("none.py", "no such file"), ("my_effect.txt", "is no Python file")):
+        assert main(["effects", "list", "--effects", str(tmp_path / name)]) == 2
+        assert words in capsys.readouterr().err

@@ -69,7 +69,7 @@ def test_overturning_diagram_puts_each_outcome_where_it_belongs() -> None:
     result = make_result(
         [None] * 3,
         pga_g=np.array([1.0, 2.0, 3.0]),
-        pgv_pga_g=np.array([0.1, 0.2, 0.0]),
+        pgv_pga=np.array([0.1, 0.2, 0.0]),
         outcome=np.array(["stable", "overturned", "slid"], dtype=object),
     )
     [panel] = overturning_diagram(result).axes

@@ -80,8 +80,11 @@ def test_netcdf_holds_what_the_dataset_holds(tmp_path: Path) -> None:
 def test_the_table_as_a_dataframe_and_as_parquet(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     pytest.importorskip("pyarrow")
-    result = make_result([None] * 3)
+    # a file's name may hold bytes that are no text
+    names = np.array(["a", "b\udcff", ""], dtype=object)
+    result = make_result([None] * 3, name=names)
     frame = result.to_dataframe()
+    assert list(frame["name"]) == ["a", "b?", ""]
     assert [frame.index.name, *frame.columns] == list(TRIAL_COLUMNS)
     np.testing.assert_array_equal(frame["peak_tilt"], result["peak_tilt"])
     assert frame.attrs["units"]["pga_g"] == "g"

@@ -175,7 +175,7 @@ def test_the_table_is_readable_by_others(tmp_path: Path) -> None:
     pandas = pytest.importorskip("pandas")
     result = sample()
     save_result(result, tmp_path)
-    table = pandas.read_csv(tmp_path / "trials.csv", encoding_errors="surrogateescape")
+    table = pandas.read_csv(tmp_path / "trials.csv", encoding_errors="replace")
     assert list(table.columns) == list(TRIAL_COLUMNS)
     # Its default reader of numbers may be off by a last digit.
     np.testing.assert_allclose(table["pga_g"].to_numpy(), result["pga_g"], rtol=1e-14)

@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
 
@@ -116,21 +117,38 @@ def _launch(
     verbose: Annotated[
         int, Parameter(alias="-v", count=True, allow_repeating=None, show_default=False)
     ] = 0,
+    effects: tuple[Path, ...] = (),
 ) -> int:
     """Run a verb.
 
     Args:
         tokens: verb and options
         verbose: log to standard error what is done; -vv: in detail
+        effects: Python file with effects of your own, which join the library (may be repeated)
     """
     if any(token == "" or re.fullmatch(r"--[\w-]+=", token) for token in tokens):
         raise ConfigError("an argument is empty, as of a shell variable that is not set; give it")
+    for file in effects:
+        _add_effects(file)
     verb, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
     with _one_line_warnings(), _log_to_stderr(verbose):
         code = verb(*bound.args, **bound.kwargs)
     if code is None and not set(tokens) & set(app.help_flags):
         return 2  # help in place of the verb that is missing
     return int(code or 0)
+
+
+def _add_effects(file: Path) -> None:
+    """Enter the effects of a file into the library of this process.
+
+    Raises:
+        ConfigError: it is no Python file, cannot be imported, or defines none.
+    """
+    from vsr2.effects import module_effects
+
+    if file.suffix != ".py":
+        raise ConfigError(f"--effects {file}: is no Python file; give a file with the suffix .py")
+    module_effects(str(file))
 
 
 @contextmanager

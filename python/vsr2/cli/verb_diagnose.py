@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from vsr2.config import Study
     from vsr2.diagnosis import Diagnosis
     from vsr2.diagnosis.iteration import Asked
+    from vsr2.diagnosis.simulated.nuisances import Distribution
+
+    Prior = Distribution | tuple[float, float]
 
 
 @Parameter(name="*")
@@ -25,8 +28,9 @@ class Question:
     Attributes:
         tier: information to use (default: all there is)
         exclude: leave this effect out (may be repeated)
-        prior: other ends of a prior, EFFECT.PARAMETER=LOW:HIGH, for example
-            time_scale.change=-0.3:0.1 (may be repeated)
+        prior: another prior: its ends, EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1,
+            or a distribution, =uniform:LOW:HIGH, =loguniform:LOW:HIGH, =normal:MEAN:SD (may be
+            repeated)
         reference: folder of a campaign of the same trials that is known to have no effect (may be
             repeated)
         most_effects: so many effects may act together, 1 to 4; more need more simulated campaigns
@@ -166,16 +170,28 @@ def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None
         write_draws(found, study, folder, effort.posterior_draws)
 
 
-def _prior(text: str) -> tuple[str, tuple[float, float]]:
+def _prior(text: str) -> tuple[str, Prior]:
+    from vsr2.diagnosis import LogUniform, Normal, Uniform
     from vsr2.errors import ConfigError
 
-    key, _, ends = text.partition("=")
-    low, _, high = ends.partition(":")
+    key, _, given = text.partition("=")
+    *shape, one, other = ["", *given.split(":")]
     try:
+        numbers = float(one), float(other)
         if "." not in key:
             raise ValueError
-        return key, (float(low), float(high))
+        match shape:
+            case [""]:
+                return key, numbers
+            case ["", "uniform"]:
+                return key, Uniform(*numbers)
+            case ["", "loguniform"]:
+                return key, LogUniform(*numbers)
+            case ["", "normal"]:
+                return key, Normal(mean=numbers[0], sd=numbers[1])
+        raise ValueError
     except ValueError:
         raise ConfigError(
-            f"--prior {text}: give EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1"
+            f"--prior {text}: give EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1, or a "
+            "distribution: =uniform:LOW:HIGH, =loguniform:LOW:HIGH, =normal:MEAN:SD"
         ) from None

@@ -12,9 +12,11 @@ from vsr2.diagnosis.simulated.nuisances import (
     DEFAULT_NUISANCES,
     DrawnByEffect,
     LogNormal,
+    LogUniform,
     Normal,
     Nuisance,
     Scope,
+    Uniform,
     with_deviations,
 )
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
@@ -31,6 +33,7 @@ __all__ = [
     "Hypotheses",
     "Iteration",
     "LogNormal",
+    "LogUniform",
     "Normal",
     "Nuisance",
     "Prediction",
@@ -40,6 +43,7 @@ __all__ = [
     "Responses",
     "Scope",
     "Simulator",
+    "Uniform",
     "corrected_study",
     "diagnose",
     "diagnose_with",

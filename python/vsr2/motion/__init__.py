@@ -22,12 +22,12 @@ from vsr2.motion.measures import (
     significant_duration,
 )
 from vsr2.motion.motion import SIDES, Motion, SideMotion
-from vsr2.motion.motion_arrays import from_signal
 from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
 from vsr2.motion.rotated_components import rotated, rotd, rotd_pga_g
+from vsr2.motion.signal_motion import from_signal
 from vsr2.motion.spectrum import ResponseSpectrum, response_spectrum
 from vsr2.motion.study_motions import (
     MotionWarning,

@@ -163,7 +163,7 @@ class Motion(OneLine, ReadOnlyArrays):
         name: str = "record",
     ) -> Motion:
         """The motion of a recorded acceleration; see :func:`vsr2.motion.from_signal`."""
-        from vsr2.motion.motion_arrays import from_signal
+        from vsr2.motion.signal_motion import from_signal
 
         return from_signal(
             acceleration,
@@ -197,8 +197,8 @@ class Motion(OneLine, ReadOnlyArrays):
         Raises:
             MotionError: several channels, a gap, or what :class:`Record` refuses.
         """
-        from vsr2.motion.motion_arrays import from_signal
         from vsr2.motion.seismology import one_trace
+        from vsr2.motion.signal_motion import from_signal
 
         label, interval, data = one_trace(stream)
         return from_signal(

@@ -105,9 +105,11 @@ def to_dataframe(result: BatchResult) -> pandas.DataFrame:
     _require("pandas", "to_dataframe", "dataframe")
     import pandas
 
-    frame = pandas.DataFrame({name: result[name] for name in TRIAL_COLUMNS}).set_index("trial")
-    for name in TEXT_COLUMNS:
-        frame[name] = frame[name].astype("str")
+    columns = {
+        name: _plain_text(result[name]) if name in TEXT_COLUMNS else result[name]
+        for name in TRIAL_COLUMNS
+    }
+    frame = pandas.DataFrame(columns).set_index("trial")
     frame.attrs = {"units": dict(TRIAL_UNITS), "long_name": dict(TRIAL_NAMES)}
     return frame
 
@@ -121,7 +123,7 @@ def write_netcdf(result: BatchResult, path: str | os.PathLike[str]) -> None:
     _require("h5netcdf", "to_netcdf", "xarray")
     dataset = to_xarray(result)
     for name in TEXT_COLUMNS:
-        dataset[name] = dataset[name].astype(str).assign_attrs(dataset[name].attrs)
+        dataset[name] = ("trial", _plain_text(result[name]), dataset[name].attrs)
     try:
         dataset.to_netcdf(path, engine="h5netcdf")
     except OSError as error:
@@ -139,6 +141,12 @@ def write_parquet(result: BatchResult, path: str | os.PathLike[str]) -> None:
         to_dataframe(result).to_parquet(path, engine="pyarrow")
     except OSError as error:
         raise ResultError(f"cannot be written ({error})", file=path) from error
+
+
+def _plain_text(column: NDArray[Any]) -> NDArray[Any]:
+    """Names of files may hold bytes that are no text; other libraries refuse these."""
+    plain = [str(text).encode("utf-8", "replace").decode() for text in column]
+    return np.array(plain, dtype=np.str_)
 
 
 def _attributes(column: str) -> dict[str, str]:

@@ -69,7 +69,11 @@ NOTES = NoteConstants()
 
 
 def build_rock(
-    rock: BoxRock | MeshRock | UrdfRock, pedestal: PedestalBody, *, clearance: float
+    rock: BoxRock | MeshRock | UrdfRock,
+    pedestal: PedestalBody,
+    *,
+    clearance: float,
+    mesh: LoadedMesh | None = None,
 ) -> RockBody:
     """The rock with collision parts, mass properties and start pose.
 
@@ -77,6 +81,7 @@ def build_rock(
         rock: the study's `rock`, its paths resolved.
         pedestal: what it starts on.
         clearance: gap of a lowered start, the sum of both collision margins [m].
+        mesh: in place of the file of a mesh.
 
     Raises:
         GeometryError: a mesh or URDF that cannot be used, properties no body can have, or no
@@ -90,7 +95,7 @@ def build_rock(
         notes: tuple[Statement, ...] = ()
         from_aabb = False
     elif isinstance(rock, MeshRock):
-        loaded = load_mesh(rock.file, scale=rock.scale, repair=rock.repair)
+        loaded = mesh or load_mesh(rock.file, scale=rock.scale, repair=rock.repair)
         parts = tuple(Hull(points) for points in loaded.hull_points)
         surface, source, sha256 = loaded.surface, loaded.source, loaded.sha256
         mass, notes = _mesh_rock_mass(rock, loaded), loaded.notes
@@ -183,7 +188,9 @@ def _start_notes(body: RockBody, pedestal: PedestalBody, *, fixed: bool) -> list
     return notes
 
 
-def build_pedestal(pedestal: PrismPedestal | MeshPedestal) -> PedestalBody:
+def build_pedestal(
+    pedestal: PrismPedestal | MeshPedestal, *, mesh: LoadedMesh | None = None
+) -> PedestalBody:
     """The pedestal with collision parts in its frame P.
 
     A prism's P lies in its centre. A mesh is shifted along z only: its lowest point stands on the
@@ -192,6 +199,10 @@ def build_pedestal(pedestal: PrismPedestal | MeshPedestal) -> PedestalBody:
     Which collision serves when: `triangles` keeps the surface exactly, as an open or closed mesh
     (topography); `hull` is fastest and right for a pedestal without hollows; `decomposition`
     (several hulls, from a closed mesh) keeps larger hollows at the speed of hulls, not fine relief.
+
+    Args:
+        pedestal: the study's `pedestal`, its paths resolved.
+        mesh: in place of the file of a mesh.
 
     Raises:
         GeometryError: a mesh that cannot be used, or not over the base; for `decomposition` a mesh
@@ -211,7 +222,7 @@ def build_pedestal(pedestal: PrismPedestal | MeshPedestal) -> PedestalBody:
         )
     closed = pedestal.collision == "decomposition"
     try:
-        loaded = load_mesh(pedestal.file, scale=pedestal.scale, closed=closed)
+        loaded = mesh or load_mesh(pedestal.file, scale=pedestal.scale, closed=closed)
     except GeometryError as error:
         if not closed:
             raise

@@ -10,12 +10,13 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vsr2.codes import Statement
 from vsr2.errors import GeometryError
+from vsr2.read_only import real_array
 from vsr2.scene.body import Array, Triangles
 from vsr2.scene.mesh_files import MAX_FILE_BYTES, IntArray, MeshFile, bytes_of, read_mesh_file
 from vsr2.scene.mesh_repair import (
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     import trimesh
 
 Scale = float | tuple[float, float, float]
+Mesh = Any
+"""A `trimesh.Trimesh`, or vertices of shape (n, 3) [m] and triangles of shape (m, 3)."""
 
 MAX_EXTENT = 1.0e4
 """Greatest edge of the bounding box [m]; beyond it the unit of length is surely wrong."""
@@ -88,12 +91,71 @@ def load_mesh(
             infinite or absurd coordinates; or (`closed`) it is not watertight, not oriented, has
             no volume or several bodies. Names file and remedy.
     """
-    import trimesh
-
     source = Path(path)
-    factors = _check_scale(source, scale)
     data = bytes_of(source, MAX_FILE_BYTES)
     raw = read_mesh_file(source, data)
+    sha256 = hashlib.sha256(data).hexdigest()
+    return _checked_mesh(source, raw, sha256, scale=scale, repair=repair, closed=closed)
+
+
+def mesh_from_arrays(
+    mesh: Mesh, *, scale: Scale = 1.0, repair: bool = False, closed: bool = True, name: str = "mesh"
+) -> LoadedMesh:
+    """Check a mesh in memory as :func:`load_mesh` checks a file.
+
+    Args:
+        mesh: a trimesh.Trimesh, or vertices of shape (n, 3) and triangles of vertex indices of
+            shape (m, 3).
+        scale: as in :func:`load_mesh`.
+        repair: likewise.
+        closed: likewise.
+        name: stands for the file's in errors.
+
+    Raises:
+        GeometryError: arrays of another shape or type, an index outside the vertices, or as
+            :func:`load_mesh`.
+    """
+    vertices, faces = _arrays(mesh, name)
+    digest = hashlib.sha256(vertices.tobytes() + faces.tobytes()).hexdigest()
+    raw = MeshFile(vertices, faces, ((0, len(faces)),))
+    return _checked_mesh(Path(name), raw, digest, scale=scale, repair=repair, closed=closed)
+
+
+def _arrays(mesh: Mesh, name: str) -> tuple[Array, IntArray]:
+    """Vertices and faces in memory of their own."""
+    if hasattr(mesh, "vertices") and hasattr(mesh, "faces"):
+        mesh = mesh.vertices, mesh.faces
+    try:
+        given_vertices, given_faces = mesh
+        vertices = np.array(real_array(np.asarray(given_vertices)), order="C")
+        faces = np.asarray(given_faces)
+    except (TypeError, ValueError) as error:
+        raise GeometryError(
+            f"{name}: must be a trimesh.Trimesh, or vertices (n, 3) and triangles (m, 3) ({error})"
+        ) from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
+        raise GeometryError(
+            f"{name}: vertices have shape {vertices.shape} and faces {faces.shape}; they need "
+            "(n, 3) and (m, 3)"
+        )
+    if faces.dtype.kind not in "iu" or not len(faces):
+        raise GeometryError(f"{name}: faces must be whole numbers, at least one triangle")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise GeometryError(
+            f"{name}: faces name vertices {faces.min()} to {faces.max()}; there are "
+            f"{len(vertices)}, counted from 0"
+        )
+    if not np.isfinite(vertices).all():
+        raise GeometryError(f"{name}: a vertex is not finite; repair the mesh")
+    return vertices, np.array(faces, dtype=np.int64, order="C")
+
+
+def _checked_mesh(
+    source: Path, raw: MeshFile, sha256: str, *, scale: Scale, repair: bool, closed: bool
+) -> LoadedMesh:
+    import trimesh
+
+    factors = _check_scale(source, scale)
     vertices = raw.vertices * factors
     _check_vertices(source, vertices)
     notes: list[Statement] = []
@@ -117,7 +179,7 @@ def load_mesh(
         hull_points=hull_points,
         notes=tuple(notes),
         source=str(source),
-        sha256=hashlib.sha256(data).hexdigest(),
+        sha256=sha256,
         scale=scale,
     )
 

@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.config.study import Contact, Engine, Study
+from vsr2.config.study import Contact, Engine, MeshPedestal, MeshRock, Study, UrdfRock
+from vsr2.errors import GeometryError
 from vsr2.one_line import OneLine
 from vsr2.scene.body import Box, Hull, PedestalBody, Pose, RockBody, Triangles
 from vsr2.scene.build import build_pedestal, build_rock, soft_contact_notes
 from vsr2.scene.mechanisms import Mechanisms
+from vsr2.scene.mesh import Mesh, mesh_from_arrays
 from vsr2.scene.notes import WARNINGS, SceneWarning
 from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_from_matrix
 
@@ -122,8 +124,15 @@ class Scene(OneLine):
         return Pose((x, y, z), multiply(start.orientation, frame.orientation))
 
 
-def build_scene(study: Study) -> Scene:
+def build_scene(study: Study, *, rock: Mesh = None, pedestal: Mesh = None) -> Scene:
     """The scene of a study: reads its meshes and places the rock.
+
+    Args:
+        study: what is not given here comes from it: of the rock density or mass, start, scale,
+            repair; of a pedestal mesh collision, scale, mass and base.
+        rock: a trimesh.Trimesh, or vertices (n, 3) [m] and triangles (m, 3), in place of the rock's
+            box or mesh.
+        pedestal: the same in place of the pedestal's prism or mesh.
 
     Raises:
         GeometryError: a mesh, URDF or start pose that cannot be used, or a rock larger than its
@@ -132,12 +141,40 @@ def build_scene(study: Study) -> Scene:
     Warns:
         SceneWarning: the rock's size is unusual, or it sinks into a soft contact.
     """
-    pedestal = build_pedestal(study.pedestal)
-    rock = build_rock(study.rock, pedestal, clearance=2.0 * study.engine.collision_margin)
-    soft = soft_contact_notes(rock, study.contact, study.engine.gravity)
-    rock = replace(rock, notes=(*rock.notes, *soft))
-    for note in rock.notes:
+    under = _pedestal(study, pedestal)
+    body = _rock(study, rock, under)
+    soft = soft_contact_notes(body, study.contact, study.engine.gravity)
+    body = replace(body, notes=(*body.notes, *soft))
+    for note in body.notes:
         if note.code in WARNINGS:
             text = WARNINGS[note.code].format(**note.values)
             warnings.warn(text, SceneWarning, stacklevel=2)
-    return Scene(rock, pedestal, study.engine, study.contact)
+    return Scene(body, under, study.engine, study.contact)
+
+
+def _pedestal(study: Study, mesh: Mesh) -> PedestalBody:
+    own = study.pedestal
+    if mesh is None:
+        return build_pedestal(own)
+    if not isinstance(own, MeshPedestal):
+        own = MeshPedestal(shape="mesh", file=Path("pedestal"), mass=own.mass, base=own.base)
+    closed = own.collision == "decomposition"
+    loaded = mesh_from_arrays(mesh, scale=own.scale, closed=closed, name="pedestal")
+    return build_pedestal(own, mesh=loaded)
+
+
+def _rock(study: Study, mesh: Mesh, pedestal: PedestalBody) -> RockBody:
+    own, clearance = study.rock, 2.0 * study.engine.collision_margin
+    if mesh is None:
+        return build_rock(own, pedestal, clearance=clearance)
+    if isinstance(own, UrdfRock):
+        raise GeometryError(
+            f"study {study.name!r}: its rock is a URDF, which has a mass and inertia of its own; "
+            "give `rock.shape: mesh` or `box` with a density beside a mesh in memory"
+        )
+    if not isinstance(own, MeshRock):
+        own = MeshRock(
+            shape="mesh", file=Path("rock"), density=own.density, mass=own.mass, start=own.start
+        )
+    loaded = mesh_from_arrays(mesh, scale=own.scale, repair=own.repair, name="rock")
+    return build_rock(own, pedestal, clearance=clearance, mesh=loaded)

@@ -13,7 +13,7 @@ from vsr2.effects import apply_effects, chosen
 from vsr2.errors import Fault, SimulationError
 from vsr2.motion import build_motions
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
-from vsr2.scene import build_scene
+from vsr2.scene import Scene, build_scene
 from vsr2.simulation.native_scenes import native_scene
 from vsr2.trial import Trial
 
@@ -23,12 +23,13 @@ CONTACTS_A_ROW = 4
 """Contacts at one time, about: what the size of a log is reckoned with."""
 
 
-def study_trials(study: Study) -> list[Trial]:
+def study_trials(study: Study, scene: Scene | None = None) -> list[Trial]:
     """The trials of a study: one per motion.
 
     Args:
         study: its paths resolved. Its effects are applied; order in the campaign is the order of
             the motions, all of one session.
+        scene: in place of the study's own, as of a rock in memory (:func:`vsr2.build_scene`).
 
     Raises:
         ConfigError, GeometryError, MotionError, SimulationError: something of the study cannot be
@@ -36,7 +37,7 @@ def study_trials(study: Study) -> list[Trial]:
     """
     chosen(study.effects)  # refused before any mesh is read
     motions = build_motions(study.motion, study.engine.time_step)
-    scene = build_scene(study)
+    scene = build_scene(study) if scene is None else scene
     contact_trials = study.output.contact_trials
     if contact_trials is not None:
         beyond = [i for i in contact_trials if i >= len(motions)]

@@ -7,13 +7,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.one_line import OneLine
 from vsr2.results.atomic import csv_text, write_text
+
+if TYPE_CHECKING:
+    import arviz
 
 Schema = Literal["vsr2.diagnosis/5"]
 SCHEMA: Schema = get_args(Schema)[0]
@@ -51,6 +54,12 @@ class Diagnosis(OneLine):
     def effects(self) -> tuple[str, ...]:
         """That the verdict names."""
         return tuple(self.content["verdict"]["effects"])
+
+    def to_inference_data(self) -> arviz.InferenceData:
+        """As :func:`vsr2.diagnosis.verdict.inference_data.inference_data`, for ArviZ."""
+        from vsr2.diagnosis.verdict.inference_data import inference_data
+
+        return inference_data(self.samples)
 
     def to_json(self) -> str:
         """`diagnosis.json`, numbers that do not exist as null."""

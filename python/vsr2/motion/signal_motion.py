@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numpy.typing import ArrayLike
 
 from vsr2.config.motion_source import Filter, RecordUnits
@@ -50,7 +52,8 @@ def from_signal(
         )
     quantity, size = UNITS[units]
     values = samples_of(signal, f"motion {name!r}: {quantity}", fewest=MIN_RECORD_SAMPLES)
-    record = Record(name, interval, **{quantity: size * values})
+    channels: dict[str, Any] = {quantity: size * values}
+    record = Record(name, interval, **channels)
     motion = build_recorded_motion(
         record, time_step, channel=quantity, filter=filter, baseline=baseline, name=name
     )
