@@ -6,7 +6,6 @@ import pytest
 from vsr2.cli.main import main
 from vsr2.errors import MotionError
 from vsr2.motion import (
-    STANDARD_GRAVITY,
     Record,
     intensity_measures,
     read_record,
