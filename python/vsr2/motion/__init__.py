@@ -26,7 +26,6 @@ from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
-from vsr2.motion.rotated_components import rotated, rotd, rotd_pga_g
 from vsr2.motion.signal_motion import from_signal
 from vsr2.motion.spectrum import ResponseSpectrum, response_spectrum
 from vsr2.motion.study_motions import (
@@ -37,6 +36,7 @@ from vsr2.motion.study_motions import (
     warn_of_unusual_pga,
 )
 from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_motion
+from vsr2.motion.two_components import rotated, rotd, rotd_pga_g
 from vsr2.motion.units import STANDARD_GRAVITY
 
 __all__ = [

@@ -172,7 +172,7 @@ def motion_measures(measures: IntensityMeasures, file: Path) -> str:
 
 
 def rotation_text(half: float, full: float, count: int, folder: Path) -> str:
-    """RotD50 and RotD100 [g] of two components, and how many motions were written where."""
+    """RotD50 and RotD100 of PGA [g], and how many motions were written where."""
     return (
         f"RotD50 of PGA: {half:.4g} g, RotD100: {full:.4g} g\n"
         f"wrote {counted(count, 'motion')} into {folder}"

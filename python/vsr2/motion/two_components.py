@@ -79,7 +79,7 @@ def rotd(
 
 
 def rotd_pga_g(first: Record, second: Record) -> tuple[float, float]:
-    """RotD50 and RotD100 of the acceleration [g], differentiated where it was not recorded.
+    """RotD50 and RotD100 of PGA [g], of accelerations differentiated where it was not recorded.
 
     Raises:
         MotionError: sampling differs, or the records have no common channel.
