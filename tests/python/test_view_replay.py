@@ -79,6 +79,31 @@ def test_contacts_stand_until_the_next_are_logged() -> None:
     assert replay_of(make_log(np.array([0.0, 1.0]))).contacts(0.0).shape == (0, 3)
 
 
+def test_contact_forces_are_impulses_over_the_solver_step() -> None:
+    # A block of 100 N on two points at 1 kHz, then an impact of thrice that on one.
+    rows = np.zeros((3, len(CONTACT_COLUMNS)))
+    rows[:, 0] = [0.0, 0.0, 0.1]
+    rows[:, CONTACT_COLUMNS.index("normal_z")] = 1.0
+    rows[:, CONTACT_COLUMNS.index("normal_impulse")] = [0.04, 0.06, 0.3]
+    log = replace(make_log(np.linspace(0.0, 0.2, 21)), contacts=rows)
+    replay = Replay("trial", log, ROCK, PEDESTAL, solver_step=1e-3)
+    np.testing.assert_allclose(replay.contact_forces(0.0), [[0, 0, 40.0], [0, 0, 60.0]])
+    np.testing.assert_allclose(replay.contact_forces(0.1), [[0, 0, 300.0]])
+    assert replay.usual_force == pytest.approx(200.0)  # the median of 100 and 300
+    # Without the step of the solver the force is not known, and none is drawn.
+    assert replay_of(log).usual_force == 0.0
+
+
+def test_the_cursor_stands_at_the_time_shown(tmp_path: Path) -> None:
+    with ReplayServer(saved(tmp_path, falling_log(seed=1))) as server:
+        server.show(1.0)
+        time, tilt, table, cursor = server._plot.data
+        assert time[np.flatnonzero(cursor)] == pytest.approx([1.0], abs=0.011)
+        assert cursor.max() == pytest.approx(tilt.max())
+        assert np.ptp(table) > 0.1  # the pedestal's cosine of 0.2 m
+        assert all(np.isfinite(curve).all() for curve in (tilt, table, cursor))
+
+
 def log_in_space() -> TrialLog:
     """A rock that stands still on a pedestal which goes along x, y, z and pitches."""
     time = np.linspace(0.0, 1.0, 6)

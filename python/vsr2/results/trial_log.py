@@ -38,6 +38,8 @@ VELOCITY = _columns_between(STATE_COLUMNS, "rock_vx", "rock_vz")
 ANGULAR_VELOCITY = _columns_between(STATE_COLUMNS, "rock_wx", "rock_wz")
 CONTACT_TIME = CONTACT_COLUMNS.index("time")
 ROCK_POINT = _columns_between(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
+CONTACT_NORMAL = _columns_between(CONTACT_COLUMNS, "normal_x", "normal_z")
+NORMAL_IMPULSE = CONTACT_COLUMNS.index("normal_impulse")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

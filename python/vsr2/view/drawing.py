@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
 from vsr2.scene import Triangles
@@ -19,6 +20,10 @@ ROCK_COLOR = (186, 140, 99)
 PEDESTAL_COLOR = (140, 148, 158)
 CONTACT_COLOR = (220, 40, 30)
 PORTS_TRIED = 100
+USUAL_ARROW, LONGEST_ARROW = 0.5, 1.5
+"""Lengths of arrows over the rock's longest edge: of the usual contact force, and at most."""
+
+Array = NDArray[np.float64]
 
 
 def import_viser() -> ModuleType:
@@ -100,7 +105,7 @@ def _without_banner() -> Iterator[None]:
 
 
 class Drawing:
-    """Rock, pedestal, ground grid and contacts of one trial in a viser server.
+    """Rock, pedestal, ground grid, contacts and their normal forces of one trial in a viser server.
 
     Args:
         server: viser's server.
@@ -150,6 +155,16 @@ class Drawing:
             precision="float32",
             visible=False,
         )
+        self._size = size
+        self._forces = scene.add_arrows(
+            "/forces",
+            np.zeros((1, 2, 3), dtype=np.float32),
+            colors=CONTACT_COLOR,
+            shaft_radius=0.008 * size,
+            head_radius=0.02 * size,
+            head_length=0.04 * size,
+            visible=False,
+        )
         self._label = scene.add_label("/label", "", anchor="bottom-center")
         self._label_height = 0.8 * size
         self._aim(size)
@@ -191,11 +206,25 @@ class Drawing:
             if len(points):
                 self._contacts.points = points.astype(np.float32)
             self._contacts.visible = bool(len(points))
+            self._show_forces(points, replay.contact_forces(float(replay.time[row])))
             self._label.position = (*center[:2], center[2] + self._label_height)
             self._label.text = (
                 f"t = {replay.time[row]:.2f} s   tilt = {np.degrees(replay.tilt[row]):.1f} deg"
             )
         return row
+
+    def _show_forces(self, points: Array, forces: Array) -> None:
+        """Arrows up from the contacts; the usual force is `USUAL_ARROW` of the rock long."""
+        usual = self.replay.usual_force
+        shown = bool(len(points)) and usual > 0
+        if shown:
+            arrows = USUAL_ARROW * self._size / usual * forces
+            length = np.linalg.norm(arrows, axis=1, keepdims=True)
+            # An impact is hundreds of times as strong as the weight.
+            arrows *= np.minimum(1.0, LONGEST_ARROW * self._size / np.maximum(length, 1e-12))
+            ends = np.stack([points, points + arrows], axis=1)
+            self._forces.points = ends.astype(np.float32)
+        self._forces.visible = shown
 
 
 def _round_length(size: float) -> float:

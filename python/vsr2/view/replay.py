@@ -23,7 +23,7 @@ from vsr2.results import (
     logged_trials,
 )
 from vsr2.results.result_folder import MODEL_FOLDER
-from vsr2.results.trial_log import CONTACT_TIME, ROCK_POINT
+from vsr2.results.trial_log import CONTACT_NORMAL, CONTACT_TIME, NORMAL_IMPULSE, ROCK_POINT
 from vsr2.scene import Triangles, build_scene
 from vsr2.scene.rotation import rotate
 from vsr2.scene.shapes import pedestal_surface
@@ -40,12 +40,14 @@ class Replay:
         log: its log, cut where the state stops being finite.
         rock: surface in the model frame M [m].
         pedestal: surface in the world, the pedestal at its start [m].
+        solver_step: over which logged impulses are [s]; None: unknown, and so are forces.
     """
 
     title: str
     log: TrialLog
     rock: Triangles
     pedestal: Triangles
+    solver_step: float | None = None
 
     @property
     def time(self) -> Array:
@@ -102,15 +104,38 @@ class Replay:
         # Without a contact there is no row, so the shortest interval is the logging's own.
         return times, float(between.min()) if between.size else 0.0
 
-    def contacts(self, time: float) -> Array:
-        """Contact points on the rock last logged at `time` [s], in the world, shape (k, 3) [m]."""
+    def _contact_rows(self, time: float) -> Array:
+        """Rows of the contacts last logged at `time` [s]; none where the rock is in the air."""
         times, validity = self._contact_times
         last = int(np.searchsorted(times, time + 1e-9, side="right")) - 1
         if last < 0 or time - times[last] > max(validity, 1e-9) * (1 - 1e-6):
-            return np.empty((0, 3))
-        found = self.log.contacts[:, CONTACT_TIME] == times[last]
-        points: Array = self.log.contacts[found, ROCK_POINT]
+            return self.log.contacts[:0]
+        found: Array = self.log.contacts[self.log.contacts[:, CONTACT_TIME] == times[last]]
+        return found
+
+    def contacts(self, time: float) -> Array:
+        """Contact points on the rock last logged at `time` [s], in the world, shape (k, 3) [m]."""
+        points: Array = self._contact_rows(time)[:, ROCK_POINT]
         return points
+
+    def contact_forces(self, time: float) -> Array:
+        """Normal forces on the rock at :meth:`contacts`, in the world, shape (k, 3) [N]."""
+        rows = self._contact_rows(time)
+        return self._forces(rows)
+
+    def _forces(self, rows: Array) -> Array:
+        if self.solver_step is None:
+            return np.zeros((len(rows), 3))
+        forces: Array = rows[:, CONTACT_NORMAL] * rows[:, NORMAL_IMPULSE, None] / self.solver_step
+        return forces
+
+    @cached_property
+    def usual_force(self) -> float:
+        """Median over logged times of the size of all contact forces together [N]; 0: none."""
+        times, member = np.unique(self.log.contacts[:, CONTACT_TIME], return_inverse=True)
+        sums = np.zeros((len(times), 3))
+        np.add.at(sums, member.ravel(), self._forces(self.log.contacts))
+        return float(np.median(np.linalg.norm(sums, axis=1))) if len(times) else 0.0
 
 
 def load_replay(folder: str | os.PathLike[str], trial: int | None = None) -> Replay:
@@ -128,7 +153,17 @@ def load_replay(folder: str | os.PathLike[str], trial: int | None = None) -> Rep
     trial = choose_trial(folder, result, trial)
     log = _finite_part(load_trial_log(folder, trial), trial)
     rock, pedestal = _models(Path(folder), result.provenance)
-    return Replay(trial_title(result, trial), log, rock, pedestal)
+    step = _solver_step(result.provenance)
+    return Replay(trial_title(result, trial), log, rock, pedestal, step)
+
+
+def _solver_step(provenance: Mapping[str, Any]) -> float | None:
+    """Of the study that a result is of [s]; None: it is of none, as a batch made by hand."""
+    study = provenance.get("study")
+    if not isinstance(study, Mapping) or not isinstance(study.get("engine"), Mapping):
+        return None
+    engine = study["engine"]
+    return float(engine["time_step"]) / int(engine["substeps"])
 
 
 def choose_trial(folder: str | os.PathLike[str], result: BatchResult, trial: int | None) -> int:

@@ -18,6 +18,10 @@ from vsr2.view.replay import Replay, choose_trial, load_replay, trial_title
 
 Array = NDArray[np.float64]
 
+BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
+CURSOR_PLACES = 100
+"""Places of the time cursor along its plot; more would be sent but not seen."""
+
 SPEEDS = {f"{speed:g} x": speed for speed in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)}
 FRAME_INTERVAL = 1.0 / 30.0
 """Between two drawn states while it plays [s]."""
@@ -122,14 +126,27 @@ class ReplayServer:
         self._tilt = gui.add_text("Tilt [deg]", initial_value="", disabled=True)
         self._slip = gui.add_text("Slip x, y [mm]", initial_value="", disabled=True)
         self._pedestal = gui.add_text("Pedestal [m]", initial_value="", disabled=True)
+        self._force = gui.add_text("Contact force, up [kN]", initial_value="", disabled=True)
+        self._cursor, self._cursor_step = start, _cursor_step(replay)
         self._plot = gui.add_uplot(
-            data=_tilt_curve(replay),
+            data=_curves(replay, start),
             series=(
-                {"label": "t [s]"},
-                {"label": "tilt [deg]", "stroke": "#0072B2", "width": 2},
+                {"label": "time [s]"},
+                {"label": "tilt [deg]", "stroke": BLUE, "width": 2},
+                {"label": "table [m]", "stroke": ORANGE, "width": 1, "scale": "table"},
+                {"label": "now", "stroke": BLACK, "width": 1},
             ),
-            scales={"x": {"time": False, "auto": True}, "y": {"auto": True}},
-            aspect=1.6,
+            scales={
+                "x": {"time": False, "auto": True},
+                "y": {"auto": True},
+                "table": {"auto": True},
+            },
+            axes=(
+                {"label": "time [s]"},
+                {"label": "tilt [deg]", "stroke": BLUE},
+                {"label": "table [m]", "stroke": ORANGE, "scale": "table", "side": 1},
+            ),
+            aspect=1.3,
         )
         self._slider.on_update(lambda _: self._refresh())
         self._button.on_click(lambda _: self._toggle())
@@ -156,6 +173,10 @@ class ReplayServer:
             self._tilt.value = _rounded(float(np.degrees(replay.tilt[row])), 2)
             self._slip.value = f"{_rounded(slip[0], 1)}, {_rounded(slip[1], 1)}"
             self._pedestal.value = _rounded(replay.log.column("pedestal_position")[row], 4)
+            self._force.value = _rounded(replay.contact_forces(self.time)[:, 2].sum() / 1e3, 2)
+            if abs(self.time - self._cursor) >= self._cursor_step:
+                self._cursor = self.time
+                self._plot.data = _curves(replay, self.time)
 
     def _load(self, trial: int) -> None:
         try:
@@ -171,7 +192,8 @@ class ReplayServer:
             start, self._slider.max, self._slider.step = _time_range(replay)
             self._slider.min = start
             self._slider.value = start
-            self._plot.data = _tilt_curve(replay)
+            self._cursor_step = _cursor_step(replay)
+            self._plot.data = _curves(replay, start)
             self._loading = False
             self._refresh()
 
@@ -198,9 +220,21 @@ def _time_range(replay: Replay) -> tuple[float, float, float]:
     return start, max(end, start + interval), interval
 
 
-def _tilt_curve(replay: Replay) -> tuple[Array, Array]:
+def _curves(replay: Replay, now: float) -> tuple[Array, Array, Array, Array]:
+    """Time [s], tilt [deg], the table's position [m], and a spike of the tilt's height at `now`."""
     every = max(1, len(replay.time) // PLOT_ROWS)
-    return replay.time[::every].copy(), np.degrees(replay.tilt[::every])
+    tilt = np.degrees(replay.tilt[::every])
+    # A spike on a line of zeros: a gap, which is NaN, would take the plot's scale with it.
+    cursor = np.zeros(len(tilt))
+    cursor[replay.row(now) // every] = max(float(tilt.max()), 1e-3)
+    table = replay.log.column("pedestal_position")[::every]
+    return replay.time[::every].copy(), tilt, table.copy(), cursor
+
+
+def _cursor_step(replay: Replay) -> float:
+    """Time that passes before the cursor is drawn again [s]; all curves are sent with it."""
+    start, end, _ = _time_range(replay)
+    return (end - start) / CURSOR_PLACES
 
 
 def _rounded(value: float, digits: int) -> str:
