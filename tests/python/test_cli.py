@@ -54,7 +54,7 @@ def study(tmp_path: Path) -> Path:
 
 def test_all_verbs_are_there() -> None:
     assert set(VERBS) == {
-        *("run", "view", "inertia", "calibrate", "fragility", "diagnose"),
+        *("new", "run", "view", "inertia", "calibrate", "fragility", "diagnose"),
         *("motion", "motion info", "motion convert", "motion generate", "motion fuse"),
         *("campaign", "campaign import-lab", "campaign check", "campaign info"),
         *(

@@ -102,11 +102,12 @@ def schema(kind: Kind = "study", /) -> int:
     Args:
         kind: of file
     """
-    print_json(_schema(kind))
+    print_json(json_schema(kind))
     return 0
 
 
-def _schema(kind: Kind) -> dict[str, Any]:
+def json_schema(kind: Kind) -> dict[str, Any]:
+    """The JSON Schema of a kind of file."""
     match kind:
         case "study":
             from vsr2.config import study_schema
