@@ -54,7 +54,7 @@ def study(tmp_path: Path) -> Path:
 
 def test_all_verbs_are_there() -> None:
     assert set(VERBS) == {
-        *("run", "view", "inertia", "calibrate", "fragility", "diagnose"),
+        *("new", "run", "view", "inertia", "calibrate", "fragility", "diagnose"),
         *("motion", "motion info", "motion convert", "motion generate", "motion fuse"),
         *("campaign", "campaign import-lab", "campaign check", "campaign info"),
         *(
@@ -117,6 +117,10 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
         ("blind make a b --single 1 2.5", '"1 2.5" is no whole number'),
         (
             "blind diagnose d --out o --campaigns 300 --budget-minutes 1",
+            "Mutually exclusive arguments",
+        ),
+        (
+            "diagnose d --scene s --out o --budget-minutes 3 --budget-cpu-minutes 1",
             "Mutually exclusive arguments",
         ),
         ("motion convert a b --units furlong", "Choose from"),
@@ -297,6 +301,8 @@ def test_diagnose_hands_budget_and_cache_on(
     assert asked["execution"].cache is None
     assert main([*line, "--no-how-far"]) == 2
     assert asked["budget"] == Budget(campaigns=300, held_out=False)
+    assert main([*line[:-2], "--budget-cpu-minutes", "3"]) == 2
+    assert asked["budget"] == Budget(cpu_minutes=3.0)
 
 
 def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -324,7 +330,7 @@ def test_blind_diagnose_hands_its_budget_on(
         raise BlindError("seen enough")
 
     monkeypatch.setattr("vsr2.blind.diagnose_pack", stop)
-    for minutes in ([], ["--budget-minutes", "2"]):
+    for minutes in ([], ["--budget-minutes", "2"], ["--budget-cpu-minutes", "2"]):
         assert main(["blind", "diagnose", "data", "--out", "out", *given, *minutes]) == 2
         assert asked["budget"].held_out is held_out
 

@@ -11,7 +11,7 @@ from planar.library import PLANAR_LIBRARY
 from vsr2.diagnosis import Budget, Execution
 from vsr2.diagnosis import budget as module
 from vsr2.diagnosis import diagnose as api
-from vsr2.diagnosis.budget import SCHEDULE, Schedule
+from vsr2.diagnosis.budget import SCHEDULE, Schedule, Stopwatch
 from vsr2.diagnosis.how_far.held_out import simulations
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.simulated.look import LOOK, tries
@@ -25,11 +25,15 @@ TRIALS = 60
 class Clock:
     """Time passes by simulating and by training; nothing else takes any."""
 
-    def __init__(self, budget, monkeypatch, training=0.0, trials=TRIALS):
+    def __init__(self, budget, monkeypatch, training=0.0, trials=TRIALS, processors=1.0):
         self.now, self.trials, self.training = 1000.0, trials, training
         self.cache = SimpleNamespace(cost=COST, asked=0)
         monkeypatch.setattr(module.time, "monotonic", lambda: self.now)
-        self.schedule = Schedule(budget, self.cache, trials, PLANAR_LIBRARY, self.now)
+        monkeypatch.setattr(module.time, "process_time", lambda: processors * self.now)
+        watch = Stopwatch()
+        # One simulation of every trial, which tells what they cost.
+        self.now += COST * trials
+        self.schedule = Schedule(budget, self.cache, trials, PLANAR_LIBRARY, watch)
         self.done = 0
         self.first = None
 
@@ -73,6 +77,18 @@ def test_minutes_bound_everything_judging_included(monkeypatch, minutes, trainin
     least += COST * tries(PLANAR_LIBRARY) * LOOK.fewest
     assert clock.first <= 60 * minutes
     assert first <= max(0.05 * 60 * minutes, least) + training * SCHEDULE.most
+
+
+@pytest.mark.parametrize("processors", [0.4, 1.0, 8.0])
+def test_processor_minutes_bound_processor_time(monkeypatch, processors) -> None:
+    # Ten minutes on the clock; the wall time of the budget does not count.
+    minutes = 10.0 * processors
+    clock = Clock(Budget(0.001, cpu_minutes=minutes), monkeypatch, 0.02, processors=processors)
+    spent = processors * clock.run()
+    assert 0.9 * 60 * minutes < spent <= 60 * minutes
+    assert not clock.schedule.exceeded()
+    _, left_s = clock.schedule.progress(clock.done, TRIALS)
+    assert left_s == pytest.approx((60 * minutes - spent) / processors)
 
 
 def test_simulations_bound_what_is_asked_for(monkeypatch) -> None:
@@ -129,6 +145,7 @@ def test_progress_rises_to_all_and_what_is_left_falls(monkeypatch, budget) -> No
     [
         ({"minutes": 0.0}, "budget_minutes is 0.0; give a finite number of minutes above 0"),
         ({"minutes": float("nan")}, "budget_minutes is nan"),
+        ({"cpu_minutes": 0.0}, "budget_cpu_minutes is 0.0; give a finite number of minutes above"),
         ({"simulations": 0}, "simulations is 0; give at least 1"),
         ({"campaigns": 149}, "campaigns is 149; give at least 150"),
     ],

@@ -220,6 +220,6 @@ def test_far_processes_change_nothing(folder, stated, tmp_path) -> None:
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
-        line = command(folder, tmp_path / "far", "--client", cluster.scheduler_address)
+        line = command(folder, tmp_path / "far", "--scheduler", cluster.scheduler_address)
         assert main([*line, "--quiet"]) == 0
     assert content(tmp_path / "far") == stated

@@ -12,6 +12,7 @@ from vsr2.calibration.calibration_study import (
     CalibrationSettings,
     CalibrationStudy,
     Parameter,
+    calibration_schema,
     load_calibration,
 )
 from vsr2.calibration.calibration_tables import prepare_calibration_folder, save_calibration
@@ -35,6 +36,7 @@ __all__ = [
     "Screen",
     "Step",
     "calibrate",
+    "calibration_schema",
     "cross_validate",
     "evaluations_at_most",
     "joint_search",

@@ -14,7 +14,9 @@ from pydantic import Field, Strict, model_validator
 
 from vsr2.calibration.objective import Objective
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
+from vsr2.config.motion_source import AllRecordings
 from vsr2.config.problems import shown
+from vsr2.config.schema import extended_schema
 from vsr2.config.section import FilePath, NonNegative, Real, Section
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
@@ -188,6 +190,20 @@ class CalibrationSettings(Section):
 
 
 CalibrationStudy = ExtendedStudy[CalibrationSettings]
+
+
+def calibration_schema() -> dict[str, Any]:
+    """The JSON schema of a calibration study, for editors that check and complete YAML."""
+    schema = extended_schema(CalibrationSettings, "VSR2 calibration study")
+    recordings = schema["$defs"][AllRecordings.__name__]["properties"]
+    schema["properties"]["motion"] = {
+        "type": "object",
+        "description": "How the campaign's motions drive the pedestal.",
+        "properties": {key: recordings[key] for key in MOTION_KEYS},
+        "additionalProperties": False,
+    }
+    schema["required"].remove("motion")
+    return schema
 
 
 def load_calibration(

@@ -7,7 +7,7 @@ from vsr2.campaign.campaign import (
     Series,
     Specimen,
 )
-from vsr2.campaign.description import SCHEMA
+from vsr2.campaign.description import SCHEMA, campaign_schema
 from vsr2.campaign.file_problems import CampaignProblem
 from vsr2.campaign.folder import check_campaign, load_campaign
 from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
@@ -29,6 +29,7 @@ __all__ = [
     "Specimen",
     "Tier",
     "TrialIntensities",
+    "campaign_schema",
     "campaign_summary",
     "check_campaign",
     "grouped_folds",

@@ -23,6 +23,7 @@ from vsr2.campaign.campaign import (
 from vsr2.campaign.faults import id_fault, text_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.config.problems import Problem, dotted, problems_of, shown
+from vsr2.config.schema import DIALECT
 from vsr2.config.section import Section
 from vsr2.config.yaml_file import dump_yaml, nearest_above, read_yaml
 from vsr2.errors import CampaignError, ConfigError
@@ -109,6 +110,19 @@ class _Content(Section):
     motions: Annotated[str, AfterValidator(_beside)] | None = None
     """Folder of the motion files, where several campaigns share one: `../motions`."""
     provenance: dict[str, Any] | None = None
+
+
+def campaign_schema() -> dict[str, Any]:
+    """The JSON schema of `campaign.yaml`, for editors that check and complete YAML."""
+    content = _Content.model_json_schema()
+    return {
+        "$schema": DIALECT,
+        **content,
+        "title": "VSR2 campaign",
+        "description": "What a campaign's files hold, beside its tables.",
+        "properties": {"schema": {"const": SCHEMA}, **content["properties"]},
+        "required": ["schema", *content["required"]],
+    }
 
 
 _NOISE_KEYS = dict(

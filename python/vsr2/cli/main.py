@@ -24,6 +24,7 @@ from vsr2.cli import (
     verb_fragility,
     verb_hazard,
     verb_inertia,
+    verb_new,
     verb_run,
     verb_view,
 )
@@ -49,6 +50,7 @@ app = App(
     default_parameter=DEFAULTS,
     version_flags=(),
 )
+app.command(verb_new.new)
 app.command(verb_run.run)
 app.command(verb_view.view)
 app.command(verb_inertia.inertia)

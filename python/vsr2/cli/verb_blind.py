@@ -139,21 +139,27 @@ class Effort:
     Attributes:
         campaigns: simulated ones of each protocol, which its campaigns share
         budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
+        budget_cpu_minutes: processor time of all threads together in place of wall time
         no_how_far: do not simulate again what is named, to say how far the gap shrinks
         seed: of each diagnosis
     """
 
     campaigns: Annotated[opt.Integer, Parameter(group=BUDGET)] = USUAL.campaigns or 0
     budget_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
+    budget_cpu_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     no_how_far: bool = False
     threads: opt.Threads = None
     seed: opt.Integer = 0
 
     def budget(self) -> Budget:
         """Campaigns, or minutes where they are given."""
-        if self.budget_minutes is None:
-            return Budget(campaigns=self.campaigns, held_out=not self.no_how_far)
-        return Budget(self.budget_minutes, held_out=not self.no_how_far)
+        minutes, cpu_minutes = self.budget_minutes, self.budget_cpu_minutes
+        held_out = not self.no_how_far
+        if cpu_minutes is not None:
+            return Budget(cpu_minutes=cpu_minutes, held_out=held_out)
+        if minutes is not None:
+            return Budget(minutes, held_out=held_out)
+        return Budget(campaigns=self.campaigns, held_out=held_out)
 
 
 EFFORT = Effort()

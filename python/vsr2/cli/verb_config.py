@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
 from vsr2.cli.options import Study, print_json, with_folder
+
+Kind = Literal["study", "fragility", "calibration", "campaign"]
+"""Kinds of YAML files."""
 
 verbs = App(name="config", help="Check, explain and import configuration files.")
 
@@ -93,9 +96,32 @@ def reference() -> int:
 
 
 @verbs.command
-def schema() -> int:
-    """Print the JSON Schema of a study, for editors."""
-    from vsr2.config import study_schema
+def schema(kind: Kind = "study", /) -> int:
+    """Print the JSON Schema of a kind of file, for editors that check and complete YAML.
 
-    print_json(study_schema())
+    Args:
+        kind: of file
+    """
+    print_json(json_schema(kind))
     return 0
+
+
+def json_schema(kind: Kind) -> dict[str, Any]:
+    """The JSON Schema of a kind of file."""
+    match kind:
+        case "study":
+            from vsr2.config import study_schema
+
+            return study_schema()
+        case "fragility":
+            from vsr2.fragility import fragility_schema
+
+            return fragility_schema()
+        case "calibration":
+            from vsr2.calibration import calibration_schema
+
+            return calibration_schema()
+        case "campaign":
+            from vsr2.campaign import campaign_schema
+
+            return campaign_schema()

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
+from cyclopts.validators import mutually_exclusive
 
 from vsr2.cli import options as opt
 from vsr2.codes import Tier
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from vsr2.diagnosis.simulated.nuisances import Distribution
 
     Prior = Distribution | tuple[float, float]
+
+
+TIME = Group("Time (one of)", validator=mutually_exclusive)
 
 
 @Parameter(name="*")
@@ -53,6 +57,7 @@ class Effort:
 
     Attributes:
         budget_minutes: wall time, training and judging included
+        budget_cpu_minutes: processor time of all threads together in place of wall time
         simulations: so many at most instead of a time; more where the trials need more
         campaigns: so many simulated campaigns, whatever they cost: equal numbers give equal
             verdicts, and campaigns of one set-up share them
@@ -60,21 +65,21 @@ class Effort:
         waterfall: judge each of the likeliest causes, on motions that neither fit nor choice saw
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
-        client: address of a Dask scheduler that runs trials
         posterior_draws: write so many scenes with a draw of the posterior each, too
         iterate: diagnose the corrected scene again until nothing is named, each round in a folder
             of its own
         most_rounds: of --iterate, four by default
     """
 
-    budget_minutes: float = 10.0
+    budget_minutes: Annotated[float, Parameter(group=TIME)] = 10.0
+    budget_cpu_minutes: Annotated[float | None, Parameter(group=TIME)] = None
     simulations: opt.Integer | None = None
     campaigns: opt.Integer | None = None
     no_how_far: bool = False
     waterfall: bool = False
     cache: Path | None = None
     threads: opt.Threads = None
-    client: str | None = None
+    scheduler: opt.Scheduler = None
     posterior_draws: opt.Integer = 0
     iterate: bool = False
     most_rounds: opt.Integer | None = None
@@ -116,7 +121,7 @@ def diagnose(
 
     if effort.posterior_draws:
         check_draws(effort.posterior_draws)
-    with opt.cluster(effort.client) as client:
+    with opt.cluster(effort.scheduler, effort.threads) as client:
         asked: Asked = {
             "tier": question.tier,
             "budget": Budget(
@@ -125,6 +130,7 @@ def diagnose(
                 effort.campaigns,
                 not effort.no_how_far,
                 effort.waterfall,
+                effort.budget_cpu_minutes,
             ),
             "hypotheses": Hypotheses(
                 exclude=question.exclude,

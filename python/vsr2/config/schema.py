@@ -11,6 +11,9 @@ from pydantic.fields import FieldInfo
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+"""Of the JSON schemas."""
+
 
 @dataclass(frozen=True)
 class Variants:
@@ -61,10 +64,24 @@ def all_sections(root: type[Section]) -> Iterable[tuple[tuple[str, ...], type[Se
 
 def study_schema() -> dict[str, Any]:
     """The JSON schema of a study, for editors that check and complete YAML."""
+    return {"$schema": DIALECT, **Study.model_json_schema(), "title": "VSR2 study"}
+
+
+def extended_schema(own: type[Section], title: str) -> dict[str, Any]:
+    """The JSON schema of a study with the keys of `own` beside a study's own.
+
+    Args:
+        own: as of :func:`vsr2.config.extended.load_extended`; its docstring describes the file.
+        title: of the schema.
+    """
+    study, beside = study_schema(), own.model_json_schema()
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **Study.model_json_schema(),
-        "title": "VSR2 study",
+        **study,
+        "title": title,
+        "description": beside["description"],
+        "$defs": {**study["$defs"], **beside.get("$defs", {})},
+        "properties": {**study["properties"], **beside["properties"]},
+        "required": sorted({*study["required"], *beside.get("required", ())}),
     }
 
 

@@ -72,8 +72,8 @@ def diagnose(
             campaign shares.
         out: folder for `diagnosis.json` (without sentences), tables, the corrected scene,
             simulations and the trained posterior, which later runs reuse; None: nothing is written.
-        budget: wall time, judging included, or numbers of simulations or of simulated campaigns;
-            equal numbers of campaigns give equal verdicts.
+        budget: wall or processor time, judging included, or numbers of simulations or of simulated
+            campaigns; equal numbers of campaigns give equal verdicts.
         hypotheses: effects that may be the cause, and what is uncertain about the set-up.
         execution: threads or a cluster, a cache that several diagnoses share, who gets progress.
         seed: of everything random.
@@ -88,6 +88,11 @@ def diagnose(
     """
     if seed < 0:
         raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    if budget.cpu_minutes is not None and execution.client is not None:
+        raise DiagnosisError(
+            "budget_cpu_minutes counts processor time of this process, and a cluster's workers are "
+            "others; give wall time, simulations or campaigns"
+        )
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     study = scene if isinstance(scene, Study) else load_study(scene)
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)

@@ -46,6 +46,8 @@ class ScheduleConstants:
 
 
 SCHEDULE = ScheduleConstants()
+MIN_S = 1e-3
+"""Least time that two readings of clocks are compared over [s]."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class Budget:
             diagnosis does not say how far the gap shrinks.
         waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw,
             which takes five more trainings.
+        cpu_minutes: of processor time of this process, all threads together, in place of `minutes`,
+            so that other work on the machine takes nothing from it; None: wall time.
 
     Raises:
         DiagnosisError: a number out of range.
@@ -71,11 +75,16 @@ class Budget:
     campaigns: int | None = None
     held_out: bool = True
     waterfall: bool = False
+    cpu_minutes: float | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.minutes < math.inf:
             raise DiagnosisError(
                 f"budget_minutes is {self.minutes}; give a finite number of minutes above 0"
+            )
+        if self.cpu_minutes is not None and not 0 < self.cpu_minutes < math.inf:
+            raise DiagnosisError(
+                f"budget_cpu_minutes is {self.cpu_minutes}; give a finite number of minutes above 0"
             )
         if self.simulations is not None and self.simulations < 1:
             raise DiagnosisError(
@@ -83,6 +92,23 @@ class Budget:
             )
         if self.campaigns is not None and self.campaigns < SCHEDULE.fewest:
             raise DiagnosisError(f"campaigns is {self.campaigns}; give at least {SCHEDULE.fewest}")
+
+
+class Stopwatch:
+    """Time that passed, and processor time of this process, since it was made."""
+
+    def __init__(self) -> None:
+        self._wall, self._cpu = time.monotonic(), time.process_time()
+
+    @property
+    def wall_s(self) -> float:
+        """On the clock [s]."""
+        return time.monotonic() - self._wall
+
+    @property
+    def cpu_s(self) -> float:
+        """Of all threads together [s]."""
+        return time.process_time() - self._cpu
 
 
 class Schedule:
@@ -93,7 +119,7 @@ class Schedule:
         cache: that has run a first simulation of every trial.
         trials: of the campaign.
         library: of effects.
-        started: clock at the start of the diagnosis (`time.monotonic`) [s].
+        watch: made at the start of the diagnosis.
 
     Attributes:
         look_trials: on which effects are tried.
@@ -106,15 +132,13 @@ class Schedule:
         cache: SimulationCache,
         trials: int,
         library: Library,
-        started: float,
+        watch: Stopwatch,
     ) -> None:
         self._budget = budget
         self._cache = cache
-        self._started = started
+        self._watch = watch
         self._training = SCHEDULE.training_s
-        allowed = budget.simulations
-        if allowed is None:
-            allowed = int(60 * budget.minutes / max(cache.cost, 1e-6))
+        allowed = self.allowed()
         self.look_trials, self.plain = LOOK.trials, LOOK.plain
         if budget.campaigns is None:
             afforded = int(SCHEDULE.plain_share * allowed / max(trials, 1))
@@ -129,8 +153,21 @@ class Schedule:
 
     @property
     def spent_s(self) -> float:
-        """Wall time since the start [s]."""
-        return time.monotonic() - self._started
+        """Time since the start, as the budget counts it [s]."""
+        return self._watch.wall_s if self._budget.cpu_minutes is None else self._watch.cpu_s
+
+    @property
+    def _total_s(self) -> float:
+        """Time that may be spent, as the budget counts it [s]."""
+        minutes = self._budget.cpu_minutes
+        return 60 * (self._budget.minutes if minutes is None else minutes)
+
+    @property
+    def _rate(self) -> float:
+        """Seconds of the budget that a second on the clock takes; all costs are on the clock."""
+        if self._budget.cpu_minutes is None:
+            return 1.0
+        return max(self._watch.cpu_s, MIN_S) / max(self._watch.wall_s, MIN_S)
 
     def judging_s(self, trials: int) -> float:
         """What judging will take [s]."""
@@ -167,8 +204,8 @@ class Schedule:
             left = self._budget.simulations - self._cache.asked - self._judging(trials)
             return max(0, min(most, left // max(trials, 1)))
         per_campaign = trials * self._cache.cost + self._retraining_s(1)
-        left_s = 60 * self._budget.minutes - self.spent_s - self.judging_s(trials)
-        left_s -= self._retraining_s(done)
+        left_s = (self._total_s - self.spent_s) / self._rate
+        left_s -= self.judging_s(trials) + self._retraining_s(done)
         return max(0, min(most, int(left_s / max(per_campaign, 1e-6))))
 
     def progress(self, done: int, trials: int) -> tuple[float, float]:
@@ -183,8 +220,8 @@ class Schedule:
         elif self._budget.simulations is not None:
             left = max(self._budget.simulations - self._cache.asked, 0) // max(trials, 1)
         else:
-            left_s = max(60 * self._budget.minutes - self.spent_s, 0.0)
-            return min(self.spent_s / (60 * self._budget.minutes), 1.0), left_s
+            left_s = max(self._total_s - self.spent_s, 0.0) / self._rate
+            return min(self.spent_s / self._total_s, 1.0), left_s
         left_s = left * trials * self._cache.cost + self._retraining_s(done + left)
         return done / max(done + left, 1), left_s + self.judging_s(trials)
 
@@ -196,7 +233,7 @@ class Schedule:
             return done >= SCHEDULE.first * self._budget.campaigns
         if self._budget.simulations is not None:
             return self._cache.asked >= SCHEDULE.first * self._budget.simulations
-        return self.spent_s >= SCHEDULE.first * 60 * self._budget.minutes
+        return self.spent_s >= SCHEDULE.first * self._total_s
 
     def exceeded(self) -> bool:
         """Whether the least that is simulated is more than the budget allows."""
@@ -204,10 +241,10 @@ class Schedule:
             return False
         if self._budget.simulations is not None:
             return self._cache.asked > self._budget.simulations
-        return self.spent_s > 60 * self._budget.minutes
+        return self.spent_s > self._total_s
 
     def allowed(self) -> int:
         """Simulations that the budget allows, at what one costs."""
         if self._budget.simulations is not None:
             return self._budget.simulations
-        return int(60 * self._budget.minutes / max(self._cache.cost, 1e-6))
+        return int(self._total_s / self._rate / max(self._cache.cost, 1e-6))

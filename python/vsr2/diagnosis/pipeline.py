@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, Tier
-from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule
+from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule, Stopwatch
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge
 from vsr2.diagnosis.how_far.waterfall import WATERFALL, FullInference, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
@@ -145,7 +145,7 @@ def diagnose_with(
         DiagnosisError: the campaign holds too little, or a reference has other trials.
         ResultError: the cache cannot be used.
     """
-    started = time.monotonic()
+    watch = Stopwatch()
     excluded, seed = question.excluded, question.seed
     seen = observe_campaign(campaign, question.tier)
     references = [_reference(one, seen) for one in question.references]
@@ -154,7 +154,7 @@ def diagnose_with(
     with SimulationCache(simulator, None if kept is None else kept.simulations) as store:
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
-        schedule = Schedule(budget, store, len(seen), simulator.library, started)
+        schedule = Schedule(budget, store, len(seen), simulator.library, watch)
         work = _Work(store, seen, schedule, kept, question, report)
         seen_look = work.look()
         trials = seen_look.responding
@@ -182,7 +182,7 @@ def diagnose_with(
     noted = {
         **({} if provenance is None else provenance),
         **_noted(question, none, budget.held_out, spent, simulator, seen_look),
-        "wall_time_s": time.monotonic() - started,
+        "wall_time_s": watch.wall_s,
     }
     evidence = Evidence(
         verdict, found, posterior, how_far, where, trials,

@@ -3,7 +3,13 @@
 from vsr2.fragility.fit import FitNote, FragilityFit, Lognormal, fit_fragility
 from vsr2.fragility.fragility_tables import remove_old_tables, save_fragility
 from vsr2.fragility.run import FragilityResult, is_fragility_finished, run_fragility
-from vsr2.fragility.settings import FragilitySettings, FragilityStudy, Jitter, load_fragility
+from vsr2.fragility.settings import (
+    FragilitySettings,
+    FragilityStudy,
+    Jitter,
+    fragility_schema,
+    load_fragility,
+)
 from vsr2.fragility.trials import PlannedTrial, fragility_trials
 
 __all__ = [
@@ -16,6 +22,7 @@ __all__ = [
     "Lognormal",
     "PlannedTrial",
     "fit_fragility",
+    "fragility_schema",
     "fragility_trials",
     "is_fragility_finished",
     "load_fragility",

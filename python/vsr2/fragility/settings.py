@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
 from vsr2.config.extended import ExtendedStudy, load_extended
 from vsr2.config.motion_source import AllRecordings, SingleRecording
+from vsr2.config.schema import extended_schema
 from vsr2.config.section import Real, Section
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
@@ -139,6 +140,11 @@ class FragilityKeys(Section):
 
 
 FragilityStudy = ExtendedStudy[FragilityKeys]
+
+
+def fragility_schema() -> dict[str, Any]:
+    """The JSON schema of a fragility study, for editors that check and complete YAML."""
+    return extended_schema(FragilityKeys, "VSR2 fragility study")
 
 
 def load_fragility(

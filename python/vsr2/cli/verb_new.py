@@ -1,0 +1,42 @@
+"""`vsr2 new`: a commented file to begin with."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from vsr2.cli.options import Overwrite, print_written, with_folder
+
+Template = Literal["block", "rock", "fragility", "calibration"]
+
+
+def new(template: Template, file: Path, /, *, overwrite: Overwrite = False) -> int:
+    """Write a commented file to begin with.
+
+    block: a block under cosine pulses, which runs as it is. rock: a scanned rock under the records
+    of a folder. fragility: the same, scaled to several PGAs. calibration: values that agree best
+    with a campaign. Beside the file goes the JSON Schema by which editors check and complete it.
+    `vsr2 config check FILE` tells what is still to be filled in.
+
+    Args:
+        template: what it is about
+        file: the .yaml file
+    """
+    from pydantic_core import to_json
+
+    from vsr2.cli.verb_config import json_schema
+    from vsr2.errors import ConfigError
+    from vsr2.results.atomic import write_text
+
+    if file.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{file}: is no name of a YAML file; end it in .yaml")
+    if file.exists() and not overwrite:
+        raise ConfigError(f"{file}: exists; choose another name, or add --overwrite")
+    kind = template if template in ("fragility", "calibration") else "study"
+    schema = with_folder(file).with_name(f"vsr2_{kind}.schema.json")
+    text = (files("vsr2.cli") / "templates" / f"{template}.yaml").read_text(encoding="utf-8")
+    write_text(schema, to_json(json_schema(kind), indent=2).decode() + "\n")
+    write_text(file, f"# yaml-language-server: $schema={schema.name}\n{text}")
+    print_written([file, schema])
+    return 0
