@@ -43,26 +43,26 @@ class HazardCurve(ReadOnlyArrays):
         for name in ("levels", "rates"):
             value = read_only(np.array(getattr(self, name), dtype=np.float64))
             object.__setattr__(self, name, value)
-        where = {"file": self.source or "hazard curve"}
+        file = self.source or "hazard curve"
         if self.levels.ndim != 1 or self.levels.shape != self.rates.shape or self.levels.size < 2:
             raise HazardError(
                 f"levels have shape {self.levels.shape} and rates {self.rates.shape}; give two or "
                 "more of both",
-                **where,
+                file=file,
             )
         sound = np.isfinite(self.levels) & np.isfinite(self.rates)
         if not (sound & (self.levels > 0) & (self.rates > 0)).all():
             raise HazardError(
                 "levels and rates must be finite and above 0; leave out levels that are never "
                 "exceeded",
-                **where,
+                file=file,
             )
         change = np.diff(self.rates)
         if not (np.diff(self.levels) > 0).all() or (change > 0).any():
-            raise HazardError("levels must rise and rates must not; sort them", **where)
+            raise HazardError("levels must rise and rates must not; sort them", file=file)
         if not (change[0] < 0 and change[-1] < 0):
             raise HazardError(
-                "the first two or last two rates are equal; leave out the outer level", **where
+                "the first two or last two rates are equal; leave out the outer level", file=file
             )
 
     @property

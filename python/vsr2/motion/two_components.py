@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
 from vsr2.motion.record import Record
-from vsr2.motion.units import STANDARD_GRAVITY
+from vsr2.motion.units import STANDARD_GRAVITY, Quantity
 
 STEP = 1.0
 """Between azimuths that RotD looks at [degree], as in Boore (2010)."""
@@ -43,13 +43,16 @@ def rotated(first: Record, second: Record, azimuth: float) -> Record:
         raise MotionError(f"azimuth {azimuth} must be finite [degree]", file=first.label)
     angle = math.radians(azimuth)
     cosine, sine = math.cos(angle), math.sin(angle)
+    turned = {
+        name: cosine * first.channels[name][:size] + sine * second.channels[name][:size]
+        for name in channels
+    }
     return Record(
         f"{first.name}_{azimuth:g}deg",
         first.sample_interval,
-        **{
-            name: cosine * first.channels[name][:size] + sine * second.channels[name][:size]
-            for name in channels
-        },
+        displacement=turned.get("displacement"),
+        velocity=turned.get("velocity"),
+        acceleration=turned.get("acceleration"),
         source=f"{first.label} and {second.label} at {azimuth:g} degrees",
     )
 
@@ -87,11 +90,12 @@ def rotd_pga_g(first: Record, second: Record) -> tuple[float, float]:
     from vsr2.motion.measures import kinematics
 
     size = _common(first, second)[1]
-    half, full = rotd(*(kinematics(one).acceleration[:size] for one in (first, second)))
+    along, across = (kinematics(one).acceleration[:size] for one in (first, second))
+    half, full = rotd(along, across)
     return float(half) / STANDARD_GRAVITY, float(full) / STANDARD_GRAVITY
 
 
-def _common(first: Record, second: Record) -> tuple[list[str], int]:
+def _common(first: Record, second: Record) -> tuple[list[Quantity], int]:
     """Channels and number of samples that both records have."""
     if not math.isclose(first.sample_interval, second.sample_interval, rel_tol=SAME_INTERVAL):
         raise MotionError(
