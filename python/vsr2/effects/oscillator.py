@@ -7,6 +7,7 @@ velocity and acceleration belong to one solution whatever the time step.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -67,8 +68,19 @@ def respond(
 
 def _states(omega: float, ratio: float, signal: Array, step: float) -> tuple[Array, Array, Array]:
     """z, z' and z'' of z'' + 2 zeta w z' + w^2 z = u from rest."""
-    from scipy.linalg import expm
     from scipy.signal import lfilter
+
+    numerators, denominator = _recursions(omega, ratio, step)
+    z, rate = (lfilter(numerator, denominator, signal) for numerator in numerators)
+    return z, rate, signal - 2 * ratio * omega * rate - omega**2 * z
+
+
+@lru_cache(maxsize=256)
+def _recursions(
+    omega: float, ratio: float, step: float
+) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
+    """Numerators of z and z', and their denominator: an oscillator serves many trials."""
+    from scipy.linalg import expm
 
     # The state (z, z') with an input linear over the step: exponential of the augmented matrix
     # (van Loan 1978, IEEE Trans. Autom. Control 23(3)).
@@ -82,15 +94,14 @@ def _states(omega: float, ratio: float, signal: Array, step: float) -> tuple[Arr
     trace, det = a[0, 0] + a[1, 1], a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
     # x[k+1] = A x[k] + (now - change) u[k] + change u[k+1], as one recursion for each component.
     old = now - change
-    out = []
+    numerators = []
     for row in range(2):
         other = 1 - row
         lead = change[row]
         first = old[row] - a[other, other] * change[row] + a[row, other] * change[other]
         second = a[row, other] * old[other] - a[other, other] * old[row]
-        out.append(lfilter([lead, first, second], [1.0, -trace, det], signal))
-    z, rate = out
-    return z, rate, signal - 2 * ratio * omega * rate - omega**2 * z
+        numerators.append((float(lead), float(first), float(second)))
+    return tuple(numerators), (1.0, float(-trace), float(det))
 
 
 def low_passed(path: Path, frequency: float, ratio: float, step: float) -> Kinematics:

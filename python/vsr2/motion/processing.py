@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -132,7 +133,7 @@ def band_pass(
         MotionError: `high` is at or above the Nyquist frequency, or `low` so low that the filter
             loses its digits.
     """
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
     nyquist = 0.5 / sample_interval
     if filter.high >= nyquist:
@@ -145,14 +146,24 @@ def band_pass(
             f"{name}: filter.low = {filter.low:g} Hz is below {MIN_RELATIVE_CORNER * nyquist:g} "
             "Hz, where the filter is not accurate; raise it, or set 0 for none"
         )
-    corners = [filter.low, filter.high] if filter.low > 0 else filter.high
-    kind = "bandpass" if filter.low > 0 else "lowpass"
-    sections = butter(filter.order, corners, kind, fs=1 / sample_interval, output="sos")
+    # scipy takes no array that cannot be written to; the kept one stays as it is.
+    sections = _sections(filter.order, filter.low, filter.high, sample_interval).copy()
     # scipy's own choice of padding, which needs a longer signal than the shortest records
     zeros = min((sections[:, 2] == 0).sum(), (sections[:, 5] == 0).sum())
     padding = min(int(3 * (2 * len(sections) + 1 - zeros)), signal.size - 1)
     filtered: Array = sosfiltfilt(sections, signal, padlen=padding)
     return filtered
+
+
+@lru_cache(maxsize=256)
+def _sections(order: int, low: float, high: float, sample_interval: float) -> Array:
+    """Butterworth's second-order sections: a filter serves many signals."""
+    from scipy.signal import butter
+
+    corners = [low, high] if low > 0 else high
+    kind = "bandpass" if low > 0 else "lowpass"
+    sections: Array = butter(order, corners, kind, fs=1 / sample_interval, output="sos")
+    return sections
 
 
 def integrate_velocity(
