@@ -18,7 +18,16 @@ from vsr2.calibration import Evaluation, EvaluationStore
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Request, Responses
 from vsr2.errors import ResultError
-from vsr2.results import FLOAT_COLUMNS, Journal, prepare_folder, read_journal
+from vsr2.results import (
+    FLOAT_COLUMNS,
+    INTEGER_COLUMNS,
+    TEXT_COLUMNS,
+    TRIAL_COLUMNS,
+    Journal,
+    batch_table,
+    prepare_folder,
+    read_journal,
+)
 from vsr2.results import store as store_module
 
 
@@ -226,6 +235,30 @@ def test_a_journal_is_read_beside_its_writer_and_not_overwritten(tmp_path) -> No
             prepare_folder(tmp_path, overwrite=True)
     with pytest.raises(ResultError, match="other trials"):
         read_journal(tmp_path, "plan", 4)
+
+
+def test_rows_of_a_journal_are_given_away_where_they_are_asked_for(tmp_path) -> None:
+    with Journal(tmp_path, "plan", 3) as journal:
+        for tilt in (1.0, 2.0):
+            journal.record(1, journal_row(tilt))
+    noted = []
+    with Journal(
+        tmp_path, "plan", 3, lambda i, row: noted.append((i, row["peak_tilt"]))
+    ) as journal:
+        assert noted == [(1, 1.0), (1, 2.0)]
+        assert journal.finished == {}
+
+
+@pytest.mark.parametrize("block", [1, 2, 5, 7])
+def test_a_table_is_the_same_in_parts_of_any_size(block, monkeypatch) -> None:
+    columns = {name: np.arange(5) / 3 for name in TRIAL_COLUMNS}
+    columns |= {name: np.arange(5) for name in INTEGER_COLUMNS}
+    columns |= {name: np.array(list('a,"\ne'), dtype=object) for name in TEXT_COLUMNS}
+    whole = list(batch_table.table_text(columns))
+    monkeypatch.setattr(batch_table, "_BLOCK", block)
+    parts = list(batch_table.table_text(columns))
+    assert "".join(parts) == "".join(whole)
+    assert (len(whole), len(parts)) == (2, 1 - (-5 // block))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,17 @@ from vsr2.errors import ResultError
 from vsr2.results.result import INTEGER_COLUMNS, OUTCOMES, STATUSES, TEXT_COLUMNS, TRIAL_COLUMNS
 
 _MAX_TEXT_FILE = 2**31
+_BLOCK = 4096
+"""Rows that are made into text at once: as text a row takes ten times its memory."""
 
 
-def table_text(trials: Mapping[str, NDArray[Any]]) -> str:
-    """The table of a result, columns TRIAL_COLUMNS, as CSV."""
-    columns = [_column_text(name, trials[name]) for name in TRIAL_COLUMNS]
-    rows = [",".join(row) for row in zip(*columns, strict=True)]
-    return "\n".join([",".join(TRIAL_COLUMNS), *rows]) + "\n"
+def table_text(trials: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+    """The table of a result, columns TRIAL_COLUMNS, as CSV, in parts of some rows each."""
+    yield ",".join(TRIAL_COLUMNS) + "\n"
+    for start in range(0, len(trials["trial"]), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        columns = [_column_text(name, trials[name][rows]) for name in TRIAL_COLUMNS]
+        yield "".join(",".join(row) + "\n" for row in zip(*columns, strict=True))
 
 
 def _column_text(name: str, column: NDArray[Any]) -> list[str]:

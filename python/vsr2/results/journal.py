@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +43,10 @@ _KIND = StoreKind(
 )
 
 
+Note = Callable[[int, dict[str, Any]], None]
+"""Takes index and row of a finished trial."""
+
+
 class Journal(Store):
     """Finished trials of one plan, on disk.
 
@@ -50,20 +54,23 @@ class Journal(Store):
         folder: of the result; made ready by :func:`vsr2.results.prepare_folder`.
         plan: hash of everything the trials depend on; a journal of another plan is refused.
         trials: number of trials of the plan.
+        note: called with each row that is there at the start, of which the last one of a trial
+            counts; None: they are kept in `finished`, at about 2 kB a row.
 
     Attributes:
-        finished: rows by trial index that were there at the start.
+        finished: rows by trial index that were there at the start, unless `note` took them.
 
     Raises:
         ResultError: as of :class:`vsr2.results.store.Store`.
     """
 
-    def __init__(self, folder: str | os.PathLike[str], plan: str, trials: int) -> None:
+    def __init__(
+        self, folder: str | os.PathLike[str], plan: str, trials: int, note: Note | None = None
+    ) -> None:
         self.finished: dict[int, dict[str, Any]] = {}
         identity = {"plan": plan, "trials": trials}
-        super().__init__(
-            Path(folder) / JOURNAL_FILE, _KIND, identity, _taker(self.finished, trials)
-        )
+        take = _taker(note or self.finished.__setitem__, trials)
+        super().__init__(Path(folder) / JOURNAL_FILE, _KIND, identity, take)
 
     def record(
         self, trial: int, row: Mapping[str, Any], log: Mapping[str, Any] | None = None
@@ -81,13 +88,13 @@ class Journal(Store):
         self.add({**{name: row[name] for name in RESULT_COLUMNS}, "trial": trial, "log": log})
 
 
-def _taker(finished: dict[int, dict[str, Any]], trials: int) -> Take:
+def _taker(note: Note, trials: int) -> Take:
     def take(row: dict[str, Any]) -> None:
         trial = row["trial"]
         if type(trial) is not int or not 0 <= trial < trials:
             raise ValueError(f"trial {trial!r}")
         _check_row(row)
-        finished[trial] = row
+        note(trial, row)
 
     return take
 
@@ -133,7 +140,7 @@ def read_journal(
     if not path.exists():
         raise ResultError(f"{path}: does not exist; no run was started in this folder")
     finished: dict[int, dict[str, Any]] = {}
-    read_store(path, _KIND, {"plan": plan, "trials": trials}, _taker(finished, trials))
+    read_store(path, _KIND, {"plan": plan, "trials": trials}, _taker(finished.__setitem__, trials))
     return finished
 
 

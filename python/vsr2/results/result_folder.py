@@ -240,7 +240,8 @@ def save_result(
             save_trial_log(path, i, log, npy=npy)
     logged = [i for i in range(len(result)) if _numbered(path, LOG_FOLDER, i, "npz").exists()]
     text = _provenance_text(result, logged)
-    write_text(path / TRIALS_FILE, table_text(result.trials), errors="surrogateescape")
+    table = (part.encode("utf-8", "surrogateescape") for part in table_text(result.trials))
+    write_atomic(path / TRIALS_FILE, lambda file: file.writelines(table))
     write_text(path / PROVENANCE_FILE, text)
     return path
 

@@ -7,6 +7,7 @@ import logging
 import math
 import os
 import signal
+import sys
 import threading
 import time
 from collections import Counter
@@ -52,6 +53,8 @@ from vsr2.trial import Observation, Trial
 if TYPE_CHECKING:
     import distributed
 
+_LOST, _WHOLE = 1, 2
+"""What a journal holds of a trial: a row whose log is lost, or all of it."""
 _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
 OBSERVED = tuple(field.name for field in fields(Observation))
@@ -109,8 +112,8 @@ def run_batch(
     collection = _Collection(trials, out=out, keep_logs=keep_logs, on_trial=on_trial)
     with contextlib.ExitStack() as stack:
         if checkpoint is not None:
-            journal = Journal(checkpoint, plan_sha256(trials), len(trials))
-            collection.resume(stack.enter_context(journal), Path(checkpoint))
+            journal = collection.journal(Path(checkpoint), plan_sha256(trials))
+            collection.resume(stack.enter_context(journal))
         pending = collection.pending
         waiting = [trials[i] for i in pending]
         bar = stack.enter_context(_bar(len(trials), len(pending), progress))
@@ -227,34 +230,44 @@ class _Collection:
         self._on_trial = on_trial
         self._journal: Journal | None = None
         self._folder = Path()
+        self._noted = np.zeros(len(trials), np.int8)
         for array in self._out.values():
             array.fill(np.nan)
 
-    def resume(self, journal: Journal, folder: Path) -> None:
-        """Take over what the journal holds, and keep it from now on."""
-        self._journal, self._folder = journal, folder
+    def journal(self, folder: Path, plan: str) -> Journal:
+        """The journal of these trials; the rows that it holds are taken over as they are read."""
+        self._folder = folder
+        return Journal(folder, plan, len(self._trials), self._note)
+
+    def _note(self, i: int, row: Mapping[str, Any]) -> None:
         # A log that was lost or cut short since is made again, with its trial.
-        kept = {i: row for i, row in journal.finished.items() if log_mark(folder, i) == row["log"]}
-        lost = len(journal.finished) - len(kept)
+        self._noted[i] = _LOST if log_mark(self._folder, i) != row["log"] else _WHOLE
+        if self._noted[i] == _WHOLE:
+            self._fill(i, row)
+
+    def resume(self, journal: Journal) -> None:
+        """Go on from what the journal held, and keep it from now on."""
+        self._journal, folder = journal, self._folder
+        lost = int((self._noted == _LOST).sum())
         if lost:
             _logger.warning("%s: %d finished trials are run again: log lost", folder, lost)
-        for i, row in kept.items():
-            for name in RESULT_COLUMNS:
-                self.columns[name][i] = row[name]
-            if self._out:
-                logged = "state" in self._out and self._trials[i].output.log_every > 0
-                _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
-        self.pending = [i for i in self.pending if i not in kept]
+        for i in np.flatnonzero(self._noted == _WHOLE).tolist() if self._out else ():
+            logged = "state" in self._out and self._trials[i].output.log_every > 0
+            _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
+        self.pending = np.flatnonzero(self._noted != _WHOLE).tolist()
         remove_temporaries(folder)
         require_space(
             folder,
             sum(2 * _ROW_BYTES + log_bytes(self._trials[i], least=True) for i in self.pending),
         )
 
+    def _fill(self, i: int, row: Mapping[str, Any]) -> None:
+        for name in RESULT_COLUMNS:
+            self.columns[name][i] = _kept(row[name])
+
     def take(self, i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
         """Take in a finished trial."""
-        for name in RESULT_COLUMNS:
-            self.columns[name][i] = row[name]
+        self._fill(i, row)
         _copy_out(self._out, i, self.columns, log)
         if self._journal is None:
             if self._keep_logs:
@@ -267,6 +280,11 @@ class _Collection:
             self._journal.record(i, row, mark)
         if self._on_trial is not None:
             self._on_trial(i, log)
+
+
+def _kept(value: Any) -> Any:
+    """A word is kept once, not once a trial."""
+    return sys.intern(value) if isinstance(value, str) else value
 
 
 def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
