@@ -53,7 +53,7 @@ from vsr2.trial import Observation, Trial
 if TYPE_CHECKING:
     import distributed
 
-_LOST, _WHOLE = 1, 2
+_LOST, _COMPLETE = 1, 2
 """What a journal holds of a trial: a row whose log is lost, or all of it."""
 _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
@@ -241,8 +241,8 @@ class _Collection:
 
     def _note(self, i: int, row: Mapping[str, Any]) -> None:
         # A log that was lost or cut short since is made again, with its trial.
-        self._noted[i] = _LOST if log_mark(self._folder, i) != row["log"] else _WHOLE
-        if self._noted[i] == _WHOLE:
+        self._noted[i] = _LOST if log_mark(self._folder, i) != row["log"] else _COMPLETE
+        if self._noted[i] == _COMPLETE:
             self._fill(i, row)
 
     def resume(self, journal: Journal) -> None:
@@ -251,10 +251,10 @@ class _Collection:
         lost = int((self._noted == _LOST).sum())
         if lost:
             _logger.warning("%s: %d finished trials are run again: log lost", folder, lost)
-        for i in np.flatnonzero(self._noted == _WHOLE).tolist() if self._out else ():
+        for i in np.flatnonzero(self._noted == _COMPLETE).tolist() if self._out else ():
             logged = "state" in self._out and self._trials[i].output.log_every > 0
             _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
-        self.pending = np.flatnonzero(self._noted != _WHOLE).tolist()
+        self.pending = np.flatnonzero(self._noted != _COMPLETE).tolist()
         remove_temporaries(folder)
         require_space(
             folder,
