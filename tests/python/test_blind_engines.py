@@ -67,7 +67,7 @@ def test_rocks_that_an_engine_cannot_simulate_are_refused(study, tmp_path) -> No
         build_engine("bullet", meshed)
     with pytest.raises(BlindError, match="not known"):
         build_engine("ode", study)
-    assert build_engine("mujoco", study).static_pga == pytest.approx(9.80665 * 0.4 / 0.95)
+    assert build_engine("mujoco", study).static_acceleration == pytest.approx(9.80665 * 0.4 / 0.95)
 
 
 @pytest.mark.parametrize("name", ["mujoco", "bullet"])

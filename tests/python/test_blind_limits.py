@@ -245,7 +245,7 @@ def test_the_key_holds_the_signal_on_the_campaigns_own_protocol(quick, study, tm
     settings = TypeAdapter(PackSettings).validate_python(key["settings"])
     seed = int(key["seed"])
     motions = catalogue(seed, settings.catalogue)
-    thresholds = read_json(tmp_path / "key" / "steps.json")["overturning_pga"]
+    thresholds = read_json(tmp_path / "key" / "steps.json")["overturning_acceleration"]
     meters = []
     for i in range(2):
         rng = np.random.default_rng([seed, 402, i])

@@ -54,8 +54,9 @@ def study(tmp_path: Path) -> Path:
 
 def test_all_verbs_are_there() -> None:
     assert set(VERBS) == {
-        *("new", "run", "view", "inertia", "calibrate", "fragility", "diagnose"),
+        *("new", "run", "view", "inertia", "calibrate", "fragility", "hazard", "diagnose"),
         *("motion", "motion info", "motion convert", "motion generate", "motion fuse"),
+        "motion rotate",
         *("campaign", "campaign import-lab", "campaign check", "campaign info"),
         *(
             "campaign simulate",

@@ -159,7 +159,8 @@ VERBS: dict[tuple[str, ...], Callable[..., object]] = {
 }
 WITHOUT_A_SCENE = {
     ("view",), ("inertia",), ("motion", "info"), ("motion", "convert"), ("motion", "generate"),
-    ("motion", "fuse"), ("campaign", "import-lab"), ("campaign", "check"), ("campaign", "info"),
+    ("motion", "fuse"), ("motion", "rotate"), ("hazard",), ("new",),
+    ("campaign", "import-lab"), ("campaign", "check"), ("campaign", "info"),
     ("effects", "list"), ("effects", "show"), ("effects", "check"), ("blind", "score"),
     ("config", "import-ros2"), ("config", "reference"), ("config", "schema"),
 }  # fmt: skip

@@ -134,7 +134,7 @@ def studies() -> list[tuple[str, dict]]:
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
         for block in re.findall(r"^```yaml\n(.*?)^```", text, re.M | re.S):
-            mapping = yaml.safe_load(block)
+            mapping = yaml.safe_load(block) or {}  # A block may be one comment.
             if {"rock", "motion"} <= set(mapping):
                 found.append((page.name, mapping))
     return found

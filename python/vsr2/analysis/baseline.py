@@ -13,6 +13,7 @@ from vsr2.analysis.bootstrap import Interval, classification_intervals
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
+from vsr2.motion import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -125,8 +126,10 @@ def logistic_probability(
         C=LOGISTIC.prior_width**2, max_iter=LOGISTIC.iterations, tol=LOGISTIC.tolerance
     )
     model.fit((terms - center) / spread, truth)
-    probability: Array = model.predict_proba((wanted - center) / spread)[:, 1]
-    return probability
+    probability = model.predict_proba((wanted - center) / spread)[:, 1]
+    # Far from all fitted trials it rounds to 1, for which no score holds.
+    least = float(np.finfo(np.float64).eps)
+    return np.asarray(np.clip(probability, least, 1 - least))
 
 
 def _terms(pga: ArrayLike, pgv_pga: ArrayLike) -> Array:
@@ -164,7 +167,9 @@ def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> 
             "trials.csv pga_g and pgv_pga_s, or motions"
         )
     chosen = campaign.select(used)
-    pga, ratio, truth = measures.pga_g[used], measures.pgv_pga[used], chosen.overturned == 1
+    ratio, truth = measures.pgv_pga[used], chosen.overturned == 1
+    # In m/s^2, as in the published figures: the prior is of squares, too, and so of the unit.
+    pga = measures.pga_g[used] * STANDARD_GRAVITY
     fold = motion_folds(chosen, folds, seed)
     out_of_fold = np.full(truth.size, np.nan)
     for left_out in range(folds):
