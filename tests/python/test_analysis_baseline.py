@@ -13,6 +13,7 @@ from vsr2.analysis.baseline import (
     peer_columns,
 )
 from vsr2.errors import CampaignError, ResultError
+from vsr2.motion import STANDARD_GRAVITY
 from vsr2.report.messages.commands import baseline_table
 
 
@@ -78,7 +79,7 @@ def test_out_of_fold_never_sees_the_motion():
         lambda t: replace(t, overturned=t.overturned ^ bool(base.fold[t.order] == 0)),
     )
     # The folds of the turned campaign may differ, so each is predicted by hand.
-    pga = np.array([t.pga_g for t in campaign.trials])
+    pga = np.array([t.pga_g for t in campaign.trials]) * STANDARD_GRAVITY
     ratio = np.array([t.pgv_pga for t in campaign.trials])
     for k in range(4):
         test = base.fold == k
