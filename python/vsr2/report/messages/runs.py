@@ -108,9 +108,9 @@ def history_caption(trial: str) -> str:
 def tracking_caption(trials: Iterable[str]) -> str:
     """What a tracking figure shows, of trials by :func:`trial_name`."""
     return (
-        "Commanded against actual pedestal motion (supplement Fig. S1): position [m], power spectral "
-        "density of both accelerations and, unless the drive prescribes the motion, error "
-        f"[mm], gain and phase [deg] against frequency [Hz]; {', '.join(trials)}"
+        "Commanded against actual pedestal motion (supplement Fig. S1): position [m], power "
+        "spectral density of both accelerations and, unless the drive prescribes the motion, "
+        f"error [mm], gain and phase [deg] against frequency [Hz]; {', '.join(trials)}"
     )
 
 
