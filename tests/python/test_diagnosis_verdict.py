@@ -161,15 +161,22 @@ POSTERIOR = SimpleNamespace(
 )
 
 
-def found(*given, outside=0.0):
+def found(*given, outside=0.0, fit=1.0):
     """What is left over is none's."""
     p = np.zeros(len(SETS))
     for *names, value in given:
         p[SETS.index(names)] = value
     p[-1] = outside
     p[0] = 1 - p.sum()
-    limits = {"none_limit": LEVELS.none_limit, "least": LEVELS.least_name, "alike": ALIKE}
-    return SimpleNamespace(probability=p, naming=decide(candidates(p, SETS, ALIKE), **limits))
+    limits = {
+        "none_limit": LEVELS.none_limit,
+        "least": LEVELS.least_name,
+        "alike": ALIKE,
+        "fit": fit,
+    }
+    return SimpleNamespace(
+        probability=p, fit=fit, naming=decide(candidates(p, SETS, ALIKE), **limits)
+    )
 
 
 @pytest.mark.parametrize(
@@ -179,6 +186,15 @@ def found(*given, outside=0.0):
         (found(("wear", 0.6)), "none", (), ["no_gap", "none_less_probable"]),
         (found(outside=0.6), "none", (), ["no_gap", "none_less_probable"]),
         (found(("wear", 0.9)), "effect", ("wear",), ["gap", "name_reached"]),
+        (
+            found(("wear", 0.9), fit=0.005),
+            "effect",
+            ("wear",),
+            ["gap", "misfit", "name_reached"],
+        ),
+        (found(("wear", 0.2), fit=0.02), "none", (), ["no_gap"]),
+        (found(("wear", 0.6), fit=0.005), "effect", ("wear",), ["misfit", "name_reached"]),
+        (found(outside=0.3, fit=0.005), "unknown", (), ["misfit", "outside_outweighs"]),
         (
             found(("com_offset", 0.85), ("base_slope", 0.1)),
             "class",

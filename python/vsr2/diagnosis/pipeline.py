@@ -165,7 +165,7 @@ def diagnose_with(
             for one in references
         ]
         none = [float(one.probability[0]) for one in alike]
-        posterior = posterior.with_references(none)
+        posterior = posterior.with_references(alike)
         found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
         work.notify(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)

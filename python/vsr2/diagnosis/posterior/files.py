@@ -20,7 +20,7 @@ from vsr2.diagnosis.simulated.library import Library
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 5
+FORMAT = 6
 """Of the file, and of what features are: a posterior of another form is trained again."""
 
 
@@ -42,6 +42,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "centre": posterior.centre,
         "scale": posterior.scale,
         "gap_free": posterior.gap_free,
+        "discrepancies": posterior.discrepancies,
         "residuals": posterior.parameters.residuals,
     }
     for k, network in enumerate(posterior.networks):
@@ -112,6 +113,7 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
                 ),
                 alike=declared_alike(library),
                 gap_free=file["gap_free"],
+                discrepancies=file["discrepancies"],
                 campaigns=about["campaigns"],
             )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:

@@ -45,11 +45,14 @@ class NamingConstants:
         outside: probability, given a gap, from which a cause outside the library outweighs.
         second: probability of two effects or more, given a gap, from which a name says that a
             second is likely.
+        misfit: tail probability among simulated campaigns without effect below which there is a
+            gap, whatever the posterior says.
     """
 
     classes: int = 3
     outside: float = 0.5
     second: float = 0.5
+    misfit: float = 0.01
 
 
 NAMING = NamingConstants()
@@ -193,11 +196,17 @@ def _frozen(findings: list[list[int]]) -> Findings:
 
 
 def decide(
-    found: Candidates, *, none_limit: float, least: float, alike: NDArray[np.bool_]
+    found: Candidates,
+    *,
+    none_limit: float,
+    least: float,
+    alike: NDArray[np.bool_],
+    fit: float = 1.0,
 ) -> Naming:
     """What is said.
 
-    None is said unless its probability is below what one gap-free campaign in twenty has. A cause
+    None is said unless its probability is below what one gap-free campaign in twenty has, or the
+    campaign does not fit simulations without effect. A cause
     outside the library is said where it outweighs. Else the most causes are named that act together
     with the probability `least`, given a gap; each is an effect or effects that are declared alike.
     Else the smallest set of effects is named of which one acts with that probability. Where the
@@ -208,8 +217,9 @@ def decide(
         none_limit: 5 % point of the probability of none over gap-free campaigns.
         least: probability that a name must have, given a gap.
         alike: effects declared alike, shape (effects, effects).
+        fit: tail probability among simulated campaigns without effect.
     """
-    if found.none >= none_limit:
+    if found.none >= none_limit and fit >= NAMING.misfit:
         return Naming(VerdictKind.NONE, (), found.none)
     if found.outside > NAMING.outside:
         return Naming(VerdictKind.UNKNOWN, (), found.outside)

@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import disturbed
+from vsr2.diagnosis.posterior.goodness_of_fit import (
+    discrepancy,
+    fit_probability,
+    gap_free_discrepancies,
+)
 from vsr2.diagnosis.posterior.naming import Naming, VerdictKind, candidates, decide, is_wrong
 from vsr2.diagnosis.posterior.network import Network, train_network
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
@@ -104,12 +109,14 @@ class Found:
         probability: of every set, shape (sets,).
         residuals: standardised, shape (columns,).
         summaries: shape (summaries,).
+        fit: tail probability of the campaign among simulated ones without effect.
         naming: what is said.
     """
 
     probability: Array
     residuals: Array
     summaries: Array
+    fit: float
     naming: Naming
 
 
@@ -126,7 +133,9 @@ class Posterior:
         parameters: of effects.
         alike: which effects are declared alike, shape (effects, effects).
         gap_free: residuals of campaigns without effect, disturbed, shape (n, columns).
+        discrepancies: of campaigns without effect, disturbed and held out, rising, shape (n,).
         campaigns: number that it was trained on.
+        excused: discrepancy up to which campaigns fit, as those of references do.
     """
 
     sets: Sets
@@ -139,7 +148,9 @@ class Posterior:
     parameters: Parameters
     alike: Bools
     gap_free: Array
+    discrepancies: Array
     campaigns: int
+    excused: float = 0.0
 
     @one_blas_thread()
     def infer(self, overturned: Array, features: Array, excluded: Collection[str] = ()) -> Found:
@@ -156,25 +167,30 @@ class Posterior:
         inputs = network_inputs(self, summaries, allowed)
         logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
         probability = pooled(logs, self.levels.temperature)
+        size = float(discrepancy(residuals[0]))
+        fit = 1.0 if size <= self.excused else fit_probability(size, self.discrepancies)
         said = decide(
             candidates(probability, self.sets, self.alike),
             none_limit=self.levels.none_limit,
             least=self.levels.least_name,
             alike=self.alike,
+            fit=fit,
         )
-        return Found(probability, residuals[0], summaries[0], said)
+        return Found(probability, residuals[0], summaries[0], fit, said)
 
-    def with_references(self, none: Sequence[float]) -> Posterior:
+    def with_references(self, references: Sequence[Found]) -> Posterior:
         """The same, where campaigns that have no effect are known.
 
-        None is said of whatever has at least the probability of none that one of them has: so
-        little comes without an effect.
+        Whatever has at least the probability of none that one of them has is no gap by the
+        posterior, and whatever fits at least as well as one of them fits: so little comes without
+        an effect.
 
         Args:
-            none: probability of none that each of them has.
+            references: inference on each of them.
         """
-        limit = min([self.levels.none_limit, *none])
-        return replace(self, levels=replace(self.levels, none_limit=limit))
+        none = min([self.levels.none_limit, *(float(one.probability[0]) for one in references)])
+        excused = max([self.excused, *(float(discrepancy(one.residuals)) for one in references)])
+        return replace(self, levels=replace(self.levels, none_limit=none), excused=excused)
 
 
 def pooled(log_probability: Array, temperature: float) -> Array:
@@ -262,7 +278,7 @@ def train(
     return Posterior(
         sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,
         fit_parameters(library, campaigns, residuals[1]),
-        truth.alike, disturbed_plain, len(campaigns),
+        truth.alike, disturbed_plain, gap_free_discrepancies(copies, plain, fold), len(campaigns),
     )  # fmt: skip
 
 

@@ -127,6 +127,7 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
     how_far = evidence.how_far
     return {
         "state": str(evidence.verdict.gap),
+        "fit": evidence.found.fit,
         "effects": list(how_far.names),
         **{name: how_far.mean(name).to_json() for name in (Loss.BEFORE, Loss.AFTER, Loss.FLOOR)},
         "excess": how_far.excess(Loss.BEFORE).to_json(),

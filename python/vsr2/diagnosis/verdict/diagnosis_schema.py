@@ -91,9 +91,13 @@ class _Layers(_Part):
 
 
 class _Gap(_Part):
-    """Losses a trial [nat], and what they say together."""
+    """Losses a trial [nat], and what they say together.
+
+    `fit`: tail probability of the campaign among simulated ones without effect.
+    """
 
     state: GapState
+    fit: Share
     effects: list[str]
     before: _Estimate
     after: _Estimate

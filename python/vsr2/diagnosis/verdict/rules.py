@@ -60,7 +60,12 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
             favoured = tuple(n for n, m in zip(posterior.sets.names, held, strict=True) if m)
             reasons.append(Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=favoured))
         return Verdict(said.kind, (), none, GapState.NOT_FOUND, tuple(reasons))
-    reasons = [Statement.of(ReasonCode.GAP, **against_none)]
+    reasons = []
+    if none < levels.none_limit:
+        reasons.append(Statement.of(ReasonCode.GAP, **against_none))
+    if found.fit < NAMING.misfit:
+        misfit = {"fit": found.fit, "limit": NAMING.misfit, "none": none}
+        reasons.append(Statement.of(ReasonCode.MISFIT, **misfit))
     reached = {"probability": probability, "wanted": levels.least_name}
     match said.kind:
         case VerdictKind.UNKNOWN:

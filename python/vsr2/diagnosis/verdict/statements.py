@@ -35,6 +35,8 @@ class ReasonCode(Code):
     NONE_LESS_PROBABLE = "none_less_probable", {"favoured": NAMES}
     """`favoured`: effects; none: a cause outside the library."""
     GAP = "gap", {"none": float, "limit": float}
+    MISFIT = "misfit", {"fit": float, "limit": float, "none": float}
+    """`fit`: tail probability of the campaign among simulated ones without effect."""
     NAME_REACHED = "name_reached", {"probability": float, "wanted": float}
     TOGETHER_REACHED = "together_reached", {"probability": float, "wanted": float}
     SECOND_EFFECT_LIKELY = "second_effect_likely", {"probability": float}

@@ -1,0 +1,86 @@
+"""Goodness of fit of the model without effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vsr2.diagnosis.posterior.goodness_of_fit import (
+    discrepancy,
+    fit_probability,
+    gap_free_discrepancies,
+)
+from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard
+
+TRIALS = 60
+CHANCE = np.linspace(0.02, 0.98, TRIALS)
+
+
+def outcomes(count, rng, chance=CHANCE):
+    return (rng.random((count, TRIALS)) < chance).astype(float)
+
+
+def blank(overturned):
+    return np.zeros((*overturned.shape, 0))
+
+
+def simulated(seed, count=400, chance=CHANCE):
+    """Campaigns of coins, half of them with another chance: copies, which are gap-free, folds."""
+    rng = np.random.default_rng(seed)
+    plain = np.arange(count) % 2 == 0
+    effects = np.where(plain[:, None], chance, 1 - chance)
+    copies = []
+    for _ in range(3):
+        made = (rng.random((count, TRIALS)) < effects).astype(float)
+        copies.append((made, blank(made)))
+    return copies, plain, np.arange(count) % SUMMARY.folds
+
+
+def test_a_tail_probability_counts_the_observed_campaign() -> None:
+    known = np.array([1.0, 2.0, 3.0, 4.0])
+    assert [fit_probability(x, known) for x in (0.5, 2.0, 2.5, 9.0)] == [1.0, 0.8, 0.6, 0.2]
+    assert fit_probability(9.0, np.zeros(0)) == 1.0
+
+
+def test_the_discrepancy_is_a_mean_square() -> None:
+    assert discrepancy(np.array([[3.0, 4.0], [0.0, 1.0]])) == pytest.approx([12.5, 0.5])
+
+
+def test_campaigns_without_effect_are_standardised_by_others() -> None:
+    """A trial that overturns in one campaign alone is rare by the others, not by itself."""
+    copies, plain, fold = simulated(0, count=20, chance=np.full(TRIALS, 1e-9))
+    for outcome, _ in copies:
+        outcome[0, 0] = 1.0
+    own = gap_free_discrepancies(copies, plain, fold)
+    all_of_them = Standard.of(
+        np.concatenate([o for o, _ in copies]),
+        np.concatenate([f for _, f in copies]),
+        np.tile(plain, len(copies)),
+    )
+    within = discrepancy(all_of_them.residuals(copies[1][0][:1], copies[1][1][:1]))[0]
+    assert own[-1] > 1.5 * within
+    assert own.size == 2 * plain.sum()
+    assert (np.diff(own) >= 0).all()
+
+
+def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
+    known = gap_free_discrepancies(*simulated(1))
+    copies, plain, _ = simulated(1)
+    standard = Standard.of(
+        np.concatenate([o for o, _ in copies]),
+        np.concatenate([f for _, f in copies]),
+        np.tile(plain, len(copies)),
+    )
+    rng = np.random.default_rng(2)
+
+    def shares(chance):
+        made = outcomes(400, rng, chance)
+        sizes = discrepancy(standard.residuals(made, blank(made)))
+        p = np.array([fit_probability(float(one), known) for one in sizes])
+        return (p < 0.01).mean(), p.mean()
+
+    rejected, mean = shares(CHANCE)
+    # Of 400 at 1 %: 4, with a standard deviation of 2, and as much from 400 known ones.
+    assert rejected < 0.03
+    assert mean == pytest.approx(0.5, abs=0.06)
+    assert shares(1 - CHANCE)[0] == 1.0
