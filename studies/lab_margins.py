@@ -50,7 +50,13 @@ CHANNELS = ("displacement", "acceleration")
 
 
 def margins_of(
-    campaign: Path, scene: Path, out: Path, *, replicates: int, threads: int
+    campaign: Path,
+    scene: Path,
+    out: Path,
+    *,
+    replicates: int,
+    threads: int,
+    priors: tuple[tuple[str, str, float, float], ...] = WIDE,
 ) -> tuple[Prediction, SceneSimulator, tuple[Nuisance, ...]]:
     """Margins of a specimen's trials under the wide priors; records take turns.
 
@@ -60,6 +66,7 @@ def margins_of(
         out: folder of simulations, which a later run reuses.
         replicates: draws of the priors.
         threads: of the simulations.
+        priors: effect, parameter and ends of what is drawn.
 
     Returns:
         The prediction, a simulator that tells what was drawn, and the wide priors.
@@ -71,7 +78,7 @@ def margins_of(
     ]
     wide = tuple(
         Nuisance(effect(name), parameter, Uniform(low, high), label=f"{name}_{parameter}")
-        for name, parameter, low, high in WIDE
+        for name, parameter, low, high in priors
     )
     # Correct contact models differ by less than what is drawn here, and cost twice the time.
     nuisances = (*wide, *with_deviations({"friction": FRICTION}))

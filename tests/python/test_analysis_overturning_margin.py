@@ -100,7 +100,7 @@ def test_slopes_of_the_fit_are_those_of_differences() -> None:
     rng = np.random.default_rng(3)
     given = margin + 0.2 * rng.standard_normal((3, 60))
     given[1, :20] = np.nan
-    found = _fitted(given, ends > 0.5, 1.0)
+    found = _fitted(given, ends > 0.5, 1.0, biased=True)
     # At the optimum no change of any weight raises the posterior: the slope is right.
     theta = np.log(np.array(found.weights))
     theta -= theta.mean()
@@ -115,3 +115,11 @@ def test_slopes_of_the_fit_are_those_of_differences() -> None:
         step = np.eye(3)[k] * 1e-4
         slope = (cost(theta + step) - cost(theta - step)) / 2e-4
         assert slope == pytest.approx(0.0, abs=0.02)
+
+
+def test_without_a_bias_the_scatter_takes_what_a_bias_explains() -> None:
+    margin, ends = planted(400, 0.4, 0.1)
+    free, held = (fit_margin_model(margin, ends, biased=b) for b in (True, False))
+    assert free.bias == pytest.approx(0.4, abs=0.1)
+    assert held.bias == 0.0
+    assert held.scatter > 1.5 * free.scatter

@@ -88,7 +88,11 @@ class MarginModel:
 
 
 def fit_margin_model(
-    margins: ArrayLike, overturned: ArrayLike, motions: ArrayLike | None = None
+    margins: ArrayLike,
+    overturned: ArrayLike,
+    motions: ArrayLike | None = None,
+    *,
+    biased: bool = True,
 ) -> MarginModel:
     """The most probable bias, scatter and weights.
 
@@ -101,6 +105,7 @@ def fit_margin_model(
         margins: of each trial, NaN where a simulation failed, shape (replicates, trials).
         overturned: 1 or 0, NaN where unknown, shape (trials,).
         motions: ground motion of each trial, shape (trials,); None: weights are equal.
+        biased: whether the real motion may be stronger or weaker; else the bias is 0.
     """
     given, ends = np.asarray(margins, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
     known = np.isfinite(ends) & np.isfinite(given).any(axis=0)
@@ -115,14 +120,14 @@ def fit_margin_model(
             fold = grouped_folds(groups, fell.astype(float), folds)
             losses = [
                 sum(
-                    _loss(_fitted(given[:, fold != k], fell[fold != k], one),
+                    _loss(_fitted(given[:, fold != k], fell[fold != k], one, biased=biased),
                           given[:, fold == k], fell[fold == k])
                     for k in range(folds)
                 )
                 for one in MARGIN.tilts
             ]  # fmt: skip
             tilt = MARGIN.tilts[int(np.argmin(losses))]
-    return _fitted(given, fell, tilt)
+    return _fitted(given, fell, tilt, biased=biased)
 
 
 def _loss(model: MarginModel, margins: Array, fell: NDArray[np.bool_]) -> float:
@@ -130,15 +135,16 @@ def _loss(model: MarginModel, margins: Array, fell: NDArray[np.bool_]) -> float:
     return float(-np.log(np.where(fell, p, 1 - p)).sum())
 
 
-def _fitted(margins: Array, fell: NDArray[np.bool_], tilt: float) -> MarginModel:
+def _fitted(margins: Array, fell: NDArray[np.bool_], tilt: float, *, biased: bool) -> MarginModel:
     from scipy.optimize import minimize
     from scipy.special import softmax
 
     count = len(margins) if tilt > 0 else 0
+    width = MARGIN.bias if biased else 0.0
 
     def model(theta: Array) -> MarginModel:
         weights = tuple(softmax(tilt * theta[2:]).tolist()) if count else ()
-        return MarginModel(MARGIN.bias * theta[0], _scatter(theta[1]), weights)
+        return MarginModel(width * theta[0], _scatter(theta[1]), weights)
 
     def cost(theta: Array) -> tuple[float, Array]:
         made = model(theta)
@@ -148,7 +154,7 @@ def _fitted(margins: Array, fell: NDArray[np.bool_], tilt: float) -> MarginModel
         slope = np.where(fell, -1 / p, 1 / (1 - p)) * (1 - MARGIN.lapse)
         slope *= np.exp(-0.5 * u**2) / np.sqrt(2 * np.pi)
         found = theta.copy()
-        found[0] += MARGIN.bias * slope.sum() / made.scatter
+        found[0] += width * slope.sum() / made.scatter
         found[1] -= MARGIN.spread * (slope * u).sum()
         if count:
             # A trial's mean is over what is known of it.
@@ -166,7 +172,12 @@ def _scatter(z: float) -> float:
 
 
 def out_of_fold_probability(
-    margins: ArrayLike, overturned: ArrayLike, motions: ArrayLike, folds: int
+    margins: ArrayLike,
+    overturned: ArrayLike,
+    motions: ArrayLike,
+    folds: int,
+    *,
+    biased: bool = True,
 ) -> Array:
     """Probability of each trial by a model fitted to the trials of other motions.
 
@@ -175,6 +186,7 @@ def out_of_fold_probability(
         overturned: 1 or 0, NaN where unknown, shape (trials,).
         motions: ground motion of each trial, shape (trials,).
         folds: groups of motions.
+        biased: as for :func:`fit_margin_model`.
 
     Returns:
         Shape (trials,).
@@ -185,6 +197,6 @@ def out_of_fold_probability(
     out = np.zeros(ends.size)
     for k in np.unique(fold):
         other = fold != k
-        model = fit_margin_model(given[:, other], ends[other], groups[other])
+        model = fit_margin_model(given[:, other], ends[other], groups[other], biased=biased)
         out[~other] = model.probability(given[:, ~other])
     return out

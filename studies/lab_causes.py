@@ -1,0 +1,152 @@
+"""What each suspected cause takes off the loss of the laboratory's campaign, by margins.
+
+    vsr2 campaign import-lab SOURCE out/lab
+    python studies/lab_causes.py [--replicates N] [--threads N]
+
+Four causes may act: how the specimen stood (turn and lean), its dissipation (rolling resistance and
+damping of rocking), which record drives, and how strong the motion was. Each set of them is a
+family of scenes: what does not act keeps the nominal scene's value, what acts is drawn from the
+priors of lab_margins.py. Every family predicts each motion by what the outcomes of other motions
+say of it (weights of replicates, scatter and, where the strength acts, bias). A cause's share is
+the loss that it takes off, the mean over all orders in which causes can be added (L. S. Shapley, "A
+value for n-person games", 1953). Intervals are of a bootstrap over motions. A run that was
+interrupted is continued. Writes OUT/causes.csv.
+"""
+
+from __future__ import annotations
+
+import argparse
+from itertools import combinations
+from math import factorial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lab_margins import CHANNELS, WIDE, margins_of
+from vsr2.analysis import logistic_baseline
+from vsr2.analysis.overturning_margin import out_of_fold_probability
+from vsr2.analysis.probability import outcome_loss, overturning_probability
+from vsr2.campaign import Campaign, load_campaign, motion_resamples
+from vsr2.diagnosis import Execution, predict
+from vsr2.diagnosis.prediction import PREDICTION
+from vsr2.report.messages.progress_lines import ProgressLines
+from vsr2.results.atomic import csv_text, write_text
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).resolve().parent
+OUT = HERE.parent / "out"
+DRAWN = {"stance": ("registration",), "dissipation": ("rolling_resistance", "rocking_damping")}
+"""Effects of the causes that are drawn."""
+CAUSES = (*DRAWN, "record", "strength")
+Causes = frozenset[str]
+RESAMPLES = 2000
+
+
+def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]]:
+    """Margins of the families of scenes in which some of the drawn causes act."""
+    out: dict[Causes, Array] = {}
+    for size in range(len(DRAWN) + 1):
+        for acting in combinations(DRAWN, size):
+            effects = {name for cause in acting for name in DRAWN[cause]}
+            whole = size == len(DRAWN)
+            found = margins_of(
+                options.campaign, options.scene,
+                options.margins if whole else options.out / "-".join(("nominal", *acting)),
+                replicates=options.margins_replicates if whole else options.replicates,
+                threads=options.threads,
+                priors=tuple(row for row in WIDE if row[0] in effects),
+            )[0]  # fmt: skip
+            assert found.margins is not None
+            out[frozenset(acting)] = found.margins[: options.replicates]
+    return found.campaign, out
+
+
+def losses(campaign: Campaign, margins: dict[Causes, Array]) -> dict[Causes, Array]:
+    """Loss of each trial, by which causes act, each motion predicted by the others."""
+    out = {}
+    for size in range(len(CAUSES) + 1):
+        for acting in map(frozenset, combinations(CAUSES, size)):
+            family = margins[acting & DRAWN.keys()]
+            if "record" not in acting:
+                family = family[:: len(CHANNELS)]
+            p = out_of_fold_probability(
+                family, campaign.overturned, campaign.motion_ids, PREDICTION.folds,
+                biased="strength" in acting,
+            )  # fmt: skip
+            out[acting] = outcome_loss(p, campaign.overturned)
+    return out
+
+
+def share(by_causes: dict[Causes, Array], cause: str) -> Array:
+    """What a cause takes off the loss of each trial, the mean over all orders."""
+    others = [name for name in CAUSES if name != cause]
+    out = np.zeros(next(iter(by_causes.values())).shape)
+    for size in range(len(others) + 1):
+        weight = factorial(size) * factorial(len(others) - size) / factorial(len(CAUSES))
+        for before in map(frozenset, combinations(others, size)):
+            out += weight * (by_causes[before] - by_causes[before | {cause}])
+    return out
+
+
+def as_simulated(options: argparse.Namespace) -> tuple[Array, Array]:
+    """Loss of each trial by the nominal scene, and its floor, by the members of the ensemble."""
+    found = predict(
+        options.campaign, options.scene, out=options.out / "as_simulated",
+        replicates=options.members,
+        execution=Execution(options.threads, report=ProgressLines("as simulated")),
+    )  # fmt: skip
+    floor = [
+        outcome_loss(overturning_probability(np.delete(found.outcomes, m, axis=0)), own)
+        for m, own in enumerate(found.outcomes)
+    ]
+    return outcome_loss(found.probability, found.campaign.overturned), np.mean(floor, axis=0)
+
+
+def main() -> None:
+    """Judge the causes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--campaign", type=Path, default=OUT / "lab")
+    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
+    parser.add_argument("--margins", type=Path, default=OUT / "lab_margins")
+    parser.add_argument("--margins-replicates", type=int, default=24)
+    parser.add_argument("--out", type=Path, default=OUT / "lab_causes")
+    parser.add_argument("--replicates", type=int, default=16)
+    parser.add_argument("--members", type=int, default=24)
+    parser.add_argument("--threads", type=int, default=1)
+    options = parser.parse_args()
+    seen, margins = families(options)
+    by_causes = losses(seen, margins)
+    simulated, floor = as_simulated(options)
+    curve = logistic_baseline(load_campaign(options.campaign).with_motion(), folds=PREDICTION.folds)
+    assert curve.used.all()
+    none, everything = by_causes[frozenset()], by_causes[frozenset(CAUSES)]
+    columns = {
+        "as simulated": simulated,
+        "rescaled": none,
+        **{f"share of {cause}": share(by_causes, cause) for cause in CAUSES},
+        **{f"{cause} alone": none - by_causes[frozenset({cause})] for cause in CAUSES},
+        **{
+            f"{cause} last": by_causes[frozenset(CAUSES) - {cause}] - everything for cause in CAUSES
+        },
+        "all causes": everything,
+        "logistic curve": outcome_loss(curve.out_of_fold, seen.overturned),
+        "floor": floor,
+    }
+    values = np.stack(list(columns.values()))
+    counts = motion_resamples(seen.motion_ids, RESAMPLES, seed=0)
+    drawn = (counts @ values.T) / counts.sum(axis=1)[:, None]
+    means = dict(zip(columns, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
+    gap = means["as simulated"] - means["floor"]
+    for name in ("rescaled", "all causes", "logistic curve"):
+        means[f"closure, {name}"] = (means["as simulated"] - means[name]) / gap
+    rows = []
+    for name, found in means.items():
+        low, high = np.quantile(found[1:], [0.025, 0.975])
+        rows.append({"quantity": name, "value": found[0], "low": low, "high": high})
+        print(f"{name}: {found[0]:.3f} [{low:.3f}, {high:.3f}]")
+    write_text(options.out / "causes.csv", csv_text(rows, ".4g"))
+
+
+if __name__ == "__main__":
+    main()
