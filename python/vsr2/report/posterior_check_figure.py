@@ -40,9 +40,8 @@ def check_figure(found: PosteriorCheck) -> Figure:
     _ranks(ranks, found.scores)
     _coverage(coverage, found.scores)
     _reliability(reliability, found.scores)
-    for panel in axes[0]:
+    for panel in (coverage, reliability):
         panel.set_ylim(-0.03, 1.03)
-    ranks.set_ylim(auto=True)
     handles = ranks.get_legend_handles_labels()[0] + reliability.get_legend_handles_labels()[0]
     legend_below(figure, 3, handles)
     return figure
@@ -51,21 +50,16 @@ def check_figure(found: PosteriorCheck) -> Figure:
 def _ranks(panel: Axes, scores: CoverageScores) -> None:
     """Share of ranks up to each value, less what uniform ranks have."""
     panel.set_title(f"ranks of true values ({len(scores.parameters)} parameters)", fontsize=9)
-    odd = scores.not_uniform
-    for one in scores.parameters:
-        test, unlike = one.uniformity, one in odd
-        panel.plot(
-            test.points, test.share - test.points,
-            color=RED if unlike else GREY, linewidth=1.2 if unlike else 0.6,
-            label=f"{one.effect}.{one.parameter}: not uniform" if unlike else None,
-        )  # fmt: skip
+    for one in scores.not_uniform:
+        test, label = one.uniformity, f"{one.effect}.{one.parameter}: not uniform"
+        panel.plot(test.points, test.share - test.points, color=RED, linewidth=1, label=label)
     if scores.together is not None:
         test = scores.together.uniformity
         panel.fill_between(
             test.points, test.low - test.points, test.high - test.points,
             color=GREY, alpha=0.35, linewidth=0, label="95 % band of all together",
         )  # fmt: skip
-        label = f"all together, p = {test.p_value:.2g} (thin: each parameter)"
+        label = f"all together, p = {test.p_value:.2g}"
         panel.plot(test.points, test.share - test.points, color=BLUE, linewidth=2, label=label)
     panel.axhline(0.0, color=INK, linestyle="--", linewidth=0.8)
     panel.set_xlabel("rank [1]")
